@@ -11,8 +11,8 @@
 `track` does what `apf track` does: finds the person, follows, and finds again whom it lost. The
 parts below it: a `Method` is a search (`AnnealedParticleFilter`, `ParticleSwarm`,
 `SirParticleFilter`), an objective and their settings (`FilterConfig` and others); a search in a
-`Scene` (device, rig, grid, body) gives an `Estimate` per frame of voxels; `start_of` looks for the
-first pose. Angles are radians, lengths metres. What a user can mend raises `InputError`,
+`Scene` (device, rig, grid, body) gives an `Estimate` per frame of voxels; `initialise` looks for
+the first pose. Angles are radians, lengths metres. What a user can mend raises `InputError`,
 `MissingFileError` or `DeviceError`, all of them `UserError`.
 """
 

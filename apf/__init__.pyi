@@ -9,6 +9,9 @@ from .api import track as track
 from .body import BodyModel as BodyModel
 from .body import load_body as load_body
 from .body import save_body as save_body
+from .evaluation.evaluate import Evaluation as Evaluation
+from .evaluation.evaluate import evaluate as evaluate
+from .evaluation.evaluate import load_truth as load_truth
 from .filters.annealed import AnnealedParticleFilter as AnnealedParticleFilter
 from .filters.base import Estimate as Estimate
 from .filters.base import Tracker as Tracker
@@ -27,7 +30,7 @@ from .image_objective.config import ProximityConfig as ProximityConfig
 from .initialisation import Start as Start
 from .initialisation import StartConfig as StartConfig
 from .initialisation import StartError as StartError
-from .initialisation import start_of as start_of
+from .initialisation import initialise as initialise
 from .initialisation.from_joints import fit_to_joints as fit_to_joints
 from .keypoints.keypoints import Keypoints as Keypoints
 from .likelihood.config import ContourConfig as ContourConfig
@@ -39,21 +42,19 @@ from .likelihood.config import ReprojectionConfig as ReprojectionConfig
 from .likelihood.config import SurfaceSamplesConfig as SurfaceSamplesConfig
 from .presets import Preset as Preset
 from .presets import preset as preset
-from .results.evaluate import Evaluation as Evaluation
-from .results.evaluate import evaluate as evaluate
-from .results.evaluate import load_truth as load_truth
 from .scene import Scene as Scene
-from .tracking.batch import Take as Take
-from .tracking.batch import track_take as track_take
-from .tracking.export import Export as Export
-from .tracking.export import export as export
-from .tracking.foot_contact import ContactConfig as ContactConfig
+from .tracking.config import ContactConfig as ContactConfig
+from .tracking.config import GaitConfig as GaitConfig
+from .tracking.config import RecoveryConfig as RecoveryConfig
+from .tracking.config import SmoothingConfig as SmoothingConfig
 from .tracking.gait import Gait as Gait
-from .tracking.gait import GaitConfig as GaitConfig
 from .tracking.gait import gait_of as gait_of
-from .tracking.recovery import RecoveryConfig as RecoveryConfig
-from .tracking.smoothing import SmoothingConfig as SmoothingConfig
+from .tracking.motion_files import Export as Export
+from .tracking.motion_files import export as export
+from .tracking.settings import TakeSettings as TakeSettings
 from .tracking.smoothing import smoothed as smoothed
+from .tracking.take import Take as Take
+from .tracking.take import track_take as track_take
 from .tracking.track import Track as Track
 
 __version__: str

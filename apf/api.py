@@ -10,14 +10,15 @@ import numpy as np
 
 from apf.body import BodyModel, load_body
 from apf.body.bodytrack import is_bodytrack, read_body
+from apf.evaluation.evaluate import load_truth
+from apf.evaluation.joint_names import match_joints
 from apf.filters.method import Method
 from apf.formats.pose import check_pose, read_pose
 from apf.initialisation.from_joints import fit_to_joints
 from apf.keypoints.agreement import find_disagreements
 from apf.keypoints.keypoints import Keypoints
-from apf.results.evaluate import load_truth
-from apf.results.joint_names import match_joints
-from apf.tracking.batch import track_take
+from apf.tracking.settings import DEFAULT_BODY, TakeSettings
+from apf.tracking.take import Take, track_take
 from apf.tracking.track import Track
 from cl import Device as Device
 from cl import DeviceError as DeviceError
@@ -26,15 +27,13 @@ from cl import MissingFileError as MissingFileError
 from cl import NumpyDevice as NumpyDevice
 from cl import UserError as UserError
 from cl import select_device as select_device
-from psfs.api import check_sequence, chosen_device, trusted
+from psfs.api import check_sequence, chosen_device, exclude_inconsistent_cameras
 from psfs.common.ranges import check_kind, check_number
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
+from psfs.voxels.config import ReconstructionConfig
 
 log = logging.getLogger(__name__)
-
-#: The body that is tracked where none is named: Song et al.'s, ten cones, 31 degrees of freedom.
-DEFAULT_BODY = "song31"
 
 
 def track(
@@ -74,39 +73,53 @@ def track(
     DeviceError where the device cannot be used.
     """
     check_sequence(sequence, frames)
-    check_kind("method", method, Method, ", such as apf.Method.of()")
-    check_kind("body", body, (BodyModel, str, Path))
-    check_kind("init", init, (np.ndarray, str, Path))
-    check_kind("keypoints", keypoints, (Keypoints, str, Path))
-    check_kind("reconstruction", reconstruction, ReconstructionConfig)
-    if height is not None:
-        check_number("height, m,", height, 0.5, 2.5)
-    device = chosen_device(device)
+    kinds = {"method": method, "body": body, "init": init, "keypoints": keypoints}
+    _check_arguments(height, **kinds, reconstruction=reconstruction)
+    settings = SessionSettings(
+        reconstruction or ReconstructionConfig(), frames or slice(None), voxel_size
+    )
+    session = Session(sequence, chosen_device(device), settings)
     if method is None or method.objective != "keypoints":
-        sequence = trusted(sequence, device, all_cameras)
-    chosen = range(len(sequence))[frames or slice(None)]
-    if not chosen:
+        session = exclude_inconsistent_cameras(session, all_cameras)
+    sequence = session.sequence
+    if not session.frames:
         raise InputError(f"{frames} chooses none of the {len(sequence)} frames of {sequence.name}")
     template, keep_shape = template_of(body)
-    take = track_take(
-        device,
-        sequence,
-        method,
-        given=given_start(sequence.folder, chosen[0], body, init),
+    take_settings = TakeSettings(
+        method=method or Method(),
         template=template,
         keep_shape=keep_shape,
         height=height,
-        voxel_size=voxel_size,
-        selection=frames,
-        progress=progress,
+        given=given_start(sequence.folder, session.frames[0], body, init),
         keypoints=_opened(keypoints, sequence),
-        reconstruction=reconstruction,
     )
+    return _whole_track(track_take(session, take_settings, progress))
+
+
+def _whole_track(take: Take) -> Track:
+    """Return the only track of a take; log doubts about its start. Raises what ended it early."""
     for doubt in take.start.doubts if take.start is not None else ():
-        log.warning("%s: %s", sequence.name, doubt)
+        log.warning("%s: %s", take.sequence.name, doubt)
     if take.error is not None:
         raise take.error
     return take.tracks[0]
+
+
+def _check_arguments(height: float | None, **arguments: object) -> None:
+    """Raise InputError for a height, m, that nobody has, or an argument of `track` that is not of
+    its kind."""
+    if height is not None:
+        check_number("height, m,", height, 0.5, 2.5)
+    kinds: dict[str, tuple[type, ...]] = {
+        "method": (Method,),
+        "body": (BodyModel, str, Path),
+        "init": (np.ndarray, str, Path),
+        "keypoints": (Keypoints, str, Path),
+        "reconstruction": (ReconstructionConfig,),
+    }
+    for name, value in arguments.items():
+        hint = ", such as apf.Method.of()" if name == "method" else ""
+        check_kind(name, value, kinds[name], hint)
 
 
 def _opened(keypoints: Keypoints | str | Path | None, sequence: Sequence) -> Keypoints | None:

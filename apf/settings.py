@@ -30,10 +30,10 @@ class KeypointSettings(Config):
 
 
 class ClusterSettings(Config):
-    """Many takes, and long ones in parts."""
+    """Many takes, and long ones in chunks."""
 
     at_once: BatchConfig = part(BatchConfig, "How many takes a process works on at a time.")
-    parts: ChunksConfig = part(ChunksConfig, "How parts of a long take overlap.")
+    chunks: ChunksConfig = part(ChunksConfig, "How chunks of a long take overlap.")
     workers: WorkerConfig = part(WorkerConfig, "How many workers there are.")
 
 
@@ -54,5 +54,5 @@ class Settings(of_psfs.Settings):
     )
     live: LiveConfig = part(LiveConfig, "Live tracking.")
     captures: CaptureConfig = part(CaptureConfig, "Cameras that are read as they come.")
-    cluster: ClusterSettings = part(ClusterSettings, "Many takes, and long ones in parts.")
+    cluster: ClusterSettings = part(ClusterSettings, "Many takes, and long ones in chunks.")
     synthetic: SceneConfig = part(SceneConfig, "Synthetic sequences.")

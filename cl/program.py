@@ -21,17 +21,20 @@ def build_options(defines: Mapping[str, Define]) -> str:
 
 @cache
 def kernel_source(stage: str) -> str:
-    """The text of `cl/kernels/<stage>.cl` with its quoted headers inlined.
+    """Return the text of `cl/kernels/<stage>.cl` with its quoted headers inlined.
 
-    Inlined, because a driver's binary cache may not notice that an included header changed;
-    `#line` marks keep the compiler's messages pointing at the files.
+    A stage "package:file" is `<file>.cl` in another installed package, whose headers are those of
+    `cl/kernels`. Headers are inlined because a driver's binary cache may not notice that one
+    changed; `#line` marks keep the compiler's messages pointing at the files.
     """
     return _inlined(f"{stage}.cl", set())
 
 
 def _inlined(filename: str, seen: set[str]) -> str:
     seen.add(filename)
-    text = (resources.files("cl") / "kernels" / filename).read_text()
+    package, _, name = filename.rpartition(":")
+    folder = resources.files(package) if package else resources.files("cl") / "kernels"
+    text = (folder / name).read_text()
     lines = [f'#line 1 "{filename}"']
     for number, line in enumerate(text.splitlines(), 1):
         include = re.match(r'\s*#include\s+"([^"]+)"', line)

@@ -18,15 +18,14 @@ from cl import UserError as UserError
 from cl import select_device as select_device
 from psfs.backend import reconstructor_for
 from psfs.common.ranges import check_kind, check_number
-from psfs.diagnostics.camera_consistency import Suspect, suspects
-from psfs.diagnostics.faults import Diagnosis, diagnosed
+from psfs.diagnostics.examination import examine
 from psfs.footage.settings import Settings
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
-from psfs.volume import automatic_grid, volume_config
-from psfs.voxels.bounding_volume import default_voxel_size
+from psfs.session import Session, SessionSettings
+from psfs.volume import Volume, automatic_grid, find_volume
 from psfs.voxels.clouds import without_debris
-from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.config import ReconstructionConfig
+from psfs.voxels.grid import VoxelCloud
 from psfs.voxels.limits import DEBRIS_SHARE, VOXEL_EDGES
 
 log = logging.getLogger(__name__)
@@ -66,7 +65,7 @@ def reconstruct(
     there are pictures. sparse: work only on bricks of voxels that can be occupied, for the same
     voxels in less time and memory. debris: connected parts smaller than this share of the largest
     are dropped, see `without_debris`. all_cameras: keep those that disagree with the others; by
-    default they are left out, with a warning in the log, see `trusted`. config: of silhouettes and
+    default they are left out, with a warning in the log, see `examine`. config: of silhouettes and
     occupancy. Raises InputError where nothing stands out from the background, DeviceError where the
     device cannot be used.
     """
@@ -75,22 +74,23 @@ def reconstruct(
     check_number("debris", debris, 0, 1)
     if voxel_size is not None:
         check_number("voxel_size, m,", voxel_size, *VOXEL_EDGES)
-    volume = None if volume is None else Settings(volume=volume).volume
-    device = chosen_device(device)
-    sequence = trusted(sequence, device, all_cameras)
-    if volume is None:
-        grid = automatic_grid(sequence, frames, voxel_size, config, device)
+    if volume is not None:
+        low, high = Settings(volume=volume).volume
+    settings = SessionSettings(config or ReconstructionConfig(), frames or slice(None), voxel_size)
+    session = Session(sequence, chosen_device(device), settings)
+    session = exclude_inconsistent_cameras(session, all_cameras)
+    if volume is not None:
+        session.replace_result(find_volume, Volume(low, high))
+    grid = automatic_grid(session)
+    if sparse:
+        reconstructor = session.reconstructor(grid)
     else:
-        low, high = volume
-        found = volume_config(sequence, config)
-        size = voxel_size or default_voxel_size(sequence.rig, low, high, found)
-        grid = VoxelGrid.covering(low, high, size)
-    reconstructor = reconstructor_for(
-        device, sequence.rig, grid, sequence.background, config, sparse=sparse
-    )
+        reconstructor = reconstructor_for(
+            session.device, session.rig, grid, session.background, session.reconstruction
+        )
 
     def clouds() -> Iterator[VoxelCloud]:
-        for frame in sequence.frames(frames):
+        for frame in session.sequence.frames(frames):
             voxels = reconstructor(frame)
             cloud = voxels.cloud(colour=colour and frame.images is not None)
             yield without_debris(cloud, debris)
@@ -106,50 +106,13 @@ def check_sequence(sequence: Sequence, frames: slice | None) -> None:
         check_number("the step of frames", frames.step, 1)
 
 
-def trusted(
-    sequence: Sequence, device: Device | NumpyDevice, all_cameras: bool = False
-) -> Sequence:
-    """Return the sequence as `examined` leaves it; log a warning for all that is wrong with it."""
-    kept, diagnosis, left_out = examined(sequence, device, all_cameras)
-    for text in remarks(diagnosis, left_out):
-        log.warning("%s: %s", sequence.name, text)
-    return kept
-
-
-def examined(
-    sequence: Sequence, device: Device | NumpyDevice, all_cameras: bool = False
-) -> tuple[Sequence, Diagnosis, list[Suspect]]:
-    """Return the sequence to work on, what is wrong with the footage, and the cameras left out.
-
-    With `sync` "auto" cameras that come late are shifted. Cameras that disagree with the others are
-    left out, see `psfs.diagnostics.camera_consistency.suspects`, unless `all_cameras` are wanted,
-    the sequence was opened with `cameras`, or what is wrong is not a single camera.
-    """
-    diagnosis = diagnosed(sequence, device)
-    if sequence.settings.sync == "auto":
-        sequence = sequence.synchronised(diagnosis.late)
-        diagnosis = diagnosis.without("late")
-    if all_cameras or sequence.settings.cameras is not None or diagnosis.of_all:
-        return sequence, diagnosis, []
-    found = suspects(sequence, device=device, known=diagnosis.reasons)
-    if found:
-        named = {suspect.camera for suspect in found}
-        sequence = sequence.with_cameras([n for n in sequence.rig.names if n not in named])
-    return sequence, diagnosis, found
-
-
-def synchronised(sequence: Sequence, device: Device | NumpyDevice) -> Sequence:
-    """Return the sequence; with `sync` "auto", its late cameras shifted."""
-    if sequence.settings.sync != "auto":
-        return sequence
-    return sequence.synchronised(diagnosed(sequence, device).late)
-
-
-def remarks(diagnosis: Diagnosis, left_out: list[Suspect]) -> list[str]:
-    """Return what to warn of: the cameras left out, and the other faults; one line each."""
-    gone = {suspect.camera for suspect in left_out}
-    rest = [str(f) for f in diagnosis.faults if f.serious and not gone & set(f.cameras)]
-    return [*(f"left out: {suspect}" for suspect in left_out), *rest]
+def exclude_inconsistent_cameras(session: Session, all_cameras: bool = False) -> Session:
+    """Return the session to work in, see `examine`; log a warning for all that is wrong with the
+    footage."""
+    examination = examine(session, all_cameras)
+    for text in examination.warnings:
+        log.warning("%s: %s", session.sequence.name, text)
+    return examination.session
 
 
 def chosen_device(device: Device | NumpyDevice | str | None) -> Device | NumpyDevice:

@@ -86,6 +86,14 @@ class Reconstructor:
         self._bricks.move_to(grid)
         self.voxels.grid = grid
 
+    def restart(self) -> None:
+        """Forget all frames: what is made of the next ones is, bit by bit, what a new reconstructor
+        makes of them."""
+        if self._ahead is not None and self._uploads is not None:
+            self._uploads.finish()
+        self._ahead, self.voxels.frame = None, None
+        self.silhouette.restart()
+
     def prepare(self, frame: Frame) -> None:
         """Start the upload of the frame that the next call will be about, on a second queue.
 

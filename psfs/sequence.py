@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping
+from collections.abc import Sequence as Items
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +19,9 @@ import numpy as np
 
 from cl import InputError
 from psfs.background.chroma_key import key_from_media
-from psfs.background.gaussian import Background, background_from_frames, background_from_plates
+from psfs.background.gaussian import Background, background_from_plates
 from psfs.background.mixture import Mixture
+from psfs.background.take import background_from_take
 from psfs.cameras.calibration.handedness import LEFT_HANDED, MIRROR
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up
@@ -126,6 +129,12 @@ class Sequence:
         """Return the same views of these cameras only. Raises InputError for unknown names."""
         return self._again(self.settings.replace(cameras=tuple(names)))
 
+    def with_rig(self, rig: CameraRig) -> Sequence:
+        """Return the same views by `rig`, which knows more of the same cameras."""
+        other = copy(self)
+        other.rig = rig
+        return other
+
     def synchronised(self, late: Mapping[str, int]) -> Sequence:
         """Return the same views, those shifted that come `late` by so many frames, by name."""
         before = self.settings.sync if isinstance(self.settings.sync, Mapping) else {}
@@ -162,6 +171,19 @@ class Sequence:
         depth = max(1, min(_QUEUE_FRAMES, _QUEUE_BYTES // nbytes))
         return prefetch(self._decoded(indices), depth)
 
+    def frames_at(self, indices: Items[int]) -> Iterator[Frame]:
+        """Yield the frames of these numbers, decoded ahead of the caller if they are evenly spaced.
+        Raises InputError as `frames` does."""
+        steps = {second - first for first, second in pairwise(indices)}
+        if len(steps) > 1 or min(steps, default=1) <= 0:
+            return map(self.read, indices)
+        return self.frames(slice(indices[0], indices[-1] + 1, min(steps, default=1)))
+
+    @property
+    def keeps_frames(self) -> bool:
+        """Whether decoded frames are kept in memory, see `keep_frames`."""
+        return self._kept is not None
+
     def keep_frames(self) -> None:
         """Decode a short sequence once: its frames are kept, as far as they are decoded in order
         from the first one on, as long as there is this sequence. Nothing is kept of frames with
@@ -193,7 +215,7 @@ class Sequence:
             return background_from_plates(self.rig, self.footage.background)
         if self.background_kind == "frames":
             assert self.footage.images is not None
-            return background_from_frames(self.rig, self.footage.images)
+            return background_from_take(self.rig, self.footage.images)
         if self.background_kind == "chroma":
             plates = self.footage.background
             assert self.footage.images is not None
@@ -242,7 +264,7 @@ class Sequence:
             raise InputError(f"{self.folder}: background kind {kind} needs {what}; found none")
         if kind == "frames" and self.settings.background is None:
             self.notes.append(
-                "no empty background: learnt from the frames; who keeps still becomes part of it"
+                "no empty background: learnt from the frames; who never moves becomes part of it"
             )
         return kind
 

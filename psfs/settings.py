@@ -6,10 +6,16 @@ flags of single settings.
 
 from __future__ import annotations
 
-from psfs.background.config import PlateConfig, ScreenConfig
+from psfs.background.config import PlateConfig, ScreenConfig, TakeConfig
 from psfs.calibration.config import CalibrationConfig
 from psfs.common.config import Config, part
-from psfs.diagnostics.config import ConsistencyConfig, FaultConfig, PictureConfig
+from psfs.diagnostics.config import (
+    AlignmentConfig,
+    ConsistencyConfig,
+    FaultConfig,
+    OccluderConfig,
+    PictureConfig,
+)
 from psfs.footage import settings as footage
 from psfs.voxels.config import EdgeConfig, ReconstructionConfig
 
@@ -19,6 +25,7 @@ class BackgroundSettings(Config):
 
     model: PlateConfig = part(PlateConfig, "The empty scene as a density per pixel.")
     screen: ScreenConfig = part(ScreenConfig, "The screen of one colour.")
+    take: TakeConfig = part(TakeConfig, "The empty scene, when only the take itself shows it.")
 
 
 class DiagnosticsSettings(Config):
@@ -27,6 +34,8 @@ class DiagnosticsSettings(Config):
     consistency: ConsistencyConfig = part(ConsistencyConfig, "Cameras that disagree.")
     faults: FaultConfig = part(FaultConfig, "Cameras that are late, exchanged or turned.")
     pictures: PictureConfig = part(PictureConfig, "Faults of one camera's pictures.")
+    alignment: AlignmentConfig = part(AlignmentConfig, "Rigs that are a little off.")
+    occluders: OccluderConfig = part(OccluderConfig, "Furniture before the person.")
 
 
 class Settings(Config):

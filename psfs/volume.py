@@ -1,98 +1,138 @@
-"""The reconstruction volume, when nobody states one: from the rig and the first silhouettes."""
+"""The stage `volume`: the box to reconstruct and its grid, from the rig and some silhouettes."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from cl import Device, InputError, NumpyDevice
-from psfs.backend import evidence_for
+from cl import InputError
+from psfs.cameras.camera import CameraRig
 from psfs.common.ranges import LARGEST
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
-from psfs.voxels.bounding_volume import (
+from psfs.session import Session, check_frames
+from psfs.voxels.config import ReconstructionConfig, VolumeConfig
+from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.occupied_box import (
     default_voxel_size,
     largest_parts_box,
     reachable_box,
     without_speckle,
 )
-from psfs.voxels.config import VolumeConfig
-from psfs.voxels.grid import VoxelGrid
 
 
-def automatic_grid(
-    sequence: Sequence,
-    selection: slice | None = None,
-    voxel_size: float | None = None,
-    config: ReconstructionConfig | None = None,
-    device: Device | NumpyDevice | None = None,
-) -> VoxelGrid:
-    """Return a grid around everything that moves in the frames of `selection`.
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """The box to reconstruct: its lowest and highest corner (3,), m."""
 
-    Without a volume stated by the sequence, the scene within reach of the cameras is
-    reconstructed coarsely in some frames spread over the selection; the largest connected part of
-    each, all together, with a margin, is the volume, see `VolumeConfig`. voxel_size: m; by default
-    2 cm for people and 1/150 of the longest side for smaller scenes. An OpenCL `device` makes the
-    silhouettes much faster. Raises InputError if no frame shows anything before the background.
+    low: np.ndarray
+    high: np.ndarray
+
+
+def automatic_grid(session: Session) -> VoxelGrid:
+    """Return the grid of the session's volume, see `find_volume`.
+
+    Voxels are as large as the session's settings state; by default 2 cm for people and 1/150 of
+    the longest side for smaller scenes. Raises InputError as `find_volume` does.
     """
-    config = config or ReconstructionConfig()
-    low, high = sequence.volume or foreground_box(sequence, selection, config, device)
-    if voxel_size is None:
-        volume = volume_config(sequence, config)
-        voxel_size = default_voxel_size(sequence.rig, low, high, volume)
-    return VoxelGrid.covering(low, high, voxel_size)
+
+    def compute() -> VoxelGrid:
+        volume = find_volume(session)
+        voxel_size = session.settings.voxel_size
+        if voxel_size is None:
+            config = volume_config(session.sequence, session.reconstruction)
+            voxel_size = default_voxel_size(session.rig, volume.low, volume.high, config)
+        return VoxelGrid.covering(volume.low, volume.high, voxel_size)
+
+    return session.once(automatic_grid, compute)
+
+
+def find_volume(session: Session) -> Volume:
+    """Return the volume that the sequence states, or a box around everything that moves in the
+    selected frames.
+
+    Without a stated volume, the scene within reach of the cameras is reconstructed coarsely in some
+    frames spread over the selection; the largest connected part of each, all together, with a
+    margin, is the volume, see `VolumeConfig`. It ends at the floor only where what is seen does,
+    too: see `VolumeConfig.floor_depth`. Raises InputError if no frame shows anything before the
+    background.
+    """
+    return session.once(find_volume, lambda: _stated_or_found(session))
 
 
 def volume_config(sequence: Sequence, config: ReconstructionConfig | None = None) -> VolumeConfig:
-    """Return how the volume of a sequence is found: objects are taken for people at no distance, so
-    that there is no floor and voxels are as small as the object asks for."""
+    """Return the settings for the volume of a sequence. For objects no distance to the cameras is
+    that of people, so that there is no floor and voxels are as small as the object needs."""
     volume = (config or ReconstructionConfig()).volume
     if sequence.subject == "object":
         return volume.replace(people_distance=LARGEST)
     return volume
 
 
-def foreground_box(
-    sequence: Sequence,
-    selection: slice | None = None,
-    config: ReconstructionConfig | None = None,
-    device: Device | NumpyDevice | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest corner, m, of the volume that `automatic_grid` takes.
+def _stated_or_found(session: Session) -> Volume:
+    stated = session.sequence.volume
+    if stated is not None:
+        return Volume(np.asarray(stated[0], np.float64), np.asarray(stated[1], np.float64))
+    frames = check_frames(session)
+    config = session.reconstruction
+    n_samples = config.volume.samples
+    picked = np.unique(np.linspace(0, len(frames) - 1, n_samples).round().astype(int))
+    evidence = session.evidence([frames[int(i)] for i in picked])
+    search = BoxSearch(
+        session.rig,
+        [without_speckle(maps) for maps in evidence],
+        volume_config(session.sequence, config),
+        config.occupancy.seeing_cameras(len(session.rig)),
+    )
+    box = search.run()
+    if box is None:
+        raise InputError(
+            f"{session.sequence.folder}: nothing stands out from the background in "
+            f"{len(picked)} of the selected frames; expected {expected_person(session.sequence)}"
+        )
+    return Volume(*box)
 
-    It ends at the floor only where what is seen does, too: see `VolumeConfig.floor_depth`.
-    """
-    config = config or ReconstructionConfig()
-    indices = range(len(sequence))[selection or slice(None)]
-    picked = np.unique(np.linspace(0, len(indices) - 1, config.volume.samples).round().astype(int))
-    if not len(indices):
-        raise InputError(f"{sequence.folder}: the selected frames are none of {len(sequence)}")
-    rig, volume = sequence.rig, volume_config(sequence, config)
-    evidence_of = evidence_for(device or NumpyDevice(), rig, sequence.background, config.silhouette)
-    with sequence.reader(learning=False) as read:
-        evidence = [without_speckle(evidence_of(read(indices[int(i)]))) for i in picked]
-    min_cameras = config.occupancy.seeing_cameras(len(rig))
 
-    def closer(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        grid = VoxelGrid.covering(low, high, float(np.max(high - low)) / volume.coarse)
-        found = largest_parts_box(rig, evidence, grid, min_cameras)
+Box = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class BoxSearch:
+    """Search for the box around the largest part of each frame, coarse to fine. evidence: maps of
+    each frame, as `without_speckle` leaves them. min_cameras: that see an occupied voxel."""
+
+    rig: CameraRig
+    evidence: list[np.ndarray]
+    config: VolumeConfig
+    min_cameras: int
+
+    def run(self) -> Box | None:
+        """Return the lowest and highest corner, m; None if nothing is occupied."""
+        config = self.config
+        everywhere = reachable_box(self.rig, config, floor=False)
+        above = reachable_box(self.rig, config)
+        has_floor = above[0][2] > everywhere[0][2]
+        lowest = config.floor - config.floor_depth if has_floor else np.inf
+        box = self._within(everywhere)
+        if box is not None and box[0][2] <= lowest:  # else a closer look, smaller, says the same
+            box = self._within(box)  # finer: it sees what coarse voxels were too large for
+        if box is not None and box[0][2] > lowest:
+            box = self._within(above)
+            return None if box is None else self._within(box)
+        return box
+
+    def _within(self, box: Box) -> Box | None:
+        """Return the box of what is occupied in `box`, with a margin."""
+        low, high = box
+        config = self.config
+        grid = VoxelGrid.covering(low, high, float(np.max(high - low)) / config.coarse)
+        found = largest_parts_box(self.rig, self.evidence, grid, self.min_cameras)
         if found is None:
-            raise InputError(
-                f"{sequence.folder}: nothing stands out from the background in "
-                f"{len(picked)} of the selected frames; expected {expected_person(sequence)}"
-            )
+            return None
         margin = np.maximum(
-            volume.margin * (found[1] - found[0]), volume.margin_voxels * grid.voxel_size
+            config.margin * (found[1] - found[0]), config.margin_voxels * grid.voxel_size
         )
         return np.maximum(found[0] - margin, low), np.minimum(found[1] + margin, high)
-
-    everywhere, above = reachable_box(rig, volume, floor=False), reachable_box(rig, volume)
-    lowest = volume.floor - volume.floor_depth if above[0][2] > everywhere[0][2] else np.inf
-    box = closer(*everywhere)
-    if box[0][2] <= lowest:  # else a closer look, which only makes it smaller, says the same
-        box = closer(*box)  # finer: it sees what coarse voxels were too large for
-    if box[0][2] > lowest:
-        return closer(*closer(*above))
-    return box
 
 
 def expected_person(sequence: Sequence) -> str:

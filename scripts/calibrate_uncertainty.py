@@ -21,7 +21,7 @@ import numpy as np
 from rich.table import Table
 
 from apf.body.model import sideless
-from apf.results.evaluate import LOST_LIMB, evaluate, load_truth
+from apf.evaluation.evaluate import LOST_LIMB, evaluate, load_truth
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import CALIBRATION, Calibration, inside
 from cl import InputError

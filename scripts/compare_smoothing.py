@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from apf.evaluation.evaluate import evaluate, load_truth
 from apf.formats.trc import CONVENTIONS, JointSeries
-from apf.results.evaluate import evaluate, load_truth
 from apf.tracking.foot_contact import stances
 from apf.tracking.smoothing import SmoothingConfig, smoothed
 from apf.tracking.track import Track

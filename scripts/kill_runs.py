@@ -18,7 +18,7 @@ from pathlib import Path
 import cv2
 
 from apf.body import load_body
-from apf.results.evaluate import load_truth
+from apf.evaluation.evaluate import load_truth
 from apf.tracking.track import Track
 from psfs.common.files import read_json
 from psfs.common.outputs import Manifest, find_unfinished_command

@@ -20,11 +20,12 @@ from rich.table import Table
 
 from apf.api import DEFAULT_BODY
 from apf.body import load_body
+from apf.evaluation.evaluate import evaluate, load_truth
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
 from apf.keypoints import Keypoints, locate_points
-from apf.results.evaluate import evaluate, load_truth
-from apf.tracking.batch import track_take
+from apf.tracking.settings import TakeSettings
+from apf.tracking.take import track_take
 from apf.tracking.track import Track
 from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
 from cl import select_device
@@ -32,6 +33,7 @@ from psfs.cli.commandline import add_message_flags, stdout
 from psfs.cli.program import run_command
 from psfs.common.ranges import check_number
 from psfs.sequence import Sequence
+from psfs.session import Session
 
 KINDS = ("clean", "outliers", "exchanged", "missing")
 _LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
@@ -78,7 +80,8 @@ def _run(args: argparse.Namespace) -> None:
             seen = spoilt(keypoints, kind, args.camera, args.seed)
             without = triangulated_track(sequence, seen, TriangulatedConfig(low_pass=6.0))
             method = Method.of(objective=objective, seed=args.seed)
-            take = track_take(device, sequence, method, keypoints=seen)
+            settings = TakeSettings(method=method, keypoints=seen)
+            take = track_take(Session(sequence, device), settings)
             found = [_limb_error(track, truth) for track in (without, take.tracks[0])]
             clean = found[1] if kind == "clean" else clean
             figures = *(f"{error:.1f}" for error in found), f"{found[1] / clean:.2f}"

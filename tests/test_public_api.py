@@ -152,7 +152,8 @@ def test_what_is_not_there_is_a_missing_file(walk: Path, tmp_path: Path) -> None
 
 def test_the_parts_fit_together(walk: Path) -> None:
     device, sequence = psfs.Device.best(), psfs.open_sequence(walk)
-    grid = psfs.automatic_grid(sequence, voxel_size=0.03, device=device)
+    settings = psfs.SessionSettings(voxel_size=0.03)
+    grid = psfs.automatic_grid(psfs.Session(sequence, device, settings))
     body, pose, _ = apf.fit_to_joints(apf.load_body("song31"), first_joints(walk))
     reconstructor = psfs.Reconstructor(device, sequence.rig, grid, sequence.background)
     config = apf.FilterConfig.of(n_particles=40, n_layers=3)

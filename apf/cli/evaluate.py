@@ -8,10 +8,8 @@ from pathlib import Path
 from rich.table import Table
 
 from apf.cli.flags.evaluate import FILES
-from apf.formats.c3d import read_c3d
-from apf.formats.trc import JointSeries
-from apf.results.conventions import axes_that_fit
-from apf.results.evaluate import (
+from apf.evaluation.conventions import axes_that_fit
+from apf.evaluation.evaluate import (
     LOST_FRAMES,
     LOST_JOINT,
     LOST_LIMB,
@@ -19,8 +17,10 @@ from apf.results.evaluate import (
     evaluate,
     load_truth,
 )
-from apf.results.evaluation_plot import write_plot
-from apf.results.marker_truth import evaluate_markers, load_markers
+from apf.evaluation.evaluation_plot import write_plot
+from apf.evaluation.marker_truth import evaluate_markers, load_markers
+from apf.formats.c3d import read_c3d
+from apf.formats.trc import JointSeries
 from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cli.commandline import stdout, warn

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
 
 from apf.api import template_of
 from apf.body import BodyModel
-from apf.initialisation import Start, StartError, start_of
-from cl import Device, InputError, NumpyDevice
+from apf.initialisation import Start, StartError, initialise
+from cl import InputError
 from psfs.cli.commandline import warn
 from psfs.cli.settings import refuse_unused
 from psfs.common.ranges import check_number
 from psfs.sequence import Sequence
-from psfs.voxels.grid import VoxelGrid
+from psfs.session import Session
 
 
 def check_start(args: argparse.Namespace) -> None:
@@ -31,21 +31,17 @@ def check_start(args: argparse.Namespace) -> None:
 
 
 def found_start(
-    device: Device | NumpyDevice,
-    sequence: Sequence,
-    grid: VoxelGrid,
-    selection: slice,
-    args: argparse.Namespace,
-    seed: int,
+    session: Session, args: argparse.Namespace, seed: int, progress: Callable[[], object] | None
 ) -> tuple[BodyModel, np.ndarray]:
-    """The body and its first pose (D,) found in the voxels; a body from a file keeps its shape."""
-    template, own_shape = template_of(args.body)
-    with naming_init(sequence):
-        found = start_of(
-            device, sequence, grid, template, selection,
-            height=args.height, keep_shape=own_shape, seed=seed,
+    """Return the body and its first pose (D,) found in the voxels; a body from a file keeps its
+    shape."""
+    template, keep_shape = template_of(args.body)
+    with naming_init(session.sequence):
+        found = initialise(
+            session, template, height=args.height, keep_shape=keep_shape, seed=seed,
+            progress=progress,
         )  # fmt: skip
-    warn_of_doubts(sequence, found)
+    warn_of_doubts(session.sequence, found)
     return found.body, found.pose
 
 

@@ -16,6 +16,7 @@ from apf.body.model import BodyModel
 from apf.cli.first_pose import check_start, found_start
 from apf.cli.method_flags import METHOD_FLAGS, chosen_method
 from apf.cli.track import RESULTS, write_files
+from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
 from apf.live.budget import sizes
@@ -24,9 +25,8 @@ from apf.live.config import LiveConfig
 from apf.live.error import live_errors
 from apf.live.pace import Pace, Progress
 from apf.live.pictures import fitting_factor
-from apf.live.session import Live, LiveResult
+from apf.live.session import Live, LiveResult, LiveStart
 from apf.live.sources import Replay, Source
-from apf.results.evaluate import load_truth
 from apf.tracking.pipeline import track_of
 from apf.tracking.track import Track
 from cl import Device, InputError, select_device
@@ -39,9 +39,10 @@ from psfs.cli.sequence_flags import (
 from psfs.cli.settings import refuse_unused, write_settings
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
+from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
-from psfs.voxels.bounding_volume import default_voxel_size
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.occupied_box import default_voxel_size
 
 
 def run(args: argparse.Namespace) -> None:
@@ -72,9 +73,8 @@ def _live(
     device: Device,
     truth: JointSeries | None,
 ) -> None:
-    source, grid, body, pose = (
-        _captures(args, method) if args.captures else _replay(args, method, device)
-    )
+    source, start = _captures(args, method) if args.captures else _replay(args, method, device)
+    grid, body = start.grid, start.body
     sized_by_hand = args.n_particles is not None or args.n_layers is not None
     searches = [method] if sized_by_hand and args.budget is None else sizes(method, config.sizes)
     follow = bool(args.captures) and args.volume is None
@@ -84,11 +84,9 @@ def _live(
     live = Live(
         device,
         source,
-        grid,
-        body,
-        pose,
+        start,
         searches,
-        args.budget,
+        budget=args.budget,
         follow=follow,
         scale=scale,
         config=config,
@@ -138,28 +136,24 @@ def _check_ranges(args: argparse.Namespace) -> None:
         raise InputError(f"--empty is {args.empty}; expected 0 to 600 s")
 
 
-def _replay(
-    args: argparse.Namespace, method: Method, device: Device
-) -> tuple[Source, VoxelGrid | None, BodyModel, np.ndarray]:
-    """A recorded sequence, where voxels are needed their grid, body and first pose."""
+def _replay(args: argparse.Namespace, method: Method, device: Device) -> tuple[Source, LiveStart]:
+    """Return a recorded sequence, where voxels are needed their grid, body and first pose."""
     sequence = open_sequence(args)
     frames = selected_frames(args, sequence)
-    selection = slice(frames.start, frames.stop, frames.step)
-    start = given_start(sequence.folder, frames[0], args.body, args.init, args.convention)
+    settings = SessionSettings(selection=args.frames or slice(None), voxel_size=args.voxel_size)
+    session = Session(sequence, device, settings)
+    given = given_start(sequence.folder, frames[0], args.body, args.init, args.convention)
     grid = None
-    if method.uses_voxels or start is None:
-        grid = automatic_grid(sequence, selection, args.voxel_size, device=device)
-    if start is None:
-        assert grid is not None
-        start = found_start(device, sequence, grid, selection, args, method.filter.search.seed)
-    return Replay(sequence, frames), grid, *start
+    if method.uses_voxels or given is None:
+        grid = automatic_grid(session)
+    if given is None:
+        given = found_start(session, args, method.filter.search.seed, None)
+    return Replay(sequence, frames), LiveStart(grid, *given)
 
 
-def _captures(
-    args: argparse.Namespace, method: Method
-) -> tuple[Source, VoxelGrid | None, BodyModel, np.ndarray]:
-    """Cameras, where voxels are needed the grid of --volume or one around the first pose, body and
-    first pose."""
+def _captures(args: argparse.Namespace, method: Method) -> tuple[Source, LiveStart]:
+    """Return cameras, where voxels are needed the grid of --volume or one around the first pose,
+    body and first pose."""
     start = given_start(Path(args.folder), 0, args.body, args.init, args.convention)
     if start is None:
         raise InputError("cameras have no first pose; expected --init with a pose file or joints")
@@ -169,7 +163,7 @@ def _captures(
         low, high = np.array(args.volume) if args.volume else box_around(*start)
         size = args.voxel_size or default_voxel_size(source.rig, low, high)
         grid = VoxelGrid.covering(low, high, size)
-    return source, grid, *start
+    return source, LiveStart(grid, *start)
 
 
 def _track(

@@ -9,18 +9,19 @@ from pathlib import Path
 from apf.report.agreement import choose_rows
 from apf.report.judged import OVERLAY, judge_track, write_report
 from apf.report.names import PAGE
+from apf.report.overlay import write_overlay
 from apf.report.summary import (
     open_tracked_sequence,
     read_summary,
     read_tracked_config,
     read_tracked_grid,
 )
-from apf.results.overlay import write_overlay
 from apf.tracking.track import Track
 from cl import InputError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.files import name_file_in_errors
 from psfs.common.outputs import MANIFEST, output_folder
+from psfs.session import Session, SessionSettings
 
 
 def run(args: argparse.Namespace) -> None:
@@ -37,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
         open_tracked_sequence(folder, summary, last),
         read_tracked_config(folder, summary),
     )
-    device = select_device(args.device)
+    session = Session(sequence, select_device(args.device), SessionSettings(config))
     draw = not args.no_overlay and not (folder / OVERLAY).exists()
     # The folder of a seed belongs to that of all.
     owner = folder if (folder / MANIFEST).exists() else folder.parent
@@ -51,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
                 stack.enter_context(bar)
             bar.advance(task)
 
-        quality = judge_track(device, sequence, track, config, advance)
+        quality = judge_track(session, track, advance)
         if draw:
             write_overlay(folder / OVERLAY, sequence, track, track.its_body, advance)
         stack.close()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -17,37 +18,38 @@ from apf.cli.first_pose import check_start, naming_init, warn_of_doubts
 from apf.cli.keypoints.flags import keypoints_of
 from apf.cli.keypoints.triangulate import TRIANGULATE, run_triangulate
 from apf.cli.method_flags import METHOD_FLAGS, chosen_method
+from apf.cli.takes.job import TrackJob, chosen_seeds, take_names
 from apf.cli.takes.kept_parts import Keeper, remove_parts
 from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport, was_interrupted
+from apf.evaluation.evaluate import evaluate, load_truth
 from apf.filters.method import Method
 from apf.formats.pose import write_pose
-from apf.report.judged import FILES, judge_track, run_facts, write_report
+from apf.report.judged import FILES, judge_track, keep_judged_frames, run_facts, write_report
 from apf.report.names import PAGE
+from apf.report.overlay import write_overlay
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
-from apf.results.evaluate import evaluate, load_truth
-from apf.results.overlay import write_overlay
-from apf.tracking.batch import Take, at_once, check_cameras, track_take
+from apf.tracking.batch import at_once
+from apf.tracking.settings import TakeSettings
+from apf.tracking.take import Take, check_cameras, track_take
 from apf.tracking.track import PARTS, Track, spans
-from apf.tracking.trackers import seeded
 from cl import Device, InputError, NumpyDevice, UserError, select_device
 from psfs.cli.commandline import progress_bar, stderr, stdout
 from psfs.cli.sequence_flags import (
     chosen_frames,
+    examine_footage,
     open_sequence,
-    open_trusted,
     selected_frames,
     stated,
 )
 from psfs.cli.settings import refuse_unused, write_settings
-from psfs.common.files import resolve_path
 from psfs.common.outputs import OutputFolder, output_folder
-from psfs.diagnostics.camera_consistency import Suspect
-from psfs.output.runs import sequence_facts
-from psfs.reconstructor import ReconstructionConfig
+from psfs.diagnostics.examination import Examination
+from psfs.output.reconstruction_folder import sequence_facts
+from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
+from psfs.voxels.config import ReconstructionConfig
 
-#: Runs that --seeds may ask for.
-MOST_SEEDS = 1000
 #: What a take is written to.
 RESULTS = (*FILES, SUMMARY, PAGE, PARTS)
 
@@ -57,14 +59,14 @@ def run(args: argparse.Namespace) -> None:
         run_triangulate(args, take_names([Path(folder) for folder in args.folders]))
         return
     method = chosen_method(args)
-    seeds = chosen_seeds(args, method)
+    chosen_seeds(args, method)
     check_start(args)
     if args.at_once is not None and args.at_once < 1:
         raise InputError(f"--at-once is {args.at_once}; expected at least 1")
     if len(args.folders) == 1:
         refuse_unused(args, ["at_once"], "is of several takes; expected more than one")
     if len(args.folders) > 1:
-        _run_many(args, method, seeds)
+        _run_many(args, method)
         return
     device = select_device(args.device)
     check_renderer(device, method)
@@ -75,6 +77,14 @@ def run(args: argparse.Namespace) -> None:
             bar.stop()
 
     track_one(args, device, TakeLine(bar), stop)
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedTake:
+    """A tracked take with what is said of each seed's track."""
+
+    take: Take
+    judgements: list[Judgement]
 
 
 def track_one(
@@ -88,27 +98,23 @@ def track_one(
     before_words: called when the line has ended and nothing is printed yet. Raises UserError, and
     KeyboardInterrupt after writing what is tracked where `line` raised one.
     """
-    method = chosen_method(args)
-    seeds = chosen_seeds(args, method)
-    check_start(args)
-    job = argparse.Namespace(**{**vars(args), "folder": args.folders[0]})
-    with output_folder(args.output, args.parser.prog, _inputs(job), RESULTS) as out:
+    job = TrackJob.of(args, device, folder=args.folders[0])
+    with output_folder(args.output, args.parser.prog, job.inputs, RESULTS) as out:
         try:
-            take, left_out = _tracked(out, job, device, method, seeds, line)
-            judgements = finish_take(job, device, take, left_out, seeds, line)
+            done = _tracked_and_judged(out, job, line)
         finally:
             before_words()
-        _raise_error(take, line.n_frames, args.output)
-        for judgement in judgements:
+        _raise_error(done.take, line.n_frames, args.output)
+        for judgement in done.judgements:
             print_outcome(judgement, line.n_frames)
-        if was_interrupted(take.tracks[0], line.n_frames):
+        if was_interrupted(done.take.tracks[0], line.n_frames):
             raise KeyboardInterrupt
-        for line_of_spread in spread_of(take):
+        for line_of_spread in spread_of(done.take):
             stdout.print(line_of_spread)
-    return take
+    return done.take
 
 
-def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> None:
+def _run_many(args: argparse.Namespace, method: Method) -> None:
     """Every folder into its own, some at once; a table of all, also of interrupted ones. Raises
     InputError if one failed."""
     if args.init is not None:
@@ -121,17 +127,16 @@ def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> Non
 
     def work(own: Device | NumpyDevice, number: int, check: Callable[[], None]) -> None:
         name = names[number]
-        own_folders = {"folder": args.folders[number], "output": args.output / name}
-        job = argparse.Namespace(**{**vars(args), **own_folders})
+        job = TrackJob.of(args, own, folder=args.folders[number], output=args.output / name)
+        folder = job.args.output
         with (
             closing(TakeLine(bar, name, check)) as line,
-            output_folder(job.output, args.parser.prog, _inputs(job), RESULTS) as out,
+            output_folder(folder, args.parser.prog, job.inputs, RESULTS) as out,
         ):
-            take, left_out = _tracked(out, job, own, method, seeds, line)
-            judgements = finish_take(job, own, take, left_out, seeds, line)
-            _raise_error(take, line.n_frames, job.output)
-            report.tracked(name, take, line.n_frames, judgements, spread_of(take))
-            if was_interrupted(take.tracks[0], line.n_frames):
+            done = _tracked_and_judged(out, job, line)
+            _raise_error(done.take, line.n_frames, folder)
+            report.tracked(name, done.take, line.n_frames, done.judgements, spread_of(done.take))
+            if was_interrupted(done.take.tracks[0], line.n_frames):
                 raise KeyboardInterrupt
 
     folders = [Path(folder) for folder in args.folders]
@@ -154,55 +159,69 @@ def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> Non
         raise InputError(f"{len(report.errors)} of {len(names)} takes failed: {failed}")
 
 
-def _inputs(args: argparse.Namespace) -> list[Path]:
-    """Return the files and folders that are read, as far as the flags name them."""
-    stated = [Path(path) for path in (args.init, args.body) if path is not None]
-    return [Path(args.folder), *(path for path in stated if path.exists())]
+def _tracked_and_judged(out: OutputFolder, job: TrackJob, line: Line) -> FinishedTake:
+    """Run all stages of a take and write its files."""
+    args, opened = job.args, _opened(out, job)
+    first = chosen_frames(args, opened)[0]
+    given = given_start(opened.folder, first, args.body, args.init, args.convention)
+    if job.method.uses_voxels:
+        check_cameras(opened)
+    # What flags name is read by now: looking at the pictures takes seconds.
+    examination = _examined(job, opened)
+    del opened  # whose frames are in memory: other ones where cameras were left out
+    session = examination.session
+    line.n_frames = len(selected_frames(args, session.sequence))
+    if job.method.uses_voxels and not args.no_report:
+        keep_judged_frames(session)
+    take = _tracked(job, session, given, line)
+    return FinishedTake(take, finish_take(job, examination, take, line))
+
+
+def _opened(out: OutputFolder, job: TrackJob) -> Sequence:
+    """Return the take's sequence, which keeps its frames where there is room for them."""
+    if job.method.uses_images:
+        job.method.image.mesh(template_of(job.args.body)[0])  # that its files are what they should
+    sequence = open_sequence(job.args)
+    sequence.keep_frames()
+    out.check_inputs(sequence.inputs)
+    return sequence
+
+
+def _examined(job: TrackJob, opened: Sequence) -> Examination:
+    """Look for what is wrong with the footage, unless keypoints alone are looked at."""
+    args = job.args
+    settings = SessionSettings(_config(args), args.frames or slice(None), args.voxel_size)
+    session = Session(opened, job.device, settings)
+    if job.method.objective == "keypoints":
+        return Examination(session)
+    return examine_footage(args, session, person=True)
 
 
 def _tracked(
-    out: OutputFolder,
-    args: argparse.Namespace,
-    device: Device | NumpyDevice,
-    method: Method,
-    seeds: list[int],
-    line: Line,
-) -> tuple[Take, list[Suspect]]:
-    """The take in `args.folder`, its files written but for those of `finish_take`, and the cameras
-    left out."""
-    template, own_shape = template_of(args.body)
-    if method.uses_images:
-        method.image.mesh(template)  # that its files are what they should be
-    config = _config(args)
-    sequence, left_out = open_sequence(args), list[Suspect]()
-    sequence.keep_frames()
-    out.check_inputs(sequence.inputs)
-    first = chosen_frames(args, sequence)[0]
-    given = given_start(sequence.folder, first, args.body, args.init, args.convention)
-    if method.uses_voxels:
-        check_cameras(sequence)
-    # What flags name is read by now: looking at the pictures takes seconds.
-    if method.objective != "keypoints":  # which sees nothing of the background
-        sequence, left_out = open_trusted(args, device, person=True, opened=sequence)
-    frames = selected_frames(args, sequence)
-    line.n_frames = len(frames)
+    job: TrackJob, session: Session, given: tuple[BodyModel, np.ndarray] | None, line: Line
+) -> Take:
+    """Track a take and write the files of each seed's track but for those of `finish_take`."""
+    args, sequence = job.args, session.sequence
+    template, keep_shape = template_of(args.body)
+    settings = TakeSettings(
+        method=job.method,
+        seeds=tuple(job.seeds),
+        template=template,
+        keep_shape=keep_shape,
+        height=args.height,
+        given=given,
+        keypoints=keypoints_of(args, sequence),
+    )
     with naming_init(sequence):
-        take = track_take(
-            device, sequence, method, seeds,
-            given=given, template=template, keep_shape=own_shape, height=args.height,
-            voxel_size=args.voxel_size,
-            selection=slice(frames.start, frames.stop, frames.step),
-            reconstruction=config, progress=line, keypoints=keypoints_of(args, sequence),
-            keep=Keeper(seed_folders(args, seeds)),
-        )  # fmt: skip
-    write_track_settings(args, method)
+        take = track_take(session, settings, line, Keeper(job.folders))
+    write_track_settings(args, job.method)
     if take.start is not None:
         warn_of_doubts(sequence, take.start)
-    for track, folder in zip(take.tracks, seed_folders(args, seeds), strict=True):
+    for track, folder in zip(take.tracks, job.folders, strict=True):
         write_pose(folder / "start.txt", take.pose, take.body)
         write_files(folder, track, take.body)
         remove_parts(folder)
-    return take, left_out
+    return take
 
 
 def _raise_error(take: Take, n_frames: int, folder: Path) -> None:
@@ -213,36 +232,28 @@ def _raise_error(take: Take, n_frames: int, folder: Path) -> None:
         ) from take.error
 
 
-def finish_take(
-    args: argparse.Namespace,
-    device: Device | NumpyDevice,
-    take: Take,
-    left_out: list[Suspect],
-    seeds: list[int],
-    line: Line,
-) -> list[Judgement]:
+def finish_take(job: TrackJob, examination: Examination, take: Take, line: Line) -> list[Judgement]:
     """Write overlay.mp4, summary.json and report.html beside the other files of every seed, as the
     flags say. A track that was interrupted gets a summary only, without being compared with the
     silhouettes."""
-    n_done = len(take.tracks[0])
+    args, n_done = job.args, len(take.tracks[0])
     whole = not was_interrupted(take.tracks[0], line.n_frames)
     if whole:
-        _draw_overlays(args, take, seeds, line)
-    reasons = {suspect.camera: str(suspect) for suspect in left_out}
+        _draw_overlays(job, take, line)
+    reasons = {camera.camera: str(camera) for camera in examination.left_out}
     doubts = take.start.doubts if take.start is not None else []
     warnings = [*getattr(args, "remarks", ()), *doubts]  # keypoints alone are not examined
-    sequence = sequence_facts(take.sequence, seed_folders(args, seeds)[0], stated(args), reasons)
+    sequence = sequence_facts(take.sequence, job.folders[0], stated(args), reasons)
     facts = run_facts(
-        device, sequence, _config(args), (n_done, line.n_frames), warnings, take.seconds
+        job.device, sequence, _config(args), (n_done, line.n_frames), warnings, take.seconds
     )
     found = []
-    for track, folder in zip(take.tracks, seed_folders(args, seeds), strict=True):
+    for track, folder in zip(take.tracks, job.folders, strict=True):
         quality = Quality(track, None)
         compared = whole and not args.no_report
         if compared:
             line.begin("judging")
-            progress = partial(line, "judging")
-            quality = judge_track(device, take.sequence, track, _config(args), progress)
+            quality = judge_track(examination.session, track, partial(line, "judging"))
         files = write_report(folder, take.sequence.name, quality, facts, page=compared)
         found.append(Judgement(folder, quality, files))
     return found
@@ -258,47 +269,15 @@ def write_track_settings(args: argparse.Namespace, method: Method) -> None:
     write_settings(args.output, args, configs, METHOD_FLAGS)
 
 
-def _draw_overlays(args: argparse.Namespace, take: Take, seeds: list[int], line: Line) -> None:
+def _draw_overlays(job: TrackJob, take: Take, line: Line) -> None:
     """overlay.mp4 beside the other files of every seed, unless the flags say none."""
-    if args.no_overlay:
+    if job.args.no_overlay:
         return
-    for track, folder in zip(take.tracks, seed_folders(args, seeds), strict=True):
+    for track, folder in zip(take.tracks, job.folders, strict=True):
         line.begin("overlay")
         write_overlay(
             folder / "overlay.mp4", take.sequence, track, take.body, lambda: line("overlay")
         )
-
-
-def seed_folders(args: argparse.Namespace, seeds: list[int]) -> list[Path]:
-    """Return where the files of every seed's run go."""
-    if args.seeds is None:
-        return [args.output]
-    return [args.output / f"seed{seed}" for seed in seeds]
-
-
-def take_names(folders: list[Path]) -> list[str]:
-    """Return a name for each of the takes: its folder's, with as many of the folders above as
-    distinguish them. Raises InputError if one is given twice."""
-    paths = [resolve_path(folder) for folder in folders]
-    for path in paths:
-        if paths.count(path) > 1:
-            raise InputError(f"{path} is given twice; expected different takes")
-    depth, names = 1, [path.name for path in paths]
-    while len(set(names)) < len(names):
-        depth += 1
-        names = ["_".join(path.parts[-depth:]) for path in paths]
-    return names
-
-
-def chosen_seeds(args: argparse.Namespace, method: Method) -> list[int]:
-    """Return the seeds of the runs to make. Raises InputError."""
-    n_runs = 1 if args.seeds is None else args.seeds
-    if not 1 <= n_runs <= MOST_SEEDS:
-        raise InputError(f"--seeds is {n_runs}; expected 1 to {MOST_SEEDS}")
-    first = method.filter.search.seed
-    seeds = list(range(first, first + n_runs))
-    seeded(method, seeds[-1:])
-    return seeds
 
 
 def print_outcome(judgement: Judgement, n_frames: int) -> None:

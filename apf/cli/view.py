@@ -8,8 +8,8 @@ import numpy as np
 
 from apf.body.kinematics import posed_cones
 from apf.body.toml import load_body
-from apf.results.layers import cone_layer, note_of, skeleton_layer
-from apf.results.overlay import overlay_picture
+from apf.report.overlay import overlay_picture
+from apf.report.viewer_layers import cone_layer, describe_frame, skeleton_layer
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.camera import CameraRig
@@ -34,4 +34,4 @@ def run(args: argparse.Namespace) -> None:
         return overlay_picture(frame, rig, cones, names, track.joints[row], track.edges)
 
     layers = (skeleton_layer(track), cone_layer(track, body))
-    view_run(args, OnTop(layers, lambda frame: note_of(track, frame), picture))
+    view_run(args, OnTop(layers, lambda frame: describe_frame(track, frame), picture))

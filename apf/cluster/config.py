@@ -1,4 +1,4 @@
-"""Settings of batches: parts of long takes, and workers."""
+"""Settings of batches: chunks of long takes, and workers."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from psfs.common.config import Config, setting
 
 
 class ChunksConfig(Config):
-    """Overlap of parts, and when they agree."""
+    """Overlap of chunks, and when they agree."""
 
     overlap: float = setting(
         1.0,
-        "Time that two parts share.",
+        "Time that two chunks share.",
         "a track has settled on a start that was found within about half",
         "s",
         least=0,

@@ -13,11 +13,11 @@ import numpy as np
 
 from apf.body.kinematics import posed_cones
 from apf.body.stature import is_whole, stature
+from apf.evaluation.evaluate import evaluate, load_truth
+from apf.report.overlay import overlay_picture
 from apf.report.quality import DOUBTFUL
 from apf.report.summary import read_summary
-from apf.results.evaluate import evaluate, load_truth
-from apf.results.overlay import overlay_picture
-from apf.tracking.batch import Take
+from apf.tracking.take import Take
 from apf.tracking.track import Track
 from psfs.common.files import write_picture
 

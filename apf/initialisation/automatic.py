@@ -26,6 +26,7 @@ def find_start(
     scene: Scene,
     voxels: Sequence[Any],
     noise: float,
+    *,
     height: float | None = None,
     keep_shape: bool = False,
     seed: int = 0,

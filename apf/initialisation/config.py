@@ -351,6 +351,19 @@ class AcceptanceConfig(Config):
     rival: float = setting(
         1.1, "Factor of misfit below which another hypothesis makes a start doubtful.", least=1
     )
+    ambiguous: float = setting(
+        1.15,
+        "Factor of misfit below which another hypothesis makes longer looks worth their time.",
+        "`hard_skirt_4cam`: 1.0 to 1.12, one start in five turned about; laboratory sequences: "
+        "1.23 and more",
+        least=1,
+    )
+    longer: float = setting(
+        2.5,
+        "Factor of the time that is looked at then, with twice as many frames.",
+        "of `hard_skirt_4cam` no start in five is turned about; with 2 one is",
+        least=1,
+    )
     stout: float = setting(
         3.0,
         "Girth above the template's from which on a start is doubtful: hardly anybody who stands "

@@ -1,4 +1,4 @@
-"""The automatic start of a sequence's selected frames."""
+"""The stage `initialise`: body and first pose, found in the first of a session's frames."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from apf.body.stature import is_whole
 from apf.filters.config import FilterConfig
 from apf.initialisation.automatic import find_start
 from apf.initialisation.config import FrameChoice, StartConfig
+from apf.initialisation.hypotheses import forward
 from apf.initialisation.kept_voxels import StoredVoxels, person_points, stored
 from apf.initialisation.shape_fit import seen_heights
 from apf.initialisation.start import Start, StartError, check_startable
 from apf.scene import Scene
-from cl import Device, InputError, NumpyDevice
-from psfs.backend import reconstructor_for
-from psfs.reconstructor import ReconstructionConfig
+from cl import InputError
 from psfs.sequence import Frame, Sequence
+from psfs.session import Session
+from psfs.volume import automatic_grid
 from psfs.voxels.device_voxels import Voxels
-from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
 
 log = logging.getLogger(__name__)
@@ -33,29 +33,64 @@ log = logging.getLogger(__name__)
 SLOWEST = 1.0
 
 
-def start_of(
-    device: Device | NumpyDevice,
-    sequence: Sequence,
-    grid: VoxelGrid,
+def initialise(
+    session: Session,
     template: BodyModel,
-    selection: slice | None = None,
-    reconstruction: ReconstructionConfig | None = None,
+    *,
     height: float | None = None,
     keep_shape: bool = False,
     seed: int = 0,
     progress: Callable[[], object] | None = None,
     config: StartConfig | None = None,
 ) -> Start:
-    """Find the person in the first of the selected frames of `sequence`; see `find_start`.
+    """Find the person in the first of the session's frames; see `find_start`.
+
+    Where another hypothesis fits nearly as well, more frames are looked at: in a skirt, or with
+    arms before the trunk, a second tells little of which way somebody looks.
 
     Who stoops or crouches there, and stands taller in a later frame, has the body that is found
     around that one: how long bent limbs are, a hull does not show.
     """
     config = config or StartConfig()
+
+    def found(config: StartConfig) -> Start:
+        return _find(
+            session, template, config,
+            height=height, keep_shape=keep_shape, seed=seed, progress=progress,
+        )  # fmt: skip
+
+    start = found(config)
+    if start.rival >= config.acceptance.ambiguous:
+        return start
+    factor, frames = config.acceptance.longer, config.frames
+    wider = frames.replace(duration=factor * frames.duration, n_fitted=2 * frames.n_fitted)
+    try:
+        again = found(config.replace(frames=wider))
+    except StartError:
+        return start
+    turned = forward(start.body, start.pose) @ forward(again.body, again.pose) < 0
+    if not turned or again.rival < start.rival:
+        return start
+    log.info("%s: the person looks the other way, as longer looks tell", session.sequence.name)
+    return again
+
+
+def _find(
+    session: Session,
+    template: BodyModel,
+    config: StartConfig,
+    *,
+    height: float | None,
+    keep_shape: bool,
+    seed: int,
+    progress: Callable[[], object] | None,
+) -> Start:
+    """Find the person by looks of these settings."""
     check_startable(template)  # before the voxels are made
-    chosen = range(len(sequence))[selection or slice(None)]
+    sequence, device, chosen = session.sequence, session.device, session.frames
     check_rate(sequence, chosen.step)
-    reconstruct = reconstructor_for(device, sequence.rig, grid, sequence.background, reconstruction)
+    grid = automatic_grid(session)
+    reconstruct = session.reconstructor(grid)
     frames, every = frames_to_fit(chosen, sequence.fps, config.frames)
     noise = FilterConfig().at_rate(sequence.fps / frames.step).search.noise
 
@@ -67,7 +102,10 @@ def start_of(
         voxels: list[StoredVoxels | HostVoxels], body: BodyModel, own_shape: bool = False
     ) -> Start:
         scene = Scene(device, sequence.rig, grid, body)
-        return find_start(scene, voxels, noise, height, own_shape, seed, progress, every, config)
+        return find_start(
+            scene, voxels, noise, height=height, keep_shape=own_shape, seed=seed,
+            progress=progress, every=every, config=config,
+        )  # fmt: skip
 
     def tall(frame: Frame) -> float:
         if progress is not None:

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from apf.evaluation.evaluate import evaluate
 from apf.formats.trc import JointSeries
-from apf.results.evaluate import evaluate
 from apf.tracking.track import Track
 
 

@@ -11,8 +11,8 @@ from apf.backend import Footage
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.sequence import Frame
-from psfs.voxels.bounding_volume import finest_pixel
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.occupied_box import finest_pixel
 
 
 class Smaller:

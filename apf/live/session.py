@@ -53,8 +53,18 @@ class LiveResult:
     sizes: list[tuple[int, int, int]] = field(default_factory=list)
 
 
+@dataclass(frozen=True, eq=False)
+class LiveStart:
+    """grid: that voxels are looked for in; None for image features. body: that is tracked, from
+    `pose` (D,) on."""
+
+    grid: VoxelGrid | None
+    body: BodyModel
+    pose: np.ndarray
+
+
 class Live:
-    """Tracks `body` from `pose` (D,) through what `source` delivers.
+    """Tracks a body from its `start` through what `source` delivers.
 
     Three threads hand over the newest frame and drop the older ones. The processing of a frame
     (features, or voxels) begins when the tracker is free, so that no frame waits or is worked on in
@@ -75,17 +85,16 @@ class Live:
         self,
         device: Device,
         source: Source,
-        grid: VoxelGrid | None,
-        body: BodyModel,
-        pose: np.ndarray,
+        start: LiveStart,
         searches: Sequence[Method],
-        budget: float | None = None,
         *,
+        budget: float | None = None,
         follow: bool = False,
         scale: float = 1.0,
         config: LiveConfig | None = None,
     ) -> None:
         self._config = config or LiveConfig()
+        grid, body, pose = start.grid, start.body, start.pose
         self.device, self.source, self.body = device, source, body
         self.timeline = Timeline(STAGES)
         self.result = LiveResult()

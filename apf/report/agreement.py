@@ -13,16 +13,14 @@ import numpy as np
 
 from apf.body.cones import cone_distances, project_outlines
 from apf.body.kinematics import posed_cones
+from apf.report.overlay import checked_indices
 from apf.report.parts import Part, find_parts
-from apf.results.overlay import frames_of
 from apf.tracking.track import Track
-from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.regions import iou
-from psfs.diagnostics.silhouette_iou import Checker
-from psfs.reconstructor import ReconstructionConfig
-from psfs.sequence import Sequence
+from psfs.diagnostics.reprojection_iou import volume_region, whole_silhouettes
+from psfs.session import Session
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import voxel_silhouette
 
@@ -32,7 +30,6 @@ MOST_FRAMES = 200
 _LEAST_PIXELS = 20
 #: A surface voxel farther than this from every cone, m, is unexplained: about a forearm's girth,
 #: and more than the hulls of few cameras exceed the body.
-#: than hulls of few cameras are thicker than flesh.
 _FAR = 0.10
 
 
@@ -61,37 +58,31 @@ def choose_rows(n_frames: int, most: int = MOST_FRAMES) -> np.ndarray:
     return np.arange(0, n_frames, max(1, -(-n_frames // most)))
 
 
-def measure_agreement(
-    device: Device | NumpyDevice,
-    sequence: Sequence,
+def compare_with_silhouettes(
+    session: Session,
     grid: VoxelGrid,
-    config: ReconstructionConfig,
     track: Track,
     progress: Callable[[], object] | None = None,
 ) -> Agreement:
-    """Reconstruct the `choose_rows` of the track, and compare body and voxels with their
-    silhouettes.
-
-    progress: called after each frame.
-    """
-    rows, rig, body = choose_rows(len(track)), sequence.rig, track.its_body
+    """Compare body and voxels in some frames of the track with the silhouettes that the voxels
+    in `grid` were carved from, see `Session.carved`. progress: called after each frame."""
+    rows, rig, body = choose_rows(len(track)), session.rig, track.its_body
     parts, drawn = find_parts(body), [i for i, cone in enumerate(body.cones) if cone.in_images]
-    checker = Checker(device, sequence, grid, config)
-    extents = voxel_footprints(rig, grid.voxel_size)
+    region, extents = volume_region(rig, grid), voxel_footprints(rig, grid.voxel_size)
     cones = posed_cones(body, track.poses[rows])
     found = defaultdict[str, list[Any]](list)
     clouds = []
-    for number, frame in enumerate(frames_of(sequence, track.frames[rows])):
-        shown = checker.silhouettes(frame)
-        cloud = checker.cloud(colour=frame.images is not None)
+    indices = checked_indices(session.sequence, track.frames[rows])
+    for number, frame in enumerate(session.carved(grid, indices)):
+        shown, cloud = whole_silhouettes(frame.silhouettes, region), frame.cloud
         scores = np.array([
-            _score_cones(camera, cones[number], drawn, silhouette)
-            for camera, silhouette in zip(rig, shown, strict=True)
+            _score_cones(camera, cones[number], drawn, silhouette, known)
+            for camera, silhouette, known in zip(rig, shown, frame.known, strict=True)
         ])  # fmt: skip
         found["body_iou"].append(scores[:, 0])
         found["inside"].append(_worst_scores(scores[:, 1:], drawn, parts))
         found["explained"].append(_explained_share(cloud.centres, cones[number]))
-        found["voxel_iou"].append(_voxel_iou(rig, extents, cloud.centres, shown))
+        found["voxel_iou"].append(_voxel_iou(rig, extents, cloud.centres, shown, frame.known))
         clouds.append(cloud)
         if progress is not None:
             progress()
@@ -100,20 +91,30 @@ def measure_agreement(
 
 
 def _voxel_iou(
-    rig: CameraRig, extents: np.ndarray, centres: np.ndarray, shown: np.ndarray
+    rig: CameraRig,
+    extents: np.ndarray,
+    centres: np.ndarray,
+    shown: np.ndarray,
+    known: np.ndarray,
 ) -> np.ndarray:
-    """Return the IoU (V,) of voxels with `centres` (N, 3) m and the silhouettes (V, H, W) bool."""
+    """Return the IoU (V,) of voxels with `centres` (N, 3) m and the silhouettes (V, H, W) bool, at
+    pixels that are `known` (V, H, W)."""
     ours = [
         voxel_silhouette(camera, centres, extent, shown.shape[1:])
         for camera, extent in zip(rig, extents, strict=True)
     ]
-    return np.array([iou(one, other) for one, other in zip(ours, shown, strict=True)])
+    views = zip(ours, shown, known, strict=True)
+    return np.array([iou(one & there, other) for one, other, there in views])
 
 
 def _score_cones(
-    camera: Camera, cones: np.ndarray, drawn: Items[int], silhouette: np.ndarray
+    camera: Camera,
+    cones: np.ndarray,
+    drawn: Items[int],
+    silhouette: np.ndarray,
+    known: np.ndarray,
 ) -> np.ndarray:
-    """Score posed cones (C, 16) in one camera.
+    """Score posed cones (C, 16) in one camera, at pixels that are `known` (H, W) bool.
 
     Returns (1 + n,): their IoU with the silhouette (H, W) bool, and for each `drawn` cone its share
     in the silhouette; NaN if too little of it is visible.
@@ -127,6 +128,7 @@ def _score_cones(
         shape = np.zeros_like(whole)
         cv2.fillConvexPoly(shape, cv2.convexHull(np.rint(quad).astype(np.int32)), 1)
         shape[camera.size[1] :], shape[:, camera.size[0] :] = 0, 0
+        shape[~known] = 0
         pixels = np.count_nonzero(shape)
         if pixels >= _LEAST_PIXELS:
             scores[1 + number] = np.count_nonzero(shape & silhouette) / pixels

@@ -1,4 +1,4 @@
-"""Judge a track, and write its summary and page."""
+"""The stages `judge_track` and `write`: a track judged, its summary and page written beside it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from apf.report.agreement import Agreement, measure_agreement
+from apf.report.agreement import Agreement, choose_rows, compare_with_silhouettes
 from apf.report.names import PAGE
 from apf.report.page import write_page
 from apf.report.quality import Quality
@@ -15,9 +15,9 @@ from apf.tracking.track import Track
 from cl import Device, NumpyDevice
 from psfs.common.files import read_text, write_json
 from psfs.common.versions import versions
-from psfs.output.runs import device_facts
-from psfs.reconstructor import ReconstructionConfig
-from psfs.sequence import Sequence
+from psfs.output.reconstruction_folder import device_facts
+from psfs.session import Session
+from psfs.voxels.config import ReconstructionConfig
 
 OVERLAY = "overlay.mp4"
 #: Files of a track besides summary and page, as the summary lists them.
@@ -27,22 +27,22 @@ FILES = (
 
 
 def judge_track(
-    device: Device | NumpyDevice,
-    sequence: Sequence,
-    track: Track,
-    config: ReconstructionConfig,
-    progress: Callable[[], object] | None = None,
+    session: Session, track: Track, progress: Callable[[], object] | None = None
 ) -> Quality:
-    """Judge the quality of a track.
-
-    It is compared with the silhouettes, unless it has no frames or was tracked without voxels.
-    progress: called after each compared frame.
-    """
+    """Return the quality of a track; measured against the silhouettes, unless it is of no frame or
+    of no voxels. progress: called after each frame that is compared."""
     grid = read_tracked_grid(track)
     found: Agreement | None = None
     if grid is not None and len(track):
-        found = measure_agreement(device, sequence, grid, config, track, progress)
+        found = compare_with_silhouettes(session, grid, track, progress)
     return Quality(track, found)
+
+
+def keep_judged_frames(session: Session) -> None:
+    """Have the session keep those frames, as they are carved while the person is tracked, that
+    `judge_track` needs of the whole track."""
+    frames = session.frames
+    session.keep_carved([frames[int(row)] for row in choose_rows(len(frames))])
 
 
 def write_report(

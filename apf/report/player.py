@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from apf.body.model import find_side
+from apf.report.overlay import COLOURS
 from apf.report.quality import Quality
-from apf.results.overlay import COLOURS
 
 #: Most voxels of all frames together, and of one frame: 12 MB and 60 kB of page; more would not be
 #: visible at the size of the player.

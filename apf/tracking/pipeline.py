@@ -1,4 +1,4 @@
-"""From a sequence to a track: reconstruct and track frame by frame."""
+"""The stage `track`: reconstruct and track frame by frame."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from collections.abc import Sequence as Items
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -27,9 +27,11 @@ from apf.tracking.track import Track, joined
 from apf.tracking.trackers import run_seeds, seeded, watched_runs
 from apf.tracking.two_way import both_ways
 from apf.tracking.uncertainty import joint_covariance
-from cl import Device, InputError, NumpyDevice, UserError
-from psfs.reconstructor import ReconstructionConfig, Reconstructor
-from psfs.sequence import Frame, Sequence
+from cl import InputError, UserError
+from psfs.reconstructor import Reconstructor
+from psfs.sequence import Frame
+from psfs.session import Session
+from psfs.volume import automatic_grid
 from psfs.voxels.grid import VoxelGrid
 
 #: The observed points of a frame, by its number.
@@ -41,101 +43,111 @@ KeepParts: TypeAlias = Callable[[Items[Track]], "Items[Path] | None"]
 PART_SECONDS = 1.0
 
 
-def track_sequence(
-    device: Device | NumpyDevice,
-    sequence: Sequence,
-    grid: VoxelGrid | None,
-    body: BodyModel,
-    pose: np.ndarray,
-    method: Method | None = None,
-    reconstruction: ReconstructionConfig | None = None,
-    selection: slice | None = None,
-    progress: Callable[[], object] | None = None,
-    keypoints: FrameKeypoints | None = None,
-) -> Track:
-    """Track `body` from `pose` (D,) through the selected frames of `sequence`.
+@dataclass(frozen=True, eq=False)
+class TrackingTask:
+    """What to track: `body`, from `pose` (D,) in the first frame on, by `method`; one track for
+    each of `seeds`. keypoints: what is known of the body's points in a frame, by its number."""
 
-    `grid` may be None where the method does without voxels, which then are not reconstructed.
-    keypoints: what is known of the body's points in a frame, by its number.
-    The noise grows with the time between frames, see `BodyModel.sigma`. `progress` is called
-    after each frame; a KeyboardInterrupt ends the track after the last whole frame (and is raised
-    again if there is none).
-    """
-    method = method or Method()
-    seeds = [method.filter.search.seed]
-    tracks, error = track_seeds(
-        device, sequence, grid, body, pose, method, seeds, reconstruction, selection,
-        lambda stage: progress() if progress is not None and stage == "tracking" else None,
-        keypoints,
-    )  # fmt: skip
-    if error is not None:
-        raise error
-    return tracks[0]
+    body: BodyModel
+    pose: np.ndarray
+    method: Method
+    seeds: list[int]
+    keypoints: FrameKeypoints | None = None
 
 
-def track_seeds(
-    device: Device | NumpyDevice,
-    sequence: Sequence,
-    grid: VoxelGrid | None,
-    body: BodyModel,
-    pose: np.ndarray,
-    method: Method,
-    seeds: list[int],
-    reconstruction: ReconstructionConfig | None = None,
-    selection: slice | None = None,
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """The track of each seed, and the error that ended them early, if one did."""
+
+    tracks: list[Track]
+    error: UserError | None = None
+
+
+def track_frames(
+    session: Session,
+    task: TrackingTask,
     progress: Callable[[str], object] | None = None,
-    keypoints: FrameKeypoints | None = None,
     keep: KeepParts | None = None,
-) -> tuple[list[Track], UserError | None]:
-    """Track as `track_sequence` does: one track for each of `seeds`, from one reconstruction.
+) -> Tracked:
+    """Track a body through the session's frames, all seeds from one reconstruction.
 
-    progress: called with "tracking" after each frame, and with "tracking back" on the way back, see
-    `both_ways`. keep: called about every second with the tracks of the frames since it was called
-    last, which it may store; they are read again at the end. An error after the first frame ends
-    the tracks, as an interrupt does, and is returned.
+    The noise grows with the time between frames, see `BodyModel.sigma`. progress: called with
+    "tracking" after each frame, and with "tracking back" on the way back, see `both_ways`. keep:
+    called about every second with the tracks of the frames since it was called last, which it may
+    store; they are read again at the end. A KeyboardInterrupt ends the tracks after the last whole
+    frame, and is raised again if there is none. So does an error, which is returned.
     """
-    step = (selection.step or 1) if selection else 1
-    check_rate(sequence, step)
-    seen: Iterator[tuple[int, Any]]
-    if method.objective == "keypoints":
-        seen = ((index, None) for index in range(len(sequence))[selection or slice(None)])
-    else:
-        observe = observer_for(device, sequence, grid, method, reconstruction)
-        seen = observed(observe, sequence.frames(selection))
-    if keypoints is not None:
-        seen = ((index, Observed(shown, keypoints(index))) for index, shown in seen)
-    scaled = method.replace(filter=method.filter.at_rate(sequence.fps / step))
-    scene = Scene(device, sequence.rig, grid, body)
-    runs = [run_seeds(seed, method.n_runs) for seed in seeds]
+    sequence, method = session.sequence, task.method
+    check_rate(sequence, session.frames.step)
+    grid = automatic_grid(session) if method.uses_voxels else None
+    scaled = method.replace(filter=method.filter.at_rate(session.rate))
+    scene = Scene(session.device, session.rig, grid, task.body)
+    seen = observations(session, task)
+    runs = [run_seeds(seed, method.n_runs) for seed in task.seeds]
     tracker = watched_runs(scene, scaled, [seed for of in runs for seed in of])
-    tracker.start(pose)
+    tracker.start(task.pose)
     report = progress or (lambda stage: None)
     if method.goes_back:
         back = [watched_runs(scene, scaled, own) for own in runs]
-        found = both_ways(device, tracker, back, seen, report, fps=sequence.fps / step)
+        found = both_ways(session.device, tracker, back, seen, report, fps=session.rate)
     else:
         found = one_way(tracker, seen, report)
+    described = _provenance(session, task, grid)
+
+    def tracks_of(frames: list[int], estimates: list[Any]) -> list[Track]:
+        runs = zip(*estimates, strict=True)
+        return [
+            track_of(task.body, sequence.fps, frames, list(run), made)
+            for made, run in zip(described, runs, strict=True)
+        ]
+
+    return _tracked(found, tracks_of, keep)
+
+
+def observations(session: Session, task: TrackingTask) -> Iterator[tuple[int, Any]]:
+    """Yield number and observation of every frame of the session, keypoints with them; frames that
+    the session is to keep are kept as they are carved."""
+    method, keypoints = task.method, task.keypoints
+    seen: Iterator[tuple[int, Any]]
+    if method.objective == "keypoints":
+        seen = ((index, None) for index in session.frames)
+    else:
+        observe: Callable[[Frame], Any]
+        if method.uses_voxels:
+            observe = session.reconstructor(automatic_grid(session))
+        else:
+            observe = observer_for(session.device, session, None, method, session.reconstruction)
+        seen = observed(observe, session.sequence.frames(session.settings.selection))
+        if method.uses_voxels:
+            seen = kept_by(session, seen)
+    if keypoints is not None:
+        seen = ((index, Observed(shown, keypoints(index))) for index, shown in seen)
+    return seen
+
+
+def kept_by(session: Session, seen: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
+    """Yield what is `seen`, after the session has kept of it what it is to keep."""
+    for index, voxels in seen:
+        session.carved_by(index, voxels)
+        yield index, voxels
+
+
+def _provenance(
+    session: Session, task: TrackingTask, grid: VoxelGrid | None
+) -> list[dict[str, Any]]:
+    """Return what each seed's track says of how it was made."""
     provenance: dict[str, Any] = {
-        "sequence": str(sequence.folder),
-        "device": device.name,
+        "sequence": str(session.sequence.folder),
+        "device": session.device.name,
         "version": version("psfs-apf"),
     }
-    if grid is not None and method.uses_voxels:
+    if grid is not None:
         provenance["grid"] = {
             "origin": grid.origin.tolist(),
             "voxel_size": grid.voxel_size,
             "shape": list(grid.shape),
         }
-    described = [{**provenance, **of.described()} for of in seeded(method, seeds)]
-
-    def tracks_of(frames: list[int], estimates: list[Any]) -> list[Track]:
-        runs = zip(*estimates, strict=True)
-        return [
-            track_of(body, sequence.fps, frames, list(run), made)
-            for made, run in zip(described, runs, strict=True)
-        ]
-
-    return _tracked(found, tracks_of, keep)
+    return [{**provenance, **of.described()} for of in seeded(task.method, task.seeds)]
 
 
 def one_way(
@@ -152,8 +164,8 @@ def _tracked(
     found: Iterator[tuple[int, list[Estimate]]],
     tracks_of: Callable[[list[int], list[Any]], list[Track]],
     keep: KeepParts | None,
-) -> tuple[list[Track], UserError | None]:
-    """Make tracks part by part, so that long runs hold rows only, or none; see `track_seeds`."""
+) -> Tracked:
+    """Make tracks part by part, so that long runs hold rows only, or none; see `track_frames`."""
     parts: list[Items[Track | Path]] = []
     stopped, interrupted = None, False
     while True:
@@ -176,7 +188,7 @@ def _tracked(
             tracks = [joined(run).judged for run in zip(*parts, strict=True)]
             if interrupted or isinstance(error, KeyboardInterrupt):  # all frames may be there
                 tracks = [_interrupted(track) for track in tracks]
-            return tracks, stopped
+            return Tracked(tracks, stopped)
 
 
 def _interrupted(track: Track) -> Track:

@@ -45,6 +45,7 @@ def both_ways(
     seen: Iterable[tuple[int, Any]],
     progress: Callable[[str], object],
     config: TwoWayConfig | None = None,
+    *,
     fps: float = 30.0,
 ) -> Iterator[tuple[int, list[Estimate]]]:
     """Yield number and each track's estimate of every frame of `seen`, `fps` of them in a second.

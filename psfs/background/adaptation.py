@@ -1,4 +1,4 @@
-"""The background follows slow changes of the light where nobody stands, on the device."""
+"""The background takes on slow changes in places where nobody stands, on the device."""
 
 from __future__ import annotations
 
@@ -12,20 +12,19 @@ from psfs.background.config import AdaptationConfig, BackgroundConfig
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
 
-_GROUP = 256  # work-items that sum up a view's change
-
 
 class Adaptation:
     """`adaptation()`: mean and variance of the background drift towards the frame on the device, by
     `config.rate` of the difference per frame (Song et al. eq. (1) with a memory that fades).
 
     Only pixels that look much like the background do, and none where a voxel is seen within two
-    cells, or foreground in the same cell: who keeps still does not become background. The others
-    become brighter or darker by the share that the view as a whole did in the frame before.
+    cells, or foreground in the same cell: who keeps still does not become background. What changes
+    is the background in its own light: that of the frame is told by `light`.
 
     pictures: (V, H, W, 3) uint8. evidence: (V, H, W) int8. marks: (V, rows, columns) uint8 of the
     cells that show voxels, with a border as wide as they keep others from drifting. sizes: (V, 2)
     int32 of the pictures. planes: (V, 8, H, W) float32, what drifts, see `background_planes`.
+    light: (V, LIGHT_FLOATS) float32 of the frame.
     """
 
     def __init__(
@@ -39,6 +38,7 @@ class Adaptation:
         marks: Array,
         sizes: Array,
         planes: Array,
+        light: Array,
     ) -> None:
         rows, _ = cells(rig)
         blocks = -(-rig.width // max(CELL, pixel_pack(device, rig.width)))
@@ -46,13 +46,7 @@ class Adaptation:
         size = (blocks, parts * -(-rows // config.period), len(rig))
         defines = _defines(device, rig, config, background)
         defines["REACH"] = (marks.shape[1] - rows) // 2
-        defines["LOOKED_AT"] = size[0] * size[1]
-        drift = device.zeros(len(rig), np.float32, "the views' change of light")
-        shape = (len(rig), size[0] * size[1], 2)
-        changes = device.empty(shape, np.float32, "the views' change of light")
-        light = {"drift": drift, "changes": changes}
         adapt = device.kernel("reconstruction/adaptation", "adapt", **defines)
-        view_drift = device.kernel("reconstruction/adaptation", "view_drift", **defines)
         # A launch per phase, made when it is needed: setting an argument takes longer than it.
         self._of_phase = cache(
             partial(
@@ -64,19 +58,22 @@ class Adaptation:
                 evidence=evidence,
                 marks=marks,
                 sizes=sizes,
+                light=light,
                 background=planes,
-                **light,
             )
         )
-        groups = (_GROUP * len(rig),)
-        self._view_drift = device.launch(view_drift, groups, (_GROUP,), **light)
         self._period, self._frames = config.period, 0
+        self._planes = planes
 
     def __call__(self) -> None:
         """Enqueue the drift towards the frame whose silhouettes and marks are on the device."""
         self._of_phase(phase=self._frames % self._period)()
-        self._view_drift()
         self._frames += 1
+
+    def restart(self, planes: np.ndarray) -> None:
+        """Start again from `planes`, see `background_planes`."""
+        self._planes.set(planes)
+        self._frames = 0
 
 
 def _parts(device: Device) -> int:
@@ -94,9 +91,9 @@ def _defines(
     return {
         **{"WIDTH": rig.width, "HEIGHT": rig.height, "VIEWS": len(rig)},
         **{"CELLS_X": columns, "CELLS_Y": rows, "CELL": CELL},
-        **{"PARTS": _parts(device), "PACK": pixel_pack(device, rig.width), "GROUP": _GROUP},
+        **{"PARTS": _parts(device), "PACK": pixel_pack(device, rig.width)},
         **{"PERIOD": config.period, "MEAN_RATE": mean_rate, "VARIANCE_RATE": variance_rate},
-        **{"NEAREST": float(config.nearest), "ENOUGH": float(config.enough)},
+        "NEAREST": float(config.nearest),
         "LEAST_VARIANCE": float(background.sigma_floor**2),
         "WIDTH_GREY": float(background.shadow_width_grey),
         "WIDTH_COLOUR": float(background.shadow_width_colour),

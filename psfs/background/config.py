@@ -67,6 +67,92 @@ class PlateConfig(Config):
     )
 
 
+class TakeConfig(Config):
+    """How the empty scene is learnt from a take, see `psfs.background.take`."""
+
+    SOURCE: ClassVar = (
+        "by hand, on synth_box_4cam, synth_pickup_6cam, synth_walk_4cam without their plates"
+    )
+
+    longest_side: int = setting(
+        320,
+        "Longest side of the small pictures that people are looked for in.",
+        unit="px",
+        least=32,
+    )
+    moving: float = setting(
+        18.0,
+        "Change of a pixel over the take from which on something moved there.",
+        unit="grey levels",
+        above=0,
+    )
+    gap: int = setting(9, "Width of gaps between what moved that are closed.", unit="px", least=1)
+    least_area: float = setting(40.0, "Area below which what moved is noise.", unit="px^2", least=0)
+    around: int = setting(
+        30,
+        "Distance from what moved of the pixels that say how the background looks.",
+        unit="px",
+        least=1,
+    )
+    unlike: float = setting(
+        14.0,
+        "Difference from the background around from which on a pixel looks like somebody at first.",
+        unit="grey levels",
+        least=0,
+    )
+    cuts: int = setting(4, "Number of iterations of GrabCut.", least=1)
+    voxels: int = setting(
+        60_000, "Number of voxels of the coarse hull, at most.", unit="voxels", least=1000
+    )
+    explained: float = setting(
+        0.62,
+        "Share of the silhouettes before the medians that all cameras' hull must explain, else "
+        "somebody is looked for in the medians.",
+        "between people who walk about (0.78) and who stay in a place (0.39, 0.46)",
+        least=0,
+        most=1,
+    )
+    judged: int = setting(4, "Number of samples of which one is judged so.", least=1)
+    denials: int = setting(
+        1,
+        "Number of cameras, of more than three, that may deny a voxel: their background may hold "
+        "somebody.",
+        least=0,
+    )
+    margin: int = setting(1, "Distance by which the hull's picture is grown.", unit="px", least=0)
+    somebody: float = setting(
+        5.0,
+        "Distance from the background from which on a pixel is somebody.",
+        unit="standard deviations",
+        above=0,
+    )
+    shadow_width: float = setting(
+        0.06, "Standard deviation of the light factor around 1 of what is background.", above=0
+    )
+    rounds: int = setting(
+        3, "Number of times that hull and background are made of each other, at most.", least=1
+    )
+    rest: float = setting(
+        0.002,
+        "Share of the pixels that change sides below which nothing more is learnt.",
+        least=0,
+        most=1,
+    )
+    least_free: int = setting(
+        3, "Number of frames that must show a pixel of the background.", unit="frames", least=1
+    )
+    free_share: float = setting(
+        0.1, "Share of the frames that must show a pixel of the background.", least=0, most=1
+    )
+    hidden_prior: float = setting(
+        1.0,
+        "Log odds of somebody where the background is never seen and its median looks like "
+        "somebody.",
+        unit="nats",
+        least=0,
+    )
+
+
 class BackgroundConfig(Config):
     """The density of a background pixel's colour: N(I; alpha mu, sigma), Song et al. eq. (1) under
     a light dimmed or brightened by a factor alpha; the floor has rules of its own."""
@@ -110,8 +196,56 @@ class BackgroundConfig(Config):
         return width
 
 
+class LightConfig(Config):
+    """How a picture's light is told from the background's, see `psfs.background.light`."""
+
+    SOURCE: ClassVar = (
+        "by hand, on hard_light_6cam and on drifts laid over synthetic sequences of steady light"
+    )
+
+    follow: bool = setting(
+        True, "Estimate every picture's light; else it is that of the background."
+    )
+    widest: float = setting(
+        16.0,
+        "Scale of the residuals in the first step of the robust fit: wide enough for a change of "
+        "light by half.",
+        unit="standard deviations",
+        above=0,
+    )
+    narrowest: float = setting(
+        3.0,
+        "The same in the last steps: what is farther off than a few of these is somebody.",
+        unit="standard deviations",
+        above=0,
+    )
+    steps: int = setting(
+        6,
+        "Number of steps of iteratively reweighted least squares. The scale halves in each, down "
+        "to `narrowest`.",
+        least=1,
+    )
+    independent: float = setting(
+        0.02, "Share of the samples that count as independent beside the widths.", above=0, most=1
+    )
+    gain_width: float = setting(0.3, "Standard deviation of a channel's gain around 1.", above=0)
+    offset_width: float = setting(
+        4.0, "Standard deviation of a channel's offset.", unit="grey levels", above=0
+    )
+    field_width: float = setting(
+        0.1,
+        "Standard deviation of the share by which the light grows from the middle of a picture to "
+        "its border, along each axis.",
+        above=0,
+    )
+
+    def scales(self) -> list[float]:
+        """Return the scale of the residuals in each step."""
+        return [max(self.narrowest, self.widest / 2**step) for step in range(self.steps)]
+
+
 class AdaptationConfig(Config):
-    """How the background follows the light, see `psfs.background.adaptation`."""
+    """How the background takes on what changes in places, see `psfs.background.adaptation`."""
 
     SOURCE: ClassVar = "by hand; the tests hold it on synthetic scenes under fading light"
 
@@ -139,12 +273,6 @@ class AdaptationConfig(Config):
         "Squared distance to the background of what it may drift to. Shadows and whatever else "
         "passes for background are further away, and leave no trace.",
         unit="squared standard deviations",
-        above=0,
-    )
-    enough: float = setting(
-        10_000.0,
-        "Sum of background that must be seen in a frame to estimate the view's change.",
-        unit="grey levels",
         above=0,
     )
 

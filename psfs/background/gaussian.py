@@ -54,20 +54,6 @@ def _plate_moments(view: Media, config: PlateConfig) -> tuple[np.ndarray, np.nda
     return mean, std
 
 
-def background_from_frames(
-    rig: CameraRig, media: Sequence[Media], config: PlateConfig = _DEFAULT
-) -> Background:
-    """Learn the background from `config.samples` frames spread over the sequence itself: per-pixel
-    median and median absolute deviation. Where somebody stands for more than half of them, he is
-    the background.
-    """
-
-    def moments(view: Media) -> tuple[np.ndarray, np.ndarray]:
-        return median_moments(np.stack(list(view.frames(view.spread(config.samples)))), config)
-
-    return _stacked(rig, media, moments, config)
-
-
 def clipped_moments(
     frames: Iterable[np.ndarray], config: PlateConfig = _DEFAULT
 ) -> tuple[np.ndarray, np.ndarray]:

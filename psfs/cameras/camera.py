@@ -36,7 +36,8 @@ class Camera:
 
     K: (3, 3) intrinsic matrix, px. distortion: (5,) = k1 k2 p1 p2 k3. R: (3, 3) and t: (3,) m take
     world to camera. size: (width, height) px. kappa: Tsai's radial distortion of normalised
-    coordinates, used instead of `distortion` (see `distortion.py`). Raises InputError if R is not a
+    coordinates, used instead of `distortion` (see `distortion.py`). hidden: (height, width) bool,
+    the pixels where furniture hides what is behind it, or None. Raises InputError if R is not a
     rotation, a number is not finite, a shape is wrong, or both distortions are given.
     """
 
@@ -47,6 +48,7 @@ class Camera:
     t: np.ndarray
     size: tuple[int, int]
     kappa: float = 0.0
+    hidden: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         check_name(self.name, "a camera")
@@ -99,6 +101,10 @@ class Camera:
                 "[[fx, skew, cx], [0, fy, cy], [0, 0, 1]]"
             )
         check_picture_size(self.size, f"camera {self.name}: size")
+        if self.hidden is not None and self.hidden.shape != self.size[::-1]:
+            raise InputError(
+                f"camera {self.name}: hidden is {self.hidden.shape}; expected {self.size[::-1]}"
+            )
 
     @property
     def centre(self) -> np.ndarray:
@@ -199,7 +205,14 @@ class Camera:
         K[:2] *= factor
         K[0, 2], K[1, 2] = K[0, 2] - 0.5, K[1, 2] - 0.5
         size = (round(self.size[0] * factor), round(self.size[1] * factor))
-        return replace(self, K=K, size=size)
+        hidden = self.hidden
+        if hidden is not None:
+            rows, columns = (
+                np.minimum(((np.arange(n) + 0.5) / factor).astype(int), last - 1)
+                for n, last in zip(size[::-1], hidden.shape, strict=True)
+            )
+            hidden = hidden[np.ix_(rows, columns)]
+        return replace(self, K=K, size=size, hidden=hidden)
 
     def packed(self) -> np.ndarray:
         """Return (CAMERA_FLOATS,) float32 for the kernels, in the order of `camera.h`."""
@@ -273,6 +286,29 @@ class CameraRig:
         if missing:
             raise InputError(f"no camera {', '.join(missing)}; the rig has {', '.join(self.names)}")
         return CameraRig(tuple(by_name[name] for name in names))
+
+    @property
+    def hidden(self) -> np.ndarray | None:
+        """(V, height, width) bool, see `Camera`; None where no camera has hidden pixels."""
+        if all(camera.hidden is None for camera in self):
+            return None
+        maps = np.zeros((len(self), self.height, self.width), bool)
+        for own, camera in zip(maps, self, strict=True):
+            if camera.hidden is not None:
+                own[: camera.size[1], : camera.size[0]] = camera.hidden
+        return maps
+
+    def with_hidden(self, maps: np.ndarray | None) -> CameraRig:
+        """Return the same cameras with the hidden pixels of maps (V, height, width) bool."""
+        if maps is None:
+            return CameraRig(tuple(replace(camera, hidden=None) for camera in self))
+        cut = [own[: c.size[1], : c.size[0]] for own, c in zip(maps, self, strict=True)]
+        return CameraRig(
+            tuple(
+                replace(camera, hidden=own.copy() if own.any() else None)
+                for camera, own in zip(self, cut, strict=True)
+            )
+        )
 
     @property
     def defines(self) -> dict[str, int]:

@@ -9,29 +9,34 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError, select_device
-from psfs.api import remarks
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.cli.iou import iou_table, plain
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
-from psfs.diagnostics.camera_consistency import Suspect, suspects
+from psfs.diagnostics.camera_consistency import (
+    InconsistentCamera,
+    find_inconsistent_cameras,
+)
 from psfs.diagnostics.definitions import DEFINITION
-from psfs.diagnostics.faults import diagnosed
-from psfs.diagnostics.silhouette_iou import Checker, cut_by_volume
-from psfs.output.runs import Run
+from psfs.diagnostics.examination import Examination
+from psfs.diagnostics.faults import diagnose
+from psfs.diagnostics.reprojection_iou import Checker, cut_by_volume
+from psfs.output.reconstruction_folder import ReconstructionFolder
+from psfs.session import Session, SessionSettings
 
 #: IoU below which agreement is commented on.
 _LOW = 0.6
 
 
 def run(args: argparse.Namespace) -> None:
-    run = Run.open(args.out)
+    run = ReconstructionFolder.open(args.out)
     if not run.indices:
         raise InputError(f"{args.out}: holds no reconstructed frame; expected at least one")
     run.warn_if_unfinished(warn)
     sequence = run.sequence()
     device = select_device(args.device)
-    checker = Checker.of_run(device, sequence, run)
+    session = Session(sequence, device, SessionSettings(run.config))
+    checker = Checker(session, run.grid)
     scores = []
     first, last = run.indices[0], run.indices[-1]
     step = run.indices[1] - first if len(run.indices) > 1 else 1
@@ -39,10 +44,10 @@ def run(args: argparse.Namespace) -> None:
     with progress_bar() as bar:
         for frame in bar.track(frames, len(run.indices), description="checking"):
             scores.append(checker(frame, run.cloud(frame.index)))
-    diagnosis = diagnosed(sequence, device)
-    bad = suspects(sequence, run.config.silhouette, device, known=diagnosis.reasons)
+    diagnosis = diagnose(session)
+    bad = find_inconsistent_cameras(session, diagnosis.reasons)
     names, found = sequence.rig.names, np.array(scores)
-    comments = remarks(diagnosis, bad)[len(bad) :]
+    comments = Examination(session, diagnosis, tuple(bad)).warnings[len(bad) :]
     cut = cut_by_volume(names, np.array(checker.beyond))
     comments += [cut] if cut else []
     named = {suspect.camera for suspect in bad} | set(diagnosis.reasons)
@@ -65,10 +70,10 @@ def low_agreement(names: list[str], scores: np.ndarray, named: Collection[str]) 
 
 def _report(
     out: Path,
-    run: Run,
+    run: ReconstructionFolder,
     names: list[str],
     scores: np.ndarray,
-    bad: list[Suspect],
+    bad: list[InconsistentCamera],
     comments: list[str],
 ) -> None:
     """Print and write scores (frames, V): IoU, NaN where there was nothing to compare."""

@@ -7,16 +7,17 @@ import argparse
 import numpy as np
 from rich.table import Table
 
-from cl import Device, NumpyDevice, select_device
-from psfs.api import examined, remarks
+from cl import select_device
 from psfs.cli.commandline import remark, stdout, warn
 from psfs.cli.sequence_flags import open_sequence
 from psfs.cli.settings import refuse_unused
 from psfs.common.files import write_picture
-from psfs.diagnostics.faults import Diagnosis
+from psfs.diagnostics.examination import examine
+from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
 from psfs.diagnostics.small_views import contact_sheet
 from psfs.sequence import Sequence
+from psfs.session import Session
 
 
 def run(args: argparse.Namespace) -> None:
@@ -32,29 +33,30 @@ def run(args: argparse.Namespace) -> None:
         unasked = "not used unless asked for, with apf track --keypoints"
         remark("note", "cyan", f"keypoints of a pose network: {info.keypoints}; {unasked}")
     if args.pictures:
-        diagnosis = _say_faults(sequence, info.warnings, select_device(args.device))
+        session = Session(sequence, select_device(args.device))
+        _say_faults(session, info.warnings)
         if args.masks is not None:
-            write_picture(args.masks, contact_sheet(diagnosis.views))
+            write_picture(args.masks, contact_sheet(diagnose(session).views))
             stdout.print(f"wrote {args.masks}", soft_wrap=True, markup=False)
     else:
         for warning in info.warnings:
             warn(warning, stdout)
 
 
-def _say_faults(sequence: Sequence, warnings: list[str], device: Device | NumpyDevice) -> Diagnosis:
+def _say_faults(session: Session, warnings: list[str]) -> None:
     """Print `warnings` and what the pictures show to be wrong, a line for each fault."""
-    kept, diagnosis, suspects = examined(sequence, device)
-    if sequence.settings.sync == "auto":
-        for note in kept.timing_notes:
+    found = examine(session)
+    if session.sequence.settings.sync == "auto":
+        for note in found.session.sequence.timing_notes:
             remark("note", "cyan", note)
-    if any(fault.kind in ("unit", "far") for fault in diagnosis.faults):  # which know better
+    if any(fault.kind in ("unit", "far") for fault in found.faults):  # which know better
         warnings = [text for text in warnings if UNIT_ASKED not in text]
-    for fault in diagnosis.faults:
+    for fault in found.faults:
         if not fault.serious:
             remark("note", "cyan", str(fault))
-    for text in (*warnings, *map(str, suspects), *remarks(diagnosis, suspects)[len(suspects) :]):
+    left_out = found.left_out
+    for text in (*warnings, *map(str, left_out), *found.warnings[len(left_out) :]):
         warn(text, stdout)
-    return diagnosis
 
 
 def _cameras(info: SequenceInfo) -> Table:

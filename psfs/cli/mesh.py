@@ -18,17 +18,18 @@ from psfs.common.files import resolve_path, write_json
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_number
 from psfs.common.regions import iou
-from psfs.diagnostics.silhouette_iou import Checker
+from psfs.diagnostics.reprojection_iou import Checker
 from psfs.mesh.config import FORMATS, MOST_SMOOTHING
 from psfs.mesh.marching_cubes import Mesher, write_mesh
 from psfs.mesh.raycast import RayScene
-from psfs.output.runs import Run
+from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.sequence import Frame
+from psfs.session import Session, SessionSettings
 
 
 def run(args: argparse.Namespace) -> None:
     check_number("--smooth, steps,", args.smooth, 0, MOST_SMOOTHING)
-    run = Run.open(args.out)
+    run = ReconstructionFolder.open(args.out)
     run.warn_if_unfinished(warn)
     with ExitStack() as stack:
         stack.enter_context(output_folder(args.out, args.parser.prog, addition=True))
@@ -37,11 +38,12 @@ def run(args: argparse.Namespace) -> None:
         _mesh(args, run)
 
 
-def _mesh(args: argparse.Namespace, run: Run) -> None:
+def _mesh(args: argparse.Namespace, run: ReconstructionFolder) -> None:
     targets = _targets(args, run)
     device, sequence = select_device(args.device), run.sequence()
     mesher = Mesher(device, run, sequence, args.smooth)
-    checker = Checker.of_run(device, sequence, run) if args.check else None
+    session = Session(sequence, device, SessionSettings(run.config))
+    checker = Checker(session, run.grid) if args.check else None
     checks = {}
     with progress_bar() as bar:
         for index, path in bar.track(targets.items(), len(targets), description="meshing"):
@@ -56,7 +58,7 @@ def _mesh(args: argparse.Namespace, run: Run) -> None:
     stdout.print(f"wrote {what}", soft_wrap=True)
 
 
-def _targets(args: argparse.Namespace, run: Run) -> dict[int, Path]:
+def _targets(args: argparse.Namespace, run: ReconstructionFolder) -> dict[int, Path]:
     """Return the path of every frame's mesh."""
     if args.frame == "all":
         full = [int(f["index"]) for f in run.summary["frames"] if f["surface_voxels"]]

@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from cl import Device, InputError, NumpyDevice, UserError, select_device
-from psfs.backend import reconstructor_for
+from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.cli.sequence_flags import (
     chosen_frames,
+    examine_footage,
     open_sequence,
-    open_trusted,
     selected_frames,
     stated,
 )
@@ -26,21 +25,22 @@ from psfs.cli.settings import FILE, write_settings
 from psfs.common.files import write_json, write_picture
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.common.versions import versions
-from psfs.diagnostics.camera_consistency import Suspect
-from psfs.diagnostics.silhouette_iou import (
+from psfs.diagnostics.examination import Examination
+from psfs.diagnostics.reprojection_iou import (
     beyond_volume,
     cut_by_volume,
     volume_region,
-    whole_silhouette,
+    whole_silhouettes,
 )
-from psfs.output import runs
+from psfs.output import reconstruction_folder
 from psfs.output.preview import draw_preview
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
-from psfs.volume import automatic_grid, expected_person, foreground_box
-from psfs.voxels.bounding_volume import finest_pixel
+from psfs.session import Session, SessionSettings
+from psfs.volume import automatic_grid, expected_person, find_volume
 from psfs.voxels.clouds import without_debris, write_cloud
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.occupied_box import finest_pixel
 
 #: s between two summaries while a run goes on.
 _SUMMARY_EVERY = 1.0
@@ -53,7 +53,7 @@ _FINE = 2.0
 def run(args: argparse.Namespace) -> None:
     if not 0 <= args.debris <= 1:
         raise InputError(f"--debris is {args.debris}; expected a share between 0 and 1")
-    expected = (runs.SUMMARY, "preview.png", FILE, *runs.CLOUDS)
+    expected = (reconstruction_folder.SUMMARY, "preview.png", FILE, *reconstruction_folder.CLOUDS)
     with output_folder(args.output, args.parser.prog, [Path(args.folder)], expected) as out:
         _reconstruct(args, out)
 
@@ -63,17 +63,18 @@ def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
     opened = open_sequence(args)
     out.check_inputs(opened.inputs)
     chosen_frames(args, opened)  # before the pictures are looked at, which takes seconds
-    sequence, left_out = open_trusted(args, device, opened=opened)
-    frames = selected_frames(args, sequence)
-    grid = _grid(args, sequence, frames, device)
+    selection = args.frames or slice(None)
+    settings = SessionSettings(_config(args), selection, args.voxel_size)
+    examination = examine_footage(args, Session(opened, device, settings))
+    session = examination.session
+    sequence, frames = session.sequence, selected_frames(args, session.sequence)
+    grid = _grid(args, session)
     _warn_of_fine_voxels(grid, sequence)
-    job = _Job(args, sequence, grid, device, left_out, len(frames))
+    job = _Job(args, examination, grid)
     try:
         with progress_bar() as bar:
-            selection = slice(frames.start, frames.stop, frames.step)
-            for frame in bar.track(
-                sequence.frames(selection), len(frames), description="reconstructing"
-            ):
+            shown = sequence.frames(selection)
+            for frame in bar.track(shown, len(frames), description="reconstructing"):
                 job.reconstruct(frame)
     except UserError as error:
         job.keep()
@@ -96,16 +97,13 @@ def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
     job.report()
 
 
-def _grid(
-    args: argparse.Namespace, sequence: Sequence, frames: range, device: Device | NumpyDevice
-) -> VoxelGrid:
+def _grid(args: argparse.Namespace, session: Session) -> VoxelGrid:
     """Return the grid that the flags ask for, around the stated or found volume."""
-    selection = slice(frames.start, frames.stop, frames.step)
     if args.grid is None:
-        return automatic_grid(sequence, selection, args.voxel_size, _config(args), device)
-    low, high = sequence.volume or foreground_box(sequence, selection, _config(args), device)
-    voxel_size = float(np.max((np.asarray(high) - low) / args.grid))
-    origin = (np.asarray(low) + high - voxel_size * np.array(args.grid)) / 2
+        return automatic_grid(session)
+    volume = find_volume(session)
+    voxel_size = float(np.max((volume.high - volume.low) / args.grid))
+    origin = (volume.low + volume.high - voxel_size * np.array(args.grid)) / 2
     return VoxelGrid(origin, voxel_size, args.grid)
 
 
@@ -130,33 +128,23 @@ class _Job:
     Nothing is written before the first cloud that is not empty.
     """
 
-    def __init__(
-        self,
-        args: argparse.Namespace,
-        sequence: Sequence,
-        grid: VoxelGrid,
-        device: Device | NumpyDevice,
-        left_out: list[Suspect],
-        expected: int,
-    ) -> None:
-        self.left_out = left_out
+    def __init__(self, args: argparse.Namespace, examination: Examination, grid: VoxelGrid) -> None:
+        session = examination.session
+        self.left_out = examination.left_out
         self.out: Path = args.output
         self.debris: float = args.debris
         self.colour = not args.no_colour
         self.normals: bool = args.normals
         self.args, self.stated = args, stated(args)
-        self.sequence, self.grid, self.device = sequence, grid, device
-        self.config = _config(args)
-        # Sparse: the same voxels, in less time and memory.
-        self.reconstructor = reconstructor_for(
-            device, sequence.rig, grid, sequence.background, self.config, sparse=True
-        )
-        self.expected = expected
+        self.sequence, self.grid, self.device = session.sequence, grid, session.device
+        self.config = session.reconstruction
+        self.reconstructor = session.reconstructor(grid)
+        self.expected = len(session.frames)
         self.n_stated, self._stated_at = 0, -math.inf
         self.done: list[dict[str, Any]] = []
         self._waiting: list[tuple[int, VoxelCloud]] = []  # empty clouds before the first full one
         self._ms: dict[str, list[float]] = defaultdict(list)
-        self._region = volume_region(sequence.rig, grid)
+        self._region = volume_region(session.rig, grid)
         self._beyond: list[np.ndarray] = []
 
     def reconstruct(self, frame: Any) -> None:
@@ -167,8 +155,7 @@ class _Job:
         computed = time.perf_counter()
         if len(self.done) % max(1, self.expected // _LOOKED_AT) == 0:
             shown = self.reconstructor.evidence() > 0
-            pairs = zip(shown, self._region, strict=True)
-            whole = np.stack([whole_silhouette(*pair) for pair in pairs])
+            whole = whole_silhouettes(shown, self._region)
             self._beyond.append(beyond_volume(whole, self._region))
         colour = self.colour and frame.images is not None
         cloud = without_debris(voxels.cloud(colour=colour), self.debris)
@@ -183,7 +170,7 @@ class _Job:
 
     def _write(self) -> None:
         for index, cloud in self._waiting:
-            write_cloud(cloud, runs.cloud_stem(self.out, index), self.normals)
+            write_cloud(cloud, reconstruction_folder.cloud_stem(self.out, index), self.normals)
             fact = {"index": index, "surface_voxels": len(cloud), "volume_m3": cloud.volume}
             self.done.append(fact)
         self._waiting.clear()
@@ -192,7 +179,7 @@ class _Job:
 
     def _state(self) -> None:
         """Write the summary of what is done, for the case that the process is killed."""
-        write_json(self.out / runs.SUMMARY, self._summary())
+        write_json(self.out / reconstruction_folder.SUMMARY, self._summary())
         self.n_stated, self._stated_at = len(self.done), time.perf_counter()
 
     def keep(self) -> None:
@@ -211,7 +198,7 @@ class _Job:
         write_settings(self.out, self.args, {"reconstruction": self.config})
         full = [frame["index"] for frame in self.done if frame["surface_voxels"]]
         index = full[len(full) // 2]
-        run = runs.Run.open(self.out)
+        run = reconstruction_folder.ReconstructionFolder.open(self.out)
         title = f"{self.sequence.name}, frame {index}"
         picture = draw_preview(
             run.cloud(index), self.sequence.rig, self.sequence.read(index), title
@@ -220,14 +207,14 @@ class _Job:
 
     def _summary(self) -> dict[str, Any]:
         return {
-            "sequence": runs.sequence_facts(
+            "sequence": reconstruction_folder.sequence_facts(
                 self.sequence, self.out, self.stated, {s.camera: str(s) for s in self.left_out}
             ),
             "complete": len(self.done) == self.expected,
-            "grid": runs.grid_facts(self.grid),
+            "grid": reconstruction_folder.grid_facts(self.grid),
             "config": self.config.to_dict(),
             "debris_share": self.debris,
-            "device": runs.device_facts(self.device),
+            "device": reconstruction_folder.device_facts(self.device),
             "versions": versions(),
             "median_ms": self.timings(),
             "frames": self.done,

@@ -15,9 +15,9 @@ from psfs.footage.settings import BACKGROUND_KINDS, SUBJECTS
 from psfs.voxels.limits import VOXEL_EDGES
 
 if TYPE_CHECKING:
-    from cl import Device, NumpyDevice
-    from psfs.diagnostics.camera_consistency import Suspect
+    from psfs.diagnostics.examination import Examination
     from psfs.sequence import Sequence
+    from psfs.session import Session
 
 #: Share of the longest view that the shortest has, at least, where nobody states the frames.
 _MOST_OF_THEM = 0.9
@@ -111,7 +111,7 @@ def _names(text: str) -> list[str]:
 
 
 def add_all_cameras_flag(parser: argparse.ArgumentParser) -> None:
-    """Add --all-cameras, for commands that `open_trusted` sequences."""
+    """Add --all-cameras, for commands that `examine_footage`."""
     parser.add_argument(
         "--all-cameras",
         action="store_true",
@@ -175,32 +175,29 @@ def open_sequence(args: argparse.Namespace) -> Sequence:
     return Sequence.open(args.folder, **stated(args))
 
 
-def open_trusted(
-    args: argparse.Namespace,
-    device: Device | NumpyDevice,
-    person: bool = False,
-    opened: Sequence | None = None,
-) -> tuple[Sequence, list[Suspect]]:
-    """Return the sequence as `examined` leaves it, and the cameras left out; warn of what is wrong.
-    What was found is stated in `args`: a run opened again is the same; the warnings are its
-    `remarks`. opened: the sequence of the flags, where it is open. Raises InputError if a `person`
-    is wanted and the unit makes nobody so large or small.
+def examine_footage(
+    args: argparse.Namespace, session: Session, person: bool = False
+) -> Examination:
+    """Return what `examine` finds for the flags, and warn of what is wrong. What was found is
+    stated in `args`: a run opened again is the same; the warnings are its `remarks`. Raises
+    InputError if a `person` is wanted and the unit makes nobody so large or small.
     """
-    from psfs.api import examined, remarks
+    from psfs.diagnostics.examination import examine
 
-    opened = opened or open_sequence(args)
-    sequence, diagnosis, left_out = examined(opened, device, args.all_cameras)
-    unit = [str(fault) for fault in diagnosis.faults if fault.kind == "unit"]
+    opened = session.sequence
+    found = examine(session, args.all_cameras)
+    sequence = found.session.sequence
+    unit = [str(fault) for fault in found.faults if fault.kind == "unit"]
     if unit and person:
         raise InputError(f"{sequence.name}: {unit[0]}")
-    if left_out:
+    if found.left_out:
         args.cameras = sequence.rig.names
     if opened.settings.sync == "auto":
         args.sync = sequence.settings.sync
-    args.remarks = [*sequence.timing_notes, *remarks(diagnosis, left_out)]
+    args.remarks = [*sequence.timing_notes, *found.warnings]
     for text in args.remarks:
         warn(f"{sequence.name}: {text}")
-    return sequence, left_out
+    return found
 
 
 def selected_frames(args: argparse.Namespace, sequence: Sequence) -> range:

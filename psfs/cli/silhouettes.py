@@ -10,7 +10,6 @@ import numpy as np
 from rich.table import Table
 
 from cl import select_device
-from psfs.api import synchronised
 from psfs.cli.commandline import progress_bar, stdout
 from psfs.cli.flags.silhouettes import REPORT, SHOWN
 from psfs.cli.iou import plain
@@ -18,10 +17,12 @@ from psfs.cli.sequence_flags import open_sequence, selected_frames
 from psfs.cli.settings import FILE, write_settings
 from psfs.common.files import write_json, write_picture
 from psfs.common.outputs import OutputFolder, output_folder
-from psfs.diagnostics.silhouette_pictures import mosaic
-from psfs.diagnostics.silhouettes import DEFINITION, followed_silhouettes, truth_frames
-from psfs.reconstructor import ReconstructionConfig
+from psfs.diagnostics.examination import synchronise
+from psfs.diagnostics.silhouette_mosaic import mosaic
+from psfs.diagnostics.silhouette_scores import DEFINITION, score_silhouettes, truth_frames
 from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
+from psfs.voxels.config import ReconstructionConfig
 
 _FIGURES = ("iou", "missed", "extra", "foreground")
 
@@ -36,14 +37,15 @@ def run(args: argparse.Namespace) -> None:
 def _show(args: argparse.Namespace, opened: OutputFolder) -> None:
     out: Path = args.output
     device = select_device(args.device)
-    sequence = synchronised(open_sequence(args), device)
+    config = args.configs.get("reconstruction") or ReconstructionConfig()
+    session = synchronise(Session(open_sequence(args), device, SessionSettings(config)))
+    sequence = session.sequence
     opened.check_inputs(sequence.inputs)
     wanted = _wanted(args, sequence)
-    config = args.configs.get("reconstruction") or ReconstructionConfig()
     report = _Report(sequence)
     try:
         with progress_bar() as bar:
-            shown = followed_silhouettes(device, sequence, wanted, config=config)
+            shown = score_silhouettes(session, wanted)
             for found in bar.track(shown, max(wanted) + 1, description="reconstructing"):
                 if found is None:
                     continue

@@ -29,7 +29,7 @@ from psfs.mesh.player import Player
 from psfs.mesh.preview import draw_mesh_preview
 from psfs.mesh.viewer import has_display, show_window
 from psfs.output.preview import draw_preview
-from psfs.output.runs import Run
+from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelCloud
 
@@ -54,7 +54,7 @@ class OnTop:
 
 def view_run(args: argparse.Namespace, on_top: OnTop) -> None:
     """Show the run `args.out` in a window; without a display, or with --png, write a picture."""
-    run = Run.open(args.out)
+    run = ReconstructionFolder.open(args.out)
     run.warn_if_unfinished(warn)
     frame = run.chosen(args.frame)
     sequence = run.sequence()
@@ -75,7 +75,9 @@ def view_run(args: argparse.Namespace, on_top: OnTop) -> None:
     stdout.print(f"wrote {path}", soft_wrap=True)
 
 
-def _player(args: argparse.Namespace, run: Run, shape: Shape, on_top: OnTop) -> Player:
+def _player(
+    args: argparse.Namespace, run: ReconstructionFolder, shape: Shape, on_top: OnTop
+) -> Player:
     sequence = run.sequence()
     name, opacity = "meshes" if args.mesh else "voxels", _BEHIND if on_top.layers else 1.0
     layers = (
@@ -96,7 +98,7 @@ def _picture(shape: Shape, name: str, frame: Frame, rig: CameraRig) -> np.ndarra
     return draw_mesh_preview(mesh, rig, frame, title)
 
 
-def _size(run: Run, index: int) -> str:
+def _size(run: ReconstructionFolder, index: int) -> str:
     """How large the cloud of a frame is, after the run's summary."""
     fact = next(fact for fact in run.summary["frames"] if fact["index"] == index)
     return f"{fact['surface_voxels']:,} voxels, {1e3 * fact['volume_m3']:.3g} l"

@@ -1,7 +1,8 @@
 """Which cameras disagree with the others, and why.
 
 A camera is judged by the shape that all the others see: carved without it, projected into it, and
-compared with its own silhouette.
+compared with its own silhouette, as far as that has to do with the person: clutter elsewhere in its
+picture, and furniture before the person, are no ground to leave a camera out.
 """
 
 from __future__ import annotations
@@ -9,23 +10,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from cl import Device, NumpyDevice
-from psfs.backend import evidence_for
 from psfs.cameras.footprints import voxel_footprints
 from psfs.cameras.rig_geometry import find_seen_box, required_cameras
 from psfs.common.regions import iou
 from psfs.diagnostics.config import ConsistencyConfig
 from psfs.sequence import Sequence
-from psfs.silhouettes.config import SilhouetteConfig
+from psfs.session import Session
+from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import surface_indices, voxel_silhouette
 
 
 @dataclass(frozen=True)
-class Suspect:
+class InconsistentCamera:
     """A camera that disagrees: its IoU with the others' shape, theirs, and the likely reason."""
 
     camera: str
@@ -40,13 +41,11 @@ class Suspect:
         )
 
 
-def suspects(
-    sequence: Sequence,
-    config: SilhouetteConfig | None = None,
-    device: Device | NumpyDevice | None = None,
-    limits: ConsistencyConfig | None = None,
+def find_inconsistent_cameras(
+    session: Session,
     known: Mapping[str, str] | None = None,
-) -> list[Suspect]:
+    limits: ConsistencyConfig | None = None,
+) -> list[InconsistentCamera]:
     """Return the cameras that disagree with the others in frames spread over the sequence, worst
     first.
 
@@ -54,9 +53,9 @@ def suspects(
     cameras is named: where most disagree, the calibration or the background of all is wrong.
     known: why cameras are known to disagree, by name.
     """
-    rig, limits = sequence.rig, limits or ConsistencyConfig()
-    judge = _Judge(sequence, config or SilhouetteConfig(), device, limits)
-    named: list[Suspect] = []
+    rig, limits = session.rig, limits or ConsistencyConfig()
+    judge = _Judge(session, limits)
+    named: list[InconsistentCamera] = []
     left = list(range(len(rig)))
     while len(left) >= 4 and len(named) < len(rig) // 3:
         scores = judge.scores(left)
@@ -68,29 +67,20 @@ def suspects(
             break
         view = left.pop(worst)
         reason = (known or {}).get(rig.names[view]) or judge.reason(view, left)
-        named.append(Suspect(rig.names[view], float(scores[worst]), others, reason))
+        named.append(InconsistentCamera(rig.names[view], float(scores[worst]), others, reason))
     return named
 
 
 class _Judge:
     """Evidence of some frames at the voxels of a coarse grid, one camera at a time."""
 
-    def __init__(
-        self,
-        sequence: Sequence,
-        config: SilhouetteConfig,
-        device: Device | NumpyDevice | None,
-        limits: ConsistencyConfig,
-    ) -> None:
-        self.sequence, self.rig = sequence, sequence.rig
-        self.config, self.limits = config, limits
+    def __init__(self, session: Session, limits: ConsistencyConfig) -> None:
+        self.session, self.rig, self.limits = session, session.rig, limits
+        sequence = session.sequence
         last = len(sequence) - 1
         picks = np.linspace(0.1 * last, 0.9 * last, limits.samples).round().astype(int)
         self.frames = [int(i) for i in np.unique(picks)]
-        self._evidence_of = evidence_for(
-            device or NumpyDevice(), self.rig, sequence.background, config
-        )
-        self._evidence = {i: self._read(i) for i in self.frames}
+        self._evidence = dict(zip(self.frames, session.evidence(self.frames), strict=True))
         self._take(_coarse_grid(sequence, limits))
         self._take(self._around_person())
 
@@ -109,7 +99,8 @@ class _Judge:
         """Return a grid around what is occupied even if one camera says it is not."""
         views = list(range(len(self.rig)))
         needed = OccupancyConfig().seeing_cameras(len(views))
-        veto = -int(self.config.evidence.counts(np.zeros(1))[0])
+        evidence = self.session.reconstruction.silhouette.evidence
+        veto = -int(evidence.counts(np.zeros(1))[0])
         occupied = np.zeros(self.grid.size, bool)
         for index in self.frames:
             votes = self._votes(index, views)
@@ -118,9 +109,6 @@ class _Judge:
             return self.grid
         centres, margin = self.grid.centres(np.flatnonzero(occupied)), self.grid.voxel_size
         return _grid_of(centres.min(0) - margin, centres.max(0) + margin, self.limits.voxels)
-
-    def _read(self, index: int) -> np.ndarray:
-        return self._evidence_of(self.sequence.read(index))
 
     def scores(self, views: list[int]) -> np.ndarray:
         """Return the mean IoU (len(views),) of each camera's silhouette with the others' shape."""
@@ -143,7 +131,7 @@ class _Judge:
         votes = np.zeros((2, self.grid.size), np.int32)
         for view in views:
             voxels, pixels = self._at[view]
-            votes[0, voxels] += self._evidence[index][view][pixels]
+            votes[0, voxels] += _counts(self._evidence[index][view][pixels])
             votes[1, voxels] += 1
         return votes
 
@@ -151,7 +139,7 @@ class _Judge:
         """Return the surface voxels (N,) by the votes of `n_views` cameras less those of one."""
         others = votes.copy()
         voxels, pixels = self._at[without]
-        others[0, voxels] -= self._evidence[index][without][pixels]
+        others[0, voxels] -= _counts(self._evidence[index][without][pixels])
         others[1, voxels] -= 1
         needed = OccupancyConfig().seeing_cameras(n_views - 1)
         occupied = (others[0] > 0) & (others[1] >= needed)
@@ -162,11 +150,14 @@ class _Judge:
         size = (self.rig.height, self.rig.width)
         camera = self.rig.cameras[view]
         expected = voxel_silhouette(camera, self.grid.centres(shape), self._extents[view], size)
-        return iou(expected, evidence[view] > 0)
+        own = of_person(evidence[view] > 0, expected)
+        if (own & expected).sum() >= self.limits.agrees * own.sum():
+            expected &= evidence[view] != UNKNOWN  # furniture, or else the camera is wrong
+        return iou(expected, own)
 
     def reason(self, view: int, others: list[int]) -> str:
         """Return why camera `view` may disagree with the shape that `others` see."""
-        images = self.sequence.read(self.frames[0]).images
+        images = self.session.sequence.read(self.frames[0]).images
         width, height = self.rig.cameras[view].size
         if images is not None and images[view, :height, :width].std() < self.limits.least_contrast:
             return f"its picture is one colour, {images[view, :height, :width].mean():.0f} grey"
@@ -190,11 +181,27 @@ class _Judge:
         votes = self._votes(middle, [view, *others])
         shape = self._shape(middle, votes, len(others) + 1, view)
         scores = {0: self._iou(view, shape, self._evidence[middle])}
-        for lag in self.limits.lags:
-            if 0 <= middle + lag < len(self.sequence):
-                scores[lag] = self._iou(view, shape, self._read(middle + lag))
+        n_frames = len(self.session.sequence)
+        lags = [lag for lag in self.limits.lags if 0 <= middle + lag < n_frames]
+        for lag in lags:
+            (evidence,) = self.session.evidence([middle + lag])
+            scores[lag] = self._iou(view, shape, evidence)
         best = max(scores, key=lambda lag: scores[lag])
         return best if scores[best] > scores[0] + self.limits.rise else 0
+
+
+def of_person(shown: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Return those connected parts of a silhouette (H, W) bool that meet the expected one: others
+    are clutter, or people elsewhere. All of it where none does: it is elsewhere itself."""
+    count, labels = cv2.connectedComponents(shown.view(np.uint8), connectivity=8)
+    meets = np.zeros(count, bool)
+    meets[np.unique(labels[expected & shown])] = True
+    return meets[labels] if meets.any() else shown
+
+
+def _counts(evidence: np.ndarray) -> np.ndarray:
+    """Return evidence with 0 where it is unknown."""
+    return np.where(evidence == UNKNOWN, 0, evidence)
 
 
 def _coarse_grid(sequence: Sequence, limits: ConsistencyConfig) -> VoxelGrid:

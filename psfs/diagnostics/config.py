@@ -23,6 +23,13 @@ class ConsistencyConfig(Config):
         least=0,
         most=1,
     )
+    agrees: float = setting(
+        0.8,
+        "Share of its silhouette that must lie within the others' shape before furniture explains "
+        "what it lacks.",
+        least=0,
+        most=1,
+    )
     agreeing: float = setting(
         0.2,
         "Median IoU of the others below which they do not agree among themselves, or see nobody.",
@@ -51,6 +58,137 @@ class ConsistencyConfig(Config):
         unit="frames",
     )
     rise: float = setting(0.1, "IoU that a lag must add to be believed.", least=0, most=1)
+
+
+class AlignmentConfig(Config):
+    """How a rig that is a little off is corrected, see `psfs.diagnostics.alignment`."""
+
+    SOURCE: ClassVar = (
+        "by hand on `hard_real_5cam`; laboratory sequences whose calibration was spoilt by 0.3 to "
+        "0.7 degrees, and exact ones, confirmed it"
+    )
+
+    on: bool = setting(True, "Whether it is corrected at all.")
+    turn: float = setting(
+        0.008,
+        "Standard deviation of the angle by which a camera is turned about an axis.",
+        unit="rad",
+        above=0,
+    )
+    focal: float = setting(
+        0.005, "Standard deviation of the share by which a focal length is wrong.", above=0
+    )
+    middle: float = setting(
+        0.001,
+        "Standard deviation of the scene's middle as all cameras see it: what all agree on stays.",
+        unit="m",
+        above=0,
+    )
+    noise: float = setting(
+        0.006,
+        "Standard deviation of the distance between planes that touch the same body.",
+        unit="m",
+        above=0,
+    )
+    reach: float = setting(
+        0.02,
+        "Distance that counts a quarter (Geman & McClure 1987): shadows, lost limbs.",
+        unit="m",
+        above=0,
+    )
+    information: float = setting(
+        0.2,
+        "Number of independent measurements in one: frames that follow each other are alike.",
+        above=0,
+        most=1,
+    )
+    n_steps: int = setting(10, "Number of Gauss-Newton steps.", least=1)
+    least_rows: int = setting(10, "Least number of measurements per unknown.", least=1)
+    least_moved: float = setting(
+        1.6 / 640,
+        "Share of the picture's longer side by which cameras must be off in the mean square.",
+        "exact rigs seem off by up to 1.4 of 640 px, for silhouettes lose hair and gain shadows",
+        least=0,
+    )
+    share: float = setting(
+        0.5,
+        "Share to which distances must shrink.",
+        "exact rigs: 0.52 and more",
+        least=0,
+        most=1,
+    )
+    most_left: float = setting(
+        0.02, "Distance left above which something else is wrong.", unit="m", above=0
+    )
+    first_share: float = setting(
+        0.75,
+        "Share to which distances must shrink in small pictures, before larger ones are looked at.",
+        least=0,
+        most=1,
+    )
+    longest_side: int = setting(640, "Longest side of the larger pictures.", unit="px", least=16)
+
+
+class OccluderConfig(Config):
+    """Where furniture hides people, see `psfs.diagnostics.occluders`."""
+
+    SOURCE: ClassVar = (
+        "by hand on `hard_chair_6cam`; laboratory sequences with something painted over one or two "
+        "cameras, and clean ones, confirmed it"
+    )
+
+    on: bool = setting(True, "Whether it is looked for at all; Song et al. know none.")
+    samples: int = setting(
+        64,
+        "Number of frames, spread over the sequence, that are looked at.",
+        "with 25 of 122 a twelfth of what is hidden was not found",
+        unit="frames",
+        least=2,
+    )
+    longest_side: int = setting(
+        640, "Longest side of the pictures that are looked at.", unit="px", least=16
+    )
+    voxels: int = setting(
+        600_000, "Greatest number of voxels of the grid around the person.", least=1000
+    )
+    agreeing: int = setting(
+        3,
+        "Least number of cameras that must show foreground which nothing explains.",
+        "two find specks in clean footage",
+        unit="cameras",
+        least=2,
+    )
+    denying: int = setting(
+        2,
+        "Greatest number of cameras that are hidden from the same place at once.",
+        unit="cameras",
+        least=1,
+    )
+    margin: int = setting(
+        3,
+        "Distance up to which foreground beside what is explained counts, too.",
+        unit="px",
+        least=0,
+    )
+    least_frames: int = setting(
+        2, "Least number of frames in which a pixel must deny what the others see.", least=1
+    )
+    least_share: float = setting(
+        0.1,
+        "Least share of such frames among those in which the pixel shows the person or denies him.",
+        least=0,
+        most=1,
+    )
+    least_confirmed: float = setting(
+        0.5,
+        "Least number of pixels of a camera that show the person for each that denies him: else "
+        "something else is wrong with it.",
+        least=0,
+    )
+    gap: int = setting(13, "Width of holes that are filled.", unit="px", least=1)
+    least_pixels: int = setting(
+        300, "Number of pixels below which a region is noise.", unit="px", least=1
+    )
 
 
 class FaultConfig(Config):

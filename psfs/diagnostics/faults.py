@@ -1,4 +1,4 @@
-"""What is wrong with footage, said before hours are spent on it: `diagnosed(sequence, device)`."""
+"""The stage `diagnose`: what is wrong with footage, found before hours are spent on it."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from psfs.diagnostics.rig_faults import odd_cameras
 from psfs.diagnostics.small_views import SmallViews, small_views
 from psfs.diagnostics.tangency import CAP, Tangency
 from psfs.sequence import Sequence
+from psfs.session import Session
 
 #: People are this large, m; a size outside says that the unit is wrong by a power of ten.
 PERSON = (0.25, 4.0)
@@ -73,11 +74,13 @@ class Diagnosis:
         return replace(self, faults=[fault for fault in self.faults if fault.kind != kind])
 
 
-def diagnosed(
-    sequence: Sequence, device: Device | NumpyDevice, config: FaultConfig | None = None
-) -> Diagnosis:
-    """Look for what is wrong with a sequence, in small pictures of some hundred frames."""
-    config = config or FaultConfig()
+def diagnose(session: Session) -> Diagnosis:
+    """Look for what is wrong with a session's footage, in small pictures of some hundred frames."""
+    return session.once(diagnose, lambda: _diagnosed(session.sequence, session.device))
+
+
+def _diagnosed(sequence: Sequence, device: Device | NumpyDevice) -> Diagnosis:
+    config = FaultConfig()
     views = small_views(sequence, device, config)
     odd = odd_cameras(sequence.rig)
     faults = [*_alone(sequence), *odd, *picture_faults(sequence, views)]

@@ -69,7 +69,7 @@ def small_views(
 ) -> SmallViews:
     """Look at the middle of `sequence`: as many frames as `FaultConfig` allows."""
     config = config or FaultConfig()
-    shrink = _Shrink(sequence.rig, config.longest_side)
+    shrink = Shrink(sequence.rig, config.longest_side)
     background = shrink.background(sequence.background)
     begin = evidence_ahead(device, shrink.small, background, _SILHOUETTES)
     frames = looked_at(sequence, config)
@@ -161,7 +161,7 @@ def outline_of(mask: np.ndarray, least: int = 40) -> Outline | None:
     return Outline(corners.astype(float), np.asarray(at_border), int(areas.max()))
 
 
-class _Shrink:
+class Shrink:
     """Makes everything of a sequence small, so that no picture is longer than `longest` px."""
 
     def __init__(self, rig: CameraRig, longest: int) -> None:

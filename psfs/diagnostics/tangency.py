@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.small_views import Outline
 
@@ -59,7 +59,7 @@ class Tangency:
 
     def __init__(self, rig: CameraRig, outlines: list[list[Outline | None]]) -> None:
         self.rig, self.n_frames = rig, len(outlines)
-        self._project_points = [_Image([row[v] for row in outlines]) for v in range(len(rig))]
+        self._images = [_Image([row[v] for row in outlines]) for v in range(len(rig))]
         self._target = intersect_axes_ahead(rig)
         self._planes: dict[tuple[int, int, int, Way], np.ndarray] = {}
         self._rays: dict[tuple[int, int, Way], np.ndarray] = {}
@@ -87,7 +87,7 @@ class Tangency:
         """Return the directions (N, 3) of all points of an image's outlines."""
         key = camera, image, way
         if key not in self._rays:
-            own, points = self.rig[camera], self._project_points[image].points
+            own, points = self.rig[camera], self._images[image].points
             turned = np.where(np.less(way, 0), np.array(own.size) - 1 - points, points)
             self._rays[key] = own.rays(turned) if len(points) else np.zeros((0, 3))
         return self._rays[key]
@@ -156,6 +156,13 @@ class Tangency:
             total, count = total + pair[0], count + pair[1]
         return total / count if count else float("nan")
 
+    def planes_of(self, view: int, camera: Camera, other: int) -> np.ndarray:
+        """Return the extreme planes (F, 2) of a camera's own outlines around the line to another,
+        if it were `camera`, in the same place."""
+        points = self._images[view].points
+        rays = camera.rays(points) if len(points) else np.zeros((0, 3))
+        return self._of_rays(view, rays, view, other)
+
     def _axis(self, a: int, b: int) -> tuple[np.ndarray, np.ndarray, float]:
         """Return two directions across the line between two cameras, the first to the scene, and
         the scene's distance from that line."""
@@ -173,7 +180,7 @@ class Tangency:
     def _of_rays(self, image: int, rays: np.ndarray, camera: int, other: int) -> np.ndarray:
         first, second, distance = self._axis(camera, other)
         angles = np.arctan2(rays @ second, rays @ first)
-        return distance * self._project_points[image].extremes(angles)
+        return distance * self._images[image].extremes(angles)
 
 
 class _Image:

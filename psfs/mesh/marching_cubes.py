@@ -15,7 +15,7 @@ from psfs.backend import AnyReconstructor, reconstructor_for
 from psfs.common.files import written_whole
 from psfs.common.regions import keep_large_regions
 from psfs.mesh.config import FORMATS, SMOOTHING
-from psfs.output.runs import Run
+from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
 from psfs.voxels.config import OccupancyConfig
@@ -101,7 +101,7 @@ class Mesher:
     def __init__(
         self,
         device: Device | NumpyDevice,
-        run: Run,
+        run: ReconstructionFolder,
         sequence: Sequence,
         smoothing: int = SMOOTHING,
     ) -> None:

@@ -8,6 +8,7 @@ from scipy import ndimage
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL
+from psfs.reference.light import unlit
 from psfs.reference.silhouette import in_pictures, of_pixels
 from psfs.silhouettes.config import SilhouetteConfig
 
@@ -22,23 +23,23 @@ class NumpyAdaptation:
         self.background = Background(background.mean.astype(np.float64), std)
         self._inside = in_pictures(rig)
         self._frames = 0
-        self._drift = np.zeros(len(rig))
 
-    def __call__(self, images: np.ndarray, evidence: np.ndarray, marks: np.ndarray) -> None:
-        """Drift towards images (V, H, W, 3) uint8 with evidence counts (V, H, W) and marks (V,
-        rows, columns) bool."""
+    def __call__(
+        self, images: np.ndarray, evidence: np.ndarray, marks: np.ndarray, light: np.ndarray
+    ) -> None:
+        """Drift towards images (V, H, W, 3) uint8 with evidence counts (V, H, W), marks (V, rows,
+        columns) bool and light (V, LIGHT_FLOATS)."""
         due = np.arange(marks.shape[1]) % self.config.period == self._frames % self.config.period
         self._frames += 1
         mean_rate, variance_rate = self.config.rates()
-        for view, image in enumerate(images):
+        for view, image in enumerate(unlit(images, light)):
             mean, std = self.background.mean[view], self.background.std[view]
             free = of_pixels(~_person(marks[view], evidence[view], self._reach), image.shape)
             difference, looked_at = image - mean, self._inside[view].copy()
             looked_at &= of_pixels(np.broadcast_to(due[:, None], marks[view].shape), image.shape)
-            pixels = looked_at & free & (((difference / std) ** 2).sum(-1) <= self.config.nearest)
-            mean[looked_at & ~pixels] *= 1 + self._drift[view]
-            d, variance, seen = difference[pixels], std[pixels] ** 2, mean[pixels].sum()
-            self._drift[view] = mean_rate * d.sum() / seen if seen >= self.config.enough else 0
+            distance = light[view, 9] * ((difference / std) ** 2).sum(-1)
+            pixels = looked_at & free & (distance <= self.config.nearest)
+            d, variance = difference[pixels], std[pixels] ** 2
             mean[pixels] += mean_rate * d
             variance += variance_rate * (d**2 - variance)
             std[pixels] = np.maximum(np.sqrt(variance), self._sigma_floor)

@@ -11,16 +11,18 @@ from psfs.background.chroma_key import ChromaKey
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.common.system import physical_memory
-from psfs.reconstructor import ReconstructionConfig
 from psfs.reference.adaptation import NumpyAdaptation
 from psfs.reference.appearance import NumpyForeground
 from psfs.reference.colour import surface_colour
+from psfs.reference.hidden import hide
+from psfs.reference.light import estimate_light
 from psfs.reference.occupancy import occupancy
 from psfs.reference.silhouette import mask_evidence, silhouette_evidence
 from psfs.reference.surface import smooth, surface_voxels
 from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.appearance import follows
 from psfs.silhouettes.config import SilhouetteConfig
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid, check_size
 from psfs.voxels.host_voxels import HostVoxels
 
@@ -40,6 +42,7 @@ class NumpyReconstructor:
         config: ReconstructionConfig | None = None,
     ) -> None:
         self.device, self.rig, self.grid, self.background = device, rig, grid, background
+        self._plate = background  # which the light is told from, whatever else adapts
         self.config = config or ReconstructionConfig()
         silhouette = self.config.silhouette
         scene = background is not None and not isinstance(background, ChromaKey)
@@ -81,12 +84,21 @@ class NumpyReconstructor:
             voxels = self._carved(frame, evidence)
         self.foreground.learn(frame.images, evidence, self.grid, voxels.surface)
         if self.adaptation is not None:
-            self.adaptation(frame.images, evidence, self.foreground.marked)
+            light = self._light(frame)
+            assert light is not None
+            self.adaptation(frame.images, evidence, self.foreground.marked, light)
         return voxels
 
     def _evidence(self, frame: Frame) -> np.ndarray:
+        config, light = self.config.silhouette, self._light(frame)
+        return frame_evidence(frame, self.rig, self.background, config, self.foreground, light)
+
+    def _light(self, frame: Frame) -> np.ndarray | None:
+        """Return the frame's light (V, LIGHT_FLOATS); None if its silhouettes need none."""
+        if frame.images is None or self._plate is None or isinstance(self._plate, ChromaKey):
+            return None
         config = self.config.silhouette
-        return frame_evidence(frame, self.rig, self.background, config, self.foreground)
+        return estimate_light(frame.images, self.rig, self._plate, config.light, config.background)
 
     def _carved(self, frame: Frame, evidence: np.ndarray) -> HostVoxels:
         self._latest = evidence
@@ -108,9 +120,11 @@ def frame_evidence(
     background: Background | None,
     config: SilhouetteConfig,
     foreground: NumpyForeground | None = None,
+    light: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return evidence counts (V, H, W) int8 of a frame: of its masks if there is no background."""
     pictures = frame_input(frame, background)
     if background is None:
-        return mask_evidence(pictures, rig, config)
-    return silhouette_evidence(pictures, rig, background, config, foreground)
+        return hide(mask_evidence(pictures, rig, config), rig.hidden)
+    evidence = silhouette_evidence(pictures, rig, background, config, foreground, light)
+    return hide(evidence, rig.hidden)

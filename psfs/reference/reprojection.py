@@ -9,6 +9,7 @@ from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import pixel_boxes, voxel_footprints
 from psfs.reference.edge_distance import proximity
+from psfs.reference.hidden import mark_hidden
 from psfs.voxels.config import ForegroundJoinConfig
 from psfs.voxels.foreground_join import MARK
 from psfs.voxels.grid import VoxelGrid
@@ -89,6 +90,7 @@ class NumpyReprojection:
         self._join = join
         self.device, self.grid = device, grid
         self.rig = rig if scale == 1.0 else rig.scaled(scale)
+        self._hides = scale == 1.0 and rig.hidden is not None
         self.sigma, self.radius = edge_reach(self.rig, sigma, radius)
 
     def __call__(self, voxels: HostVoxels) -> np.ndarray:
@@ -103,4 +105,6 @@ class NumpyReprojection:
             edge = boundary(silhouette, camera.size)
             maps[view, ..., 0] = np.where(silhouette, 255, 0)
             maps[view, ..., 1] = proximity(edge, proximity_table(self.sigma, self.radius))
+        if self._hides and voxels.evidence is not None:
+            mark_hidden(maps, voxels.evidence)
         return maps

@@ -11,6 +11,7 @@ from psfs.background.chroma_key import ChromaKey
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL
 from psfs.reference.chroma_key import chroma_ratio
+from psfs.reference.light import estimate_light, lit_by
 from psfs.silhouettes.appearance import BINS
 from psfs.silhouettes.config import SPAN, SilhouetteConfig
 from psfs.silhouettes.floor_shadow import floor_points
@@ -26,15 +27,22 @@ def silhouette_evidence(
     background: Background,
     config: SilhouetteConfig,
     foreground: NumpyForeground | None = None,
+    light: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return evidence counts (V, H, W) int8 of pictures (V, H, W, 3) uint8; 0 outside the pictures.
 
     The log ratios of background over foreground, limited and rounded to counts, are summed over
     3x3 pixels, where those outside the pictures say nothing, or are single pixels' if
-    `smoothing.reach` is 0. `foreground` None: it is uniform.
+    `smoothing.reach` is 0. `foreground` None: it is uniform. light: (V, LIGHT_FLOATS) of the
+    pictures, by default as estimated beside the background.
     """
+    lit = background
+    if not isinstance(background, ChromaKey):
+        if light is None:
+            light = estimate_light(images, rig, background, config.light, config.background)
+        lit = lit_by(background, light, config.background)
     ratios = []
-    for view, nats in enumerate(_log_ratios(images, rig, background, config)):
+    for view, nats in enumerate(_log_ratios(images, rig, background, lit, config)):
         ratios.append(config.evidence.ratio_steps * nats - _learnt(foreground, view, images[view]))
     inside = in_pictures(rig)
     seen = background.screen > 0 if isinstance(background, ChromaKey) else inside
@@ -42,9 +50,7 @@ def silhouette_evidence(
     evidence = _evidence_of(counts, inside, config)
     if isinstance(background, ChromaKey):
         return evidence
-    for view, (image, mean, std) in enumerate(
-        zip(images, background.mean, background.std, strict=True)
-    ):
+    for view, (image, mean, std) in enumerate(zip(images, lit.mean, lit.std, strict=True)):
         if config.rim.on:
             mixed = mixed_ratio(image, mean, std, evidence[view], config)
             mixed = config.evidence.ratio_steps * mixed - _learnt(foreground, view, image)
@@ -156,21 +162,22 @@ def _rest(shown: np.ndarray, person: np.ndarray, most: float) -> np.ndarray:
 
 
 def _log_ratios(
-    images: np.ndarray, rig: CameraRig, background: Background, config: SilhouetteConfig
+    images: np.ndarray,
+    rig: CameraRig,
+    background: Background,
+    lit: Background,
+    config: SilhouetteConfig,
 ) -> list[np.ndarray]:
-    """Return every view's (H, W) log of the background's density over the uniform foreground's."""
+    """Return every view's (H, W) log of the background's density over the uniform foreground's;
+    `lit` is the background in the pictures' light."""
     if isinstance(background, ChromaKey):
         return [
             chroma_ratio(image, background, v, config.chroma_key) for v, image in enumerate(images)
         ]
-    views = zip(
-        images,
-        background.mean,
-        background.std,
-        floor_light(images, rig, background, config),
-        strict=True,
-    )
-    return [background_ratio(image, mean, std, config, lit) for image, mean, std, lit in views]
+    floor = floor_light(images, rig, lit, config)
+    widths = config.background.shadow_width(background.mean.astype(np.float64))
+    views = zip(images, lit.mean, lit.std, floor, widths, strict=True)
+    return [background_ratio(image, mean, std, config, *more) for image, mean, std, *more in views]
 
 
 def box_sums(counts: np.ndarray) -> np.ndarray:
@@ -299,13 +306,15 @@ def background_ratio(
     std: np.ndarray,
     config: SilhouetteConfig,
     light: np.ndarray | None = None,
+    shadow_width: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return (H, W) log of the background's density over the uniform foreground's, (1/256)^3.
 
     The background is N(I; alpha mu, sigma), and the best of two alphas counts: 1, and the light
     factor that fits best within a range. That is the shadow range, at the price of
-    ((1 - alpha) / width)^2 / 2. On the floor, where `light` (H, W) is not NaN, it may be darker, at
-    the price of ((1 - alpha) / floor.shadow_depth)^2 / 2, and of ((light - alpha) / width)^2 / 2:
+    ((1 - alpha) / shadow_width)^2 / 2, by default as wide as `mean` has it. On the floor, where
+    `light` (H, W) is not NaN, it may be darker, at the price of
+    ((1 - alpha) / floor.shadow_depth)^2 / 2, and of ((light - alpha) / width)^2 / 2:
     with floor.lit_width where the floor is lit, with floor.shadow_width, to which the noise adds,
     where it is shaded.
     """
@@ -317,7 +326,9 @@ def background_ratio(
         return _distance_left(weight, image, alpha, mean)
 
     alpha = np.clip(factor, config.background.shadow_low, config.background.shadow_high)
-    dimmed = distance(alpha) + ((1 - alpha) / config.background.shadow_width(mean)) ** 2
+    if shadow_width is None:
+        shadow_width = config.background.shadow_width(mean)
+    dimmed = distance(alpha) + ((1 - alpha) / shadow_width) ** 2
     if light is not None:
         alpha = np.clip(factor, config.floor.shadow_low, config.background.shadow_high)
         lit = light > config.floor.fully_lit

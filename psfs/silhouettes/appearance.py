@@ -107,6 +107,11 @@ class Foreground:
         """Forget where the person stands; the colours are kept."""
         self.location.fill(0)
 
+    def restart(self) -> None:
+        """Forget everything learnt."""
+        for learnt in (self.colours, self.location, self.marks, self._counts, self._memory):
+            learnt.fill(0)
+
     def _attach(self, voxels: SurfaceVoxels) -> None:
         # Not the voxels, which know the silhouettes: a circle would keep all that they hold.
         self._surface, device = voxels.surface, self._device

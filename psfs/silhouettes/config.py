@@ -9,6 +9,7 @@ from psfs.background.config import (
     BackgroundConfig,
     ChromaKeyConfig,
     EvidenceConfig,
+    LightConfig,
 )
 from psfs.common.config import Config, part, setting
 
@@ -100,7 +101,7 @@ class RimConfig(Config):
 SPAN = 16
 
 
-class SmoothingConfig(Config):
+class EvidenceSmoothingConfig(Config):
     """Contrast-sensitive smoothing: near foreground a pixel's evidence is that of the pixels around
     it that look like it, so silhouettes end where the picture has edges. A reach of 1 and a
     contrast of 1000 is the plain mean over 3x3 pixels."""
@@ -200,16 +201,23 @@ class SilhouetteConfig(Config):
     background: BackgroundConfig = part(
         BackgroundConfig, "The density of the background's colours."
     )
+    light: LightConfig = part(
+        LightConfig, "How a picture's light is told from that of the background."
+    )
     floor: FloorConfig = part(FloorConfig, "Shadows on the floor.")
     rim: RimConfig = part(RimConfig, "Mixed pixels at the silhouette's rim.")
-    smoothing: SmoothingConfig = part(SmoothingConfig, "How pixels learn from those around them.")
+    smoothing: EvidenceSmoothingConfig = part(
+        EvidenceSmoothingConfig, "How pixels learn from those around them."
+    )
     evidence: EvidenceConfig = part(
         EvidenceConfig, "How log ratios become evidence, and its limits."
     )
     appearance: AppearanceConfig = part(
         AppearanceConfig, "What is learnt of the person for the next frame."
     )
-    adaptation: AdaptationConfig = part(AdaptationConfig, "How the background follows the light.")
+    adaptation: AdaptationConfig = part(
+        AdaptationConfig, "How the background takes on what changes in places."
+    )
     chroma_key: ChromaKeyConfig = part(
         ChromaKeyConfig, "The density of a screen's colours, where the background is one."
     )

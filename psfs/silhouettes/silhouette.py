@@ -11,11 +11,13 @@ from cl.workgroups import pixel_pack, row_group
 from psfs.background.adaptation import Adaptation
 from psfs.background.chroma_key import ChromaKey, key_launch
 from psfs.background.config import BackgroundConfig
+from psfs.background.light import light_launch, steady_light
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
 from psfs.silhouettes.appearance import BINS, Foreground
 from psfs.silhouettes.config import SPAN, SilhouetteConfig
 from psfs.silhouettes.floor_shadow import floor_points
+from psfs.silhouettes.hidden import hide_launch
 
 if TYPE_CHECKING:
     from psfs.background.gaussian import Background
@@ -28,7 +30,8 @@ class Silhouette:
     A pixel's evidence is log(SLM / 0.5) for P(O) = 0.5, see `EvidenceConfig.log_odds`. One
     byte per pixel, because the occupancy gathers from these maps: on PoCL, int8 maps took 59 ms
     for 8 cameras and 2.3 M voxels, float32 maps 71 ms. Pixels outside a smaller camera's picture
-    hold 0. `background` None: the maps come from ready masks; a `ChromaKey`: by the chromaticity.
+    hold 0; those that the rig says are hidden hold `UNKNOWN`, unless they show foreground.
+    `background` None: the maps come from ready masks; a `ChromaKey`: by the chromaticity.
 
     The foreground is uniform (Song et al.: for the first frame) until `foreground` has learnt
     from a reconstruction; `foreground` is None for masks, before a screen of one colour, which
@@ -43,7 +46,7 @@ class Silhouette:
         background: Background | None,
         config: SilhouetteConfig | None = None,
     ) -> None:
-        self._device, self._config = device, config or SilhouetteConfig()
+        self.device, self._config = device, config or SilhouetteConfig()
         self.rig, self.background = rig, background
         self._shown: Array | None = None
         self.foreground: Foreground | None = None
@@ -64,6 +67,9 @@ class Silhouette:
         else:
             self.input = device.empty((*shape, 3), np.uint8, "the pictures")
             self._launches = self._from_pictures(background)
+        hidden = rig.hidden
+        if hidden is not None:
+            self._launches.append(hide_launch(device, hidden, self.evidence))
 
     def __call__(self, pictures: np.ndarray) -> Array:
         """Enqueue upload and map for pictures (V, H, W, 3) uint8 BGR, or masks (V, H, W) uint8."""
@@ -78,8 +84,16 @@ class Silhouette:
             launch()
         return self.evidence
 
+    def restart(self) -> None:
+        """Forget what was learnt from frames: the person's colours and place, the light's drift."""
+        if self.foreground is not None:
+            self.foreground.restart()
+        if self.adaptation is not None:
+            assert self.background is not None
+            self.adaptation.restart(background_planes(self.background, self._config.background))
+
     def _from_pictures(self, background: Background) -> list[Launch]:
-        device, rig, config = self._device, self.rig, self._config
+        device, rig, config = self.device, self.rig, self._config
         bordered = (len(rig), rig.height + 2, rig.width + 2)
         ratios = device.zeros(bordered, np.int8, "the likelihood ratios")
         scene: dict[str, Array] = {}
@@ -104,27 +118,31 @@ class Silhouette:
         """Return the launches from pictures to log ratios of scene over foreground; and what the
         scene looks like, the person's colours and the location prior, which the ratios of mixed
         pixels are made of."""
-        device, rig, config = self._device, self.rig, self._config
+        device, rig, config = self.device, self.rig, self._config
         rows, columns = cells(rig)
         planes = background_planes(background, config.background)
         scene = device.to_device(planes, "the background")
         colours = device.zeros(BINS**3, np.int8, "the foreground's colours")
         location = device.zeros((len(rig), rows, columns), np.int8, "the location prior")
-        light = device.empty((len(rig), rows + 2, columns + 2), np.uint8, "the floor's light")
+        shade = device.empty((len(rig), rows + 2, columns + 2), np.uint8, "the floor's light")
+        light = device.to_device(steady_light(len(rig)), "the light")
         cameras = device.to_device(rig.packed(), "the cameras")
         floor = device.to_device(floor_points(rig, config.floor).astype(np.float32), "the floor")
         if config.appearance.learn:
-            self._learn_into(colours, location, scene)
+            self._learn_into(colours, location, scene, light)
         luma = device.empty((len(rig), rig.height, rig.width), np.uint8, "the pictures' luma")
         seen = {"images": self.input, "background": scene, "light": light}
+        estimate = (config.light, config.background, self.input, light)
         known = {"colours": colours, "location": location}
-        launches = [
+        launches = [light_launch(device, rig, background, *estimate)] if config.light.follow else []
+        launches += [
             self._launch(
                 "floor_light",
                 "floor_light",
                 (columns + 2, rows + 2),
                 cameras=cameras,
                 points=floor,
+                floor_light=shade,
                 **seen,
             ),
             self._launch(
@@ -133,30 +151,31 @@ class Silhouette:
                 self._packs(),
                 **seen,
                 **known,
+                floor_light=shade,
                 sizes=self._sizes,
                 ratios=ratios,
                 luma=luma,
             ),
         ]
-        return launches, {"images": self.input, "background": scene, "luma": luma, **known}
+        return launches, {"luma": luma, **seen, **known}
 
-    def _learn_into(self, colours: Array, location: Array, scene: Array) -> None:
+    def _learn_into(self, colours: Array, location: Array, scene: Array, light: Array) -> None:
         """Make what learns from one frame for the next: the person's colours and location, and the
         background's drift."""
-        device, rig, config, shown = self._device, self.rig, self._config, self.input
+        device, rig, config, shown = self.device, self.rig, self._config, self.input
         self.foreground = Foreground(device, rig, shown, self.evidence, colours, location, config)
         if config.adaptation.rate:
             frame = (shown, self.evidence, self.foreground.marks, self._sizes)
-            light = (config.adaptation, config.background)
-            self.adaptation = Adaptation(device, rig, *light, *frame, scene)
+            rates = (config.adaptation, config.background)
+            self.adaptation = Adaptation(device, rig, *rates, *frame, scene, light)
 
     def _rims(self, scene: dict[str, Array], mapped: dict[str, Array]) -> list[Launch]:
         """Return the launches that make new ratios for the pixels of the rim, and near foreground
         the evidence once more, smoothed."""
         rows, _ = cells(self.rig)
         shape = (len(self.rig), rows + 2, -(-self.rig.width // SPAN) + 2)
-        self._shown = self._device.zeros(shape, np.uint8, "the foreground's spans")
-        columns = -(-self.rig.width // max(CELL, pixel_pack(self._device, self.rig.width)))
+        self._shown = self.device.zeros(shape, np.uint8, "the foreground's spans")
+        columns = -(-self.rig.width // max(CELL, pixel_pack(self.device, self.rig.width)))
         luma = scene.pop("luma")
         both = {"shown": self._shown, "evidence": self.evidence}
         rim = {**scene, **both, "ratios": mapped["ratios"]}
@@ -174,7 +193,7 @@ class Silhouette:
 
     def _packs(self) -> tuple[int, int]:
         """Return the numbers of packs of pixels along a row, and of rows."""
-        return -(-self.rig.width // pixel_pack(self._device, self.rig.width)), self.rig.height
+        return -(-self.rig.width // pixel_pack(self.device, self.rig.width)), self.rig.height
 
     def _defines(self) -> dict[str, int | float]:
         config, (rows, columns) = self._config, cells(self.rig)
@@ -213,7 +232,7 @@ class Silhouette:
     def _launch(
         self, stage: str, name: str, size: tuple[int, int], /, **arguments: Array
     ) -> Launch:
-        device, defines = self._device, self._defines()
+        device, defines = self.device, self._defines()
         if stage == "silhouette":
             defines["PACK"] = pixel_pack(device, self.rig.width)
         kernel = device.kernel(f"reconstruction/{stage}", name, **defines)

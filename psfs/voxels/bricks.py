@@ -9,6 +9,7 @@ from cl import Array, Device
 from cl.program import Define
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.distortion import distort, distortion_jacobian
+from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid, check_size
 
@@ -48,6 +49,7 @@ class Bricks:
             **{"WIDTH": width, "HEIGHT": height, "N_CAMERAS": views},
             "MIN_CAMERAS": config.seeing_cameras(views),
             "THRESHOLD": float(config.threshold),
+            "UNKNOWN": UNKNOWN,
             "FIND_LANES": 32 if device.is_gpu else 1,
             "TILE_LANES": 16 if device.is_gpu else 1,
             **rig.defines,

@@ -55,6 +55,14 @@ class VoxelGrid:
     def size(self) -> int:
         return math.prod(self.shape)
 
+    def congruent(self, other: VoxelGrid) -> bool:
+        """Return whether another grid is of as many voxels along each axis, of the same size."""
+        return self.shape == other.shape and self.voxel_size == other.voxel_size
+
+    def same_as(self, other: VoxelGrid) -> bool:
+        """Return whether another grid has the same voxels at the same places."""
+        return self.congruent(other) and bool(np.array_equal(self.origin, other.origin))
+
     @property
     def low(self) -> np.ndarray:
         return self.origin
@@ -94,6 +102,12 @@ class VoxelCloud:
 
     def __len__(self) -> int:
         return len(self.indices)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the arrays."""
+        colour = 0 if self.colour is None else self.colour.nbytes
+        return self.indices.nbytes + self.probability.nbytes + colour
 
     @property
     def centres(self) -> np.ndarray:

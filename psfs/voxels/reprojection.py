@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cl import Array, Device, InputError
+from cl import Array, Device, InputError, Launch
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.edge_distance import LOT, count_tiles, distance_defines
+from psfs.silhouettes.hidden import mark_hidden_launch
 from psfs.voxels.config import EdgeConfig, ForegroundJoinConfig
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.foreground_join import MARK, ForegroundJoin
@@ -17,7 +18,8 @@ from psfs.voxels.grid import VoxelGrid
 class Reprojection:
     """Voxels in, maps (V, H, W, 2) uint8 on the device out; the next call overwrites them.
 
-    Channel 0: silhouette of the voxels, 0 or 255. Channel 1: proximity to its boundary,
+    Channel 0: silhouette of the voxels, 0 or 255, or 1 or 254 where the rig's pixels are hidden
+    in the frame, see `mark_hidden_launch`. Channel 1: proximity to its boundary,
     round(255 exp(-d^2 / (2 sigma^2))) with d the Euclidean distance in pixels to the nearest
     boundary pixel, 0 beyond `radius`. `scale` makes the maps smaller than the pictures: H and W
     are those of `rig.scaled(scale)`. sigma and radius: px of the maps, by default as `EdgeConfig`
@@ -41,9 +43,11 @@ class Reprojection:
         self.device = device
         self.rig = rig if scale == 1.0 else rig.scaled(scale)
         self.sigma, self.radius = edge_reach(self.rig, sigma, radius)
+        self._hides = scale == 1.0 and rig.hidden is not None
         self._grid: VoxelGrid | None = None
         self._shape = grid.shape
         self._voxels: Voxels | None = None
+        self._mark_hidden: Launch | None = None
         views, height, width = len(self.rig), self.rig.height, self.rig.width
         if maps is None:
             maps = device.empty((views, height, width, 2), np.uint8, "the reprojected maps")
@@ -91,6 +95,8 @@ class Reprojection:
         if self._join is not None and voxels.evidence is not None:
             self._join(voxels.evidence)
         self._edges()
+        if self._mark_hidden is not None:
+            self._mark_hidden()
         return self.maps
 
     def _attach(self, voxels: Voxels) -> None:
@@ -110,6 +116,9 @@ class Reprojection:
             n_surface=voxels.count,
             silhouette=self._silhouette.view(np.uint8),
         )
+        self._mark_hidden = None
+        if self._hides and voxels.evidence is not None:
+            self._mark_hidden = mark_hidden_launch(self.device, voxels.evidence, self.maps)
         self._grid = None
 
 

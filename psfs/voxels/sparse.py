@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 import math
 
 import numpy as np
 
-from cl import Array, InputError
+from cl import Array
 from cl.workgroups import row_group
 from psfs.voxels.bricks import BRICK, COARSE_BRICK, Bricks, bricks_along, lanes_of
 from psfs.voxels.surface import SurfaceList
+
+log = logging.getLogger(__name__)
 
 #: Room for the probability of all bricks up to this number of voxels, beyond it for one in eight.
 _ROOM = 2**24
@@ -31,7 +34,7 @@ class SparseSurface:
 
     def __init__(self, bricks: Bricks) -> None:
         device, shape = bricks.device, bricks.shape
-        self._bricks, self.n_active = bricks, bricks.n_active
+        self._bricks, self.n_active, self._warned = bricks, bricks.n_active, False
         along, size = bricks_along(shape), math.prod(shape)
         n_bricks, brick_voxels = math.prod(along), math.prod(BRICK)
         self.capacity = min(n_bricks, max(_ROOM, size // 8) // brick_voxels)
@@ -74,16 +77,17 @@ class SparseSurface:
         self.list()
 
     def surface_probability(self, count: int) -> np.ndarray:
-        """Return (count,) float32 probabilities of the surface voxels, downloaded. Raises
-        InputError if there was no room for them."""
-        self.check_room()
+        """Return (count,) float32 probabilities of the surface voxels, downloaded: the threshold
+        where there was no room for them, which is warned of."""
+        self._warn_of_room()
         return self.list.gathered(count, self._gather, pool=self._pool, slots=self.slots)
 
     @property
     def probability(self) -> Array:
         """(nx, ny, nz) float32 smoothed probability of the latest frame, 0 where no brick was
-        worked on; a new array each time. Raises InputError if that does not fit the device."""
-        self.check_room()
+        worked on or there was no room, which is warned of; a new array each time. Raises InputError
+        if that does not fit the device."""
+        self._warn_of_room()
         device, (nx, ny, nz) = self._bricks.device, self._bricks.shape
         probability = device.empty((nx, ny, nz), np.float32, "the whole grid's probability")
         device.launch(
@@ -96,11 +100,14 @@ class SparseSurface:
         )()
         return probability
 
-    def check_room(self) -> None:
-        """Raise InputError if more bricks can be occupied than there is room for (waits)."""
+    def _warn_of_room(self) -> None:
+        """Warn once if more bricks can be occupied than there is room for (waits)."""
         n = int(self.n_active.get()[0])
-        if n > self.capacity:
-            raise InputError(
-                f"{n:,} bricks of the sparse grid can be occupied; expected at most "
-                f"{self.capacity:,} (are the silhouettes full of noise?)"
+        if n > self.capacity and not self._warned:
+            self._warned = True
+            log.warning(
+                "%s bricks of the sparse grid can be occupied; only %s have room for their "
+                "probability: the silhouettes are full of noise",
+                f"{n:,}",
+                f"{self.capacity:,}",
             )

@@ -12,18 +12,19 @@ import numpy as np
 
 from apf.api import DEFAULT_BODY
 from apf.body import BodyModel, load_body
+from apf.evaluation.evaluate import load_truth
+from apf.evaluation.joint_names import match_joints
 from apf.formats.trc import JointSeries
 from apf.image_objective.config import FeatureConfig
 from apf.image_objective.features import Features
 from apf.initialisation.from_joints import fit_to_joints
 from apf.presets import Preset
-from apf.results.evaluate import load_truth
-from apf.results.joint_names import match_joints
 from cl import Device, InputError
 from psfs.cameras.camera import CameraRig
 from psfs.common.files import written_whole
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
@@ -151,7 +152,7 @@ def record(
         return Recording(sequence, grid, frames, surfaces, foregrounds, truth, settings)
     selection = slice(None, None, step)
     config = settings.reconstruction
-    grid = automatic_grid(sequence, selection, config=config, device=device)
+    grid = automatic_grid(Session(sequence, device, SessionSettings(config, selection)))
     reconstruct = Reconstructor(device, sequence.rig, grid, sequence.background, config)
     frames, surfaces, foregrounds = [], [], []
     for frame in sequence.frames(selection):

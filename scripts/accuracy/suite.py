@@ -23,11 +23,7 @@ from apf.api import DEFAULT_BODY, given_start
 from apf.body import load_body
 from apf.body.kinematics import posed_joints
 from apf.body.stature import stature
-from apf.formats.trc import JointSeries
-from apf.initialisation import StartError
-from apf.keypoints import Keypoints
-from apf.presets import Preset
-from apf.results.evaluate import (
+from apf.evaluation.evaluate import (
     LIMB_ENDS,
     LOST_JOINT,
     LOST_LIMB,
@@ -35,16 +31,21 @@ from apf.results.evaluate import (
     evaluate,
     load_truth,
 )
-from apf.results.joint_names import EVALUATED_JOINTS, evaluated_joints
-from apf.tracking.batch import Take, track_take
+from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints
+from apf.formats.trc import JointSeries
+from apf.initialisation import StartError
+from apf.keypoints import Keypoints
+from apf.presets import Preset
+from apf.tracking.settings import TakeSettings
+from apf.tracking.take import Take, track_take
 from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
 from cl import Device, InputError
-from psfs.api import trusted
+from psfs.api import exclude_inconsistent_cameras
 from psfs.common.files import write_json
 from psfs.diagnostics.sequence_info import keypoints_in
-from psfs.diagnostics.silhouettes import followed_silhouettes, truth_frames
-from psfs.reconstructor import ReconstructionConfig
+from psfs.diagnostics.silhouette_scores import score_silhouettes, truth_frames
 from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
 
 TRUTH = "truth.npz"
 STARTS = ("found", "true")
@@ -126,17 +127,18 @@ def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
     where the sequence cannot be tracked, but for a start that is not found, which is a run too."""
     settings = job.settings
     sequence = opened(job.folder, settings)
+    session = Session(sequence, device, SessionSettings(settings.reconstruction))
     if job.setting is None:
-        sequence = trusted(sequence, device, settings.all_cameras)
-        return silhouettes_of(device, sequence, check, settings.reconstruction)
+        session = exclude_inconsistent_cameras(session, settings.all_cameras)
+        return silhouettes_of(session, check)
     truth = load_truth(job.folder / TRUTH)
     if job.setting.witness == "triangulation":
         return [_triangulated(sequence, job.setting, truth)]
     if job.setting.witness in _VOXELS:
-        sequence = trusted(sequence, device, settings.all_cameras)
+        session = exclude_inconsistent_cameras(session, settings.all_cameras)
     began = time.perf_counter()
     try:
-        take = _take(device, sequence, settings, job.setting, job.seeds, check)
+        take = _take(session, settings, job.setting, job.seeds, check)
     except StartError as error:
         return [_failed(job.setting, seed, str(error)) for seed in job.seeds]
     seconds = (time.perf_counter() - began) / len(job.seeds)
@@ -163,8 +165,7 @@ def _triangulated(sequence: Sequence, setting: Setting, truth: JointSeries) -> R
 
 
 def _take(
-    device: Device,
-    sequence: Sequence,
+    session: Session,
     settings: Preset,
     setting: Setting,
     seeds: Items[int],
@@ -172,6 +173,7 @@ def _take(
 ) -> Take:
     """Track as `apf track FOLDER` does, or as with `--init FOLDER/truth.npz`; with `--keypoints`
     where they are looked at."""
+    sequence = session.sequence
     init = sequence.folder / TRUTH if setting.start == "true" else None
     body = settings.body or DEFAULT_BODY
     given = given_start(sequence.folder, 0, body if init else settings.body, init)
@@ -180,11 +182,11 @@ def _take(
         keypoints = Keypoints.open(sequence.folder, sequence)
     if setting.witness == "keypoints":
         setting = replace(setting, objective="keypoints")
-    return track_take(
-        device, sequence, method_of(setting, seeds[0]), seeds, given=given, keypoints=keypoints,
-        template=load_body(body), reconstruction=settings.reconstruction,
-        progress=lambda stage: check(),
+    take_settings = TakeSettings(
+        method=method_of(setting, seeds[0]), seeds=tuple(seeds), template=load_body(body),
+        given=given, keypoints=keypoints,
     )  # fmt: skip
+    return track_take(session, take_settings, progress=lambda stage: check())
 
 
 def _of_suite(found: Evaluation) -> dict[str, float]:
@@ -250,17 +252,12 @@ def _failed(setting: Setting, seed: int, why: str) -> Run:
     )
 
 
-def silhouettes_of(
-    device: Device,
-    sequence: Sequence,
-    check: Callable[[], object],
-    config: ReconstructionConfig | None = None,
-) -> dict[str, Any]:
+def silhouettes_of(session: Session, check: Callable[[], object]) -> dict[str, Any]:
     """IoU with the true masks: the mean, and per frame those of the cameras; see
-    psfs.diagnostics.silhouettes."""
-    wanted = truth_frames(sequence)
+    psfs.diagnostics.silhouette_scores."""
+    wanted = truth_frames(session.sequence)
     frames: dict[str, list[float | None]] = {}
-    shown_ones = followed_silhouettes(device, sequence, wanted, config=config) if wanted else ()
+    shown_ones = score_silhouettes(session, wanted) if wanted else ()
     for shown in shown_ones:
         check()
         if shown is not None:

@@ -19,7 +19,7 @@ from timings.tables.grid import NONE, Grid
 from accuracy.ablation import ABLATIONS
 from accuracy.runs import Results, Run
 from accuracy.settings import Setting
-from apf.results.flags import FlagCounts
+from apf.evaluation.flags import FlagCounts
 from psfs.common.files import written_whole
 
 _NOTE = (

@@ -26,6 +26,7 @@ STAGES = tuple(stage for stages in PARTS.values() for stage in stages)
 #: By kernel file, where the names differ; by command where it belongs elsewhere than its file.
 _OF_FILE = {
     "floor_light": "silhouette",
+    "light": "silhouette",
     "appearance": "learning",
     "adaptation": "learning",
     "silhouette_recall": "likelihood",

@@ -15,9 +15,9 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from apf.body import load_body, save_body
+from apf.evaluation.evaluate import load_truth
 from apf.formats.pose import read_pose
 from apf.formats.trc import read_trc
-from apf.results.evaluate import load_truth
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.calibration import read_calibration

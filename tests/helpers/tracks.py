@@ -6,8 +6,8 @@ import numpy as np
 
 from apf.body import load_body
 from apf.body.kinematics import posed_joints
+from apf.evaluation.joint_names import EVALUATED_JOINTS
 from apf.formats.trc import JointSeries
-from apf.results.joint_names import EVALUATED_JOINTS
 from apf.tracking.track import Track
 
 

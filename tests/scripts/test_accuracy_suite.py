@@ -20,12 +20,12 @@ from helpers.shared import ROOT
 
 import psfs
 from apf.body import load_body
+from apf.evaluation.evaluate import load_truth
 from apf.formats.trc import JointSeries
 from apf.presets import Preset
-from apf.results.evaluate import load_truth
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
-from apf.tracking.batch import Take
+from apf.tracking.take import Take
 from cl import Device, InputError
 
 sys.path.insert(0, str(ROOT / "scripts"))

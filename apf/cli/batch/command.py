@@ -8,11 +8,11 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from apf.cli.batch.parts import PARTS, course_of
+from apf.cli.batch.chunks import PARTS, course_of
 from apf.cli.batch.report import BatchReport
 from apf.cli.batch.take import TakeJob, finished
 from apf.cli.batch.takes import listed_takes
-from apf.cli.track import take_names
+from apf.cli.takes.job import take_names
 from apf.cluster.connection import connect_cluster, import_distributed, start_cluster
 from apf.cluster.courses import run_workflows
 from apf.cluster.page import LOGS

@@ -12,12 +12,13 @@ from typing import Any, NoReturn
 from apf.cli import track
 from apf.cli.commands import COMMANDS
 from apf.cli.method_flags import chosen_method
+from apf.cli.takes.job import chosen_seeds, seed_folders
 from apf.cluster.record import FileFacts, TakeRecord, list_files
 from apf.cluster.take_row import TakeRow, write_thumbnail
 from apf.cluster.task_side import TaskProgress, log_to
 from apf.cluster.whole_folder import replace_folder
 from apf.cluster.workers import select_worker_device
-from apf.tracking.batch import Take
+from apf.tracking.take import Take
 from cl import Device, InputError, NumpyDevice
 from psfs.cli.commandline import CommandParser
 from psfs.cli.program import program_parser
@@ -152,7 +153,7 @@ def _written_rows(
 
 def _folders(args: argparse.Namespace) -> list[Path]:
     """Where the tracks of a take are."""
-    return track.seed_folders(args, track.chosen_seeds(args, chosen_method(args)))
+    return seed_folders(args, chosen_seeds(args, chosen_method(args)))
 
 
 def _run(*words: str) -> None:

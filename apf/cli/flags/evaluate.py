@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from apf.evaluation.marker_sets import SHIPPED
 from apf.formats.axes import AXES
-from apf.results.marker_sets import SHIPPED
 from psfs.cli.commandline import path_or_name
 
 #: What may be written.

@@ -14,7 +14,7 @@ from apf.tracking.track import PARTS, Track, part_name
 
 
 class Keeper:
-    """Writes the parts of each seed's track into its folder; see `apf.tracking.batch.Keep`."""
+    """Writes the parts of each seed's track into its folder; see `apf.tracking.take.Keep`."""
 
     def __init__(self, folders: Sequence[Path]) -> None:
         self._folders, self._begun = folders, False

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from apf.report.agreement import choose_rows
 from apf.report.quality import Quality
-from apf.tracking.batch import Take
+from apf.tracking.take import Take
 from apf.tracking.track import Track
 from psfs.cli.commandline import stdout
 

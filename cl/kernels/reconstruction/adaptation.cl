@@ -1,19 +1,16 @@
 // The background follows the scene's light where nobody stands; twin: reference/adaptation.py.
 // PARTS work-items per block of the picture, every PERIOD-th row of blocks a time; a block is as
-// high as a cell of CELL x CELL pixels and as wide as a cell or a pack. Where it does not know
-// better, a pixel takes on the change that the others of the view have seen.
+// high as a cell of CELL x CELL pixels and as wide as a cell or a pack.
 // Defines: WIDTH, HEIGHT; CELLS_X, CELLS_Y, CELL; PARTS (divides CELL); REACH (cells of border of
 // the marks); PERIOD; MEAN_RATE, VARIANCE_RATE; NEAREST (squared distance); LEAST_VARIANCE;
-// WIDTH_GREY, WIDTH_COLOUR of the light factor (psfs/background/config.py); ENOUGH, grey levels that
-// say a view's change; LOOKED_AT, work-items of a view; GROUP, of view_drift; PACK.
-#if !defined(CELL) || !defined(CELLS_X) || !defined(CELLS_Y) || !defined(ENOUGH) || \
-    !defined(LEAST_VARIANCE) || !defined(LOOKED_AT) || !defined(MEAN_RATE) || \
+// WIDTH_GREY, WIDTH_COLOUR of the light factor (psfs/background/config.py); PACK.
+#if !defined(CELL) || !defined(CELLS_X) || !defined(CELLS_Y) || \
+    !defined(LEAST_VARIANCE) || !defined(MEAN_RATE) || \
     !defined(NEAREST) || !defined(PACK) || !defined(PARTS) || !defined(PERIOD) || \
     !defined(REACH) || !defined(VARIANCE_RATE) || !defined(WIDTH_COLOUR) || !defined(WIDTH_GREY)
-#error "reconstruction/adaptation.cl needs CELL, CELLS_X, CELLS_Y, ENOUGH, LEAST_VARIANCE, LOOKED_AT, MEAN_RATE, NEAREST, PACK, PARTS, PERIOD, REACH, VARIANCE_RATE, WIDTH_COLOUR and WIDTH_GREY"
+#error "reconstruction/adaptation.cl needs CELL, CELLS_X, CELLS_Y, LEAST_VARIANCE, MEAN_RATE, NEAREST, PACK, PARTS, PERIOD, REACH, VARIANCE_RATE, WIDTH_COLOUR and WIDTH_GREY"
 #endif
 #include "reconstruction/background.h"
-#include "common/reduction.h"
 
 #define MARKS_X (CELLS_X + 2 * REACH)
 #define MARKS_Y (CELLS_Y + 2 * REACH)
@@ -50,23 +47,6 @@ static inline void store_own(vfloat values, vint own, bool whole, __global float
         if (taken[l]) plane[l] = one[l];
 }
 
-// drift = by which share the background of each view got brighter, from what the view's cells have
-// seen of it. One work-group per view.
-__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void view_drift(__global const float2 *restrict changes, __global float *restrict drift)
-{
-    __local float scratch[GROUP];
-    const int view = get_group_id(0);
-    float change = 0.0f, seen = 0.0f;
-    for (int i = get_local_id(0); i < LOOKED_AT; i += GROUP) {
-        change += changes[view * LOOKED_AT + i].x;
-        seen += changes[view * LOOKED_AT + i].y;
-    }
-    change = group_sum(scratch, change);
-    seen = group_sum(scratch, seen);
-    if (get_local_id(0) == 0) drift[view] = seen >= ENOUGH ? MEAN_RATE * change / seen : 0.0f;
-}
-
 // A channel of a pixel that looks like the background, `d` brighter than it: its new mean and
 // variance.
 static inline vfloat follow(vfloat d, vfloat weight, vfloat *mean)
@@ -76,28 +56,22 @@ static inline vfloat follow(vfloat d, vfloat weight, vfloat *mean)
     return most(before + VARIANCE_RATE * (d * d - before), LEAST_VARIANCE);
 }
 
-// `background` holds the planes of log_ratio in silhouette.cl; changes: (V, LOOKED_AT), by how many
-// grey levels the background of a work-item's pixels changed, and their grey levels before.
+// `background` holds the planes of log_ratio in silhouette.cl; `light` that of light.cl.
 __kernel void adapt(__global const uchar *restrict images, __global const char *restrict evidence,
                     __global const uchar *restrict marks, __global const int2 *restrict sizes,
-                    const int phase, __global float *restrict background,
-                    __global const float *restrict drift, __global float2 *restrict changes)
+                    __global const float *restrict light, const int phase,
+                    __global float *restrict background)
 {
     const int block = get_global_id(0), view = get_global_id(2), part = get_global_id(1) % PARTS;
     const int y = get_global_id(1) / PARTS * PERIOD + phase;
-    const int place = get_global_id(1) * BLOCKS_X + block;
-    if (block >= BLOCKS_X || place >= LOOKED_AT) return;
-    if (y >= CELLS_Y) {
-        changes[view * LOOKED_AT + place] = (float2)(0.0f, 0.0f);
-        return;
-    }
+    if (block >= BLOCKS_X || y >= CELLS_Y) return;
     int hidden[BLOCK / CELL];
     for (int k = 0; k < BLOCK / CELL; ++k) {
         const int x = block * (BLOCK / CELL) + k;
         hidden[k] = x >= CELLS_X || is_person(marks + view * MARKS_X * MARKS_Y,
                                               evidence + view * PIXELS, x, y);
     }
-    vfloat change = 0.0f, seen = 0.0f;
+    __global const float *own_light = light + LIGHT_FLOATS * view;
     const int top = CELL * y + CELL / PARTS * part;
     const int bottom = min(top + CELL / PARTS, sizes[view].y);
     const int right = min(BLOCK * (block + 1), sizes[view].x);
@@ -110,23 +84,17 @@ __kernel void adapt(__global const uchar *restrict images, __global const char *
             __global float *plane = background + (size_t)view * 8 * PIXELS + pixel;
             const Colour shown = colour_of(images + 3 * (view * PIXELS + pixel));
             const Colour w = planes_of(plane, 3), before = planes_of(plane, 0);
-            const Colour d = less(shown, 1.0f, before);
-            vint looks_so = own & (weighed(w, d, d) <= NEAREST);
+            const Colour d = less(unlit(own_light, shown, x, row), 1.0f, before);
+            vint looks_so = own & (own_light[9] * weighed(w, d, d) <= NEAREST);
             for (int k = 0; k < BLOCK / CELL; ++k)
                 looks_so &= (cell != k) | (vint)(hidden[k] ? 0 : -1);
 
-            const float drifted = 1.0f + drift[view];
+            if (!PACK_ANY(looks_so)) continue;
+
             Colour mean = before, variance;
             variance.b = follow(d.b, w.b, &mean.b);
             variance.g = follow(d.g, w.g, &mean.g);
             variance.r = follow(d.r, w.r, &mean.r);
-            store_own(looks_so ? mean.b : drifted * before.b, own, whole, plane);
-            store_own(looks_so ? mean.g : drifted * before.g, own, whole, plane + PIXELS);
-            store_own(looks_so ? mean.r : drifted * before.r, own, whole, plane + 2 * PIXELS);
-            if (!PACK_ANY(looks_so)) continue;
-
-            change += looks_so ? d.b + d.g + d.r : 0.0f;
-            seen += looks_so ? before.b + before.g + before.r : 0.0f;
             const vfloat brightest = most(most(mean.b, mean.g), mean.r);
             const vfloat darkest = least(least(mean.b, mean.g), mean.r);
             const vfloat saturation = (brightest - darkest) / most(brightest, 1.0f);
@@ -135,11 +103,13 @@ __kernel void adapt(__global const uchar *restrict images, __global const char *
                                 0.5f * log(variance.b * variance.g * variance.r);
             __global float *spread = plane + 3 * PIXELS;
             const bool all = whole && !PACK_ANY(looks_so == 0);
+            store_own(mean.b, looks_so, all, plane);
+            store_own(mean.g, looks_so, all, plane + PIXELS);
+            store_own(mean.r, looks_so, all, plane + 2 * PIXELS);
             store_own(1.0f / variance.b, looks_so, all, spread);
             store_own(1.0f / variance.g, looks_so, all, spread + PIXELS);
             store_own(1.0f / variance.r, looks_so, all, spread + 2 * PIXELS);
             store_own(peak, looks_so, all, spread + 3 * PIXELS);
             store_own(1.0f / (width * width), looks_so, all, spread + 4 * PIXELS);
         }
-    changes[view * LOOKED_AT + place] = (float2)(PACK_SUM(change), PACK_SUM(seen));
 }

@@ -31,7 +31,8 @@ __kernel void mark(__global const float *restrict cameras, __global const float2
         const float depth = camera_project(camera, centre.x, centre.y, centre.z, &pixel);
         if (depth <= 0.0f) continue;
         const float2 half_size = extents[view] / depth;
-        const float2 low = fmax(ceil(pixel - half_size), 0.0f);
+        // Beside a camera both lie beyond what an int holds.
+        const float2 low = fmin(fmax(ceil(pixel - half_size), 0.0f), (float2)(CELLS_X, CELLS_Y));
         const float2 high = fmin(floor(pixel + half_size), (float2)(CELLS_X - 1, CELLS_Y - 1));
         for (int row = (int)low.y; row <= (int)high.y; ++row)
             for (int column = (int)low.x; column <= (int)high.x; ++column)

@@ -29,6 +29,43 @@ static inline Colour planes_of(__global const float *plane, int first)
     return (Colour){LOAD_PACK(plane), LOAD_PACK(plane + PIXELS), LOAD_PACK(plane + 2 * PIXELS)};
 }
 
+// A view's light, see psfs/background/light.py: LIGHT_FLOATS numbers of which the first are gains,
+// offsets and the field. Colours of the background as pictures in that light show them, at pixel
+// (x, y), which is the pack's first.
+#define LIGHT_FLOATS 12
+
+static inline vfloat field_of(__global const float *light, int x, int y)
+{
+    return light[6] + light[8] * y + light[7] * TO_FLOAT(x + LANE_NUMBERS);
+}
+
+static inline Colour lit(__global const float *light, vfloat field, Colour mean)
+{
+    return (Colour){least(light[0] * (mean.b * field) + light[3], 255.0f),
+                    least(light[1] * (mean.g * field) + light[4], 255.0f),
+                    least(light[2] * (mean.r * field) + light[5], 255.0f)};
+}
+
+static inline Colour lit_planes(__global const float *light, __global const float *plane, int x, int y)
+{
+    return lit(light, field_of(light, x, y), planes_of(plane, 0));
+}
+
+// Colours of a picture as they are in the background's own light.
+static inline Colour unlit(__global const float *light, Colour shown, int x, int y)
+{
+    const vfloat field = field_of(light, x, y);
+    return (Colour){(shown.b - light[3]) / (light[0] * field),
+                    (shown.g - light[4]) / (light[1] * field),
+                    (shown.r - light[5]) / (light[2] * field)};
+}
+
+// 1 / sigma^2 in that light.
+static inline Colour weight_in(__global const float *light, Colour w)
+{
+    return (Colour){light[9] * w.b, light[9] * w.g, light[9] * w.r};
+}
+
 // Sum of w x y over the channels.
 static inline vfloat weighed(Colour w, Colour x, Colour y)
 {

@@ -28,7 +28,9 @@ __kernel void nearest_depth(__global const float *restrict cameras,
         if (depth <= 0.0f) continue;
         const float2 half_size = extents[view] / depth;
         const float2 nearest = rint(pixel);
-        const float2 low = fmax(fmin(ceil(pixel - half_size), nearest), 0.0f);
+        // Beside a camera both lie beyond what an int holds.
+        const float2 low = fmin(fmax(fmin(ceil(pixel - half_size), nearest), 0.0f),
+                                (float2)(WIDTH, HEIGHT));
         const float2 high = fmin(fmax(floor(pixel + half_size), nearest),
                                  (float2)(last_x, last_y));
         const uint bits = as_uint(depth);

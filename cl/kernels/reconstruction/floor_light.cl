@@ -11,11 +11,15 @@
 #include "common/camera.h"
 
 // Light factor that explains the colour of a pixel of the background best, and in *left the squared
-// distance that it leaves. `plane` points to the pixel in the first of the view's planes.
-static inline float light_factor(__global const uchar *colour, __global const float *plane,
-                                 float *left)
+// distance that it leaves. `images`, `background` and `light` are those of all views.
+static inline float light_factor(__global const uchar *images, __global const float *background,
+                                 __global const float *light, int view, int pixel, float *left)
 {
-    const Colour shown = colour_of(colour), mean = planes_of(plane, 0), w = planes_of(plane, 3);
+    __global const float *plane = background + (size_t)view * 8 * PIXELS + pixel;
+    __global const float *own = light + LIGHT_FLOATS * view;
+    const Colour shown = colour_of(images + 3 * (view * PIXELS + pixel));
+    const Colour mean = lit_planes(own, plane, pixel % WIDTH, pixel / WIDTH);
+    const Colour w = weight_in(own, planes_of(plane, 3));
     const float alpha = fitting(w, shown, mean);
     *left = distance_left(w, shown, alpha, mean);
     return alpha;
@@ -27,13 +31,14 @@ static inline float light_factor(__global const uchar *colour, __global const fl
 // at all. A shadow looks alike to all who see it; shoes before a shadow hide another piece of floor
 // from every camera. A camera whose pixel cannot be floor, shaded or not, has no say, and where
 // nobody has the floor is lit. A cell whose middle shows the floor lit asks nobody.
-// `points` holds the floor behind a cell (x, y), NaN if there is none. `light` has a border of one
-// cell, which repeats the outermost.
+// `points` holds the floor behind a cell (x, y), NaN if there is none. `floor_light` has a border of
+// one cell, which repeats the outermost; `light` is that of light.cl.
 __kernel void floor_light(__global const float *restrict cameras,
                           __global const float2 *restrict points,
                           __global const uchar *restrict images,
                           __global const float *restrict background,
-                          __global uchar *restrict light)
+                          __global const float *restrict light,
+                          __global uchar *restrict floor_light)
 {
     const int column = get_global_id(0), row = get_global_id(1), view = get_global_id(2);
     if (column >= CELLS_X + 2 || row >= CELLS_Y + 2) return;
@@ -43,8 +48,7 @@ __kernel void floor_light(__global const float *restrict cameras,
     const int middle = min(CELL * y + CELL / 2, HEIGHT - 1) * WIDTH +
                        min(CELL * x + CELL / 2, WIDTH - 1);
     float left;
-    const float own = light_factor(images + 3 * (view * PIXELS + middle),
-                                   background + (size_t)view * 8 * PIXELS + middle, &left);
+    const float own = light_factor(images, background, light, view, middle, &left);
     const int asks = on_floor && (own <= FLOOR_LIT || left >= FLOOR_LEFT);
     int asked = 0;
     float nearest = 1.0f, second = 1.0f, nearest_off = 1e9f, second_off = 1e9f;
@@ -55,8 +59,7 @@ __kernel void floor_light(__global const float *restrict cameras,
         const float depth = camera_project(camera, point.x, point.y, FLOOR, &pixel);
         const int at = camera_offset(camera, pixel, WIDTH);
         if (depth <= 0.0f || at < 0) continue;
-        const float alpha = light_factor(images + 3 * (other * PIXELS + at),
-                                         background + (size_t)other * 8 * PIXELS + at, &left);
+        const float alpha = light_factor(images, background, light, other, at, &left);
         if (left >= FLOOR_LEFT || alpha >= SHADOW_HIGH) continue;
         ++asked;
         const float off = fabs(alpha - own);
@@ -72,5 +75,5 @@ __kernel void floor_light(__global const float *restrict cameras,
     }
     const float agreed = asked >= FLOOR_ENOUGH ? second : nearest;
     const int steps = (int)(127.0f * min(max(agreed, 0.0f), 1.0f) + 0.5f);
-    light[(view * (CELLS_Y + 2) + row) * (CELLS_X + 2) + column] = 2 * steps + on_floor;
+    floor_light[(view * (CELLS_Y + 2) + row) * (CELLS_X + 2) + column] = 2 * steps + on_floor;
 }

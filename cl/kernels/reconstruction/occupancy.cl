@@ -1,6 +1,6 @@
 // Voxel occupancy, Song et al. eq. (3)-(9), brick by brick; twin: psfs/reference/occupancy.py.
 // Defines: NX NY NZ of the grid, N_CAMERAS, WIDTH, HEIGHT of the evidence maps, MIN_CAMERAS,
-// THRESHOLD; BX BY BZ voxels of a brick, CX CY CZ bricks of a coarse one; LANES items per
+// THRESHOLD, UNKNOWN (see hidden.cl); BX BY BZ voxels of a brick, CX CY CZ bricks of a coarse one; LANES items per
 // work-group, LANES_Z of them along z; NO_DISTORTION if no camera has any; HALO: 0 for dense, 1 for
 // sparse; CAPACITY (bricks) for sparse.
 //
@@ -12,8 +12,8 @@
 #if !defined(BX) || !defined(BY) || !defined(BZ) || !defined(CAMERA_FLOATS) || !defined(CX) || \
     !defined(CY) || !defined(CZ) || !defined(FIND_LANES) || !defined(HALO) || !defined(LANES) || \
     !defined(LANES_Z) || !defined(MIN_CAMERAS) || !defined(NX) || !defined(NY) || !defined(NZ) || \
-    !defined(N_CAMERAS) || !defined(REACH_FLOATS) || !defined(THRESHOLD) || !defined(TILE_LANES)
-#error "reconstruction/occupancy.cl needs BX, BY, BZ, CAMERA_FLOATS, CX, CY, CZ, FIND_LANES, HALO, LANES, LANES_Z, MIN_CAMERAS, NX, NY, NZ, N_CAMERAS, REACH_FLOATS, THRESHOLD and TILE_LANES"
+    !defined(N_CAMERAS) || !defined(REACH_FLOATS) || !defined(THRESHOLD) || !defined(TILE_LANES) || !defined(UNKNOWN)
+#error "reconstruction/occupancy.cl needs BX, BY, BZ, CAMERA_FLOATS, CX, CY, CZ, FIND_LANES, HALO, LANES, LANES_Z, MIN_CAMERAS, NX, NY, NZ, N_CAMERAS, REACH_FLOATS, THRESHOLD, TILE_LANES and UNKNOWN"
 #endif
 #include "reconstruction/bricks.h"
 
@@ -40,7 +40,9 @@
 #define FOR_ROWS(row, n) for (int row = lane / LANES_Z; row < (n); row += LANES / LANES_Z)
 #define FOR_Z(z, n) for (int z = lane % LANES_Z; z < (n); z += LANES_Z)
 
-// Least and greatest evidence of the tiles, one work-group per coarse tile. Resets n_active.
+// Least and greatest evidence of the tiles, one work-group per coarse tile. Unknown evidence, of
+// cameras that count as not seeing a voxel, is the least there is and adds 0: a tile that has some
+// and more is never the same all over. Resets n_active.
 __kernel void evidence_tiles(__global const char *restrict evidence, __global char2 *restrict tiles,
                              __global int *restrict n_active)
 {
@@ -63,7 +65,8 @@ __kernel void evidence_tiles(__global const char *restrict evidence, __global ch
                 // Columns beyond the picture repeat its last one.
                 const char value = map[j * WIDTH + (at < WIDTH ? at : WIDTH - 1)];
                 low[i] = value < low[i] ? value : low[i];
-                high[i] = value > high[i] ? value : high[i];
+                const char most = value == UNKNOWN ? 0 : value;
+                high[i] = most > high[i] ? most : high[i];
             }
         for (int i = 1; i < FINE; ++i) {
             low[0] = low[i] < low[0] ? low[i] : low[0];
@@ -125,7 +128,7 @@ static inline void sum_evidence(__global const float *restrict cameras,
                 camera_project(camera, px, py, centre_of(geometry, 2, z0 + z), &pixel);
                 const int at = camera_offset(camera, pixel, WIDTH);
                 const int counts = map[at >= 0 ? at : 0];
-                sums[row * DZ + z] += at >= 0 ? counts + SEEN : 0;
+                sums[row * DZ + z] += (at >= 0) & (counts != UNKNOWN) ? counts + SEEN : 0;
             }
         }
     }
@@ -287,7 +290,7 @@ __kernel void spread(__global const float *restrict pool, __global const int *re
         slot >= 0 && slot < CAPACITY ? pool[slot * BRICK_VOXELS + within] : 0.0f;
 }
 
-// Probabilities of the surface voxels, in their order.
+// Probabilities of the surface voxels, in their order: that of the threshold where there was no room.
 __kernel void sparse_gather(__global const float *restrict pool, __global const int *restrict slots,
                             __global const int *restrict indices,
                             __global const int *restrict n_surface, __global float *restrict out)
@@ -297,7 +300,7 @@ __kernel void sparse_gather(__global const float *restrict pool, __global const 
         const int x = indices[i] / (NY * NZ), y = indices[i] / NZ % NY, z = indices[i] % NZ;
         const int slot = slots[(x / BX * BRICKS_Y + y / BY) * BRICKS_Z + z / BZ];
         const int within = ((x % BX) * BY + y % BY) * BZ + z % BZ;
-        out[i] = slot < CAPACITY ? pool[slot * BRICK_VOXELS + within] : 0.0f;
+        out[i] = slot < CAPACITY ? pool[slot * BRICK_VOXELS + within] : THRESHOLD;
     }
 }
 #endif

@@ -81,14 +81,15 @@ static inline vfloat luma_of(Colour c) { return 0.114f * c.b + 0.587f * c.g + 0.
 // `background` holds, per view, planes of floats: mean of the channels (3), 1 / sigma^2 of the
 // channels (3), log of the background's peak density over the uniform foreground's, 1 / variance
 // of the light factor. `colours` holds the log of the foreground's density over the uniform one,
-// `location` the log odds of foreground by cell, both in counts; `light` that of floor_light.cl.
-// `ratios` has a border of one pixel. `luma` is that of the pictures.
+// `location` the log odds of foreground by cell, both in counts; `floor_light` that of floor_light.cl,
+// `light` that of light.cl. `ratios` has a border of one pixel. `luma` is that of the pictures.
 __kernel void log_ratio(__global const uchar *restrict images,
                         __global const float *restrict background,
                         __global const int2 *restrict sizes,
                         __global const char *restrict colours,
                         __global const char *restrict location,
-                        __global const uchar *restrict light,
+                        __global const uchar *restrict floor_light,
+                        __global const float *restrict light,
                         __global char *restrict ratios, __global uchar *restrict luma)
 {
     const int x = PACK_BEGIN((int)get_global_id(0)), y = get_global_id(1), view = get_global_id(2);
@@ -96,7 +97,9 @@ __kernel void log_ratio(__global const uchar *restrict images,
     const int pixel = y * WIDTH + x;
     __global const uchar *colour = images + 3 * (view * PIXELS + pixel);
     __global const float *plane = background + (size_t)view * 8 * PIXELS + pixel;
-    const Colour shown = colour_of(colour), mean = planes_of(plane, 0), w = planes_of(plane, 3);
+    __global const float *own = light + LIGHT_FLOATS * view;
+    const Colour shown = colour_of(colour), mean = lit_planes(own, plane, x, y);
+    const Colour w = weight_in(own, planes_of(plane, 3));
 
     // Squared distances to the background's colour in plain light; under less light; and, on the
     // floor, instead of that under the light that other cameras see, in between cells linearly.
@@ -107,7 +110,7 @@ __kernel void log_ratio(__global const uchar *restrict images,
     const vfloat shaded = distance_left(w, shown, alpha, mean) +
                           LOAD_PACK(plane + 7 * PIXELS) * (1.0f - alpha) * (1.0f - alpha);
 
-    __global const uchar *lights = light + view * (CELLS_Y + 2) * (CELLS_X + 2);
+    __global const uchar *lights = floor_light + view * (CELLS_Y + 2) * (CELLS_X + 2);
     __global const uchar *floors = lights + (y / CELL + 1) * (CELLS_X + 2) + 1;
     const vint on_floor = (by_cell((__global const char *)floors, x) & 1) == 1;
     const vfloat seen = TO_FLOAT(between_cells(lights, x, y)) * (1.0f / (4 * CELL * CELL * 254));
@@ -118,7 +121,7 @@ __kernel void log_ratio(__global const uchar *restrict images,
                          FLOOR_DEPTH * (1.0f - dim) * (1.0f - dim);
     const vfloat nearest = least(plain, on_floor ? on_it : shaded);
 
-    const vfloat uniform_ratio = LOAD_PACK(plane + 6 * PIXELS) - 0.5f * nearest;
+    const vfloat uniform_ratio = LOAD_PACK(plane + 6 * PIXELS) - own[10] - 0.5f * nearest;
     const vint known = by_colour(colours, colour) +
                        by_cell(location + (view * CELLS_Y + y / CELL) * CELLS_X, x);
     const vchar counts = in_counts(STEPS * uniform_ratio - TO_FLOAT(known));
@@ -167,31 +170,33 @@ static inline Chroma chroma_of(Colour c)
 // more than RIM_SHARE of its luma his and any share of its chroma, which videos have blurred,
 // explains the pixel. The person is two pixels ahead, in one of eight directions, and the background
 // as far behind, as `person`, the evidence at the pixel, has it. Less than LOWEST, if no direction
-// is so. All pointers point to the pixel.
+// is so. All pointers point to the pixel (x, y), but for that to the view's `light`.
 static inline vfloat mixed(__global const uchar *colour, __global const float *plane,
-                           __global const char *person)
+                           __global const char *person, __global const float *light, int x, int y)
 {
-    const vfloat weight = LOAD_PACK(plane + 4 * PIXELS);
-    const Chroma here = chroma_of(less(colour_of(colour), 1.0f, planes_of(plane, 0)));
+    const vfloat weight = light[9] * LOAD_PACK(plane + 4 * PIXELS);
+    const Chroma here = chroma_of(less(colour_of(colour), 1.0f, lit_planes(light, plane, x, y)));
     vfloat nearest = 1e9f;
 #pragma unroll
     for (int direction = 0; direction < 9; ++direction) {
-        const int step = 2 * (direction / 3 - 1) * WIDTH + 2 * (direction % 3 - 1);
+        const int dx = 2 * (direction % 3 - 1), dy = 2 * (direction / 3 - 1);
+        const int step = dy * WIDTH + dx;
         const vint on_rim =
             (TO_INT(LOAD_CHARS(person + step)) > 0) & (TO_INT(LOAD_CHARS(person - step)) < 0);
         if (!PACK_ANY(on_rim)) continue;
         const Chroma ahead =
-            chroma_of(less(colour_of(colour + 3 * step), 1.0f, planes_of(plane + step, 0)));
+            chroma_of(less(colour_of(colour + 3 * step), 1.0f,
+                           lit_planes(light, plane + step, x + dx, y + dy)));
         const vfloat luma = within(here.y * ahead.y / (ahead.y * ahead.y + 1e-3f), 0.0f, RIM_SHARE);
         const vfloat chroma = within((here.b * ahead.b + here.r * ahead.r) /
                                          (ahead.b * ahead.b + ahead.r * ahead.r + 1e-3f),
                                      0.0f, 1.0f);
-        const vfloat y = here.y - luma * ahead.y;
+        const vfloat grey = here.y - luma * ahead.y;
         const vfloat b = here.b - chroma * ahead.b, r = here.r - chroma * ahead.r;
-        const vfloat left = weight * (y * y + RIM_CHROMA * (b * b + r * r));
+        const vfloat left = weight * (grey * grey + RIM_CHROMA * (b * b + r * r));
         nearest = (on_rim & (left < nearest)) ? left : nearest;
     }
-    return STEPS * (LOAD_PACK(plane + 6 * PIXELS) - RIM_COST - 0.5f * nearest);
+    return STEPS * (LOAD_PACK(plane + 6 * PIXELS) - light[10] - RIM_COST - 0.5f * nearest);
 }
 
 // Blocks of the picture: as high as a cell, as wide as a cell or a pack; and spans of SPAN pixels, a
@@ -211,8 +216,8 @@ static inline int span_place(int view, int x, int y)
 // has a border of one; the picture's outermost two pixels do not count.
 __kernel void rim(__global const uchar *restrict images, __global const float *restrict background,
                   __global const char *restrict colours, __global const char *restrict location,
-                  __global const char *restrict evidence, __global char *restrict ratios,
-                  __global uchar *restrict shown)
+                  __global const char *restrict evidence, __global const float *restrict light,
+                  __global char *restrict ratios, __global uchar *restrict shown)
 {
     const int block_x = get_global_id(0), block_y = get_global_id(1), view = get_global_id(2);
     if (block_x >= BLOCKS_X || block_y >= CELLS_Y) return;
@@ -232,7 +237,7 @@ __kernel void rim(__global const uchar *restrict images, __global const float *r
             if (!RIM) break;
             __global const uchar *colour = images + 3 * here;
             const vfloat ratio = mixed(colour, background + (size_t)(7 * view) * PIXELS + here,
-                                       evidence + here) -
+                                       evidence + here, light + LIGHT_FLOATS * view, x, y) -
                                  TO_FLOAT(by_colour(colours, colour) + by_cell(odds, x));
             __global char *old = ratios + ratio_place(view, x, y);
             const vchar counts = in_counts(ratio);

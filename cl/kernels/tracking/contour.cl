@@ -1,10 +1,10 @@
 // Where the pictures have contours, and in which direction; twin: reference/likelihood/contour.py.
 // An item works on STRIP pixels of a row: most strips show nobody, and are left at once; the others
 // are vectors. What lies within MARGIN pixels of the border (OUTER_MARGIN of contours) stays 0.
-// Defines: ANYWHERE on a CPU; DIAGONAL_REACH, MARGIN, OUTER_MARGIN, REACH, STRIP = 8.
-#if !defined(DIAGONAL_REACH) || !defined(MARGIN) || !defined(OUTER_MARGIN) || !defined(REACH) || \
+// Defines: ANYWHERE on a CPU; DIAGONAL_REACH, HIDDEN, MARGIN, OUTER_MARGIN, REACH, STRIP = 8.
+#if !defined(DIAGONAL_REACH) || !defined(HIDDEN) || !defined(MARGIN) || !defined(OUTER_MARGIN) || !defined(REACH) || \
     !defined(STRIP)
-#error "tracking/contour.cl needs DIAGONAL_REACH, MARGIN, OUTER_MARGIN, REACH and STRIP"
+#error "tracking/contour.cl needs DIAGONAL_REACH, HIDDEN, MARGIN, OUTER_MARGIN, REACH and STRIP"
 #endif
 
 // Vectors at any place. PoCL's vload and vstore take one number after the other; a GPU may not take
@@ -29,6 +29,13 @@ typedef short8 short8_anywhere __attribute__((aligned(2)));
 
 // Pixels that the Sobel operator looks at beside a strip's.
 #define ROW (STRIP + 4)
+
+// Which pixels of a strip of maps (.., 2) are hidden, see hidden.cl: -1, else 0.
+static inline short8 hidden_in(__global const uchar *maps, size_t at)
+{
+    const uchar8 silhouette = LOAD_UCHAR16(maps + 2 * at).even;
+    return convert_short8(((silhouette ^ silhouette >> (uchar8)7) & (uchar8)1) != (uchar8)0);
+}
 
 // The first pixel of this item's strip; the last one of a row overlaps the one before.
 static inline int strip_of(int width, int margin)
@@ -79,7 +86,7 @@ __kernel void differentiate(int width, int height, __global const uchar *maps,
 
 // Contours (V, 4, H, W): the largest derivative along each of four normals, (1, 0), (1, 1), (0, 1)
 // and (-1, 1), within REACH of the pixel along that normal, or DIAGONAL_REACH diagonal steps; 255 at
-// `contrast` and beyond.
+// `contrast` and beyond, HIDDEN where furniture is before the body.
 __kernel void find_contours(int width, int height, int contrast, __global const uchar *maps,
                             __global const short *gradients, __global uchar *contours)
 {
@@ -103,9 +110,10 @@ __kernel void find_contours(int width, int height, int contrast, __global const 
         falling = max(falling, abs(LOAD_SHORT8(along + fall) + LOAD_SHORT8(down + fall)));
         rising = max(rising, abs(LOAD_SHORT8(down + rise) - LOAD_SHORT8(along + rise)));
     }
-    const int8 kept = convert_int8(shown);
+    const short8 hidden = hidden_in(maps, view * size + within);
+    const int8 kept = convert_int8(shown & ~hidden), instead = convert_int8(hidden) & HIDDEN;
     const int scale = (255 << 16) / contrast + 1;
-#define VALUE(slope) convert_uchar8(min(slope, contrast) * scale >> 16 & kept)
+#define VALUE(slope) convert_uchar8((min(slope, contrast) * scale >> 16 & kept) | instead)
     STORE_UCHAR8(VALUE(convert_int8(level)), to);
     STORE_UCHAR8(VALUE(convert_int8(falling) * DIAGONAL >> 8), to + size);
     STORE_UCHAR8(VALUE(convert_int8(upright)), to + 2 * size);

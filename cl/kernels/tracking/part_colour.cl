@@ -20,7 +20,7 @@ __kernel void encode_colours(int n_pixels, __global const uchar *maps,
     const int at = get_global_id(0);
     if (at >= n_pixels) return;
     uchar code = NO_CODE;
-    if (maps[2 * (size_t)at] > 0) {
+    if (maps[2 * (size_t)at] == 255) { // not 254: hidden
         const uchar3 colour = vload3(at, pictures);
         code = palette[(colour.x >> 3) << 10 | (colour.y >> 3) << 5 | colour.z >> 3];
     }

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from apf.body.bodytrack import TRANSLATIONS, is_bodytrack, read_body, read_poses
 from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones, posed_joints
-from apf.results.joint_names import EVALUATED_JOINTS
+from apf.evaluation.joint_names import EVALUATED_JOINTS
 from cl import InputError
 from psfs.sequence import Sequence
 

@@ -11,7 +11,7 @@ from helpers import bodies
 from apf.body import BodyModel, load_body, save_body
 from apf.body.kinematics import bone_matrices, posed_joints
 from apf.body.model import sideless
-from apf.results.joint_names import EVALUATED_JOINTS
+from apf.evaluation.joint_names import EVALUATED_JOINTS
 from cl import InputError, MissingFileError
 
 SONG = load_body("song31")

@@ -15,7 +15,7 @@ import apf
 from apf.body import save_body
 from apf.cli import main
 from apf.formats.trc import read_trc
-from apf.tracking.export import EXPORTS
+from apf.tracking.motion_files import EXPORTS
 from apf.tracking.smoothing import SmoothingConfig, smoothed
 from apf.tracking.track import Track
 from cl import InputError

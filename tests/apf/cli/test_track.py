@@ -15,7 +15,7 @@ import pytest
 import apf.tracking.pipeline
 from apf.body import load_body
 from apf.cli import main
-from apf.results.evaluate import evaluate, load_truth
+from apf.evaluation.evaluate import evaluate, load_truth
 from apf.tracking.track import Track
 
 FRAMES = 5
@@ -209,7 +209,7 @@ def test_a_body_of_frusta_and_a_mesh_of_the_person(
     assert [look["vertices_per_part"] for look in looks] == [4, 18]
     capsys.readouterr()
     for flags, message in (
-        (["--shape", "5"], "5 vertices per part; expected 4, 8"),
+        (["--shape", "5"], "vertices_per_part is 5; expected 4, 8"),
         (["--shape", "no.ply"], "no.ply: no such file; expected a mesh"),
         (["--shape-pose", "rest.txt"], "--shape-pose is of a mesh; expected --shape FILE"),
         (["--shape", "8", "--objective", "voxel"], "--shape is the image objectives'"),

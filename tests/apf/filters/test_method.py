@@ -12,10 +12,15 @@ import pytest
 from apf.api import given_start
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
-from apf.filters.method import OBJECTIVES, SEARCHES, Method
-from apf.tracking.pipeline import track_sequence
+from apf.filters.method import Method
+from apf.filters.objectives import OBJECTIVES
+from apf.filters.searches import SEARCHES
+from apf.tracking.pipeline import TrackingTask, track_frames
+from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice
 from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
+from psfs.volume import automatic_grid
 from psfs.voxels.grid import VoxelGrid
 
 #: What a twin takes minutes for is left out.
@@ -33,13 +38,21 @@ def start(walk: Path) -> tuple[Sequence, VoxelGrid, BodyModel, np.ndarray]:
     return sequence, grid, *found
 
 
+def tracked(device: Device | NumpyDevice, start, method: Method, n_frames: int) -> Track:
+    """The first frames' track; only voxels need the grid."""
+    sequence, grid, body, pose = start
+    session = Session(sequence, device, SessionSettings(selection=slice(n_frames)))
+    if method.uses_voxels:
+        session.replace_result(automatic_grid, grid)
+    return track_frames(session, TrackingTask(body, pose, method, [0])).tracks[0]
+
+
 @pytest.mark.parametrize(("search", "objective"), list(product(SEARCHES, OBJECTIVES)))
 def test_on_the_device(start, search: str, objective: str) -> None:
-    sequence, grid, body, pose = start
+    pose = start[3]
     size = {"n_particles": 60} if search == "sir" else {"n_particles": 40, "n_layers": 3}
     method = Method.of(search, objective, limb_search_reach=0.0, **size)
-    given = grid if method.uses_voxels else None  # images need none
-    track = track_sequence(Device.best(), sequence, given, body, pose, method, selection=slice(2))
+    track = tracked(Device.best(), start, method, 2)
     assert track.frames.tolist() == [0, 1]
     assert track.diagnostics["ess"].shape == (2, 1 if search == "sir" else 3)
     assert np.abs(track.poses - pose).max() < 1.0
@@ -54,15 +67,10 @@ def test_on_the_device(start, search: str, objective: str) -> None:
 
 @pytest.mark.parametrize(("search", "objective"), TWINS)
 def test_twins(start, search: str, objective: str) -> None:
-    sequence, grid, body, pose = start
     size = {"n_particles": 3} if search == "sir" else {"n_particles": 2, "n_layers": 2}
     settings = {"first_survival": 0.6, "last_survival": 0.6, "limb_search_reach": 0.0}
     method = Method.of(search, objective, n_points=40, refinement_steps=0, **size, **settings)
-    given = grid if method.uses_voxels else None
-    tracks = [
-        track_sequence(device, sequence, given, body, pose, method, selection=slice(1))
-        for device in (NumpyDevice(), Device.best())
-    ]
+    tracks = [tracked(device, start, method, 1) for device in (NumpyDevice(), Device.best())]
     np.testing.assert_allclose(tracks[0].poses, tracks[1].poses, atol=2e-3)
 
 

@@ -12,14 +12,14 @@ from helpers.shared import shared_data
 
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import CONE_FLOATS
+from apf.evaluation.evaluate import load_truth
+from apf.evaluation.joint_names import match_joints
 from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
 from apf.image_objective.objective import ImageObjective
 from apf.image_objective.renderer import cone_edges, whole_pictures
 from apf.initialisation.from_joints import fit_to_joints
 from apf.reference.image_objective.objective import NumpyImageObjective, objective_values
 from apf.reference.image_objective.render import flat_body
-from apf.results.evaluate import load_truth
-from apf.results.joint_names import match_joints
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig

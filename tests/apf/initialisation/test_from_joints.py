@@ -11,9 +11,9 @@ from helpers import bodies
 
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
+from apf.evaluation.joint_names import EVALUATED_JOINTS
 from apf.formats.pose import read_pose, write_pose
 from apf.initialisation.from_joints import fit_to_joints
-from apf.results.joint_names import EVALUATED_JOINTS
 from cl import InputError
 
 SONG = load_body("song31")

@@ -7,11 +7,13 @@ import pytest
 
 import apf.initialisation.sequence as module
 from apf.body.toml import load_body
-from apf.initialisation import Start, StartConfig, StartError, start_of
+from apf.initialisation import Start, StartConfig, StartError, initialise
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from cl import Device, InputError
 from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
+from psfs.volume import automatic_grid
 from psfs.voxels.grid import VoxelGrid
 
 FRAMES, FPS = 90, 30
@@ -43,7 +45,8 @@ def test_who_stands_later_is_measured_there(
     template, tall = load_body("song31"), load_body("song31")
     calls = []
 
-    def find(scene, voxels, noise, height, own, *rest) -> Start:
+    def find(scene, voxels, noise, keep_shape, **rest) -> Start:
+        own = keep_shape
         calls.append(([v.index for v in voxels], scene.body, own))
         if fails and rises and len(calls) == 1:
             raise StartError("nobody")
@@ -57,15 +60,17 @@ def test_who_stands_later_is_measured_there(
             self.index = frame.index
 
     monkeypatch.setattr(module, "find_start", find)
-    monkeypatch.setattr(module, "reconstructor_for", lambda *a: Frame)
+    monkeypatch.setattr(Session, "reconstructor", lambda *a: Frame)
     monkeypatch.setattr(module, "stored", lambda device, voxels: voxels)
     monkeypatch.setattr(
         module,
         "seen_height",
         lambda v, config: 1.7 if rises and 55 <= v.index < 65 else first_height,
     )
+    session = Session(sequence, Device.best(), SessionSettings(selection=slice(2, None)))
     grid = VoxelGrid.covering(np.zeros(3), np.ones(3), 0.1)
-    start = start_of(Device.best(), sequence, grid, template, slice(2, None))
+    session.replace_result(automatic_grid, grid)
+    start = initialise(session, template)
     first, _ = module.frames_to_fit(range(2, FRAMES), FPS, StartConfig().frames)
     assert calls[-1][0] == list(first)
     if not rises or fails:

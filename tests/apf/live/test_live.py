@@ -18,12 +18,13 @@ from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.pose import read_pose, write_pose
 from apf.live.config import SizeConfig
-from apf.live.session import Live, Observed, translation
+from apf.live.session import Live, LiveStart, Observed, translation
 from apf.live.sources import ACQUISITION, Replay, Shot
 from apf.live.timeline import Timeline
 from apf.tracking.track import Track
-from cl import Device, InputError
+from cl import Device, InputError, NumpyDevice
 from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
 
 SIZES = SizeConfig()
@@ -91,10 +92,15 @@ def prepared(folder: Path, objective: str = "voxel", follow: bool = False) -> Li
     body = load_body(folder / "body.toml")
     pose = read_pose(folder / "start.txt", body)
     sequence = Sequence.open(folder)
-    grid = automatic_grid(sequence, voxel_size=0.03) if objective == "voxel" else None
+    session = Session(sequence, NumpyDevice(), SessionSettings(voxel_size=0.03))
+    grid = automatic_grid(session) if objective == "voxel" else None
     searches = [Method.of("apf", objective, n_particles=n, n_layers=6) for n in (48, 96)]
     return Live(
-        Device.best(), Replay(sequence, range(5)), grid, body, pose, searches, follow=follow
+        Device.best(),
+        Replay(sequence, range(5)),
+        LiveStart(grid, body, pose),
+        searches,
+        follow=follow,
     )
 
 

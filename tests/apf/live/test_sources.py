@@ -16,8 +16,8 @@ from apf.live.timeline import Timeline
 from apf.synthetic.scene import SceneConfig, make_rig
 from cl import InputError
 from psfs.sequence import Sequence
-from psfs.voxels.bounding_volume import finest_pixel
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.occupied_box import finest_pixel
 
 STAGES = (ACQUISITION, "processing", "tracking")
 

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
+from apf.evaluation.joint_names import EVALUATED_JOINTS
 from apf.formats.trc import JointSeries
 from apf.live.error import live_errors
 from apf.live.sources import ACQUISITION
 from apf.live.timeline import Span, Timeline
-from apf.results.joint_names import EVALUATED_JOINTS
 
 STAGES = (ACQUISITION, "processing", "tracking")
 

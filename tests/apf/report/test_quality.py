@@ -11,35 +11,34 @@ from helpers import tracks
 
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
+from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method
 from apf.initialisation.from_joints import fit_to_joints
-from apf.report.agreement import choose_rows, measure_agreement
+from apf.report.agreement import choose_rows, compare_with_silhouettes
 from apf.report.parts import find_parts, plain_name
 from apf.report.quality import DOUBTFUL, Quality
-from apf.results.evaluate import load_truth
-from apf.tracking.batch import track_take
+from apf.tracking.settings import TakeSettings
+from apf.tracking.take import track_take
 from apf.tracking.track import Track
 from cl import Device
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
+from psfs.session import Session
 from psfs.volume import automatic_grid
-from psfs.voxels.grid import VoxelGrid
 
-Scene = tuple[Device, Sequence, VoxelGrid, Track]
+Scene = tuple[Session, Track]
 
 
 @pytest.fixture(scope="module")
 def scene(walk: Path) -> Scene:
     """The small walk with a good track, from its true first pose, whose limbs silhouettes alone
     hold: they are what it is judged by."""
-    device, sequence = Device.best(), Sequence.open(walk)
+    session = Session(Sequence.open(walk), Device.best())
     truth = load_truth(walk / "truth.npz")
     named = dict(zip(truth.joint_names, truth.joints[0], strict=True))
     body, pose, _ = fit_to_joints(load_body("song31"), named)
     method = Method.of(contour_weight=0.0, part_colour_weight=0.0, limb_search_rounds=0)
-    track = track_take(device, sequence, method, given=(body, pose)).tracks[0]
-    grid = automatic_grid(sequence, device=device)
-    return device, sequence, grid, tracked(body, track.poses)
+    track = track_take(session, TakeSettings(method=method, given=(body, pose))).tracks[0]
+    return session, tracked(body, track.poses)
 
 
 def tracked(body: BodyModel, poses: np.ndarray) -> Track:
@@ -53,12 +52,12 @@ def tracked(body: BodyModel, poses: np.ndarray) -> Track:
 
 
 def judged(scene: Scene, track: Track) -> Quality:
-    device, sequence, grid, _ = scene
-    return Quality(track, measure_agreement(device, sequence, grid, ReconstructionConfig(), track))
+    session, _ = scene
+    return Quality(track, compare_with_silhouettes(session, automatic_grid(session), track))
 
 
 def test_a_good_track_looks_good(scene: Scene) -> None:
-    quality = judged(scene, scene[3])
+    quality = judged(scene, scene[1])
     assert quality.verdict == "good" and not quality.doubtful
     assert quality.confidence.min() > DOUBTFUL
     facts = quality.facts()
@@ -76,8 +75,8 @@ def test_a_good_track_looks_good(scene: Scene) -> None:
     ],
 )
 def test_a_wrong_limb_is_named(dof: str, by: float, part: str, scene: Scene) -> None:
-    """It is reported in the frames in which it is wrong."""
-    track = scene[3]
+    """In the frames in which it is wrong."""
+    track = scene[1]
     poses = track.poses.copy()
     poses[1:4, track.dof_names.index(dof)] += by
     quality = judged(scene, tracked(track.its_body, poses))
@@ -89,7 +88,7 @@ def test_a_wrong_limb_is_named(dof: str, by: float, part: str, scene: Scene) -> 
 
 
 def test_what_nothing_was_compared_with_is_not_called_good(scene: Scene) -> None:
-    track = scene[3]
+    track = scene[1]
     unjudged = Quality(track, None)
     assert unjudged.verdict == "unknown"
     assert unjudged.lines()[0].startswith("the track was not compared with the silhouettes: no fra")

@@ -16,20 +16,23 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import apf.tracking.batch
 import apf.tracking.pipeline
+import apf.tracking.take
 from apf.body import BodyModel, load_body
 from apf.cli import main
+from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method
 from apf.initialisation.from_joints import fit_to_joints
-from apf.results.evaluate import load_truth
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
-from apf.tracking.batch import Take, at_once, track_take, track_takes
+from apf.tracking.batch import at_once
+from apf.tracking.settings import TakeSettings
+from apf.tracking.take import Take, track_take
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice
 from psfs.common.outputs import MANIFEST
 from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
 
 Check = Callable[[], None]
 FRAMES = 3
@@ -188,36 +191,38 @@ def fitted(truth: bytes) -> tuple[BodyModel, np.ndarray]:
 def true_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Starts from the true joints, for the search (which test_start.py tests) takes its time."""
 
-    def start(device: object, sequence: Sequence, *_: object, **__: object) -> object:
-        body, pose = fitted((sequence.folder / "truth.npz").read_bytes())
+    def start(session: Session, *_: object, **__: object) -> object:
+        body, pose = fitted((session.sequence.folder / "truth.npz").read_bytes())
         return SimpleNamespace(
             body=body, pose=pose, registration_error=0.25, doubts=["he is seen twice"]
         )
 
-    monkeypatch.setattr(apf.tracking.batch, "start_of", start)
+    monkeypatch.setattr(apf.tracking.take, "initialise", start)
 
 
 def test_takes_are_bit_by_bit_those_alone(
     device: Device, walks: list[Path], true_starts: None
 ) -> None:
     method = Method.of(n_particles=40, n_layers=3, seed=3)
-    options = {"voxel_size": 0.06, "seeds": [3, 4]}
+    settings = TakeSettings(method=method, seeds=(3, 4))
     told = []
 
-    def tell(*stage: object) -> None:
-        told.append(stage)
+    def take_of(own: object, number: int, check: object = None) -> Take:
+        session_settings = SessionSettings(voxel_size=0.06)
+        session = Session(Sequence.open(walks[number]), own, session_settings)  # type: ignore[arg-type]
+        return track_take(session, settings, lambda stage: told.append((number, stage)))
 
-    together = dict(track_takes(device, walks[:2], method, n_at_once=2, progress=tell, **options))
+    together = dict(at_once(device, take_of, 2, 2))
+    told_together = told.copy()
     assert sorted(together) == [0, 1]
-    for number, folder in enumerate(walks[:2]):
-        mine = together[number]
-        alone = track_take(device, Sequence.open(folder), method, **options)
+    for number in range(2):
+        mine, alone = together[number], take_of(device, number)
         assert isinstance(mine, Take) and len(mine.tracks) == 2
         for a, b in zip(mine.tracks, alone.tracks, strict=True):
             assert len(a) == FRAMES and a.provenance == b.provenance
             np.testing.assert_array_equal(a.poses, b.poses)
             np.testing.assert_array_equal(a.covariance, b.covariance)
-        stages = [stage for n, stage in told if n == number]
+        stages = [stage for n, stage in told_together if n == number]
         forward_and_back = ["tracking"] * FRAMES + ["tracking back"] * FRAMES
         assert stages == ["volume", "start", "preparing", *forward_and_back]
     assert np.any(together[0].tracks[0].poses != together[1].tracks[0].poses)
@@ -227,10 +232,10 @@ def test_given_starts_and_image_objectives_need_no_voxels(walks: list[Path]) -> 
     body = load_body("song31")
     method = Method.of("pso", "sp", n_particles=40, n_layers=2)
     told = []
-    take = track_take(
-        Device.best(), Sequence.open(walks[0]), method,
-        given=(body, body.rest_pose), selection=slice(1, 3), progress=told.append,
-    )  # fmt: skip
+    settings = SessionSettings(selection=slice(1, 3))
+    session = Session(Sequence.open(walks[0]), Device.best(), settings)
+    given = TakeSettings(method=method, given=(body, body.rest_pose))
+    take = track_take(session, given, told.append)
     assert take.start is None and take.seconds > 0 and told == ["preparing", "tracking", "tracking"]
     assert take.tracks[0].frames.tolist() == [1, 2]
 

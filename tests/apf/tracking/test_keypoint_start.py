@@ -21,8 +21,11 @@ from apf.filters.method import Method
 from apf.initialisation.from_keypoints import start_from_keypoints
 from apf.keypoints import Keypoints
 from apf.scene import Scene
-from apf.tracking.batch import track_take
+from apf.tracking.settings import TakeSettings
+from apf.tracking.take import track_take
 from cl import Device, InputError
+from psfs.cameras.camera import CameraRig
+from psfs.session import Session
 
 BODY = load_body("song31")
 RIG = scenes.ring(4, size=(640, 480), radius=4.0)
@@ -47,6 +50,12 @@ class Blind:
         return N
 
 
+def blind_session(device: Device, rig: CameraRig = RIG) -> Session:
+    sequence = Blind()
+    sequence.rig = rig
+    return Session(sequence, device)  # type: ignore[arg-type]
+
+
 def miss(track: apf.Track) -> float:
     """m, mean over frames and joints."""
     truth = posed_joints(BODY, poses()[track.frames])
@@ -56,7 +65,8 @@ def miss(track: apf.Track) -> float:
 def test_keypoints_alone_need_no_picture(device: Device) -> None:
     keypoints = of_poses(RIG, BODY, poses(), noise=2.0)
     method = Method.of(objective="keypoints", n_particles=100, n_layers=5)
-    take = track_take(device, Blind(), method, [0, 1], keypoints=keypoints)  # type: ignore[arg-type]
+    settings = TakeSettings(method=method, seeds=(0, 1), keypoints=keypoints)
+    take = track_take(blind_session(device), settings)
     assert len(take.tracks) == 2 and take.start is None
     for track in take.tracks:
         assert miss(track) < 0.03 and not track.lost.any()
@@ -73,7 +83,8 @@ def test_the_lost_are_found_by_their_keypoints(device: Device) -> None:
     points[:, 4:7] = np.nan
     gone = replace(keypoints, points=points)
     method = Method.of(objective="keypoints", n_particles=60, n_layers=5)
-    track = track_take(device, Blind(), method, keypoints=gone).tracks[0]  # type: ignore[arg-type]
+    settings = TakeSettings(method=method, keypoints=gone)
+    track = track_take(blind_session(device), settings).tracks[0]
     assert track.lost.tolist() == [False] * 4 + [True] * 3 + [False] * 3
     truth = posed_joints(BODY, moved[7:])
     assert np.linalg.norm(track.joints[7:] - truth, axis=-1).mean() < 0.05
@@ -88,10 +99,9 @@ def test_two_cameras_of_six_move_nobody(device: Device) -> None:
     points[2:, 5] = np.nan
     points[:2, 5] = of_poses(rig, BODY, still + 0.6 * (np.arange(BODY.n_dof) == 0)).points[:2, 5]
     keypoints = replace(of_poses(rig, BODY, still), points=points)
-    sequence = Blind()
-    sequence.rig = rig
     method = Method.of(objective="keypoints", n_particles=60, n_layers=5)
-    track = track_take(device, sequence, method, keypoints=keypoints).tracks[0]  # type: ignore[arg-type]
+    settings = TakeSettings(method=method, keypoints=keypoints)
+    track = track_take(blind_session(device, rig), settings).tracks[0]
     assert np.flatnonzero(track.lost).tolist() == [5]
     away = np.linalg.norm(track.joints - posed_joints(BODY, still), axis=-1)
     assert away.mean(1).max() < 0.05
@@ -99,7 +109,7 @@ def test_two_cameras_of_six_move_nobody(device: Device) -> None:
 
 def test_a_method_with_keypoints_needs_some(device: Device) -> None:
     with pytest.raises(InputError, match="none were given"):
-        track_take(device, Blind(), Method.of(objective="keypoints"))  # type: ignore[arg-type]
+        track_take(blind_session(device), TakeSettings(method=Method.of(objective="keypoints")))
 
 
 def test_live_keypoints_frame_by_frame(device: Device) -> None:

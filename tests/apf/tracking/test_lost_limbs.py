@@ -15,10 +15,10 @@ from helpers import bodies, tracks
 
 from apf.body.limbs import limb_angles, limb_joints, limb_names
 from apf.cli import main
+from apf.evaluation.evaluate import evaluate
 from apf.formats.angles import write_angle_csv
 from apf.formats.trc import read_trc
 from apf.report.quality import Quality
-from apf.results.evaluate import evaluate
 from apf.tracking.smoothing import smoothed
 from apf.tracking.track import Track
 from cl import InputError

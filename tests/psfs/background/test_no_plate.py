@@ -14,7 +14,7 @@ from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from cl import Device
 from psfs.cli import main
-from psfs.output.runs import Run
+from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.sequence import Sequence
 
 
@@ -30,7 +30,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def reconstructed(folder: Path, out: Path, volume: str) -> np.ndarray:
     command = ["reconstruct", str(folder), "-o", str(out), "--no-colour", "--frames", "10:11"]
     assert main([*command, "--volume", volume, "--voxel-size", "0.04"]) == 0
-    cloud = Run.open(out).cloud(10)
+    cloud = ReconstructionFolder.open(out).cloud(10)
     solid = np.zeros(cloud.grid.shape, bool)
     solid.flat[cloud.indices] = True
     return np.asarray(ndimage.binary_fill_holes(solid))

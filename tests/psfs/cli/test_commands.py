@@ -13,7 +13,7 @@ from helpers import scenes
 
 import psfs.cli.reconstruct as command
 from psfs.cli import main
-from psfs.diagnostics.silhouette_iou import volume_region, without_speckle
+from psfs.diagnostics.reprojection_iou import volume_region, without_speckle
 from psfs.voxels.clouds import read_cloud
 from psfs.voxels.grid import VoxelGrid
 

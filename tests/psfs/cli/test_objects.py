@@ -15,7 +15,7 @@ from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import rotate_rig, rotation_to_z_up
 from psfs.cli import main
-from psfs.output.runs import Run
+from psfs.output.reconstruction_folder import ReconstructionFolder
 
 HEIGHT = 1.8
 
@@ -52,7 +52,7 @@ def statue(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def heights(out: Path) -> tuple[float, float]:
-    z = Run.open(out).cloud(0).centres[:, 2]
+    z = ReconstructionFolder.open(out).cloud(0).centres[:, 2]
     return float(z.min()), float(z.max())
 
 
@@ -72,7 +72,9 @@ def test_it_is_whole_without_a_flag(
     captured = capsys.readouterr()
     assert "warning" not in captured.out + captured.err
     assert mean_iou(out) > 0.85
-    assert (Run.open(out).grid.voxel_size < 0.018) == bool(flags)  # follows the object
+    assert (ReconstructionFolder.open(out).grid.voxel_size < 0.018) == bool(
+        flags
+    )  # follows the object
 
 
 def test_a_volume_that_cuts_it_is_said_and_counts(
@@ -93,7 +95,7 @@ def test_a_volume_in_the_users_own_axes(
     out = tmp_path / "out"
     own = ["--volume", "own:-0.4,0.4,-2,0.2,-0.4,0.4", "--voxel-size", "0.03"]
     assert main(["reconstruct", str(statue), "-o", str(out), *own]) == 0
-    grid = Run.open(out).grid
+    grid = ReconstructionFolder.open(out).grid
     np.testing.assert_allclose(grid.low, [-0.4, -0.4, -2], atol=0.04)
     np.testing.assert_allclose(grid.high, [0.4, 0.4, 0.2], atol=0.04)
     assert heights(out)[0] == pytest.approx(-HEIGHT, abs=0.06)

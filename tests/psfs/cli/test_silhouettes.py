@@ -16,10 +16,11 @@ from apf.synthetic.scene import SceneConfig
 from cl import Device, NumpyDevice
 from psfs.background.config import EvidenceConfig
 from psfs.cli import main
-from psfs.diagnostics.silhouette_pictures import differences
-from psfs.diagnostics.silhouettes import followed_silhouettes, true_mask, truth_frames
+from psfs.diagnostics.silhouette_mosaic import differences
+from psfs.diagnostics.silhouette_scores import score_silhouettes, true_mask, truth_frames
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
 
 FRAMES = 4
@@ -92,12 +93,13 @@ def test_without_true_masks_frames_are_spread(
 def test_the_silhouettes_are_those_of_the_reconstruction(folder: Path, device: Device) -> None:
     """Those of frame 2, after the frames before have taught what they teach."""
     sequence = Sequence.open(folder)
-    grid = automatic_grid(sequence, device=device)
+    session = Session(sequence, device)
+    grid = automatic_grid(session)
     reconstruct = Reconstructor(device, sequence.rig, grid, sequence.background)
     for frame in sequence.frames(slice(3)):
         reconstruct(frame)
     evidence = reconstruct.evidence()
-    first, second, third = followed_silhouettes(device, sequence, [2], grid)
+    first, second, third = score_silhouettes(session, [2])
     assert first is None and second is None and third is not None
     np.testing.assert_array_equal(third.masks, (evidence > 0) & third.region)
     np.testing.assert_array_equal(third.likelihood > 0.5, evidence > 0)
@@ -106,9 +108,10 @@ def test_the_silhouettes_are_those_of_the_reconstruction(folder: Path, device: D
 
 def test_the_twin_shows_the_same(folder: Path) -> None:
     sequence = Sequence.open(folder)
-    grid = automatic_grid(sequence, voxel_size=0.04, device=Device.best())
+    settings = SessionSettings(voxel_size=0.04)
+    grid = automatic_grid(Session(sequence, Device.best(), settings))
     found = [
-        next(followed_silhouettes(device, sequence, [0], grid))
+        next(score_silhouettes(Session(sequence, device), [0], grid))
         for device in (Device.best(), NumpyDevice())
     ]
     ours, twins = (of.scores for of in found if of is not None)

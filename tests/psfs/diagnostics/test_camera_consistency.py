@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,8 +19,9 @@ import psfs
 from apf.body import load_body
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cli import main
-from psfs.diagnostics.camera_consistency import suspects
+from psfs.diagnostics.camera_consistency import find_inconsistent_cameras
 from psfs.sequence import Frame, Sequence
+from psfs.session import Session
 
 
 class Spoilt:
@@ -32,6 +35,10 @@ class Spoilt:
 
     def __len__(self) -> int:
         return len(self._sequence)
+
+    @contextmanager
+    def reader(self, learning: bool) -> Iterator[Callable[[int], Frame]]:
+        yield self.read
 
     def read(self, index: int) -> Frame:
         frame = self._sequence.read(index)
@@ -82,14 +89,14 @@ def late_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
 )
 def test_a_spoilt_camera_is_named(walk: Sequence, device, kind: str, reason: str) -> None:
-    (suspect,) = suspects(Spoilt(walk, kind), device=device)
+    (suspect,) = find_inconsistent_cameras(Session(Spoilt(walk, kind), device))  # type: ignore[arg-type]
     assert suspect.camera == "cam03" and reason in suspect.reason
     assert suspect.iou < 0.5 * suspect.others and "cam03" in str(suspect)
 
 
 @pytest.mark.parametrize("name", ["synth_walk_8cam", "utrecht_seated"])
 def test_good_cameras_are_not_named(device, name: str) -> None:
-    assert suspects(Sequence.open(shared_data(name)), device=device) == []
+    assert find_inconsistent_cameras(Session(Sequence.open(shared_data(name)), device)) == []
 
 
 def test_a_late_camera_is_left_out_and_named(

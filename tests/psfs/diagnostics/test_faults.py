@@ -16,10 +16,11 @@ from cl import NumpyDevice
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cli import main
-from psfs.diagnostics.faults import diagnosed
+from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.picture_faults import Fault
 from psfs.diagnostics.sequence_info import rig_warnings
 from psfs.sequence import Sequence
+from psfs.session import Session
 
 FRAMES = 36
 NAMES = [f"c{k}" for k in range(5)]
@@ -62,11 +63,11 @@ def write(folder: Path, masks: np.ndarray, cameras: CameraRig | None = None) -> 
 
 
 def faults(folder: Path, **settings) -> list[Fault]:
-    return diagnosed(Sequence.open(folder, **settings), NumpyDevice()).faults
+    return diagnose(Session(Sequence.open(folder, **settings), NumpyDevice())).faults
 
 
 def test_sound_footage_has_no_faults(tmp_path: Path, masks: np.ndarray) -> None:
-    diagnosis = diagnosed(Sequence.open(write(tmp_path / "a", masks)), NumpyDevice())
+    diagnosis = diagnose(Session(Sequence.open(write(tmp_path / "a", masks)), NumpyDevice()))
     assert diagnosis.faults == []
     assert diagnosis.disagreement < 0.01 and 1.2 < diagnosis.size < 1.9
 
@@ -85,12 +86,12 @@ def test_late_cameras_are_named_and_mended(tmp_path: Path, masks: np.ndarray, la
     spoilt[:, 2] = np.roll(masks[:, 2], late, axis=0)
     kept = slice(max(late, 0), FRAMES + min(late, 0))
     folder = write(tmp_path / "a", spoilt[kept])
-    diagnosis = diagnosed(Sequence.open(folder), NumpyDevice())
+    diagnosis = diagnose(Session(Sequence.open(folder), NumpyDevice()))
     assert diagnosis.late == {"c2": late}
     assert "--sync auto" in str(diagnosis.faults[0]) and "c2" in str(diagnosis.faults[0])
     mended = Sequence.open(folder).synchronised(diagnosis.late)
     assert len(mended) == FRAMES - 2 * abs(late)
-    assert diagnosed(mended, NumpyDevice()).faults == []
+    assert diagnose(Session(mended, NumpyDevice())).faults == []
     shown = mended.read(0).masks
     assert shown is not None
     first = max(late, 0) + max(0, -late)
@@ -256,5 +257,5 @@ def test_as_many_frames_at_other_rates_are_taken_one_by_one(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", ["synth_box_4cam", "dancer8"])
 def test_untouched_recordings_have_no_faults(device, name: str) -> None:
-    found = diagnosed(Sequence.open(shared_data(name)), device).faults
+    found = diagnose(Session(Sequence.open(shared_data(name)), device)).faults
     assert [str(fault) for fault in found if fault.serious] == []

@@ -16,6 +16,7 @@ from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
 from psfs.reference.appearance import NumpyForeground
+from psfs.reference.light import lit_by
 from psfs.reference.silhouette import (
     background_ratio,
     box_sums,
@@ -28,7 +29,7 @@ from psfs.reference.silhouette import (
 )
 from psfs.reference.surface import surface_voxels
 from psfs.silhouettes.appearance import BINS, Foreground
-from psfs.silhouettes.config import SilhouetteConfig, SmoothingConfig
+from psfs.silhouettes.config import EvidenceSmoothingConfig, SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
 
 CONFIG = SilhouetteConfig()
@@ -42,6 +43,7 @@ def shaded(views: int, size: tuple[int, int]) -> tuple[CameraRig, Background, np
     images[:, rig.height // 2 :, : rig.width // 2] *= 0.7
     soft = ndimage.gaussian_filter(frame.masks / 255.0, (0, 1, 1))[..., None]
     images = (1 - soft) * images + soft * [30, 160, 60]
+    images *= [0.8, 0.9, 1.05]  # another light
     return rig, background, np.clip(images, 0, 255).astype(np.uint8)
 
 
@@ -53,6 +55,11 @@ def launch_of(
         silhouette(images)
     (launch,) = launches
     return launch
+
+
+def in_light_of(launch: Traced, background: Background) -> Background:
+    """The background in the light that a launch was given."""
+    return lit_by(background, launch.before["light"].astype(float), CONFIG.background)
 
 
 def in_counts(nats: np.ndarray) -> np.ndarray:
@@ -76,7 +83,9 @@ SIZES = [(2, (97, 75)), (3, (50, 37)), (2, (17, 40)), (2, (161, 121))]
 @pytest.mark.parametrize(("views", "size"), SIZES)
 def test_light_on_the_floor(device: Device, views: int, size: tuple[int, int]) -> None:
     rig, background, images = shaded(views, size)
-    bordered = launch_of(device, "floor_light.floor_light", rig, background, images).after["light"]
+    launch = launch_of(device, "floor_light.floor_light", rig, background, images)
+    bordered = launch.after["floor_light"]
+    background = in_light_of(launch, background)
     inner = bordered[:, 1:-1, 1:-1]
     np.testing.assert_array_equal(bordered, np.pad(inner, ((0, 0), (1, 1), (1, 1)), "edge"))
     expected = floor_light(images, rig, background, CONFIG)
@@ -93,10 +102,12 @@ def test_light_on_the_floor(device: Device, views: int, size: tuple[int, int]) -
 @pytest.mark.parametrize(("views", "size"), SIZES)
 def test_log_ratios(device: Device, views: int, size: tuple[int, int]) -> None:
     rig, background, images = shaded(views, size)
-    ratios = launch_of(device, "silhouette.log_ratio", rig, background, images).after["ratios"]
-    seen = zip(images, background.mean, background.std, strict=True)
-    light = floor_light(images, rig, background, CONFIG)
-    expected = [background_ratio(*view, CONFIG, lit) for view, lit in zip(seen, light, strict=True)]
+    launch = launch_of(device, "silhouette.log_ratio", rig, background, images)
+    lit, ratios = in_light_of(launch, background), launch.after["ratios"]
+    widths = CONFIG.background.shadow_width(background.mean)
+    floor = floor_light(images, rig, lit, CONFIG)
+    seen = zip(images, lit.mean, lit.std, floor, widths, strict=True)
+    expected = [background_ratio(*view[:3], CONFIG, *view[3:]) for view in seen]
     wrong = np.abs(ratios[:, 1:-1, 1:-1] - in_counts(np.stack(expected)))[in_pictures(rig)]
     # Half a count may round either way; the light of a cell differs as above.
     assert (wrong > 1).mean() < 2e-3 and (wrong > 0).mean() < 0.02
@@ -118,6 +129,7 @@ def test_sums_of_ratios(device: Device, views: int, size: tuple[int, int]) -> No
 def test_ratios_of_mixed_pixels(device: Device, views: int, size: tuple[int, int]) -> None:
     rig, background, images = shaded(views, size)
     launch = launch_of(device, "silhouette.rim", rig, background, images)
+    background = in_light_of(launch, background)
     seen = zip(images, background.mean, background.std, launch.before["evidence"], strict=True)
     mixed = in_counts(np.stack([mixed_ratio(*view, CONFIG) for view in seen]))
     before, after = (which["ratios"][:, 1:-1, 1:-1] for which in (launch.before, launch.after))
@@ -127,10 +139,12 @@ def test_ratios_of_mixed_pixels(device: Device, views: int, size: tuple[int, int
 
 
 @pytest.mark.parity("reconstruction/silhouette.smoothed_evidence")
-@pytest.mark.parametrize("smoothing", [SmoothingConfig(), SmoothingConfig(reach=1, contrast=3.0)])
+@pytest.mark.parametrize(
+    "smoothing", [EvidenceSmoothingConfig(), EvidenceSmoothingConfig(reach=1, contrast=3.0)]
+)
 @pytest.mark.parametrize(("views", "size"), SIZES)
 def test_smoothed_evidence(
-    device: Device, views: int, size: tuple[int, int], smoothing: SmoothingConfig
+    device: Device, views: int, size: tuple[int, int], smoothing: EvidenceSmoothingConfig
 ) -> None:
     rig, background, images = shaded(views, size)
     config = CONFIG.replace(smoothing=smoothing)

@@ -17,7 +17,12 @@ from psfs.reference.silhouette import (
     mask_evidence,
     silhouette_evidence,
 )
-from psfs.silhouettes.config import FloorConfig, RimConfig, SilhouetteConfig, SmoothingConfig
+from psfs.silhouettes.config import (
+    EvidenceSmoothingConfig,
+    FloorConfig,
+    RimConfig,
+    SilhouetteConfig,
+)
 from psfs.silhouettes.silhouette import Silhouette
 
 CONFIGS = [
@@ -27,12 +32,12 @@ CONFIGS = [
     ),
     SilhouetteConfig(background=BackgroundConfig(shadow_low=1.0, shadow_high=1.0, sigma_floor=4.0)),
     SilhouetteConfig(rim=RimConfig(on=False)),
-    SilhouetteConfig(floor=FloorConfig(on=False), smoothing=SmoothingConfig(reach=0)),
+    SilhouetteConfig(floor=FloorConfig(on=False), smoothing=EvidenceSmoothingConfig(reach=0)),
     SilhouetteConfig(
         background=BackgroundConfig(shadow_low=1.0, shadow_high=1.0),
         floor=FloorConfig(on=False),
         rim=RimConfig(on=False),
-        smoothing=SmoothingConfig(reach=0),
+        smoothing=EvidenceSmoothingConfig(reach=0),
         evidence=EvidenceConfig(independent_pixels=1.0),
     ),
 ]

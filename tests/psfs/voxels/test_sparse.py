@@ -9,7 +9,7 @@ import pytest
 from helpers import scenes
 from scipy import ndimage
 
-from cl import Device, InputError, NumpyDevice
+from cl import Device, NumpyDevice
 from psfs.backend import reconstructor_for
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import ReconstructionConfig, Reconstructor
@@ -184,14 +184,21 @@ def test_a_lens_carries_no_point_further_than_its_reach() -> None:
         assert camera.K[1, 1] * 0.99 <= yy < 2 * camera.K[1, 1]
 
 
-def test_too_many_bricks_are_refused(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_many_bricks_are_warned_of_once(
+    device: Device, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Noise all over the pictures ends no track; what has no room is as likely as the threshold."""
     monkeypatch.setattr(sparse, "_ROOM", 4096)
     rig, grid = scenes.ring(4), scenes.small_grid(0.04)
     evidence = device.to_device(np.full((4, rig.height, rig.width), 14, np.int8))
-    surface = SparseSurface(Bricks(device, rig, grid, evidence, STEP))
+    config = OccupancyConfig()
+    surface = SparseSurface(Bricks(device, rig, grid, evidence, STEP, config))
     surface()
-    with pytest.raises(InputError, match="bricks"):
-        surface.surface_probability(1)
+    count = int(surface.list.count.get()[0])
+    found = [surface.surface_probability(count) for _ in range(2)][-1]
+    assert (found >= np.float32(config.threshold)).all()
+    assert (found == np.float32(config.threshold)).any() and (found > config.threshold).any()
+    assert [record.message.count("bricks") for record in caplog.records] == [1]
 
 
 @pytest.mark.parametrize(

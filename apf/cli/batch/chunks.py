@@ -1,0 +1,173 @@
+"""A long take on several workers: its start, its chunks, and their tracks joined to one."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from apf.api import given_start
+from apf.body import load_body, save_body
+from apf.cli.batch.take import TakeDone, TakeJob, do_take, written_take
+from apf.cli.first_pose import found_start
+from apf.cli.method_flags import chosen_method
+from apf.cli.takes.job import TrackJob
+from apf.cli.track import finish_take, write_files, write_track_settings
+from apf.cluster.chunks import cut_chunks, find_seam, join_tracks, to_millimetres
+from apf.cluster.config import ChunksConfig
+from apf.cluster.courses import Workflow
+from apf.cluster.pool import Task
+from apf.cluster.task_side import TaskProgress, log_to
+from apf.cluster.workers import select_worker_device
+from apf.formats.pose import read_pose, write_pose
+from apf.tracking.take import Take
+from apf.tracking.track import Track
+from cl import Device, InputError, NumpyDevice
+from psfs.cli.sequence_flags import examine_footage, open_sequence, selected_frames
+from psfs.diagnostics.examination import Examination
+from psfs.session import Session, SessionSettings
+from psfs.volume import automatic_grid, find_volume
+from psfs.voxels.config import ReconstructionConfig
+
+#: Folder in OUT of takes that are being tracked in chunks.
+PARTS = "parts"
+#: The first pose of a take, in its folder there.
+START = "start.txt"
+
+
+def course_of(job: TakeJob) -> Workflow:
+    """Return the tasks of a take, one after the other: itself; or, where it is to be cut and long
+    enough, its start, its chunks, and how they are joined."""
+    if job.part_frames is not None:
+        (chunks,) = yield [Task(f"{job.name}/start", cut_take, (job, job.part_frames))]
+        if chunks:
+            yield [Task(chunk.name, do_take, (chunk,)) for chunk in chunks]
+            (done,) = yield [Task(f"{job.name}/joining", join_chunks, (job, chunks))]
+            return done
+    (done,) = yield [Task(job.name, do_take, (job,))]
+    return done
+
+
+def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[TakeJob, ...]:
+    """Find the person in a take and return the jobs of its chunks, which share body, volume and
+    cameras; none of a take too short to be cut."""
+    with log_to(job.log, f"{job.name}: cutting {job.source}"):
+        progress.begin("opening")
+        args = job.arguments()
+        args.folder = str(job.source)
+        if args.seeds is not None:
+            raise InputError("--seeds and --part-frames; expected one of them")
+        session = _examined(args, select_worker_device(args.device)).session
+        frames = selected_frames(args, session.sequence)
+        overlap = round(ChunksConfig().overlap * session.rate)
+        chunks = cut_chunks(frames, part_frames, overlap)
+        if len(chunks) < 2:
+            print(f"{len(frames)} frames are too few for parts of {part_frames} that overlap")
+            return ()
+        shared = _shared_words(progress, job, args, session)
+        folder = _chunks_folder(job)
+        return tuple(
+            replace(
+                job,
+                name=f"{job.name}/part{number}",
+                out=folder / f"part{number}",
+                words=(*shared, *([f"--init={folder / START}"] * (number == 0)), _frames(chunk)),
+                part_frames=None,
+                exports=(),
+            )
+            for number, chunk in enumerate(chunks)
+        )
+
+
+def _examined(args: argparse.Namespace, device: Device | NumpyDevice) -> Examination:
+    """Open the footage that the flags name and look for what is wrong with it."""
+    config = args.configs.get("reconstruction") or ReconstructionConfig()
+    settings = SessionSettings(config, args.frames or slice(None), args.voxel_size)
+    session = Session(open_sequence(args), device, settings)
+    return examine_footage(args, session, person=True)
+
+
+def _shared_words(
+    progress: TaskProgress, job: TakeJob, args: argparse.Namespace, session: Session
+) -> tuple[str, ...]:
+    """Find the person and return the flags that all chunks of the take share; body and first pose
+    are written beside them."""
+    volume, grid, sequence = find_volume(session), automatic_grid(session), session.sequence
+    first = session.frames[0]
+    given = given_start(sequence.folder, first, args.body, args.init, args.convention)
+    if given is None:
+        seed = chosen_method(args).filter.search.seed
+        given = found_start(session, args, seed, lambda: progress("start"))
+    folder = _chunks_folder(job)
+    save_body(folder / "body.toml", given[0])
+    write_pose(folder / START, given[1], given[0])
+    box = ",".join(repr(float(x)) for x in np.ravel(np.transpose([volume.low, volume.high])))
+    return (
+        *(word for word in job.words if not word.startswith("--init=")),
+        f"--body={folder / 'body.toml'}",
+        f"--volume={box}",
+        f"--voxel-size={grid.voxel_size!r}",
+        f"--cameras={','.join(sequence.rig.names)}",
+        "--no-overlay",
+        "--no-report",
+    )
+
+
+def _chunks_folder(job: TakeJob) -> Path:
+    """Return where the chunks of a take are tracked."""
+    return job.out.parent / PARTS / job.name
+
+
+def _frames(frames: range) -> str:
+    return f"--frames={frames.start}:{frames.stop}:{frames.step}"
+
+
+def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob]) -> TakeDone:
+    """Write the take out of its chunks. One that does not agree with the chunk before it anywhere
+    is tracked again, from that one's last pose that both have."""
+    with log_to(job.log, f"{job.name}: joining {len(chunks)} parts"):
+        tracks = [Track.open(chunks[0].out)]
+        for chunk in chunks[1:]:
+            track = Track.open(chunk.out)
+            if find_seam(tracks[-1], track).distance > ChunksConfig().agreement:
+                print(f"{chunk.name}: does not agree with the part before; tracked again")
+                track = _tracked_on(progress, chunk, tracks[-1])
+            tracks.append(track)
+        whole, seams = join_tracks(tracks)
+        apart = ", ".join(f"{to_millimetres(s.distance)} at {s.frame}" for s in seams)
+        print(f"parts are joined with mm between them: {apart}")
+
+        def write(args: argparse.Namespace, device: Any) -> Take:
+            args.folder = str(job.source)
+            examination = _examined(args, device)
+            body = load_body(str(chunks[0].out.parent / "body.toml"))
+            pose = read_pose(chunks[0].out.parent / START, body)
+            sequence = examination.session.sequence
+            take = Take(sequence, body, pose, None, [whole], 1.0)
+            write_pose(args.output / START, pose, body)
+            write_files(args.output, whole, body)
+            write_track_settings(args, chosen_method(args))
+            progress.n_frames = len(whole)
+            track_job = TrackJob(args, chosen_method(args), [0], device)
+            finish_take(track_job, examination, take, progress)
+            return take
+
+        done = written_take(progress, job, write, parts=apart)
+        shutil.rmtree(chunks[0].out.parent, ignore_errors=True)
+        return done
+
+
+def _tracked_on(progress: TaskProgress, chunk: TakeJob, before: Track) -> Track:
+    """A chunk's track from the pose that the chunk before it has in its first frame."""
+    first = chunk.arguments().frames.start
+    rows = np.flatnonzero(before.frames == first)
+    pose = chunk.out.parent / f"{chunk.out.name}.txt"
+    write_pose(pose, before.poses[rows[0]], before.its_body)
+    again = replace(chunk, words=(*chunk.words, f"--init={pose}"))
+    do_take(progress, again)
+    return Track.open(again.out)

@@ -1,0 +1,80 @@
+"""One take of `apf track`: what its flags ask for."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+from apf.cli.first_pose import check_start
+from apf.cli.method_flags import chosen_method
+from apf.filters.method import Method
+from apf.tracking.trackers import seeded
+from cl import Device, InputError, NumpyDevice
+from psfs.common.files import resolve_path
+
+#: Runs that --seeds may ask for.
+MOST_SEEDS = 1000
+
+
+@dataclass(frozen=True)
+class TrackJob:
+    """One take of the command: its flags, of which `folder` and `output` are its own, and the
+    settings that they state."""
+
+    args: argparse.Namespace
+    method: Method
+    seeds: list[int]
+    device: Device | NumpyDevice
+
+    @classmethod
+    def of(cls, args: argparse.Namespace, device: Device | NumpyDevice, **own: object) -> TrackJob:
+        """Return the job of flags, some of which are the take's `own`. Raises InputError."""
+        method = chosen_method(args)
+        seeds = chosen_seeds(args, method)
+        check_start(args)
+        return cls(argparse.Namespace(**{**vars(args), **own}), method, seeds, device)
+
+    @property
+    def folders(self) -> list[Path]:
+        """The folder of each seed's files."""
+        return seed_folders(self.args, self.seeds)
+
+    @property
+    def inputs(self) -> list[Path]:
+        """The files and folders that are read, as far as the flags name them."""
+        args = self.args
+        stated = [Path(path) for path in (args.init, args.body) if path is not None]
+        return [Path(args.folder), *(path for path in stated if path.exists())]
+
+
+def seed_folders(args: argparse.Namespace, seeds: list[int]) -> list[Path]:
+    """Return where the files of every seed's run go."""
+    if args.seeds is None:
+        return [args.output]
+    return [args.output / f"seed{seed}" for seed in seeds]
+
+
+def take_names(folders: list[Path]) -> list[str]:
+    """Return a name for each of the takes: its folder's, with as many of the folders above as
+    distinguish them. Raises InputError if one is given twice."""
+    paths = [resolve_path(folder) for folder in folders]
+    for path in paths:
+        if paths.count(path) > 1:
+            raise InputError(f"{path} is given twice; expected different takes")
+    depth, names = 1, [path.name for path in paths]
+    while len(set(names)) < len(names):
+        depth += 1
+        names = ["_".join(path.parts[-depth:]) for path in paths]
+    return names
+
+
+def chosen_seeds(args: argparse.Namespace, method: Method) -> list[int]:
+    """Return the seeds of the runs to make. Raises InputError."""
+    n_runs = 1 if args.seeds is None else args.seeds
+    if not 1 <= n_runs <= MOST_SEEDS:
+        raise InputError(f"--seeds is {n_runs}; expected 1 to {MOST_SEEDS}")
+    first = method.filter.search.seed
+    seeds = list(range(first, first + n_runs))
+    seeded(method, seeds[-1:])
+    return seeds

@@ -1,0 +1,371 @@
+"""How far a track lies from the truth, joint by joint and frame by frame."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from apf.body.limbs import LIMB_ENDS
+from apf.evaluation.flags import FlagCounts, flagged_joints, said_lost
+from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints, match_joints
+from apf.formats.c3d import read_c3d
+from apf.formats.trc import JointSeries, read_trc
+from apf.tracking.track import Track
+from apf.tracking.uncertainty import inside
+from cl import InputError
+from psfs.common.files import write_json, written_whole
+from psfs.common.npz import Values, get_scalar, read_npz
+
+#: A joint farther than this from the truth counts as lost in that frame, m.
+LOST_JOINT = 0.150
+#: A limb is lost when its end is farther than this, m, for more than so many frames on end, or
+#: in the last frame.
+LOST_LIMB = 0.200
+LOST_FRAMES = 10
+
+
+#: What an npz of true joints holds; m, NaN where missing.
+_TRUTH = {
+    "joint_names": Values(("J",), "text"),
+    "joints": Values(("F", "J", 3), finite=False, low=-1e6, high=1e6),
+    "fps": Values(None, low=1e-3, high=1e5),
+    "frames": Values(("F",), "int", low=0, needed=False),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Distances of a track to the truth.
+
+    joint_names: (J,) compared ones, out of EVALUATED_JOINTS. frames: (F,) compared indices.
+    fps: of the track. offsets: (F, J, 3) m, track minus truth in the world, NaN where the truth
+    is missing. body_frames: (F, 3, 3) columns forward, left, up of the true body, NaN without
+    hips and neck; or (F, J, 3, 3) axes of what carries each point. covariance: (F, J, 3, 3) m^2
+    that the track states, NaN where it states none. lost: (F,) frames that the track says to have
+    lost the person in; they count as all others. unmatched_track, unmatched_truth: names not
+    compared. n_ignored: joint-frames without truth. warnings: what the reader of the figures should
+    know. said_lost: share of the frames in which the track says of a limb that it is lost, by name;
+    flagged: (F, J) bool, joints that it moves in those; they count as all others.
+    """
+
+    joint_names: tuple[str, ...]
+    frames: np.ndarray
+    fps: float
+    offsets: np.ndarray
+    body_frames: np.ndarray
+    covariance: np.ndarray
+    lost: np.ndarray
+    unmatched_track: tuple[str, ...]
+    unmatched_truth: tuple[str, ...]
+    n_ignored: int
+    warnings: tuple[str, ...]
+    said_lost: dict[str, float] = field(default_factory=dict)
+    flagged: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), bool))
+
+    @cached_property
+    def errors(self) -> np.ndarray:
+        """(F, J) distances, m; NaN where the truth is missing."""
+        return np.linalg.norm(self.offsets, axis=-1)
+
+    @cached_property
+    def frame_errors(self) -> np.ndarray:
+        """(F,) mean distance over the joints, m."""
+        return np.nanmean(self.errors, axis=1)
+
+    @property
+    def mean_error(self) -> float:
+        """Mean over all joint-frames, m."""
+        return float(np.nanmean(self.errors))
+
+    @property
+    def lost_share(self) -> float:
+        """Share of joint-frames farther than LOST_JOINT from the truth."""
+        return float(np.mean(self.errors[np.isfinite(self.errors)] > LOST_JOINT))
+
+    @cached_property
+    def constant_and_rest(self) -> tuple[np.ndarray, np.ndarray]:
+        """(J,) and (J,) m: the error that is the same in all frames, and the mean of the rest.
+
+        The constant part is the norm of the median offset in the body's own frame (forward,
+        left, up from hips and neck): a joint placed elsewhere in the body, which no better
+        tracking mends. The rest is the mean distance once that offset is taken away. NaN where
+        hips or neck are not known.
+        """
+        axes = self.body_frames if self.body_frames.ndim == 4 else self.body_frames[:, None]
+        local = np.einsum(
+            "fkij,fki->fkj", np.broadcast_to(axes, (*self.offsets.shape, 3)), self.offsets
+        )
+        with warnings.catch_warnings():  # joints that are NaN throughout stay NaN
+            warnings.simplefilter("ignore", RuntimeWarning)
+            constant = np.nanmedian(local, axis=0)
+            rest = np.nanmean(np.linalg.norm(local - constant, axis=-1), axis=0)
+        return np.linalg.norm(constant, axis=-1), rest
+
+    @cached_property
+    def inside(self) -> np.ndarray:
+        """(F, J) 1 where the truth lies inside the ellipsoid that should hold 95 % of them, 0
+        where not, NaN where the track states none."""
+        found = np.full(self.errors.shape, np.nan)
+        known = np.isfinite(self.covariance).all((-2, -1)) & np.isfinite(self.errors)
+        found[known] = inside(self.offsets[known], self.covariance[known])
+        return found
+
+    @cached_property
+    def inside_unflagged(self) -> float:
+        """The share of joint-frames within their 95 % ellipsoids, of those whose limb the track
+        does not say to be lost; NaN where it states none."""
+        known = np.isfinite(self.inside) & ~self.flagged & ~self.lost[:, None]
+        return float(self.inside[known].mean()) if known.any() else float("nan")
+
+    @cached_property
+    def flags(self) -> FlagCounts:
+        """How often the track is right about its limbs."""
+        limbs = [end for limb, end in LIMB_ENDS.items() if limb != "head"]
+        ends = [self.joint_names.index(end) for end in limbs if end in self.joint_names]
+        errors, flagged = self.errors[:, ends], (self.flagged | self.lost[:, None])[:, ends]
+        bad, good = errors > LOST_LIMB, errors <= LOST_JOINT
+        counts = (bad & flagged, bad, good & flagged, good)
+        return FlagCounts(*(int(count.sum()) for count in counts))
+
+    @cached_property
+    def lost_limbs(self) -> dict[str, bool]:
+        """Whether each limb whose end is compared got lost; see LOST_LIMB."""
+        return {
+            limb: _is_lost(self.errors[:, self.joint_names.index(end)])
+            for limb, end in LIMB_ENDS.items()
+            if end in self.joint_names
+        }
+
+    def joint_table(self) -> list[dict[str, Any]]:
+        """Per joint: its name, mean, median, max, constant and rest error in mm, and the share of
+        frames in which it lies inside its 95 % ellipsoid."""
+        constant, rest = self.constant_and_rest
+        columns = {
+            "mean_mm": np.nanmean(self.errors, axis=0),
+            "median_mm": np.nanmedian(self.errors, axis=0),
+            "max_mm": np.nanmax(self.errors, axis=0),
+            "constant_mm": constant,
+            "rest_mm": rest,
+        }
+        return [
+            {"joint": name}
+            | {key: _millimetres(column[j]) for key, column in columns.items()}
+            | {"inside_95": _mean_share(self.inside[:, j])}
+            for j, name in enumerate(self.joint_names)
+        ]
+
+    def summary(self) -> dict[str, Any]:
+        """All figures, ready for JSON; errors in mm, None where not known."""
+        constant, rest = self.constant_and_rest
+        return {
+            "mean_error_mm": _millimetres(self.mean_error),
+            "median_error_mm": _millimetres(np.nanmedian(self.errors)),
+            "max_error_mm": _millimetres(np.nanmax(self.errors)),
+            "constant_mm": _millimetres(constant.mean()),
+            "rest_mm": _millimetres(rest.mean()),
+            "lost_joint_share": round(self.lost_share, 5),
+            "lost_limbs": [limb for limb, lost in self.lost_limbs.items() if lost],
+            "limbs_said_to_be_lost": {n: round(share, 5) for n, share in self.said_lost.items()},
+            "limbs_beyond_200_mm_flagged": _rounded(self.flags.found),
+            "limbs_within_150_mm_flagged": _rounded(self.flags.falsely),
+            "inside_95": _mean_share(self.inside),
+            "inside_95_unflagged": _rounded(self.inside_unflagged),
+            "lost_frames": self.frames[self.lost].tolist(),
+            "n_frames": len(self.frames),
+            "n_joints": len(self.joint_names),
+            "n_joint_frames_ignored": self.n_ignored,
+            "not_compared": {
+                "track": list(self.unmatched_track),
+                "truth": list(self.unmatched_truth),
+            },
+            "warnings": list(self.warnings),
+            "joints": self.joint_table(),
+        }
+
+    def write_json(self, path: str | Path) -> None:
+        write_json(Path(path), self.summary())
+
+    def write_csv(self, path: str | Path) -> None:
+        """One row per frame: frame, time_s, mean_mm, then <joint>_mm, blank without truth."""
+        header = ["frame", "time_s", "mean_mm", *(f"{name}_mm" for name in self.joint_names)]
+        with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+            file.write(",".join(header) + "\n")
+            for frame, mean, row in zip(self.frames, self.frame_errors, self.errors, strict=True):
+                cells = ("" if np.isnan(e) else f"{1000 * e:.2f}" for e in (mean, *row))
+                file.write(",".join([f"{frame}", f"{frame / self.fps:.6f}", *cells]) + "\n")
+
+
+def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
+    """True joints or markers of a .trc (axes after `convention`), a .c3d or an npz.
+
+    A C3D says itself which axis is up, and has its own rate and numbers of frames. The npz holds
+    joint_names (J,), joints (F, J, 3) m, Z up, fps, and may hold frames (F,), the indices in the
+    sequence (0, 1, ... without them). Raises InputError.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".c3d":
+        return read_c3d(path)
+    if path.suffix.lower() == ".trc":
+        return read_trc(path, convention)
+    what = "a .trc, .c3d or npz with joint_names, joints (frames, joints, 3) in metres and fps"
+    data = read_npz(path, _TRUTH, what)
+    joints, fps = data["joints"].astype(np.float64), data["fps"]
+    names = tuple(str(name) for name in data["joint_names"])
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"{path}: joint_names holds {twice} twice; expected names that differ")
+    if fps.size != 1:
+        raise InputError(f"{path}: fps has the shape {fps.shape}; expected one number")
+    frames = data.get("frames", np.arange(len(joints)))
+    return JointSeries(names, joints, float(get_scalar(fps)), frames.astype(np.int64))
+
+
+def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
+    """Compare a track with the truth: frames matched by index, joints by name.
+
+    Raises InputError when they have no frame or no joint in common.
+    """
+    ours, our_names, our_unused = evaluated_joints(track.joint_names, track.joints)
+    true, true_names, true_unused = evaluated_joints(truth.joint_names, truth.joints)
+    names = [name for name in our_names if name in true_names]
+    if not names:
+        raise InputError(
+            f"no joint in common: the track has {', '.join(track.joint_names)}; "
+            f"the truth has {', '.join(truth.joint_names)}"
+        )
+    frames, rows, true_rows = common_frames(track, truth)
+    columns = [EVALUATED_JOINTS.index(name) for name in names]
+    offsets = ours[rows][:, columns] - true[true_rows][:, columns]
+    stated = _stated(track, tuple(names))[rows]
+    axes = _body_frames(true[true_rows])
+    common = frames, rows
+    found = evaluation_of(track, truth, common, tuple(names), offsets, axes, covariance=stated)
+    kept = found.joint_names
+    return replace(
+        found,
+        unmatched_track=tuple(our_unused + [name for name in our_names if name not in kept]),
+        unmatched_truth=tuple(true_unused + [name for name in true_names if name not in kept]),
+    )
+
+
+def common_frames(
+    track: Track | JointSeries, truth: JointSeries
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the frames (F,) of both, and their rows in either. Raises InputError if none is."""
+    frames, rows, true_rows = np.intersect1d(track.frames, truth.frames, return_indices=True)
+    if not frames.size:
+        raise InputError(
+            f"no frame in common: the track has {_span(track.frames)}, "
+            f"the truth {_span(truth.frames)}"
+        )
+    return frames, rows, true_rows
+
+
+def evaluation_of(
+    track: Track | JointSeries,
+    truth: JointSeries,
+    common: tuple[np.ndarray, np.ndarray],
+    names: tuple[str, ...],
+    offsets: np.ndarray,
+    axes: np.ndarray,
+    *,
+    covariance: np.ndarray | None = None,
+) -> Evaluation:
+    """Return the evaluation of points `names` with these offsets (F, J, 3), m, in common frames,
+    which are given with their rows of the track; points and frames without truth left out. axes:
+    the `body_frames`. covariance: (F, J, 3, 3) m^2. Raises InputError where none has truth."""
+    frames, rows = common
+    missing = ~np.isfinite(offsets).all(axis=-1)
+    offsets = np.where(missing[..., None], np.nan, offsets)
+    compared, with_truth = ~missing.all(axis=1), ~missing.all(axis=0)
+    if not compared.any():
+        raise InputError("the truth is missing (NaN) in every frame of the track")
+    if covariance is None:
+        covariance = np.full((*offsets.shape, 3), np.nan)
+    return Evaluation(
+        joint_names=tuple(name for name, some in zip(names, with_truth, strict=True) if some),
+        frames=frames[compared],
+        fps=track.fps,
+        offsets=offsets[compared][:, with_truth],
+        body_frames=axes[compared] if axes.ndim == 3 else axes[compared][:, with_truth],
+        covariance=covariance[compared][:, with_truth],
+        lost=_lost(track)[rows][compared],
+        unmatched_track=(),
+        unmatched_truth=(),
+        n_ignored=int(missing.sum()),
+        warnings=_warnings(track, truth, len(frames)),
+        said_lost=said_lost(track, rows[compared]),
+        flagged=flagged_joints(track, names)[rows][compared][:, with_truth],
+    )
+
+
+def _stated(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
+    """(F, J, 3, 3) m^2 covariance that the track states for these of EVALUATED_JOINTS."""
+    columns = match_joints(track.joint_names)
+    found = np.full((len(track.frames), len(names), 3, 3), np.nan)
+    if isinstance(track, Track):
+        for j, name in enumerate(names):
+            if name in columns:
+                found[:, j] = track.covariance[:, columns[name]]
+    return found
+
+
+def _lost(track: Track | JointSeries) -> np.ndarray:
+    """(F,) frames that the track says to have lost the person in."""
+    return track.lost if isinstance(track, Track) else np.zeros(len(track.frames), bool)
+
+
+def _body_frames(joints: np.ndarray) -> np.ndarray:
+    """(F, 3, 3) columns forward, left, up of joints (F, 15, 3), from the hips and the neck."""
+    l_hip, r_hip, neck = (
+        joints[:, EVALUATED_JOINTS.index(name)] for name in ("l_hip", "r_hip", "neck")
+    )
+    left = l_hip - r_hip
+    forward = np.cross(left, neck - (l_hip + r_hip) / 2)
+    axes = np.stack([forward, left, np.cross(forward, left)], axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return axes / np.linalg.norm(axes, axis=1, keepdims=True)
+
+
+def _is_lost(errors: np.ndarray) -> bool:
+    """Whether a limb's end with these errors (F,) m was lost; frames without truth are left out."""
+    far = errors[np.isfinite(errors)] > LOST_LIMB
+    longest = run = 0
+    for is_far in far:
+        run = run + 1 if is_far else 0
+        longest = max(longest, run)
+    return longest > LOST_FRAMES or bool(far[-1:].any())
+
+
+def _warnings(track: Track | JointSeries, truth: JointSeries, n_common: int) -> tuple[str, ...]:
+    found = []
+    if abs(track.fps - truth.fps) > 0.01 * truth.fps:
+        found.append(
+            f"the track has {track.fps:g} frames/s, the truth {truth.fps:g}; "
+            "frames are matched by index all the same"
+        )
+    if n_common < len(track.frames):
+        found.append(f"the truth covers {n_common} of the track's {len(track.frames)} frames")
+    return tuple(found)
+
+
+def _span(frames: np.ndarray) -> str:
+    return f"frames {frames.min()}..{frames.max()}" if frames.size else "no frames"
+
+
+def _mean_share(values: np.ndarray) -> float | None:
+    known = values[np.isfinite(values)]
+    return round(float(known.mean()), 4) if known.size else None
+
+
+def _rounded(share: float) -> float | None:
+    return round(share, 5) if np.isfinite(share) else None
+
+
+def _millimetres(metres: float) -> float | None:
+    return round(1000 * float(metres), 2) if np.isfinite(metres) else None

@@ -1,0 +1,76 @@
+"""Markers of motion capture as truth: where they are on the body, and how far a track's lie away
+(Rymut 2016, 6.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from apf.body.kinematics import bone_matrices
+from apf.evaluation.evaluate import Evaluation, common_frames, evaluation_of
+from apf.evaluation.marker_sets import FOLDER, SHIPPED
+from apf.formats.trc import JointSeries
+from apf.keypoints.landmarks import Landmark, locate_points, parse_landmarks
+from apf.tracking.track import Track
+from cl import InputError
+from psfs.cameras.names import listed
+from psfs.common.ranges import check_number
+from psfs.common.toml import read_toml
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerSet:
+    """Points of the body that markers are fixed to. stature: m, of whom their offsets are."""
+
+    name: str
+    markers: tuple[Landmark, ...]
+    stature: float
+
+
+def load_markers(source: str | Path) -> MarkerSet:
+    """Read a marker set: the name of a shipped one, or a TOML file with [[marker]] tables, whose
+    keys are those of `landmarks.toml`, and perhaps `stature`. Raises InputError."""
+    path = FOLDER / f"{source}.toml" if str(source) in SHIPPED else Path(source)
+    if path.suffix.lower() != ".toml":
+        raise InputError(f"markers {source}: expected a TOML file or one of {listed(SHIPPED)}")
+    values = read_toml(path)
+    stature = values.pop("stature", 1.75)
+    entries = values.pop("marker", [])
+    if values or not isinstance(entries, list) or not isinstance(stature, int | float):
+        found = listed(values) if values else "another kind of value"
+        raise InputError(f"{path}: {found}; expected [[marker]] tables, and perhaps stature, m")
+    check_number(f"{path}: stature, m,", float(stature), 0.3, 3)
+    # How surely a marker sits there is not asked for: nothing is learnt from it.
+    spread = {"spread": 0.01}
+    tables = [spread | entry if isinstance(entry, dict) else entry for entry in entries]
+    return MarkerSet(path.stem, parse_landmarks(tables, path, "marker"), float(stature))
+
+
+def evaluate_markers(track: Track, markers: MarkerSet, truth: JointSeries) -> Evaluation:
+    """Return how far the virtual markers on a track's body are from the physical ones, eq. (6.1):
+    its means over frames and markers are eq. (6.2) and (6.3). Labels may have the subject's name
+    before a colon. Raises InputError where no frame or no marker is common."""
+    body = track.its_body
+    labels = [name.split(":")[-1] for name in truth.joint_names]
+    try:
+        points = locate_points(body, labels, markers.markers, markers.stature)
+    except InputError:
+        wanted = listed(marker.name for marker in markers.markers)
+        raise InputError(
+            f"no marker in common: the truth has {listed(truth.joint_names)}; the set "
+            f"{markers.name} has {wanted} on joints that {body.name} may lack"
+        ) from None
+    rotations, origins = bone_matrices(body, track.poses)
+    turned = np.einsum("fpab,pb->fpa", rotations[:, points.bones], points.offsets)
+    frames, rows, true_rows = common_frames(track, truth)
+    offsets = (origins[:, points.bones] + turned)[rows] - truth.joints[true_rows][:, points.columns]
+    axes = rotations[rows][:, points.bones]
+    found = evaluation_of(track, truth, (frames, rows), points.names, offsets, axes)
+    unused = sorted(set(range(len(labels))) - set(points.columns.tolist()))
+    return replace(
+        found,
+        unmatched_track=tuple(m.name for m in markers.markers if m.name not in points.names),
+        unmatched_truth=tuple(truth.joint_names[k] for k in unused),
+    )

@@ -1,0 +1,79 @@
+"""Files of motion that other programs open, from a finished track."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from apf.formats import write_angle_csv, write_c3d
+from apf.formats.c3d import C3dEvent
+from apf.tracking.config import SmoothingConfig
+from apf.tracking.exports import EXPORTS, OF_POINTS
+from apf.tracking.gait import Gait, gait_of
+from apf.tracking.smoothing import smoothed
+from apf.tracking.track import Track
+from cl import InputError
+from psfs.cameras.names import listed
+from psfs.common.files import write_json
+
+_LABELS = {"strike": "Foot Strike", "off": "Foot Off"}
+
+
+@dataclass(frozen=True, eq=False)
+class Export:
+    """What was written: the `files`, and the `track` that is in them. gait: None where nobody
+    walks, and then there is no file of it; found for gait and C3D, which has its events."""
+
+    files: tuple[Path, ...]
+    track: Track
+    gait: Gait | None
+
+
+def export(
+    track: Track,
+    folder: str | Path,
+    to: Sequence[str] | None = None,
+    *,
+    axes: str = "y-up",
+    smoothing: SmoothingConfig | None = None,
+    raw: bool = False,
+) -> Export:
+    """Write `track` into `folder`, as each of `to`, of EXPORTS; all that it can be by default.
+
+    It is smoothed first, unless it is already or `raw` says not to, or it is of points without a
+    body. axes: of the TRC, see `Track.save`. Raises InputError for what is not in EXPORTS, where
+    the track does not hold its body and a file needs it, and where one cannot be written.
+    """
+    has_body = bool(track.dof_names)
+    chosen = dict.fromkeys(to or (EXPORTS if has_body else OF_POINTS))
+    for kind in chosen:
+        if kind not in EXPORTS:
+            raise InputError(f"a track is not exported as {kind!r}; expected {listed(EXPORTS)}")
+        if not has_body and kind not in OF_POINTS:
+            raise InputError(
+                f"a track of points, without a body, is not exported as {kind!r}; expected "
+                f"{listed(OF_POINTS)}"
+            )
+    if has_body and not raw and track.smoothing is None:
+        track = smoothed(track, smoothing)
+    gait = gait_of(track) if {"gait", "c3d"} & set(chosen) else None
+    written = (_write(track, gait, kind, Path(folder) / EXPORTS[kind], axes) for kind in chosen)
+    return Export(tuple(path for path in written if path is not None), track, gait)
+
+
+def _write(track: Track, gait: Gait | None, kind: str, path: Path, axes: str) -> Path | None:
+    """Write one file; None where there is nothing to write."""
+    if kind == "csv":
+        write_angle_csv(path, track.angles, track.points)
+    elif kind == "c3d":
+        events = gait.events if gait is not None else ()
+        labelled = [C3dEvent(_LABELS[e.kind], e.side.capitalize(), e.time) for e in events]
+        write_c3d(path, track.points, labelled)
+    elif kind == "gait":
+        if gait is None:
+            return None
+        write_json(path, gait.described())
+    else:
+        track.save(path, axes)
+    return path

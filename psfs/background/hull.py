@@ -1,0 +1,64 @@
+"""Where a person may show in one camera, by what all of them see: a coarse visual hull."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.rig_geometry import find_seen_box, required_views
+
+
+class CoarseHull:
+    """Coarse voxels, `voxels` at most, of what enough cameras see of regions (V, h, w) bool; looked
+    up in masks (V, h, w) of the rig's size.
+
+    A voxel is occupied if it lies in the hull of the regions, and no more than some of the cameras
+    that see it have no mask there.
+    """
+
+    def __init__(self, rig: CameraRig, regions: np.ndarray, voxels: int) -> None:
+        self.rig = rig
+        self._needed = required_views(rig)
+        box = find_seen_box(rig, self._needed) or (np.full(3, -1.0), np.full(3, 1.0))
+        for _ in range(2):  # the second time around what the first one has found
+            self._take(*box, voxels)
+            inside = self.occupied(regions)
+            if not inside.any():
+                break
+            found = self._centres[inside]
+            box = found.min(0) - self.edge, found.max(0) + self.edge
+        self._inside = inside
+
+    def _take(self, low: np.ndarray, high: np.ndarray, voxels: int) -> None:
+        self.edge = float(np.cbrt(np.prod(high - low) / voxels))
+        axes = [np.arange(a, b, self.edge) + self.edge / 2 for a, b in zip(low, high, strict=True)]
+        self._centres = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+        self._at, self._across = [], []
+        for camera in self.rig:
+            inside, row, column, depth = camera.look_up(self._centres)
+            self._at.append((np.flatnonzero(inside), row * self.rig.width + column))
+            nearest = float(np.percentile(depth, 10)) if len(depth) else np.inf
+            self._across.append(max(1, int(np.ceil(self.edge * camera.K[0, 0] / nearest))))
+        self._seeing = np.zeros(len(self._centres), np.int16)
+        for seen, _ in self._at:
+            self._seeing[seen] += 1
+        self._inside = self._seeing >= self._needed
+
+    def occupied(self, masks: np.ndarray, denials: int = 0) -> np.ndarray:
+        """Return (voxels,) bool: what no more than `denials` cameras deny; of three none may."""
+        denials = denials if len(self.rig) > 3 else 0
+        shown = np.zeros(len(self._centres), np.int16)
+        for mask, (seen, pixels) in zip(masks, self._at, strict=True):
+            shown[seen] += mask.ravel()[pixels]
+        occupied: np.ndarray = self._inside & (shown >= self._seeing - denials)
+        return occupied
+
+    def reprojected(self, occupied: np.ndarray, margin: int) -> np.ndarray:
+        """Return (V, h, w) bool: where occupied voxels show, grown by `margin` px."""
+        masks = np.zeros((len(self.rig), self.rig.height, self.rig.width), np.uint8)
+        for mask, across, (seen, pixels) in zip(masks, self._across, self._at, strict=True):
+            mask.ravel()[pixels[occupied[seen]]] = 1
+            size = across + 2 * margin
+            cv2.dilate(mask, np.ones((size, size), np.uint8), mask)
+        return masks > 0

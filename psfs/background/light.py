@@ -1,0 +1,151 @@
+"""The light of every picture beside that of the background, on the device."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cl import Array, Device, Launch
+from cl.workgroups import pack_defines
+from psfs.background.config import BackgroundConfig, LightConfig
+from psfs.background.gaussian import Background
+from psfs.cameras.camera import CameraRig
+
+#: Columns and rows of the pixels of a picture that its light is estimated from.
+GRID = (64, 32)
+#: Numbers that a view's light has: gains (3), offsets (3), the field at the first pixel and its
+#: growth per pixel along x and y (3), 1 / spread^2, 3 log(spread), nothing.
+LIGHT_FLOATS = 12
+#: `light_spread` of noise as the background states it, by the weights of the robust fit.
+EXPECTED_SPREAD2 = 0.886
+#: Least and greatest gain of a channel.
+GAINS = (0.3, 3.0)
+_GROUP = 256  # work-items per view on a GPU
+
+
+def steady_light(views: int) -> np.ndarray:
+    """Return (views, LIGHT_FLOATS) float32 of pictures in the background's own light."""
+    light = np.zeros((views, LIGHT_FLOATS), np.float32)
+    light[:, [0, 1, 2, 6, 9]] = 1
+    return light
+
+
+def light_samples(rig: CameraRig) -> np.ndarray:
+    """Return (V, samples, 2) column and row of the pixels that the light is estimated from."""
+    u, v = ((np.arange(n) + 0.5) / n for n in GRID)
+    spread = np.stack(np.meshgrid(u, v), -1).reshape(-1, 2)
+    return np.stack([(spread * camera.size).astype(int) for camera in rig])
+
+
+def sampled_scene(
+    rig: CameraRig, background: Background, config: BackgroundConfig
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the samples' places (V, samples) int32 in a picture of the rig's width, and their
+    scene (V, 8, samples) float32: mean (3), 1 / sigma^2 (3), column and row from -1 to 1."""
+    pixels = light_samples(rig)
+    scene = np.empty((len(rig), 8, pixels.shape[1]), np.float32)
+    for view, (x, y) in enumerate(np.moveaxis(pixels, -1, 1)):
+        scene[view, :3] = background.mean[view, y, x].T
+        scene[view, 3:6] = np.maximum(background.std[view, y, x].T, config.sigma_floor) ** -2
+        scene[view, 6:] = (2 * (pixels[view] + 0.5) / rig.cameras[view].size - 1).T
+    return (pixels[..., 1] * rig.width + pixels[..., 0]).astype(np.int32), scene
+
+
+def fit_light(
+    shown: np.ndarray, scene: np.ndarray, size: tuple[int, int], config: LightConfig
+) -> np.ndarray:
+    """Return the light (LIGHT_FLOATS,) of samples that are `shown` (n, 3) before a `scene` (8, n),
+    of a picture of `size`: iteratively reweighted least squares (Geman and McClure).
+
+    A sample weighs 1 / (1 + d^2 / (3 scale^2))^2 by its squared distance d^2 in standard
+    deviations of the background, with a scale that shrinks. In each step gains and offsets are
+    fitted to the field as it was, and the field to them as they were.
+    """
+    mean, weight, place = scene[:3].T, scene[3:6].T, scene[6:].T
+    gain, offset, slope, spread = np.ones(3), np.zeros(3), np.zeros(2), 1.0
+    for step, scale in enumerate(config.scales()):
+        lit = mean * (1 + place @ slope)[:, None]
+        rest = shown - (gain * lit + offset)
+        distance = (weight * rest**2).sum(1)
+        trust = (1 + distance / (3 * scale**2)) ** -2
+        spread = float((trust * distance).sum() / (3 * EXPECTED_SPREAD2 * trust.sum() + 1e-6))
+        weights = config.independent * trust[:, None] * weight
+        change = _slope_change(weights, gain * mean, rest, place, slope, config)
+        aa = (weights * lit * lit).sum(0) + config.gain_width**-2
+        bb = weights.sum(0) + config.offset_width**-2
+        ab, b = (weights * lit).sum(0), (weights * shown).sum(0)
+        a = (weights * lit * shown).sum(0) + config.gain_width**-2
+        determinant = aa * bb - ab * ab
+        gain = np.clip((a * bb - b * ab) / determinant, *GAINS)
+        offset = (aa * b - ab * a) / determinant
+        slope = slope + change * (step > 0)  # before, the gains are far off
+    spread, first = max(spread, 1.0), 1 + slope @ (1 / np.array(size) - 1)
+    field = 2 * slope / size
+    return np.array([*gain, *offset, first, *field, 1 / spread, 1.5 * np.log(spread), 0])
+
+
+def _slope_change(
+    weights: np.ndarray,
+    lit: np.ndarray,
+    rest: np.ndarray,
+    place: np.ndarray,
+    slope: np.ndarray,
+    config: LightConfig,
+) -> np.ndarray:
+    """Return by how much the field's slope (2,) changes."""
+    square, product = (weights * lit * lit).sum(1), (weights * lit * rest).sum(1)
+    matrix = np.einsum("n,ni,nj->ij", square, place, place) + np.eye(2) * config.field_width**-2
+    return np.linalg.solve(matrix, product @ place - slope * config.field_width**-2)
+
+
+def unlit_picture(image: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """Return a picture (h, w, 3) uint8 as it is in the background's own light, whole grey levels
+    from 0 to 255."""
+    height, width = image.shape[:2]
+    field = light[6] + light[7] * np.arange(width) + light[8] * np.arange(height)[:, None]
+    gains, offsets = light[:3].astype(np.float32), light[3:6].astype(np.float32)
+    own = (image - offsets) / (gains * field.astype(np.float32)[..., None])
+    return np.clip(own + np.float32(0.5), 0, 255).astype(np.uint8)
+
+
+def light_launch(
+    device: Device,
+    rig: CameraRig,
+    background: Background,
+    config: LightConfig,
+    density: BackgroundConfig,
+    pictures: Array,
+    light: Array,
+) -> Launch:
+    """Return the launch that estimates `light` (V, LIGHT_FLOATS) from `pictures` (V, H, W, 3): by
+    which gain and offset of each channel, and by which gain that grows linearly over the picture,
+    they are brighter than the background.
+
+    The fit is robust: pixels that the person hides are outliers, and whoever fills less than half
+    of a picture has no say. Nothing is remembered from frame to frame, so a step of the light is
+    followed within the frame. Twin: reference/light.py.
+    """
+    places, scene = sampled_scene(rig, background, density)
+    packs = pack_defines(device, _GROUP)
+    kernel = device.kernel(
+        "reconstruction/light",
+        "estimate_light",
+        **{"WIDTH": rig.width, "HEIGHT": rig.height, "SAMPLES": places.shape[1]},
+        **packs,
+        STEPS=config.steps,
+        **{"WIDEST": float(config.widest), "NARROWEST": float(config.narrowest)},
+        **{"INDEPENDENT": float(config.independent), "GAIN_PRIOR": float(config.gain_width**-2)},
+        **{"OFFSET_PRIOR": float(config.offset_width**-2)},
+        **{"FIELD_PRIOR": float(config.field_width**-2), "EXPECTED": EXPECTED_SPREAD2},
+        **{"LEAST_GAIN": GAINS[0], "MOST_GAIN": GAINS[1], "LIGHT_FLOATS": LIGHT_FLOATS},
+    )
+    sizes = device.to_device(np.array([camera.size for camera in rig], np.int32), "picture sizes")
+    return device.launch(
+        kernel,
+        (packs["GROUP"] * len(rig),),
+        (packs["GROUP"],),
+        images=pictures,
+        sizes=sizes,
+        places=device.to_device(places, "the light's samples"),
+        scene=device.to_device(scene, "the light's samples"),
+        light=light,
+    )

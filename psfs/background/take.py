@@ -1,0 +1,230 @@
+"""The empty scene learnt from a take in which somebody moves, by all cameras together."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from psfs.background.config import BackgroundConfig, LightConfig, PlateConfig, TakeConfig
+from psfs.background.gaussian import Background, median_moments, sorted_stack, with_prior
+from psfs.background.ghosts import find_ghost, moving_region
+from psfs.background.hull import CoarseHull
+from psfs.background.light import GRID, fit_light, unlit_picture
+from psfs.cameras.camera import CameraRig
+from psfs.footage.media import Media
+
+_VIEWS_AT_ONCE = 4  # learnt by threads, at most; more would hold more frames at a time
+#: Standard deviation, grey levels, of a channel whose density is the uniform foreground's, 1/256.
+_UNIFORM_STD = 256 / np.sqrt(2 * np.pi)
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A camera's samples: numbers of the frames, light (n, LIGHT_FLOATS) of each beside their
+    median's, and small pictures (n, h, w, 3) uint8 in the light of that."""
+
+    numbers: list[int]
+    light: np.ndarray
+    small: np.ndarray
+
+
+def background_from_take(
+    rig: CameraRig,
+    media: Sequence[Media],
+    plate: PlateConfig | None = None,
+    config: TakeConfig | None = None,
+) -> Background:
+    """Learn the background from frames spread over the sequence itself.
+
+    Each frame is brought to the light of the pixels' median. Then in small pictures, to and fro:
+    what differs from the background is carved to a coarse hull by all cameras; the background is
+    the median of the frames in which that hull shows elsewhere. If the silhouettes before the
+    medians do not agree, these hold somebody, who is looked for by `find_ghost`: he is there in
+    the frames that look like them, until the background behind him is known. What he hides in
+    nearly all frames is unknown: its density is lower than the foreground's.
+    """
+    plate, config = plate or PlateConfig(), config or TakeConfig()
+    small = rig.scaled(min(1.0, config.longest_side / max(rig.width, rig.height)))
+    with ThreadPoolExecutor(min(_VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
+        sizes = [camera.size for camera in small]
+        views = list(pool.map(lambda own, size: _sampled(own, size, plate), media, sizes))
+        hidden, ghosts = _hidden(small, views, pool, plate, config)
+        shape = (len(rig), rig.height, rig.width, 3)
+        mean, std = np.zeros(shape, np.float32), np.full(shape, plate.std_floor, np.float32)
+
+        def learn(view: int) -> None:
+            width, height = media[view].size
+            masks = hidden[view], ghosts[view]
+            own = _relearnt(media[view], views[view], *masks, plate, config)
+            mean[view, :height, :width], std[view, :height, :width] = own
+
+        list(pool.map(learn, range(len(media))))  # raises what they raise
+    return Background(mean, std)
+
+
+def _sampled(media: Media, size: tuple[int, int], plate: PlateConfig) -> _View:
+    numbers = media.spread(plate.samples)
+    frames = np.stack(list(media.frames(numbers)))
+    median, _ = median_moments(frames, plate)
+    light = np.stack([_light_of(frame, median) for frame in frames])
+    own = [unlit_picture(frame, of) for frame, of in zip(frames, light, strict=True)]
+    small = [cv2.resize(picture, size, interpolation=cv2.INTER_AREA) for picture in own]
+    return _View(numbers, light, np.stack(small))
+
+
+def _light_of(frame: np.ndarray, median: np.ndarray) -> np.ndarray:
+    """Return the light (LIGHT_FLOATS,) of a frame (h, w, 3) beside the median of all."""
+    height, width = frame.shape[:2]
+    x, y = (
+        ((np.arange(n) + 0.5) / n * size).astype(int)
+        for n, size in zip(GRID, (width, height), strict=True)
+    )
+    at = np.ix_(y, x)
+    place = np.stack(np.meshgrid(2 * (x + 0.5) / width - 1, 2 * (y + 0.5) / height - 1))
+    mean = np.moveaxis(median[at], -1, 0)
+    weight = np.full(mean.shape, BackgroundConfig().sigma_floor ** -2)
+    scene = np.concatenate([mean, weight, place]).reshape(8, -1).astype(np.float64)
+    shown = frame[at].reshape(-1, 3).astype(np.float64)
+    return fit_light(shown, scene, (width, height), LightConfig())
+
+
+def _hidden(
+    rig: CameraRig,
+    views: list[_View],
+    pool: ThreadPoolExecutor,
+    plate: PlateConfig,
+    config: TakeConfig,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the person may show in each sample (V, n, h, w) bool, and where a view's median
+    looks like somebody (V, h, w) bool, in small pictures."""
+    frames = _stacked([view.small for view in views], rig)
+    medians = [median_moments(own, plate) for own in frames]
+    regions = np.stack(list(pool.map(lambda own: moving_region(own, config), frames)))
+    mean, std = (np.stack(of) for of in zip(*medians, strict=True))
+    ghosts, hull = np.zeros(regions.shape, bool), CoarseHull(rig, regions, config.voxels)
+    if _explained(frames, mean, std, regions, hull, config) < config.explained:
+        pictures = list(mean.astype(np.uint8))
+        ghosts = np.stack(
+            list(pool.map(lambda mean, where: find_ghost(mean, where, config), pictures, regions))
+        )
+    doubtful, hidden = ghosts.copy(), np.zeros(frames.shape[:-1], bool)
+    for _ in range(config.rounds):
+        before, shown = hidden, []
+        for images in np.moveaxis(frames, 1, 0):
+            # Where the mean holds somebody, he is gone when it does not fit.
+            person = doubtful ^ _not_background(images, mean, std, config)
+            shown.append(hull.reprojected(hull.occupied(person, config.denials), config.margin))
+        hidden = np.stack(shown, axis=1)
+        for view, own in enumerate(frames):
+            mean[view], std[view], known = masked_moments(own, hidden[view], plate, config)
+            doubtful[view] = ghosts[view] & ~known
+        if (hidden != before).mean() < config.rest:
+            break
+    return hidden, ghosts
+
+
+def _explained(
+    frames: np.ndarray,
+    mean: np.ndarray,
+    std: np.ndarray,
+    regions: np.ndarray,
+    hull: CoarseHull,
+    config: TakeConfig,
+) -> float:
+    """Return which share of the silhouettes of frames (V, n, h, w, 3) before a background (V, h, w,
+    3) is the picture of their common hull: little, if the background holds somebody."""
+    shares = []
+    for images in np.moveaxis(frames, 1, 0)[:: config.judged]:
+        person = _not_background(images, mean, std, config) & regions
+        shown = hull.reprojected(hull.occupied(person), 0)
+        shares.append((person & shown).sum() / max(person.sum(), 1))
+    return float(np.mean(shares))
+
+
+def _stacked(pictures: list[np.ndarray], rig: CameraRig) -> np.ndarray:
+    """Return (V, n, H, W, 3) of every view's (n, h, w, 3), zero padded."""
+    count = min(map(len, pictures))
+    stack = np.zeros((len(rig), count, rig.height, rig.width, 3), np.uint8)
+    for own, picture in zip(stack, pictures, strict=True):
+        own[:, : picture.shape[1], : picture.shape[2]] = picture[:count]
+    return stack
+
+
+def _not_background(
+    images: np.ndarray, mean: np.ndarray, std: np.ndarray, config: TakeConfig
+) -> np.ndarray:
+    """Return (V, h, w) bool: pixels of images (V, h, w, 3) that are not the background in more or
+    less light."""
+    density = BackgroundConfig()
+    weight = np.maximum(std, density.sigma_floor) ** -2
+    factor = (weight * images * mean).sum(-1) / ((weight * mean * mean).sum(-1) + 1e-6)
+    factor = np.clip(factor, density.shadow_low, density.shadow_high)
+    rest = images - factor[..., None] * mean
+    distance = (weight * rest * rest).sum(-1) + ((1 - factor) / config.shadow_width) ** 2
+    person = (distance > config.somebody**2).astype(np.uint8)
+    return np.stack([cv2.medianBlur(view, 3) for view in person]).astype(bool)
+
+
+def masked_moments(
+    frames: np.ndarray, hidden: np.ndarray, plate: PlateConfig, config: TakeConfig
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return median and 1.4826 x median absolute deviation (h, w, 3) float32 of the frames (n, h,
+    w, 3) uint8 in which a pixel is not `hidden` (n, h, w), and where that are enough (h, w) bool;
+    elsewhere the median of all."""
+    count = len(frames)
+    free = count - np.count_nonzero(hidden, axis=0)
+    known = free >= max(config.least_free, config.free_share * count)
+    used = hidden & known
+    number = np.where(known, free, count)[..., None]
+    middle = _median_of(np.where(used[..., None], np.uint8(255), frames), number)
+    deviation = np.maximum(frames, middle) - np.minimum(frames, middle)
+    deviation[used] = 255
+    spread = _median_of(deviation, number).astype(np.float32)
+    std = with_prior((1.4826 * spread) ** 2, number, plate)
+    return middle.astype(np.float32), std.astype(np.float32), known
+
+
+def _median_of(values: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """Return the upper median (h, w, c) of the `number` (h, w, 1) lowest of values (n, h, w, c),
+    which it sorts."""
+    ordered = sorted_stack(values)
+    middle = np.broadcast_to(number // 2, values.shape[1:])[None]
+    return np.take_along_axis(ordered, middle, axis=0)[0]
+
+
+def _relearnt(
+    media: Media,
+    view: _View,
+    hidden: np.ndarray,
+    ghost: np.ndarray,
+    plate: PlateConfig,
+    config: TakeConfig,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and standard deviation (h, w, 3) float32 of a view's background. Where it is
+    never seen and its median looks like a `ghost`, its density is below that of the foreground."""
+    width, height = media.size
+    seen = media.frames(view.numbers)
+    frames = np.stack(
+        [unlit_picture(frame, of) for frame, of in zip(seen, view.light, strict=True)]
+    )
+    rows, columns = view.small.shape[1:3]
+
+    def enlarge(mask: np.ndarray) -> np.ndarray:
+        small = mask[:rows, :columns].astype(np.uint8)
+        large = cv2.resize(small, (width, height), interpolation=cv2.INTER_NEAREST)
+        return np.asarray(large, bool)
+
+    mean, std = np.empty((2, height, width, 3), np.float32)
+    masks, band = np.stack([enlarge(mask) for mask in hidden]), max(1, 2**21 // frames[:, 0].size)
+    known = np.ones((height, width), bool)
+    for top in range(0, height, band):
+        part = np.s_[:, top : top + band]
+        own = masked_moments(frames[part], masks[part], plate, config)
+        mean[top : top + band], std[top : top + band], known[top : top + band] = own
+    std[~known & enlarge(ghost)] = _UNIFORM_STD * np.exp(config.hidden_prior / 3)
+    return mean, std

@@ -1,0 +1,217 @@
+"""A rig whose calibration is a little off, turned until the silhouettes fit: `aligned_rig`.
+
+Tripods sink, lenses are refocused, boards are seen from one side: cameras look some tenths of a
+degree past where they are said to look, which carves arms off the voxels. The planes that touch the
+person in two pictures (see `tangency`) say by how much: each camera's direction and focal length
+are corrected by least squares over all pairs and frames, robustly (Sinha & Pollefeys, IJCV 87,
+2010; Hernandez, Schmitt & Cipolla, PAMI 29, 2007).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.rig_geometry import intersect_axes_ahead
+from psfs.diagnostics.config import AlignmentConfig, FaultConfig
+from psfs.diagnostics.small_views import Outline, SmallViews, small_views
+from psfs.diagnostics.tangency import Tangency
+from psfs.session import Session
+
+#: Numbers of a camera's correction: a rotation vector, rad, and the log of the focal length's
+#: factor.
+_N = 4
+#: Step of the differences that stand for derivatives.
+_STEP = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """A corrected rig. corrections: (V, 4), see above. before, after: median distance, m, between
+    planes that should be one. moved: (V,) px of each camera's picture by which the scene's middle
+    and what is around it moved."""
+
+    rig: CameraRig
+    corrections: np.ndarray
+    before: float
+    after: float
+    moved: np.ndarray
+
+    def __str__(self) -> str:
+        return (
+            f"the cameras look {np.sqrt(np.mean(self.moved**2)):.1f} px past where they are said "
+            f"to; turned, their silhouettes are {1000 * self.after:.0f} mm apart instead of "
+            f"{1000 * self.before:.0f}"
+        )
+
+    def believed(self, config: AlignmentConfig) -> bool:
+        """Whether the rig was off by enough to tell, and fits now."""
+        return self.likely(config, config.share) and self.after <= config.most_left
+
+    def likely(self, config: AlignmentConfig, share: float) -> bool:
+        """Whether it was off by enough to tell, and no more than a share of the distances is
+        left."""
+        size = max(self.rig.width, self.rig.height)
+        return bool(
+            self.after <= share * self.before
+            and np.sqrt(np.mean(self.moved**2)) >= config.least_moved * size
+        )
+
+
+def aligned_rig(
+    session: Session, views: SmallViews, config: AlignmentConfig | None = None
+) -> Alignment | None:
+    """Return the corrected rig of a session, None where it fits as it is, or nothing can be said.
+    views: of these cameras or more, a part of the sequence in small; larger ones are looked at
+    where they say that the rig is off."""
+    config, rig = config or AlignmentConfig(), session.rig
+    if not config.on or len(rig) < 3:
+        return None
+    first = _aligned_by(rig, views, config)
+    if first is None or not first.likely(config, config.first_share):
+        return None
+    larger = FaultConfig().replace(longest_side=config.longest_side)
+    found = _aligned_by(rig, small_views(session.sequence, session.device, larger), config)
+    return found if found is not None and found.believed(config) else None
+
+
+def _aligned_by(rig: CameraRig, views: SmallViews, config: AlignmentConfig) -> Alignment | None:
+    columns = [views.rig.names.index(name) for name in rig.names]
+    small = CameraRig(tuple(views.rig[column] for column in columns))
+    outlines = [[row[column] for column in columns] for row in views.outlines]
+    hidden = rig.hidden
+    if hidden is not None:
+        shapes = [camera.size for camera in small]
+        reduced = [cv2.resize(h.view(np.uint8), s) for h, s in zip(hidden, shapes, strict=True)]
+        outlines = beside_hidden(outlines, reduced)
+    return aligned(rig, small, outlines, config)
+
+
+def aligned(
+    rig: CameraRig,
+    small: CameraRig,
+    outlines: list[list[Outline | None]],
+    config: AlignmentConfig | None = None,
+) -> Alignment | None:
+    """Return the rig as the outlines [frame][view], seen by `small`, the same rig in small, fit
+    best; None where they cannot be compared."""
+    config = config or AlignmentConfig()
+    fit = _Fit(small, outlines, config)
+    if not config.on or not fit.pairs:
+        return None
+    x = np.zeros((len(rig), _N))
+    before = np.nan
+    for step in range(config.n_steps):
+        residuals, jacobian = fit.linearised(x)
+        if len(residuals) < config.least_rows * x.size:
+            return None
+        if step == 0:
+            before = float(np.median(np.abs(residuals)))
+        x = x + fit.step(x, residuals, jacobian)
+    after = float(np.median(np.abs(fit.linearised(x)[0])))
+    turned = CameraRig(tuple(corrected(c, own) for c, own in zip(rig, x, strict=True)))
+    return Alignment(turned, x, before, after, _moved(rig, turned, fit.size))
+
+
+def corrected(camera: Camera, correction: np.ndarray) -> Camera:
+    """Return the camera turned about its centre, its focal length changed."""
+    R = cv2.Rodrigues(correction[:3])[0] @ camera.R
+    K = camera.K.copy()
+    K[[0, 0, 1], [0, 1, 1]] *= np.exp(correction[3])
+    return replace(camera, K=K, R=R, t=-R @ camera.centre)
+
+
+class _Fit:
+    """Distances between the planes of all pairs of cameras, and how corrections change them."""
+
+    def __init__(
+        self, rig: CameraRig, outlines: list[list[Outline | None]], config: AlignmentConfig
+    ) -> None:
+        self.rig, self.config = rig, config
+        self._tangency = Tangency(rig, outlines)
+        self.size = self._tangency.size
+        n = len(rig)
+        known = np.isfinite(self.size) and n > 2
+        comparable = self._tangency.comparable
+        self.pairs = [(a, b) for a in range(n) for b in range(a) if known and comparable(a, b)]
+
+    def _planes(self, view: int, correction: np.ndarray, other: int) -> np.ndarray:
+        camera = corrected(self.rig[view], correction)
+        return self._tangency.planes_of(view, camera, other).ravel()
+
+    def linearised(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return residuals (M,) m of corrections x (V, 4), and their derivatives (M, 4 V)."""
+        residuals, rows = [], []
+        for a, b in self.pairs:
+            planes = {}
+            slopes = {}
+            for view, other in ((a, b), (b, a)):
+                planes[view] = self._planes(view, x[view], other)
+                moved = x[view] + _STEP * np.eye(_N)
+                slopes[view] = np.stack(
+                    [(self._planes(view, one, other) - planes[view]) / _STEP for one in moved], -1
+                )
+            derivative = np.zeros((len(planes[a]), x.size))
+            derivative[:, _N * a : _N * a + _N] = slopes[a]
+            derivative[:, _N * b : _N * b + _N] = -slopes[b]
+            residuals.append(planes[a] - planes[b])
+            rows.append(derivative)
+        found, jacobian = np.concatenate(residuals), np.concatenate(rows)
+        kept = np.isfinite(found) & np.isfinite(jacobian).all(1)
+        return found[kept], jacobian[kept]
+
+    def step(self, x: np.ndarray, residuals: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+        """Return the Gauss-Newton step (V, 4): residuals weighed by Geman & McClure, corrections by
+        their prior, and the scene's middle, which all cameras see, where it was."""
+        config = self.config
+        weights = config.information / (config.noise * (1 + (residuals / config.reach) ** 2)) ** 2
+        sigmas = np.tile([*3 * [config.turn], config.focal], len(x))
+        pinned = self._scene_moves() / config.middle
+        normal = (jacobian * weights[:, None]).T @ jacobian + np.diag(sigmas**-2.0)
+        normal += pinned.T @ pinned
+        gradient = jacobian.T @ (weights * residuals) + x.ravel() / sigmas**2
+        gradient += pinned.T @ (pinned @ x.ravel())
+        return -np.linalg.solve(normal, gradient).reshape(x.shape)
+
+    def _scene_moves(self) -> np.ndarray:
+        """Return (3, 4 V) by how many m the point that the axes meet at, triangulated, moves with
+        the corrections."""
+        target = intersect_axes_ahead(self.rig)
+        total, moves = np.zeros((3, 3)), np.zeros((3, _N * len(self.rig)))
+        for view, camera in enumerate(self.rig):
+            ray = target - camera.centre
+            across = np.eye(3) - np.outer(ray, ray) / (ray @ ray)
+            total += across
+            turn = -np.cross(np.eye(3), ray) @ camera.R.T  # d (R^T w x ray) / d w
+            moves[:, _N * view : _N * view + 3] = across @ turn
+        solved: np.ndarray = np.linalg.solve(total, moves)
+        return solved
+
+
+def _moved(before: CameraRig, after: CameraRig, size: float) -> np.ndarray:
+    """Return (V,) by how many px points about the scene's middle move in the pictures."""
+    around = np.stack(np.meshgrid(*3 * [[-0.4, 0, 0.4]]), -1).reshape(-1, 3) * size
+    points = intersect_axes_ahead(before) + around
+    pairs = zip(before, after, strict=True)
+    moves = [np.linalg.norm(a.project(points)[0] - b.project(points)[0], axis=1) for a, b in pairs]
+    return np.array([np.median(own) for own in moves])
+
+
+def beside_hidden(
+    outlines: list[list[Outline | None]], hidden: list[np.ndarray], near: int = 4
+) -> list[list[Outline | None]]:
+    """Return the outlines [frame][view], their points up to `near` px from hidden pixels, of each
+    view (h, w) uint8, taken for the picture's border: the person goes on behind furniture."""
+    square = np.ones((2 * near + 1,) * 2, np.uint8)
+    wide = [cv2.dilate(own, square) > 0 for own in hidden]
+
+    def cut(outline: Outline | None, where: np.ndarray) -> Outline | None:
+        if outline is None:
+            return None
+        x, y = outline.points.astype(int).T
+        return replace(outline, at_border=outline.at_border | where[y, x])
+
+    return [[cut(*of) for of in zip(row, wide, strict=True)] for row in outlines]

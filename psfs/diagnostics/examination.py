@@ -1,0 +1,95 @@
+"""The footage examined before work: what is wrong with it, and which cameras to leave out."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+
+from psfs.diagnostics.alignment import aligned_rig
+from psfs.diagnostics.camera_consistency import InconsistentCamera, find_inconsistent_cameras
+from psfs.diagnostics.faults import Diagnosis, diagnose
+from psfs.diagnostics.occluders import hidden_pixels
+from psfs.diagnostics.picture_faults import Fault
+from psfs.session import Session
+from psfs.silhouettes.config import SilhouetteConfig
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """session: to work in; without the cameras that were left out, its late cameras shifted, its
+    rig corrected. diagnosis: what is wrong with the footage; None if it was not examined. left_out:
+    the cameras left out."""
+
+    session: Session
+    diagnosis: Diagnosis | None = None
+    left_out: tuple[InconsistentCamera, ...] = ()
+
+    @property
+    def faults(self) -> list[Fault]:
+        """What is wrong with the footage, the gravest first."""
+        return [] if self.diagnosis is None else self.diagnosis.faults
+
+    @property
+    def warnings(self) -> list[str]:
+        """The cameras left out and the other serious faults, one line each."""
+        gone = {camera.camera for camera in self.left_out}
+        faults = [f for f in self.faults if f.serious and not gone & set(f.cameras)]
+        return [*(f"left out: {camera}" for camera in self.left_out), *map(str, faults)]
+
+
+def examine(session: Session, all_cameras: bool = False) -> Examination:
+    """Diagnose the footage, shift late cameras, correct the rig and leave out inconsistent cameras.
+
+    Cameras are shifted if the sequence's `sync` is "auto". Cameras that disagree with the others
+    are left out, see `find_inconsistent_cameras`, unless `all_cameras` are wanted, the sequence was
+    opened with `cameras`, or what is wrong is not a single camera. The rig knows where furniture
+    hides people, see `hidden_pixels`, and is turned where it is off, see `aligned_rig`.
+    """
+    diagnosis = diagnose(session)
+    if session.sequence.settings.sync == "auto":
+        session = session.on(session.sequence.synchronised(diagnosis.late))
+        diagnosis = diagnosis.without("late")
+    if diagnosis.of_all:
+        return Examination(session, diagnosis)
+    corrected = _correct_rig(session, diagnosis)
+    if all_cameras or session.sequence.settings.cameras is not None:
+        return Examination(corrected, diagnosis)
+    found = tuple(find_inconsistent_cameras(_with_usual_silhouettes(corrected), diagnosis.reasons))
+    if not found:
+        return Examination(corrected, diagnosis)
+    gone = {camera.camera for camera in found}
+    kept = [name for name in session.rig.names if name not in gone]
+    session = session.on(session.sequence.with_cameras(kept))
+    return Examination(_correct_rig(session, diagnosis), diagnosis, found)
+
+
+def _correct_rig(session: Session, diagnosis: Diagnosis) -> Session:
+    """Return a session whose rig knows what furniture hides, and is turned where it is off."""
+    hidden = hidden_pixels(session)
+    if hidden is not None:
+        session = session.on(session.sequence.with_rig(session.rig.with_hidden(hidden)))
+    found = aligned_rig(session, diagnosis.views)
+    if found is None:
+        return session
+    log.info("%s: %s", session.sequence.name, found)
+    return session.on(session.sequence.with_rig(found.rig))
+
+
+def _with_usual_silhouettes(session: Session) -> Session:
+    """Return a session with the default silhouettes, the same one if it has them: those of other
+    settings, such as a paper's, may be too poor to judge a camera by."""
+    usual = SilhouetteConfig()
+    if session.reconstruction.silhouette == usual:
+        return session
+    reconstruction = session.reconstruction.replace(silhouette=usual)
+    settings = replace(session.settings, reconstruction=reconstruction)
+    return Session(session.sequence, session.device, settings)
+
+
+def synchronise(session: Session) -> Session:
+    """Return the session; if `sync` is "auto", one whose late cameras are shifted."""
+    if session.sequence.settings.sync != "auto":
+        return session
+    return session.on(session.sequence.synchronised(diagnose(session).late))

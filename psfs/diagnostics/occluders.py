@@ -1,0 +1,208 @@
+"""Where furniture hides people from a camera: `hidden_pixels(session)`.
+
+Guan, Franco & Pollefeys 2007 infer occluders from silhouettes: something stands before the person
+where one camera denies what the others see. Any hull of few cameras is larger than the person, so
+denying alone says little. But carving away what is there leaves foreground in the other cameras
+that no voxel explains: where three or more agree on such a place, who denies it is hidden from it.
+Silhouettes that are consistent leave nothing unexplained, so of clean footage nothing is hidden.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from psfs.backend import evidence_for
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.diagnostics.config import OccluderConfig
+from psfs.diagnostics.small_views import Shrink
+from psfs.session import Session
+from psfs.silhouettes.config import SilhouetteConfig
+from psfs.volume import BoxSearch, volume_config
+from psfs.voxels.config import OccupancyConfig
+from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.occupied_box import without_speckle
+
+#: Voxels of the fine grid along each side of one of the coarse grid.
+_FINE = 2
+#: Share of its size by which the box of what is seen is enlarged: legs may be hidden in all frames.
+_ENLARGED = 0.15
+
+
+def hidden_pixels(session: Session, config: OccluderConfig | None = None) -> np.ndarray | None:
+    """Return (V, H, W) bool, the pixels of each camera where furniture hides what is behind it;
+    None where there are none, or too few cameras to tell."""
+    config = config or OccluderConfig()
+    rig, sequence = session.rig, session.sequence
+    if not config.on or len(rig) <= config.agreeing:
+        return None
+    shrink = Shrink(rig, config.longest_side)
+    background = shrink.background(session.background)
+    evidence_of = evidence_for(
+        session.device, shrink.small, background, SilhouetteConfig().without_memory()
+    )
+    picked = np.linspace(0, len(sequence) - 1, config.samples).round().astype(int)
+    with sequence.reader(learning=False) as read:
+        evidence = [evidence_of(shrink.frame(read(int(i)))).copy() for i in np.unique(picked)]
+    box = _box(session, shrink.small, evidence)
+    if box is None:
+        return None
+    small = hidden_in(shrink.small, evidence, *box, config)
+    if small is None:
+        return None
+    return np.stack([_enlarged(own, (rig.width, rig.height)) for own in small])
+
+
+def hidden_in(
+    rig: CameraRig,
+    evidence: list[np.ndarray],
+    low: np.ndarray,
+    high: np.ndarray,
+    config: OccluderConfig | None = None,
+) -> np.ndarray | None:
+    """Return (V, H, W) bool, the hidden pixels by the evidence maps (V, H, W) int8 of some frames,
+    of what stands in the box from `low` (3,) to `high` (3,) m; None where there are none."""
+    config = config or OccluderConfig()
+    look = _Look(rig, low, high, config)
+    for maps in evidence:
+        look(maps)
+    hidden = look.hidden()
+    return hidden if hidden.any() else None
+
+
+class _Look:
+    """Counts, frame by frame, in how many each pixel denied or confirmed what the others see.
+
+    A coarse grid finds the few places where somebody may be, a fine one what is there.
+    """
+
+    def __init__(
+        self, rig: CameraRig, low: np.ndarray, high: np.ndarray, config: OccluderConfig
+    ) -> None:
+        self.rig, self.config = rig, config
+        edge = float(np.cbrt(np.prod(high - low) / config.voxels))
+        self._coarse = VoxelGrid.covering(low, high, _FINE * edge)
+        shape = self._coarse.shape
+        self._places = [self._places_in(camera, self._coarse.centres()) for camera in rig]
+        offsets = np.stack(np.meshgrid(*3 * [range(_FINE)], indexing="ij"), -1).reshape(-1, 3)
+        self._fine = VoxelGrid(
+            self._coarse.low, edge, (_FINE * shape[0], _FINE * shape[1], _FINE * shape[2])
+        )
+        corners = np.stack(np.unravel_index(np.arange(self._coarse.size), shape), -1) * _FINE
+        self._children = np.stack(
+            [np.ravel_multi_index(tuple((corners + o).T), self._fine.shape) for o in offsets], 1
+        )
+        centres = self._fine.centres()
+        self._pixels = np.stack([self._places_in(camera, centres) for camera in rig])
+        distances = np.linalg.norm(rig.centres - (low + high) / 2, axis=1)
+        self._widths = [
+            max(1, int(np.ceil(edge * camera.K[0, 0] / distance)))
+            for camera, distance in zip(rig, distances, strict=True)
+        ]
+        self._needed = OccupancyConfig().seeing_cameras(len(rig))
+        size = (len(rig), rig.height, rig.width)
+        self.denied, self.confirmed = np.zeros(size, np.int16), np.zeros(size, np.int16)
+
+    def _places_in(self, camera: Camera, centres: np.ndarray) -> np.ndarray:
+        """Return (N,) int32 where points fall in a picture, the flat index; -1 beside it."""
+        inside, row, column, _ = camera.look_up(centres)
+        places = np.full(len(centres), -1, np.int32)
+        places[inside] = row * self.rig.width + column
+        return places
+
+    def __call__(self, evidence: np.ndarray) -> None:
+        """Count in one more frame."""
+        shown = evidence > 0
+        voxels = self._children[self._somebody(shown)].ravel()
+        pixels = self._pixels[:, voxels]
+        counts = np.stack(
+            [
+                np.where(at >= 0, own.ravel()[at], 0)
+                for own, at in zip(evidence, pixels, strict=True)
+            ]
+        ).astype(np.int16)
+        occupied = (counts.sum(0) > 0) & ((pixels >= 0).sum(0) >= self._needed)
+        explained = np.stack(
+            [self._covered(v, pixels[v][occupied], self.config.margin) for v in range(len(shown))]
+        )
+        lonely = [cv2.erode(own, np.ones((3, 3), np.uint8)) for own in _bytes(shown & ~explained)]
+        wanted = np.stack(
+            [(at >= 0) & (own.ravel()[at] > 0) for own, at in zip(lonely, pixels, strict=True)]
+        )
+        config, against = self.config, counts < 0
+        n_against, n_for = against.sum(0), (counts > 0).sum(0)
+        amiss = (wanted.sum(0) >= config.agreeing) & (n_against <= config.denying)
+        amiss &= ~occupied & (n_for > n_against)
+        for view, own in enumerate(shown):
+            denied = self._covered(view, pixels[view][amiss & against[view]], 0)
+            self.denied[view] += denied & ~own
+            self.confirmed[view] += own & explained[view]
+
+    def _somebody(self, shown: np.ndarray) -> np.ndarray:
+        """Return the coarse voxels (N,) where enough cameras show foreground, or nearly."""
+        votes = np.zeros(self._coarse.size, np.int16)
+        for own, at, width in zip(_bytes(shown), self._places, self._widths, strict=True):
+            square = np.ones((2 * _FINE * width + 1,) * 2, np.uint8)
+            votes += (at >= 0) & (cv2.dilate(own, square).ravel()[at] > 0)
+        return np.flatnonzero(votes >= self.config.agreeing)
+
+    def _covered(self, view: int, pixels: np.ndarray, margin: int) -> np.ndarray:
+        """Return (H, W) bool what voxels at these pixels cover, with a margin, px."""
+        maps = np.zeros((self.rig.height, self.rig.width), np.uint8)
+        maps.ravel()[pixels[pixels >= 0]] = 1
+        size = self._widths[view] + 2 * margin
+        covered: np.ndarray = cv2.dilate(maps, np.ones((size, size), np.uint8)) > 0
+        return covered
+
+    def hidden(self) -> np.ndarray:
+        """Return (V, H, W) bool the pixels that deny in enough frames, without holes and specks."""
+        config = self.config
+        enough = self.denied >= np.maximum(
+            config.least_frames, config.least_share * (self.denied + self.confirmed)
+        )
+        sums = self.confirmed.sum((1, 2), dtype=int), self.denied.sum((1, 2), dtype=int)
+        enough &= (sums[0] >= config.least_confirmed * sums[1])[:, None, None]
+        square = np.ones((config.gap, config.gap), np.uint8)
+        closed = [cv2.morphologyEx(own, cv2.MORPH_CLOSE, square) for own in _bytes(enough)]
+        return np.stack([_without_specks(own, config.least_pixels) for own in closed])
+
+
+def _bytes(maps: np.ndarray) -> np.ndarray:
+    return maps.view(np.uint8)
+
+
+def _without_specks(region: np.ndarray, least: int) -> np.ndarray:
+    """Return (H, W) bool the parts of a region (H, W) uint8 with `least` pixels or more."""
+    count, labels, facts, _ = cv2.connectedComponentsWithStats(region, connectivity=8)
+    kept = facts[:count, cv2.CC_STAT_AREA] >= least
+    kept[0] = False
+    large: np.ndarray = kept[labels]
+    return large
+
+
+def _box(
+    session: Session, rig: CameraRig, evidence: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the box around what is seen, enlarged; None of nothing."""
+    volume, stated = volume_config(session.sequence), session.sequence.volume
+    if stated is not None:
+        low, high = stated
+        return np.asarray(low, float), np.asarray(high, float)
+    picked = np.linspace(0, len(evidence) - 1, volume.samples).round().astype(int)
+    needed = OccupancyConfig().seeing_cameras(len(rig))
+    clean = [without_speckle(evidence[i]) for i in picked]
+    found = BoxSearch(rig, clean, volume, needed).run()
+    if found is None:  # for those to say who need it
+        return None
+    low, high = found
+    margin = _ENLARGED * (high - low)
+    return low - margin, high + margin
+
+
+def _enlarged(region: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    if region.shape == size[::-1]:
+        return region
+    large: np.ndarray = cv2.resize(
+        region.view(np.uint8), size, interpolation=cv2.INTER_NEAREST
+    ).view(bool)
+    return large

@@ -1,0 +1,130 @@
+"""How well voxel clouds agree with the silhouettes that they were made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence as Items
+from functools import reduce
+
+import cv2
+import numpy as np
+
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.footprints import voxel_footprints
+from psfs.common.regions import iou, keep_large_regions
+from psfs.diagnostics.definitions import SPECKLE_SHARE
+from psfs.sequence import Frame
+from psfs.session import Session
+from psfs.silhouettes.hidden import UNKNOWN
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.host_voxels import voxel_silhouette
+
+#: Share of a part within the volume from which on it is what is reconstructed.
+_MOSTLY = 0.4
+#: Mean share of silhouettes beyond the volume that is warned of.
+_CUT = 0.02
+
+
+class Checker:
+    """`checker(frame, cloud)`: (V,) IoU per camera as `definitions.DEFINITION` says; NaN where the
+    frame shows nothing and the cloud reprojects to nothing.
+
+    The silhouettes are those of the session's reconstruction in this grid, which is done again,
+    so what was learnt from the frames before is learnt again. Give the frames in the run's order; a
+    frame for itself learns from itself. known: (V, H, W) bool, where the frame whose silhouettes
+    were asked for last says anything: elsewhere furniture hides what is behind it.
+    """
+
+    known: np.ndarray
+
+    def __init__(self, session: Session, grid: VoxelGrid) -> None:
+        self.rig = session.rig
+        self.beyond: list[np.ndarray] = []  # (V,) `beyond_volume` of every frame so far
+        self._reconstruct = session.reconstructor(grid)
+        self._volume = volume_region(self.rig, grid)
+        self._extents = voxel_footprints(self.rig, grid.voxel_size)
+
+    def silhouettes(self, frame: Frame) -> np.ndarray:
+        """Return (V, H, W) bool: the frame's silhouettes, whole where the volume cuts them, less
+        speckle."""
+        self._reconstruct(frame)
+        evidence = self._reconstruct.evidence()
+        self.known = evidence != UNKNOWN
+        whole = whole_silhouettes(evidence > 0, self._volume)
+        self.beyond.append(beyond_volume(whole, self._volume))
+        return whole
+
+    def __call__(self, frame: Frame, cloud: VoxelCloud) -> np.ndarray:
+        shape = (self.rig.height, self.rig.width)
+        shown = self.silhouettes(frame)
+        scores = []
+        for view, camera in enumerate(self.rig):
+            voxels = voxel_silhouette(camera, cloud.centres, self._extents[view], shape)
+            scores.append(iou(voxels & self.known[view], shown[view]))
+        return np.array(scores)
+
+
+def without_speckle(silhouette: np.ndarray, share: float = SPECKLE_SHARE) -> np.ndarray:
+    """Return `silhouette` (H, W) bool after a 5x5 median, without parts smaller than `share` of the
+    largest one."""
+    return keep_large_regions(cv2.medianBlur(silhouette.astype(np.uint8), 5), share)
+
+
+def whole_silhouettes(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
+    """Return the `whole_silhouette` (V, H, W) bool of each view."""
+    return np.stack([whole_silhouette(*of) for of in zip(shown, region, strict=True)])
+
+
+def whole_silhouette(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
+    """Return the silhouette (H, W) bool of what lies in the volume, whose projection is `region`.
+
+    Parts that lie mostly within count whole, others up to the border. Speckle is left out.
+    """
+    smooth = cv2.medianBlur(shown.astype(np.uint8), 5)
+    count, labels = cv2.connectedComponents(smooth, connectivity=8)
+    areas = np.bincount(labels.ravel(), minlength=count)
+    within = np.bincount(labels[region], minlength=count)
+    mostly = within >= _MOSTLY * np.maximum(areas, 1)
+    mostly[0] = False
+    return keep_large_regions((smooth > 0) & (region | mostly[labels]), SPECKLE_SHARE)
+
+
+def beyond_volume(silhouettes: np.ndarray, region: np.ndarray) -> np.ndarray:
+    """Return which share (V,) of silhouettes (V, H, W) lies beyond the volume; NaN of none."""
+    areas = silhouettes.sum(axis=(1, 2)).astype(float)
+    return (silhouettes & ~region).sum(axis=(1, 2)) / np.where(areas > 0, areas, np.nan)
+
+
+def cut_by_volume(names: Items[str], beyond: np.ndarray) -> str | None:
+    """Return a warning if silhouettes reach beyond the volume, by `beyond` (frames, V)."""
+    shares = np.nan_to_num(np.ma.masked_invalid(beyond).mean(axis=0).filled(0.0))
+    cut = [f"{name} {share:.0%}" for name, share in zip(names, shares, strict=True) if share > _CUT]
+    if not cut:
+        return None
+    return (
+        f"the volume cuts what is filmed: of the silhouettes lie beyond it {', '.join(cut)}; state "
+        "a larger --volume, or --subject object for what does not stand on the floor z = 0"
+    )
+
+
+def volume_region(rig: CameraRig, grid: VoxelGrid) -> np.ndarray:
+    """Return (V, H, W) bool: pixels that look into the volume."""
+    region = np.zeros((len(rig), rig.height, rig.width), bool)
+    for view, camera in enumerate(rig):
+        region[view] = _hits_box(camera, grid, (rig.height, rig.width))
+    return region
+
+
+def _hits_box(camera: Camera, grid: VoxelGrid, shape: tuple[int, int]) -> np.ndarray:
+    """Return the pixels (H, W) bool whose ray meets the box, by the slabs between its faces."""
+    width, height = camera.size
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    directions = camera.rays(np.stack([u, v], -1).reshape(-1, 2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_low = (grid.low - camera.centre) / directions
+        to_high = (grid.high - camera.centre) / directions
+    # By pairs of columns: NumPy's nanmax takes several times as long.
+    enter = reduce(np.fmax, np.minimum(to_low, to_high).T)
+    leave = reduce(np.fmin, np.maximum(to_low, to_high).T)
+    region = np.zeros(shape, bool)
+    region[:height, :width] = ((leave >= enter) & (leave > 0)).reshape(height, width)
+    return region

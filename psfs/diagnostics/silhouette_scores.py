@@ -1,0 +1,114 @@
+"""The silhouettes that a sequence is reconstructed from, and how far they agree with true ones."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from cl import InputError
+from psfs.cameras.camera import Camera
+from psfs.common.pictures import read_picture
+from psfs.common.regions import iou
+from psfs.diagnostics.reprojection_iou import volume_region
+from psfs.sequence import Frame, Sequence
+from psfs.session import Session
+from psfs.volume import automatic_grid
+from psfs.voxels.grid import VoxelGrid
+
+#: Folder of a sequence with true silhouettes, <camera>_<frame:06d>.png. For scoring only.
+TRUE_MASKS = "truth_masks"
+
+DEFINITION = (
+    "silhouette: the pixels whose likelihood is above 0.5, within the projection of the "
+    "reconstruction volume, as the reconstruction sees them after all frames before; iou: with the "
+    "true mask; missed, extra: pixels that it lacks and has too many, as shares of the true mask; "
+    "foreground: its share of the picture"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Silhouettes:
+    """The silhouettes of one frame, in all V views.
+
+    region: (V, H, W) bool, pixels that look into the reconstruction volume. likelihood: (V, H, W)
+    float64 of eq. (1)-(2) of Song et al. masks: (V, H, W) bool, the silhouettes. truth: per view
+    the true mask (H, W) bool, None where there is none. scores: (V, 4) IoU, missed, extra and
+    foreground as `DEFINITION` says; NaN where there is no truth, or an empty one.
+    """
+
+    frame: Frame
+    region: np.ndarray
+    likelihood: np.ndarray
+    masks: np.ndarray
+    truth: list[np.ndarray | None]
+    scores: np.ndarray
+
+
+def truth_frames(sequence: Sequence) -> list[int]:
+    """Return the numbers of the frames with a true mask of at least one camera."""
+    folder, names = sequence.folder / TRUE_MASKS, sequence.rig.names
+    found = {
+        int(path.stem[-6:])
+        for path in folder.glob("*_[0-9][0-9][0-9][0-9][0-9][0-9].png")
+        if path.stem[:-7] in names
+    }
+    return sorted(found & set(range(len(sequence))))
+
+
+def true_mask(
+    folder: Path, camera: Camera, frame: int, shape: tuple[int, int]
+) -> np.ndarray | None:
+    """Return the true mask of a frame as (H, W) bool = `shape`, zero padded; None if there is no
+    such file. Raises InputError if it is no picture of the camera's size."""
+    path = folder / TRUE_MASKS / f"{camera.name}_{frame:06d}.png"
+    if not path.exists():
+        return None
+    picture = read_picture(path, cv2.IMREAD_GRAYSCALE)
+    width, height = camera.size
+    if picture.shape != (height, width):
+        found = f"{picture.shape[1]} x {picture.shape[0]} px"
+        raise InputError(f"{path}: {found}; expected a mask of {width} x {height} px")
+    mask = np.zeros(shape, bool)
+    mask[:height, :width] = picture > 127
+    return mask
+
+
+def score_silhouettes(
+    session: Session, wanted: Collection[int], grid: VoxelGrid | None = None
+) -> Iterator[Silhouettes | None]:
+    """Reconstruct the frames up to the last `wanted` one; yield the silhouettes of those wanted,
+    None for the others.
+
+    All frames before are reconstructed, too, since the silhouettes learn from them. grid: by
+    default the session's `automatic_grid`. Raises InputError as that does, and for true masks that
+    cannot be read.
+    """
+    sequence, grid = session.sequence, grid or automatic_grid(session)
+    rig, within = sequence.rig, volume_region(sequence.rig, grid)
+    reconstruct = session.reconstructor(grid)
+    shape = (rig.height, rig.width)
+    for frame in sequence.frames(slice(max(wanted) + 1)):
+        reconstruct(frame)
+        if frame.index not in wanted:
+            yield None
+            continue
+        evidence = reconstruct.evidence()
+        masks = (evidence > 0) & within
+        truth = [true_mask(sequence.folder, camera, frame.index, shape) for camera in rig]
+        scores = np.array([_scores(*of) for of in zip(rig, masks, truth, strict=True)])
+        likelihood = session.reconstruction.silhouette.evidence.likelihood(evidence)
+        yield Silhouettes(frame, within, likelihood, masks, truth, scores)
+
+
+def _scores(camera: Camera, mask: np.ndarray, truth: np.ndarray | None) -> list[float]:
+    """Return IoU, missed, extra and foreground of one view."""
+    foreground = float(mask.sum() / np.prod(camera.size))
+    if truth is None or not truth.any():
+        return [np.nan, np.nan, np.nan, foreground]
+    whole = truth.sum()
+    missed, extra = (truth & ~mask).sum() / whole, (mask & ~truth).sum() / whole
+    return [iou(mask, truth), float(missed), float(extra), foreground]

@@ -1,0 +1,60 @@
+"""The light of every picture beside that of the background."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from psfs.background.config import BackgroundConfig, LightConfig
+from psfs.background.gaussian import Background
+from psfs.background.light import (
+    LIGHT_FLOATS,
+    fit_light,
+    light_samples,
+    sampled_scene,
+    steady_light,
+)
+from psfs.cameras.camera import CameraRig
+
+
+def estimate_light(
+    images: np.ndarray,
+    rig: CameraRig,
+    background: Background,
+    config: LightConfig,
+    density: BackgroundConfig,
+) -> np.ndarray:
+    """Return the light (V, LIGHT_FLOATS) float64 of pictures (V, H, W, 3), laid out as
+    `psfs.background.light.LIGHT_FLOATS` says; twin of light.cl."""
+    if not config.follow:
+        return steady_light(len(rig)).astype(np.float64)
+    pixels, (_, scene) = light_samples(rig), sampled_scene(rig, background, density)
+    light = np.empty((len(rig), LIGHT_FLOATS))
+    for view, camera in enumerate(rig):
+        x, y = pixels[view].T
+        shown, sampled = images[view, y, x].astype(np.float64), scene[view].astype(np.float64)
+        light[view] = fit_light(shown, sampled, camera.size, config)
+    return light
+
+
+def lit_by(background: Background, light: np.ndarray, density: BackgroundConfig) -> Background:
+    """Return the background, in float64, as pictures in such `light` (V, LIGHT_FLOATS) show it."""
+    mean, std = np.empty((2, *background.mean.shape))
+    for view, (own, field) in enumerate(zip(light, _fields(light, mean.shape), strict=True)):
+        bright = own[:3] * (background.mean[view] * field) + own[3:6]
+        mean[view] = np.minimum(bright, 255)
+        std[view] = np.maximum(background.std[view], density.sigma_floor) * own[9] ** -0.5
+    return Background(mean, std)
+
+
+def unlit(images: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """Return pictures (V, H, W, 3), in float64, as they are in the background's own light."""
+    gains, offsets = light[:, None, None, :3], light[:, None, None, 3:6]
+    own: np.ndarray = (images - offsets) / (gains * _fields(light, images.shape))
+    return own
+
+
+def _fields(light: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Return (V, H, W, 1) the gain that differs over a picture."""
+    y, x = np.indices(shape[1:3])
+    fields: np.ndarray = np.einsum("vk,khw->vhw", light[:, 6:9], np.stack([np.ones(x.shape), x, y]))
+    return fields[..., None]

@@ -1,0 +1,247 @@
+"""One take on one device: what its footage shows, computed once, for all stages that need it.
+
+A stage is a function of a session and of the results of the stages before it. What it finds is kept
+in the session, so that a stage that is asked for twice computes once.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections import OrderedDict
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator
+from collections.abc import Sequence as Items
+from dataclasses import dataclass, field
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+from cl import Device, InputError, NumpyDevice
+from psfs.backend import AnyReconstructor, evidence_for, reconstructor_for
+from psfs.background.gaussian import Background
+from psfs.cameras.camera import CameraRig
+from psfs.reconstructor import Reconstructor
+from psfs.sequence import Frame, Sequence
+from psfs.silhouettes.hidden import UNKNOWN
+from psfs.voxels.config import ReconstructionConfig
+from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.host_voxels import HostVoxels
+
+R = TypeVar("R")
+
+#: Bytes of evidence maps that a session keeps, at most: 109 frames of four VGA cameras.
+_EVIDENCE_BYTES = 2**27
+#: Bytes of carved frames that a session keeps, at most.
+_CARVED_BYTES = 2**28
+
+
+@dataclass(frozen=True)
+class SessionSettings:
+    """Settings that all stages of a session share."""
+
+    reconstruction: ReconstructionConfig = field(default_factory=ReconstructionConfig)
+    """Settings of silhouettes, volume and voxels."""
+    selection: slice = field(default_factory=lambda: slice(None))
+    """The frames of the sequence to work on; all by default."""
+    voxel_size: float | None = None
+    """Edge of a voxel, m. By default 2 cm for people, see `psfs.volume.automatic_grid`."""
+
+
+@dataclass(frozen=True, eq=False)
+class CarvedFrame:
+    """The silhouettes (V, H, W) bool that a frame was carved with, where they are known, likewise
+    (elsewhere furniture hides what is behind it), and its surface voxels."""
+
+    index: int
+    silhouettes: np.ndarray
+    known: np.ndarray
+    cloud: VoxelCloud
+
+
+class Session:
+    """A sequence on a device, with what the stages found in its footage.
+
+    device: computes; the caller's. sequence: its rig, frames and background are used. settings:
+    see `SessionSettings`. background: the empty scene, the sequence's own until a stage revises it.
+    """
+
+    def __init__(
+        self,
+        sequence: Sequence,
+        device: Device | NumpyDevice,
+        settings: SessionSettings | None = None,
+    ) -> None:
+        self.sequence, self.device = sequence, device
+        self.settings = settings or SessionSettings()
+        self._background: Background | None = None
+        self._results: dict[Hashable, Any] = {}
+        self._evidence_of: Callable[[Frame], np.ndarray] | None = None
+        self._evidence: OrderedDict[int, np.ndarray] = OrderedDict()
+        self._reconstructor: AnyReconstructor | None = None
+        self._carved: _CarvedFrames | None = None
+
+    @property
+    def rig(self) -> CameraRig:
+        """The calibrated cameras."""
+        return self.sequence.rig
+
+    @property
+    def has_images(self) -> bool:
+        """Whether frames have pictures, not masks only."""
+        return self.sequence.has_images
+
+    @property
+    def reconstruction(self) -> ReconstructionConfig:
+        """Settings of silhouettes, volume and voxels."""
+        return self.settings.reconstruction
+
+    @property
+    def frames(self) -> range:
+        """Numbers of the selected frames."""
+        return range(len(self.sequence))[self.settings.selection]
+
+    @property
+    def rate(self) -> float:
+        """Selected frames per second."""
+        return self.sequence.fps / abs(self.settings.selection.step or 1)
+
+    @property
+    def background(self) -> Background | None:
+        """The empty scene as it is known now; None where frames come with masks."""
+        return self._background or self.sequence.background
+
+    def revise_background(self, background: Background) -> None:
+        """Replace the background by what a stage has estimated. Later evidence is computed with it;
+        what was computed before is forgotten, but for the results of stages."""
+        self._background = background
+        self._evidence_of, self._reconstructor, self._carved = None, None, None
+        self._evidence.clear()
+
+    def on(self, sequence: Sequence) -> Session:
+        """Return a session on another sequence, such as the same without some cameras, with the
+        same device and settings. Frames are kept in memory if they were before."""
+        if sequence is self.sequence:
+            return self
+        if self.sequence.keeps_frames and not sequence.keeps_frames:
+            sequence.keep_frames()
+        return Session(sequence, self.device, self.settings)
+
+    def once(self, key: Hashable, compute: Callable[[], R]) -> R:
+        """Return the result that is kept under `key`, computed if there is none yet."""
+        if key not in self._results:
+            self._results[key] = compute()
+        return cast(R, self._results[key])
+
+    def replace_result(self, key: Hashable, result: object) -> None:
+        """Keep `result` under `key` in place of what was computed."""
+        self._results[key] = result
+
+    def evidence(self, indices: Iterable[int]) -> list[np.ndarray]:
+        """Return the evidence (V, H, W) int8 of each frame of `indices`, computed without other
+        frames. Some are kept. Raises InputError as `Sequence.reader` does."""
+        wanted = list(indices)
+        found = {index: self._evidence[index] for index in wanted if index in self._evidence}
+        missing = [index for index in dict.fromkeys(wanted) if index not in found]
+        if missing:
+            if self._evidence_of is None:
+                self._evidence_of = evidence_for(
+                    self.device, self.rig, self.background, self.reconstruction.silhouette
+                )
+            with self.sequence.reader(learning=False) as read:
+                for index in missing:
+                    found[index] = self._evidence_of(read(index))
+        for index in missing:
+            self._evidence[index] = found[index]
+        while sum(of.nbytes for of in self._evidence.values()) > _EVIDENCE_BYTES:
+            self._evidence.popitem(last=False)
+        return [found[index] for index in wanted]
+
+    def reconstructor(self, grid: VoxelGrid) -> AnyReconstructor:
+        """Return the sparse reconstructor of `grid`, which has seen no frame yet.
+
+        There is one, which the next stage gets: what it made for the stage before is overwritten.
+        """
+        known = self._reconstructor
+        if isinstance(known, Reconstructor) and known.grid.congruent(grid):
+            known.restart()
+            known.move_to(grid)
+            return known
+        # Their memory is free before the next reconstructor is made.
+        self._reconstructor = self._evidence_of = None
+        self._reconstructor = reconstructor_for(
+            self.device, self.rig, grid, self.background, self.reconstruction, sparse=True
+        )
+        return self._reconstructor
+
+    def keep_carved(self, indices: Collection[int]) -> None:
+        """Keep the frames of these numbers from the next stage that shows them to `carved_by`."""
+        self._carved = _CarvedFrames(frozenset(indices))
+
+    def carved_by(self, index: int, voxels: Voxels | HostVoxels) -> None:
+        """Keep frame `index` as it was carved, if it is to be kept."""
+        if self._carved is not None:
+            self._carved.add(index, voxels, self.sequence.has_images)
+
+    def carved(self, grid: VoxelGrid, indices: Items[int]) -> Iterator[CarvedFrame]:
+        """Yield the frames of `indices` as they were carved in `grid`: as they were kept, or, where
+        one was not, all of them reconstructed again in their order."""
+        if self._carved is not None and self._carved.holds(grid, indices):
+            yield from map(self._carved.get, indices)
+            return
+        reconstruct = self.reconstructor(grid)
+        for frame in self.sequence.frames_at(indices):
+            voxels = reconstruct(frame)
+            evidence, cloud = reconstruct.evidence(), voxels.cloud(colour=frame.images is not None)
+            yield CarvedFrame(frame.index, evidence > 0, evidence != UNKNOWN, cloud)
+
+
+class _CarvedFrames:
+    """Carved frames in little memory: pictures as compressed bits. All are dropped, and no more
+    is kept, once they take more than `_CARVED_BYTES`."""
+
+    def __init__(self, wanted: frozenset[int]) -> None:
+        self._wanted, self._n_bytes = wanted, 0
+        self._shape: tuple[int, ...] = ()
+        self._frames: dict[int, tuple[bytes, bytes, VoxelCloud]] = {}
+
+    def add(self, index: int, voxels: Voxels | HostVoxels, colour: bool) -> None:
+        if index not in self._wanted or voxels.evidence is None:
+            return
+        evidence = voxels.evidence
+        counts = evidence if isinstance(evidence, np.ndarray) else evidence.get()
+        shown, known = _compress(counts > 0), _compress(counts != UNKNOWN)
+        cloud = voxels.cloud(colour=colour)
+        self._shape = counts.shape
+        self._frames[index] = shown, known, cloud
+        self._n_bytes += len(shown) + len(known) + cloud.nbytes
+        if self._n_bytes > _CARVED_BYTES:
+            self._wanted = frozenset()
+            self._frames.clear()
+
+    def holds(self, grid: VoxelGrid, indices: Items[int]) -> bool:
+        """Return whether all frames of `indices` are there, carved in `grid`."""
+        frames = self._frames
+        return all(i in frames and frames[i][-1].grid.same_as(grid) for i in indices)
+
+    def get(self, index: int) -> CarvedFrame:
+        shown, known, cloud = self._frames[index]
+        return CarvedFrame(index, self._expand(shown), self._expand(known), cloud)
+
+    def _expand(self, compressed: bytes) -> np.ndarray:
+        packed = np.frombuffer(zlib.decompress(compressed), np.uint8)
+        flat = np.unpackbits(packed, count=math.prod(self._shape)).astype(bool)
+        return flat.reshape(self._shape)
+
+
+def _compress(pictures: np.ndarray) -> bytes:
+    return zlib.compress(np.packbits(pictures).tobytes(), 1)
+
+
+def check_frames(session: Session) -> range:
+    """Return the numbers of the selected frames. Raises InputError if there is none."""
+    if not session.frames:
+        raise InputError(
+            f"{session.sequence.folder}: the selected frames are none of {len(session.sequence)}"
+        )
+    return session.frames

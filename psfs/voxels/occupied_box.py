@@ -1,0 +1,104 @@
+"""The reconstruction volume, when nobody states one: from the rig and the first silhouettes."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.rig_geometry import intersect_axes_ahead
+from psfs.common.regions import find_largest_region_box
+from psfs.silhouettes.hidden import UNKNOWN
+from psfs.voxels.config import VolumeConfig
+from psfs.voxels.grid import VoxelGrid
+
+
+def default_voxel_size(
+    rig: CameraRig, low: np.ndarray, high: np.ndarray, config: VolumeConfig | None = None
+) -> float:
+    """Return the edge of a voxel, m: 2 cm when the cameras stand as far away as people need, else
+    1/150 of the longest side."""
+    config = config or VolumeConfig()
+    middle = (np.asarray(low) + np.asarray(high)) / 2
+    distance = np.median(np.linalg.norm(rig.centres - middle, axis=1))
+    longest = float(np.max(np.asarray(high) - low))
+    if distance >= config.people_distance:
+        return max(config.people_voxel, longest / config.finest)
+    return longest / config.fine
+
+
+def finest_pixel(rig: CameraRig, grid: VoxelGrid) -> float:
+    """Return what a pixel covers in the middle of the grid at least, m."""
+    distances = np.linalg.norm(rig.centres - (grid.low + grid.high) / 2, axis=1)
+    focal = [camera.K[[0, 1], [0, 1]].max() for camera in rig]
+    return float(np.min(distances / focal))
+
+
+def reachable_box(
+    rig: CameraRig, config: VolumeConfig | None = None, floor: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a box around the point that the cameras look at, as large as they leave room for, m.
+
+    The point is the nearest one to all optical axes; the box reaches as far as the median
+    camera stands from it. With `floor` rigs of people's size stand on one: nothing below z = -0.1.
+    """
+    config = config or VolumeConfig()
+    target = intersect_axes_ahead(rig)
+    reach = float(np.median(np.linalg.norm(rig.centres - target, axis=1)))
+    low, high = target - reach, target + reach
+    if (
+        floor
+        and reach >= config.people_distance
+        and low[2] < config.floor < high[2] - config.head_room
+    ):
+        low[2] = config.floor
+    return low, high
+
+
+def largest_parts_box(
+    rig: CameraRig, evidence: list[np.ndarray], grid: VoxelGrid, min_cameras: int
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the box, m, around the largest connected part of every frame; None without any.
+    evidence: of every frame, as `without_speckle` leaves it."""
+    centres = grid.centres()
+    votes = np.zeros((len(evidence), grid.size), np.int32)
+    seeing = np.zeros(grid.size, np.int32)
+    for view, camera in enumerate(rig):
+        inside, row, column, depth = camera.look_up(centres)
+        if not len(depth):
+            continue
+        seeing += inside
+        covered = grid.voxel_size * camera.K[0, 0] / float(np.median(depth))
+        seen, pixels = np.flatnonzero(inside), row * rig.width + column
+        for frame, maps in enumerate(evidence):
+            counts = _widened(maps[view], covered).ravel()[pixels]
+            votes[frame, seen] += np.where(counts == UNKNOWN, 0, counts)
+    occupied = (votes > 0) & (seeing >= min_cameras)
+    parts = [find_largest_region_box(frame.reshape(grid.shape)) for frame in occupied]
+    corners = np.array([part for part in parts if part is not None])
+    if not len(corners):
+        return None
+    low, high = corners[:, 0].min(0), corners[:, 1].max(0)
+    return grid.origin + low * grid.voxel_size, grid.origin + high * grid.voxel_size
+
+
+def without_speckle(evidence: np.ndarray) -> np.ndarray:
+    """Return evidence maps (V, H, W) int8 after a 5x5 median."""
+    return np.stack([_of_bytes(cv2.medianBlur(_bytes(view), 5)) for view in evidence])
+
+
+def _widened(evidence: np.ndarray, pixels: float) -> np.ndarray:
+    """Return evidence (H, W), its foreground widened to voxels `pixels` across."""
+    size = max(1, round(pixels))
+    return _of_bytes(cv2.dilate(_bytes(evidence), np.ones((size, size), np.uint8)))
+
+
+def _bytes(evidence: np.ndarray) -> np.ndarray:
+    """Return int8 as the 0..255 that OpenCV wants, in the same order."""
+    raised: np.ndarray = evidence.view(np.uint8) ^ np.uint8(128)
+    return raised
+
+
+def _of_bytes(raised: object) -> np.ndarray:
+    lowered: np.ndarray = (np.asarray(raised, np.uint8) ^ np.uint8(128)).view(np.int8)
+    return lowered

@@ -1,0 +1,282 @@
+"""Comparing a track with the truth, as a library and through `apf evaluate`."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers import tracks
+from helpers.shared import shared_data
+
+from apf.cli import main
+from apf.evaluation.evaluate import evaluate, load_truth
+from apf.evaluation.evaluation_plot import write_plot
+from apf.evaluation.joint_names import EVALUATED_JOINTS, match_joints
+from apf.formats.trc import JointSeries, read_trc
+from cl import InputError
+
+
+def moved(truth: JointSeries, joint: str, offset: list[float], rows: slice) -> JointSeries:
+    joints = truth.joints.copy()
+    joints[rows, truth.joint_names.index(joint)] += offset
+    return replace(truth, joints=joints)
+
+
+def test_perfect_track() -> None:
+    track = tracks.walker()
+    evaluation = evaluate(track, tracks.truth_of(track))
+    assert evaluation.joint_names == EVALUATED_JOINTS
+    assert evaluation.mean_error == 0
+    assert evaluation.lost_share == 0
+    assert not any(evaluation.lost_limbs.values())
+    assert evaluation.unmatched_truth == ()
+    assert evaluation.warnings == ()
+
+
+def test_mean_and_lost_share() -> None:
+    track = tracks.walker(frames=30)
+    truth = moved(tracks.truth_of(track), "l_knee", [0.3, 0, 0.4], slice(0, 15))
+    evaluation = evaluate(track, truth)
+    assert evaluation.mean_error == pytest.approx(0.5 / 2 / 15)
+    assert evaluation.lost_share == pytest.approx(1 / 30)
+    np.testing.assert_allclose(evaluation.frame_errors, [0.5 / 15] * 15 + [0] * 15)
+    row = next(row for row in evaluation.joint_table() if row["joint"] == "l_knee")
+    assert (row["mean_mm"], row["median_mm"], row["max_mm"]) == (250, 250, 500)
+
+
+def test_constant_part_turns_with_the_body() -> None:
+    """An offset fixed in the body is constant, one fixed in the world of a turning body is not."""
+    track = tracks.walker(frames=200)
+    truth = tracks.truth_of(track)
+    hips = truth.joints[:, [EVALUATED_JOINTS.index(f"{s}_hip") for s in "lr"]]
+    left = hips[:, 0] - hips[:, 1]
+    left /= np.linalg.norm(left, axis=1, keepdims=True)
+    joints = truth.joints.copy()
+    joints[:, EVALUATED_JOINTS.index("l_elbow")] += 0.05 * left
+    joints[:, EVALUATED_JOINTS.index("r_elbow")] += [0.05, 0, 0]
+    constant, rest = evaluate(track, replace(truth, joints=joints)).constant_and_rest
+    turning, fixed = (EVALUATED_JOINTS.index(name) for name in ("l_elbow", "r_elbow"))
+    assert constant[turning] == pytest.approx(0.05, abs=1e-6)
+    assert rest[turning] == pytest.approx(0, abs=1e-6)
+    assert rest[fixed] > 0.02
+
+
+@pytest.mark.parametrize(
+    ("rows", "lost"),
+    [
+        (slice(5, 15), False),  # 10 frames on end are not more than 10
+        (slice(5, 16), True),
+        (slice(28, 30), True),  # at the end
+        (slice(28, 29), False),
+        (slice(0, 0), False),
+    ],
+)
+def test_lost_limbs(rows: slice, lost: bool) -> None:
+    track = tracks.walker(frames=30)
+    evaluation = evaluate(track, moved(tracks.truth_of(track), "r_wrist", [0, 0.21, 0], rows))
+    assert evaluation.lost_limbs.pop("right arm") is lost
+    assert not any(evaluation.lost_limbs.values())
+
+
+def test_frames_are_matched_by_index_and_gaps_in_the_truth_counted() -> None:
+    track = tracks.walker(frames=20, start=10)
+    truth = tracks.truth_of(track)
+    joints = truth.joints[:12].copy()
+    joints[0] = np.nan  # frame 10: nothing known
+    joints[3, 4, 1] = np.nan
+    joints[:, EVALUATED_JOINTS.index("neck")] = np.nan
+    truth = replace(truth, joints=joints, frames=truth.frames[:12])
+    evaluation = evaluate(track, truth)
+    np.testing.assert_array_equal(evaluation.frames, np.arange(11, 22))
+    assert evaluation.mean_error == 0
+    assert evaluation.n_ignored == 14 + 1 + 12
+    assert "neck" not in evaluation.joint_names
+    assert "neck" in evaluation.unmatched_truth
+    assert evaluation.warnings == ("the truth covers 12 of the track's 20 frames",)
+    assert evaluation.summary()["constant_mm"] is None  # no body frame without the neck
+
+
+def test_other_frame_rate_is_told() -> None:
+    track = tracks.walker()
+    assert "30" in evaluate(track, replace(tracks.truth_of(track), fps=30.0)).warnings[0]
+
+
+def test_names_of_other_programs() -> None:
+    pose2sim = ["RHip", "RKnee", "RAnkle", "RBigToe", "LHip", "Neck", "Head", "Nose", "LWrist"]
+    found = {joint: pose2sim[place] for joint, place in match_joints(pose2sim).items()}
+    assert found == {
+        "neck": "Neck", "head_top": "Head", "l_wrist": "LWrist", "l_hip": "LHip",
+        "r_hip": "RHip", "r_knee": "RKnee", "r_ankle": "RAnkle",
+    }  # fmt: skip
+    own = ["head", "head_top", "l_hand", "l_wrist", "pelvis", "r_toe"]
+    assert match_joints(own) == {"pelvis": 4, "head_top": 1, "l_wrist": 3}
+    mixamo = ["mixamorig:Hips", "mixamorig:LeftUpLeg", "mixamorig:LeftLeg", "mixamorig:LeftHand"]
+    assert match_joints(mixamo) == {"pelvis": 0, "l_hip": 1, "l_knee": 2, "l_wrist": 3}
+    assert match_joints(["left_elbow", "Right Ankle"]) == {"l_elbow": 0, "r_ankle": 1}
+
+
+def test_pelvis_from_the_hips() -> None:
+    track = tracks.walker()
+    truth = tracks.truth_of(track)
+    without = replace(truth, joint_names=("", *truth.joint_names[1:]))
+    evaluation = evaluate(track, without)
+    assert "pelvis" in evaluation.joint_names
+    hips = truth.joints[:, [EVALUATED_JOINTS.index(f"{s}_hip") for s in "lr"]].mean(axis=1)
+    expected = np.linalg.norm(truth.joints[:, 0] - hips, axis=-1)
+    np.testing.assert_allclose(evaluation.errors[:, 0], expected, atol=1e-12)
+
+
+def test_nothing_in_common() -> None:
+    track = tracks.walker(frames=3)
+    truth = tracks.truth_of(track)
+    with pytest.raises(InputError, match="no joint in common"):
+        evaluate(track, JointSeries(("nose",), truth.joints[:, :1], 60.0, truth.frames))
+    with pytest.raises(InputError, match=r"no frame in common.*0\.\.2.*9\.\.11"):
+        evaluate(track, replace(truth, frames=truth.frames + 9))
+    with pytest.raises(InputError, match="NaN"):
+        evaluate(track, replace(truth, joints=np.full_like(truth.joints, np.nan)))
+
+
+def test_real_truths_against_themselves() -> None:
+    folder = shared_data("synth_walk_8cam")
+    npz, trc = load_truth(folder / "truth.npz"), load_truth(folder / "truth.trc")
+    evaluation = evaluate(npz, trc)
+    assert evaluation.joint_names == EVALUATED_JOINTS
+    assert evaluation.mean_error < 1e-6
+    pose2sim = shared_data("pose2sim_balance") / "truth"
+    raw, smooth = (
+        read_trc(pose2sim / f"S00_P00_T01_BalancingTrial_0-100{kind}.trc", "pose2sim")
+        for kind in ("", "_filt_butterworth")
+    )
+    evaluation = evaluate(raw, smooth)
+    assert len(evaluation.joint_names) == 15
+    assert 0 < evaluation.mean_error < 0.03
+
+
+# The command ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A track and its truth, 25 mm above it, as npz and TRC."""
+    track = tracks.walker()
+    track.save(tmp_path / "out" / "track.npz")
+    joints = track.joints + np.array([0, 0, 0.025])
+    np.savez(tmp_path / "truth.npz", joint_names=track.joint_names, joints=joints, fps=60)
+    replace(track, joints=joints).save(tmp_path / "truth.trc")
+    return tmp_path
+
+
+@pytest.mark.parametrize("truth", ["truth.npz", "truth.trc"])
+def test_command_writes_table_csv_plot_and_json(folder: Path, truth: str, capsys) -> None:
+    assert main(["evaluate", str(folder / "out"), "--truth", str(folder / truth)]) == 0
+    printed = capsys.readouterr().out
+    assert "mean error 25.0 mm over 30 frames and 15 joints" in printed
+    assert "lost limbs" in printed
+    summary = json.loads((folder / "out" / "evaluation.json").read_text())
+    assert summary["mean_error_mm"] == 25
+    assert summary["lost_limbs"] == []
+    with (folder / "out" / "evaluation.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 30
+    assert float(rows[7]["l_ankle_mm"]) == 25
+    picture = cv2.imread(str(folder / "out" / "evaluation.png"))
+    assert picture.shape[1] > 1000
+    assert picture.std() > 10
+
+
+def test_command_writes_only_what_is_chosen(folder: Path) -> None:
+    track = str(folder / "out" / "track.npz")
+    args = ["evaluate", track, "--truth", str(folder / "truth.npz"), "--csv", "-o"]
+    assert main([*args, str(folder / "elsewhere")]) == 0
+    written = sorted(p.name for p in (folder / "elsewhere").iterdir())
+    assert written == ["evaluation.csv", "manifest.txt"]
+    assert [p.name for p in (folder / "out").iterdir()] == ["track.npz"]
+
+
+def test_plot_of_one_frame_with_a_lost_joint(tmp_path: Path) -> None:
+    track = tracks.walker(frames=1)
+    truth = moved(tracks.truth_of(track), "l_wrist", [0.4, 0, 0], slice(None))
+    write_plot(tmp_path / "a.png", evaluate(track, truth))
+    assert cv2.imread(str(tmp_path / "a.png")) is not None
+
+
+@pytest.mark.parametrize(
+    ("track", "truth", "extra", "message"),
+    [
+        ("nothing", "truth.npz", {}, "nothing: no such file"),
+        ("out", "nothing.npz", {}, "nothing.npz: no such file"),
+        ("out", "nothing.trc", {}, "nothing.trc: cannot be read"),
+        ("truth.trc", "truth.npz", {}, "truth.trc: not a readable npz"),
+        ("truth.npz", "truth.npz", {}, "lacks body_name"),
+        ("out", "bad.npz", {"joint_names": ["a"]}, "lacks joints, fps"),
+        (
+            "out",
+            "bad.npz",
+            {"joint_names": ["a"], "joints": [1.0], "fps": 60},
+            "expected (1, 1, 3)",
+        ),
+        (
+            "out",
+            "bad.npz",
+            {"joint_names": ["a"], "joints": [[["x"] * 3]], "fps": 60},
+            "joints is <U1",
+        ),
+        ("out", "bad.npz", {"joint_names": ["a"], "joints": np.ones((1, 1, 3)), "fps": 0}, "fps"),
+        (
+            "out",
+            "bad.npz",
+            {"joint_names": ["a"], "joints": np.ones((1, 1, 3)), "fps": 60, "frames": [0, 1]},
+            "frames has the shape (2,); expected (1)",
+        ),
+        (
+            "out",
+            "bad.npz",
+            {"joint_names": ["nose"], "joints": np.ones((1, 1, 3)), "fps": 60},
+            "no joint in common",
+        ),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(
+    folder: Path, track: str, truth: str, extra: dict, message: str, capsys
+) -> None:
+    if extra:
+        np.savez(folder / truth, **extra)
+    assert main(["evaluate", str(folder / track), "--truth", str(folder / truth)]) == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith("apf: error: ")
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+    assert captured.out == ""
+    assert [p.name for p in (folder / "out").iterdir()] == ["track.npz"]
+
+
+def test_output_folder_that_is_a_file(folder: Path, capsys) -> None:
+    args = ["evaluate", str(folder / "out"), "--truth", str(folder / "truth.npz")]
+    assert main([*args, "-o", str(folder / "truth.trc")]) == 2
+    assert "is a file; expected a folder" in capsys.readouterr().err
+
+
+def test_the_stated_ellipsoids_are_judged() -> None:
+    track = tracks.walker()
+    truth = tracks.truth_of(track)
+    rng = np.random.default_rng(4)
+    truth = replace(truth, joints=truth.joints + rng.normal(0, 0.02, truth.joints.shape))
+    assert evaluate(track, truth).summary()["inside_95"] is None
+    covariance = np.tile(0.02**2 * np.eye(3), (30, len(track.joint_names), 1, 1))
+    covariance[:, track.joint_names.index("l_wrist")] *= 1e-4
+    covariance[7] = np.nan
+    lost = np.arange(30) == 7
+    track = replace(track, diagnostics={"covariance": covariance, "lost": lost})
+    found = evaluate(track, truth)
+    summary = found.summary()
+    assert summary["lost_frames"] == [7]
+    shares = {row["joint"]: row["inside_95"] for row in summary["joints"]}
+    assert shares.pop("l_wrist") == 0.0
+    assert np.mean(list(shares.values())) == pytest.approx(0.95, abs=0.03)
+    assert np.isnan(found.inside[7]).all() and np.isfinite(found.inside[8]).all()

@@ -1,0 +1,211 @@
+"""Drawing the tracked body over pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers import tracks
+from helpers.shared import shared_data
+
+from apf.body import load_body
+from apf.body.kinematics import posed_cones
+from apf.report.overlay import COLOURS, draw_overlay, overlay_picture, write_overlay
+from cl import InputError
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.common.files import write_picture
+from psfs.sequence import Frame, Sequence
+
+BODY = load_body("song31")
+
+
+def camera(name: str, angle: float, size: tuple[int, int] = (320, 240)) -> Camera:
+    """Three metres from the walker's circle, looking at its middle."""
+    c, s = np.cos(angle), np.sin(angle)
+    R = np.array([[-s, c, 0], [0, 0, -1], [-c, -s, 0]])
+    centre = np.array([4 * c, 4 * s, 1.0])
+    K = np.array([[size[0], 0, size[0] / 2], [0, size[0], size[1] / 2], [0, 0, 1]], float)
+    return Camera(name, K, np.zeros(5), R, -R @ centre, size)
+
+
+class Footage:
+    """What `write_overlay` uses of a Sequence."""
+
+    def __init__(self, sizes: list[tuple[int, int]], count: int = 6, masks: bool = False) -> None:
+        angles = 2 * np.pi * np.arange(len(sizes)) / len(sizes)
+        self.rig = CameraRig(
+            tuple(
+                camera(f"cam{i}", a, s) for i, (a, s) in enumerate(zip(angles, sizes, strict=True))
+            )
+        )
+        self.folder, self.count, self.masks = Path("walk"), count, masks
+
+    def __len__(self) -> int:
+        return self.count
+
+    def read(self, index: int) -> Frame:
+        shape = (len(self.rig), self.rig.height, self.rig.width)
+        if self.masks:
+            return Frame(index, None, np.full(shape, 255, np.uint8))
+        return Frame(index, np.full((*shape, 3), 90, np.uint8), None)
+
+    def frames_at(self, indices: list[int]) -> Iterator[Frame]:
+        return map(self.read, indices)
+
+
+def body_at(row: int = 0) -> tuple[np.ndarray, list[str], np.ndarray, np.ndarray]:
+    """cones, cone names, joints and edges of one frame of the walker."""
+    track = tracks.walker(frames=6)
+    return posed_cones(BODY, track.poses)[row], BODY.cone_names, track.joints[row], track.edges
+
+
+def nearest(image: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
+    """(h, w) where the picture has about this colour."""
+    return np.abs(image.astype(int) - colour).max(axis=-1) < 40
+
+
+def test_sides_have_their_colours_where_the_limbs_are() -> None:
+    view = camera("front", np.pi / 2, (640, 480))
+    cones, names, joints, edges = body_at()
+    image = np.full((480, 640, 3), 90, np.uint8)
+    drawn = draw_overlay(image, view, cones, names, joints, edges)
+    assert drawn.shape == image.shape
+    assert np.all(image == 90)  # a copy is drawn on
+    pixels, _ = view.project(joints)
+    track = tracks.walker(frames=1)
+    for side, prefix in (("left", "l_"), ("right", "r_")):
+        limb = [i for i, name in enumerate(track.joint_names) if name.startswith(prefix)]
+        rows, columns = np.nonzero(nearest(drawn, COLOURS[side]))
+        assert len(rows) > 200
+        assert pixels[limb, 1].min() - 15 < rows.min() < rows.max() < pixels[limb, 1].max() + 50
+        assert abs(np.median(columns) - np.median(pixels[limb, 0])) < 15
+    assert nearest(drawn, COLOURS["middle"]).sum() > 200
+    changed = np.any(drawn != 90, axis=-1)
+    assert 0.005 < changed.mean() < 0.3
+
+
+def test_body_behind_the_camera_or_far_outside_draws_nothing() -> None:
+    view = camera("back", 0.0)
+    cones, names, joints, edges = body_at()
+    image = np.full((240, 320, 3), 90, np.uint8)
+    for shift in ([50.0, 0, 0], [0, 300.0, 0]):
+        moved = cones.copy()
+        moved[:, 0:3] += shift
+        moved[:, 4:7] += shift
+        drawn = draw_overlay(image, view, moved, names, joints + shift, edges)
+        np.testing.assert_array_equal(drawn, image)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8, 12])
+def test_mosaic_is_bounded_and_even(count: int) -> None:
+    sequence = Footage([(641, 481)] * count)
+    picture = overlay_picture(sequence.read(0), sequence.rig, *body_at())
+    height, width = picture.shape[:2]
+    assert width <= 1920
+    assert height <= 1080
+    assert width % 2 == height % 2 == 0
+    # Every camera has its tile: the grey background fills at least the tiles' share.
+    filled = np.any(picture > 60, axis=-1).mean()
+    assert filled > 0.5
+
+
+def test_views_of_different_sizes_are_not_stretched() -> None:
+    sequence = Footage([(320, 240), (160, 240)])
+    picture = overlay_picture(sequence.read(0), sequence.rig, *body_at())
+    assert picture.shape == (240, 640, 3)
+    assert not picture[:, 480:].any()  # beside the narrow picture
+    one = overlay_picture(sequence.read(0), sequence.rig, *body_at(), views=[1])
+    np.testing.assert_array_equal(one[:, :160], picture[:, 320:480])
+
+
+def test_masks_are_drawn_on_where_there_are_no_images() -> None:
+    sequence = Footage([(320, 240)], masks=True)
+    picture = overlay_picture(sequence.read(0), sequence.rig, *body_at())
+    assert 100 < np.median(picture) < 200
+    assert nearest(picture, COLOURS["right"]).sum() > 50
+
+
+@pytest.mark.parametrize(
+    ("frames", "fps"), [([0, 1, 2, 3, 4, 5], 60), ([1, 3, 5], 30), ([0, 1, 2, 5], 60), ([2], 60)]
+)
+def test_video_has_every_frame(tmp_path: Path, frames: list[int], fps: float) -> None:
+    sequence = Footage([(320, 240)] * 2)
+    walk = tracks.walker(frames=len(frames))
+    track = replace(walk, frames=np.array(frames))
+    calls: list[None] = []
+    path = tmp_path / "out" / "overlay.mp4"
+    write_overlay(path, sequence, track, BODY, progress=lambda: calls.append(None))
+    capture = cv2.VideoCapture(str(path))
+    assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == len(frames) == len(calls)
+    assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(fps)
+    ok, image = capture.read()
+    assert ok
+    assert image.shape == (240, 640, 3)
+    assert np.abs(image.astype(int) - 90).max() > 60  # the body
+    assert [p.name for p in path.parent.iterdir()] == ["overlay.mp4"]
+
+
+def test_chosen_cameras(tmp_path: Path) -> None:
+    sequence, track = Footage([(320, 240)] * 4), tracks.walker(frames=2)
+    write_overlay(tmp_path / "a.mp4", sequence, track, BODY, cameras=["cam2"])
+    assert cv2.VideoCapture(str(tmp_path / "a.mp4")).read()[1].shape == (240, 320, 3)
+    with pytest.raises(InputError, match="no camera cam9; the rig has cam0"):
+        write_overlay(tmp_path / "b.mp4", sequence, track, BODY, cameras=["cam9"])
+
+
+def test_lost_frames_say_so(tmp_path: Path) -> None:
+    """Beside the frame's number, where the strip for the text grows wider."""
+    sequence, track = Footage([(320, 240)]), tracks.walker(frames=2)
+    lost = replace(track, diagnostics={"lost": np.array([False, True])})
+    frames = []
+    for name, shown in (("a", track), ("b", lost)):
+        write_overlay(tmp_path / f"{name}.mp4", sequence, shown, BODY)
+        capture = cv2.VideoCapture(str(tmp_path / f"{name}.mp4"))
+        frames.append([capture.read()[1].astype(int) for _ in range(2)])
+    first, second = (np.abs(a - b)[:24].max() for a, b in zip(*frames, strict=True))
+    assert first < 10 < 60 < second
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"), [([4, 5, 6], "frames 4..6; the sequence 6"), ([], "no frame")]
+)
+def test_frames_beyond_the_sequence(tmp_path: Path, frames: list[int], message: str) -> None:
+    track = replace(tracks.walker(frames=len(frames)), frames=np.array(frames, int))
+    with pytest.raises(InputError, match=message):
+        write_overlay(tmp_path / "a.mp4", Footage([(320, 240)]), track, BODY)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_frame_that_fails_leaves_no_video(tmp_path: Path) -> None:
+    class Damaged(Footage):
+        def read(self, index: int) -> Frame:
+            if index == 2:
+                raise InputError("cam0.mp4: frame 2 of 6 cannot be decoded")
+            return super().read(index)
+
+    with pytest.raises(InputError, match="frame 2"):
+        write_overlay(tmp_path / "a.mp4", Damaged([(320, 240)]), tracks.walker(frames=6), BODY)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_png(tmp_path: Path) -> None:
+    picture = np.full((20, 30, 3), 77, np.uint8)
+    write_picture(tmp_path / "a.png", picture)
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "a.png")), picture)
+    with pytest.raises(InputError, match="cannot be written"):
+        write_picture(tmp_path / "a.png" / "b.png", picture)
+
+
+def test_real_sequence_with_grey_pictures(tmp_path: Path) -> None:
+    sequence = Sequence.open(shared_data("bodytrack_walk"))
+    track = tracks.walker(frames=len(sequence))
+    write_overlay(tmp_path / "a.mp4", sequence, track, BODY)
+    image = cv2.VideoCapture(str(tmp_path / "a.mp4")).read()[1]
+    assert image.shape == (960, 1280, 3)
+    expected = sequence.read(0).images
+    assert expected is not None
+    assert np.abs(image[100:480, :640].astype(int) - expected[0, 100:]).mean() < 12

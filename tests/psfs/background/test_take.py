@@ -1,0 +1,149 @@
+"""The background is learnt from a take in which somebody moves, whatever the light does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers import scenes
+
+from psfs.background.config import PlateConfig, TakeConfig
+from psfs.background.ghosts import find_ghost, moving_region
+from psfs.background.hull import CoarseHull
+from psfs.background.take import background_from_take, masked_moments
+from psfs.footage.media import Media
+
+SIZE = (201, 153)
+CONFIG = TakeConfig()
+
+
+class Pictures(Media):
+    """Pictures of a camera in memory."""
+
+    def __new__(cls, frames: np.ndarray) -> Pictures:
+        media = object.__new__(cls)
+        size = frames.shape[2], frames.shape[1]
+        for name, value in (("name", "c"), ("paths", ()), ("size", size), ("count", len(frames))):
+            object.__setattr__(media, name, value)
+        object.__setattr__(media, "held", frames)
+        return media
+
+    def __init__(self, frames: np.ndarray) -> None:
+        pass
+
+    def frames(self, indices):
+        return (self.held[index] for index in indices)
+
+
+def take(shifts: np.ndarray, gains: np.ndarray):
+    """Rig, empty scene (V, H, W, 3) and pictures of a block that stands at `shifts` (n, 2) m, in
+    light of `gains` (n, 3)."""
+    rig, random = scenes.ring(5, SIZE), np.random.default_rng(3)
+    axes = [np.arange(-0.2, 0.2, 0.015), np.arange(-0.15, 0.15, 0.015), np.arange(0, 1.5, 0.015)]
+    block = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    y, x = np.indices((rig.height, rig.width))
+    scene = 110 + 30 * np.sin(x / 23)[..., None] + 20 * np.cos(y / 31)[..., None] * [1, 0.5, 0.2]
+    scene = np.tile(scene, (len(rig), 1, 1, 1))
+    frames = np.empty((len(rig), len(shifts), *scene.shape[1:]), np.uint8)
+    for k, (shift, gain) in enumerate(zip(shifts, gains, strict=True)):
+        for view, camera in enumerate(rig):
+            image = scene[view].copy()
+            _, row, column, _ = camera.look_up(block + np.array([*shift, 0]))
+            image[row, column] = [30, 40, 190]
+            noise = random.normal(0, 1.5, image.shape)
+            frames[view, k] = np.clip(image * gain + noise, 0, 255)
+    media = [
+        Pictures(own[:, : camera.size[1], : camera.size[0]])
+        for own, camera in zip(frames, rig, strict=True)
+    ]
+    return rig, scene, media
+
+
+def wrong_share(background, scene: np.ndarray, rig) -> float:
+    """Share of the pixels that are believed to be of another colour than they are, relative to the
+    brightness of each view."""
+    inside = np.stack(
+        [
+            (np.arange(rig.height)[:, None] < c.size[1]) & (np.arange(rig.width) < c.size[0])
+            for c in rig
+        ]
+    )
+    known = inside & (background.std.max(-1) < 50)
+    ratio = np.median((background.mean / scene)[known], axis=0)
+    return float((np.abs(background.mean - ratio * scene)[known].max(-1) > 12).mean())
+
+
+def test_somebody_who_walks_about_is_not_in_it() -> None:
+    turn = np.linspace(0, 2 * np.pi, 25)[:-1]
+    shifts = 0.5 * np.stack([np.cos(turn), np.sin(turn)], -1)
+    gains = np.linspace(0.85, 1.2, 24)[:, None] * np.linspace([1, 1, 1], [1.1, 1, 0.9], 24)
+    gains[9:] *= 0.85
+    rig, scene, media = take(shifts, gains)
+    background = background_from_take(rig, media)
+    assert wrong_share(background, scene, rig) < 2e-3
+    assert (background.std < 6).mean() > 0.97
+
+
+def test_somebody_who_stays_in_a_place_is_unknown() -> None:
+    """He stands there all the time, swaying a little."""
+    sway = np.arange(24.0)
+    shifts = 0.08 * np.stack([np.sin(sway), np.cos(1.7 * sway)], -1)
+    rig, scene, media = take(shifts, np.ones((24, 3)))
+    background = background_from_take(rig, media)
+    assert wrong_share(background, scene, rig) < 0.02
+    there = np.abs(np.stack([m.held[0] for m in media[:1]])[0] - scene[0, :, :]).max(-1) > 60
+    height, width = media[0].size[::-1]
+    unknown = background.std[0, :height, :width].max(-1) > 50
+    assert unknown[there[:height, :width]].mean() > 0.75 and unknown.mean() < 3 * there.mean()
+
+
+def test_a_ghost_is_found() -> None:
+    random = np.random.default_rng(0)
+    picture = np.clip(120 + random.normal(0, 2, (90, 120, 3)), 0, 255).astype(np.uint8)
+    picture[30:70, 50:65] = [20, 30, 160]
+    region = np.zeros((90, 120), bool)
+    region[25:75, 40:75] = True
+    ghost = find_ghost(picture, region, CONFIG)
+    there = np.zeros(region.shape, bool)
+    there[30:70, 50:65] = True
+    assert (ghost & there).sum() > 0.9 * (ghost | there).sum()
+    assert not find_ghost(picture, np.zeros(region.shape, bool), CONFIG).any()
+    np.testing.assert_array_equal(ghost, find_ghost(picture, region, CONFIG))
+
+
+def test_what_moved_is_found_and_filled() -> None:
+    frames = np.full((9, 60, 80, 3), 100, np.uint8)
+    for k in range(9):
+        frames[k, 20 + k % 4 : 50 + k % 4, 30 + k % 3 : 50 + k % 3] = 200  # not in its middle
+    region = moving_region(frames, CONFIG)
+    assert region[22:50, 32:50].all() and region.sum() < 2 * 30 * 22
+    assert not moving_region(frames[:1].repeat(9, 0), CONFIG).any()
+
+
+@pytest.mark.parametrize("denials", [0, 1])
+def test_the_hull_shows_where_the_body_is(denials: int) -> None:
+    rig = scenes.ring(5, SIZE)
+    masks = scenes.masks_of(rig) > 0
+    everywhere = np.ones(masks.shape, bool)
+    hull = CoarseHull(rig, everywhere, 60_000)
+    lacking = masks.copy()
+    lacking[0] = False
+    shown = hull.reprojected(hull.occupied(lacking, denials), 0)
+    if denials:
+        assert (shown & masks).sum() > 0.6 * (shown | masks).sum()
+    else:
+        assert not shown.any()
+
+
+def test_moments_leave_out_what_is_hidden() -> None:
+    random = np.random.default_rng(1)
+    frames = np.clip(random.normal(100, 3, (20, 8, 9, 3)), 0, 255).astype(np.uint8)
+    hidden = random.random((20, 8, 9)) < 0.6
+    hidden[:, 2, 3] = True
+    frames[hidden] = 250
+    mean, std, known = masked_moments(frames, hidden, PlateConfig(), CONFIG)
+    assert np.abs(mean[known] - 100).max() < 6 and std[known].max() < 11
+    assert not known[2, 3] and mean[2, 3, 0] == 250
+    seen = np.ma.masked_array(frames, np.repeat(hidden[..., None], 3, -1))
+    expected = np.sort(seen.filled(255), 0)
+    free = (~hidden).sum(0)
+    np.testing.assert_array_equal(mean[0, 0], expected[free[0, 0] // 2, 0, 0])

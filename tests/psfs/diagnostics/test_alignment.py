@@ -1,0 +1,117 @@
+"""Rigs that are a little off are turned until the silhouettes fit; exact ones stay as they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from helpers import scenes
+
+from psfs.cameras.camera import CameraRig
+from psfs.diagnostics.alignment import aligned, beside_hidden
+from psfs.diagnostics.config import AlignmentConfig
+from psfs.diagnostics.small_views import Outline, outline_of
+
+EXACT = scenes.ring(5, (640, 480), 4.0)
+CONFIG = AlignmentConfig()
+
+
+def limbs(frame: int) -> np.ndarray:
+    """Points (N, 3) m of a body with arms, which turns and moves them."""
+    random = np.random.default_rng(0)
+    turn, swing = 0.1 * frame, np.sin(0.3 * frame)
+    parts = [
+        ([0, 0, 0.9], [0.15, 0.1, 0.6]),
+        ([0, 0, 1.6], [0.1, 0.1, 0.15]),
+        ([0.35, 0.1, 1.2 + 0.3 * swing], [0.25, 0.05, 0.05]),
+        ([-0.35, 0.0, 1.2 - 0.3 * swing], [0.25, 0.05, 0.05]),
+        ([0.1, 0.25 * swing, 0.3], [0.06, 0.06, 0.3]),
+        ([-0.1, -0.25 * swing, 0.3], [0.06, 0.06, 0.3]),
+    ]
+    points = np.concatenate([np.array(m) + random.uniform(-1, 1, (400, 3)) * s for m, s in parts])
+    c, s = np.cos(turn), np.sin(turn)
+    about: np.ndarray = points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    return about + np.array([0.2 * np.sin(0.05 * frame), 0.2 * np.cos(0.07 * frame), 0])
+
+
+def outlines_of(rig: CameraRig, n: int = 40) -> list[list[Outline | None]]:
+    rows: list[list[Outline | None]] = []
+    for frame in range(n):
+        row: list[Outline | None] = []
+        for camera in rig:
+            mask = np.zeros(camera.size[::-1], np.uint8)
+            _, y, x, _ = camera.look_up(limbs(frame))
+            mask[y, x] = 1
+            row.append(outline_of(cv2.dilate(mask, np.ones((9, 9), np.uint8)) > 0))
+        rows.append(row)
+    return rows
+
+
+def off(rig: CameraRig, degrees: float) -> CameraRig:
+    random = np.random.default_rng(3)
+    cameras = []
+    for camera in rig:
+        turn = random.normal(size=3)
+        turn *= np.radians(degrees) / np.linalg.norm(turn)
+        R, K = cv2.Rodrigues(turn)[0] @ camera.R, camera.K.copy()
+        K[:2, :2] *= 1 + random.choice([-0.004, 0.004])
+        cameras.append(replace(camera, K=K, R=R, t=-R @ camera.centre))
+    return CameraRig(tuple(cameras))
+
+
+def pixels_apart(a: CameraRig, b: CameraRig) -> float:
+    points = limbs(0)
+    pairs = zip(a, b, strict=True)
+    return float(np.mean([np.abs(c.project(points)[0] - d.project(points)[0]) for c, d in pairs]))
+
+
+@pytest.fixture(scope="module")
+def outlines() -> list[list[Outline | None]]:
+    return outlines_of(EXACT)
+
+
+def test_a_rig_that_is_off_is_turned(outlines: list[list[Outline | None]]) -> None:
+    rig = off(EXACT, 0.5)
+    found = aligned(rig, rig, outlines)
+    assert found is not None and found.believed(CONFIG)
+    assert pixels_apart(found.rig, EXACT) < 0.5 * pixels_apart(rig, EXACT)
+    assert found.after < 0.4 * found.before
+    assert "px past" in str(found)
+
+
+def test_small_pictures_tell_the_large_rig(outlines: list[list[Outline | None]]) -> None:
+    rig = off(EXACT, 0.5)
+    small = [outlines_of(EXACT.scaled(0.5))]
+    found = aligned(rig, rig.scaled(0.5), small[0])
+    assert found is not None
+    assert found.rig[0].size == rig[0].size
+    assert pixels_apart(found.rig, EXACT) < 0.6 * pixels_apart(rig, EXACT)
+
+
+def test_an_exact_rig_stays(outlines: list[list[Outline | None]]) -> None:
+    found = aligned(EXACT, EXACT, outlines)
+    assert found is not None and not found.believed(CONFIG)
+    assert pixels_apart(found.rig, EXACT) < 0.5
+
+
+def test_nothing_is_said_of_two_cameras_or_of_nobody(
+    outlines: list[list[Outline | None]],
+) -> None:
+    two = EXACT.subset(EXACT.names[:2])
+    assert aligned(two, two, [row[:2] for row in outlines]) is None
+    assert aligned(EXACT, EXACT, [[None] * len(EXACT)] * 40) is None
+
+
+def test_outlines_end_at_furniture(outlines: list[list[Outline | None]]) -> None:
+    hidden = [np.zeros(camera.size[::-1], np.uint8) for camera in EXACT]
+    whole = outlines[0][0]
+    assert whole is not None and not whole.at_border.any()
+    x, y = whole.points[0].astype(int)
+    hidden[0][y, x] = 1
+    cut = beside_hidden(outlines, hidden)[0][0]
+    assert cut is not None and cut.at_border[0] and not cut.at_border.all()
+    other, same = outlines[0][1], beside_hidden(outlines, hidden)[0][1]
+    assert other is not None and same is not None
+    np.testing.assert_array_equal(other.at_border, same.at_border)

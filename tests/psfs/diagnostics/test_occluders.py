@@ -1,0 +1,86 @@
+"""Furniture is found where one camera denies what the others see, and nowhere else."""
+
+from __future__ import annotations
+
+import numpy as np
+from helpers import scenes
+
+from psfs.cameras.camera import CameraRig
+from psfs.diagnostics.camera_consistency import of_person
+from psfs.diagnostics.config import OccluderConfig
+from psfs.diagnostics.occluders import hidden_in
+
+RIG = scenes.ring(6, (320, 240))
+LOW, HIGH = np.array([-0.9, -0.9, 0.0]), np.array([0.9, 0.9, 1.8])
+CONFIG = OccluderConfig(voxels=150_000, least_pixels=100, margin=1)
+#: Counts of evidence, Song et al. eq. (5)-(9): a camera denies more than seven confirm.
+CONFIRMS, DENIES = 19, -127
+
+
+def walking(rig: CameraRig, n: int = 9) -> list[np.ndarray]:
+    """Evidence maps (V, H, W) of the test body on its way."""
+    axes = [np.arange(-0.3, 0.5, 0.012), np.arange(-0.4, 0.4, 0.012), np.arange(0.1, 1.7, 0.012)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    points = points[scenes.solid(points)]
+    frames = []
+    for shift in np.linspace(-0.3, 0.3, n):
+        maps = np.full((len(rig), rig.height, rig.width), DENIES, np.int8)
+        for view, camera in enumerate(rig):
+            _, row, column, _ = camera.look_up(points + np.array([shift, 0.5 * shift, 0]))
+            maps[view, row, column] = CONFIRMS
+        frames.append(maps)
+    return frames
+
+
+def behind(frames: list[np.ndarray], table: np.ndarray, view: int) -> list[np.ndarray]:
+    """The same, what is behind a table (H, W) bool being denied by one camera."""
+    spoilt = [maps.copy() for maps in frames]
+    for maps in spoilt:
+        maps[view, table] = DENIES
+    return spoilt
+
+
+def some_table(frames: list[np.ndarray], view: int) -> np.ndarray:
+    """(H, W) bool before the lower part of the body."""
+    rows, _ = np.nonzero(np.any([maps[view] > 0 for maps in frames], 0))
+    table = np.zeros((RIG.height, RIG.width), bool)
+    table[int(np.quantile(rows, 0.6)) : int(np.quantile(rows, 0.85))] = True
+    return table
+
+
+def test_a_table_is_found_in_the_camera_that_it_stands_before() -> None:
+    frames = walking(RIG)
+    table = some_table(frames, 1)
+    hidden = hidden_in(RIG, behind(frames, table, 1), LOW, HIGH, CONFIG)
+    assert hidden is not None
+    assert hidden[1].sum() > 3 * hidden[[0, 2, 3, 4, 5]].sum((1, 2)).max()  # beside the body
+    crossed = table & (np.sum([maps[1] > 0 for maps in frames], 0) >= 3)
+    assert (hidden[1] & crossed).sum() > 0.7 * crossed.sum()
+    beside = hidden[1] & ~table
+    assert beside.sum() < 0.2 * hidden[1].sum()
+
+
+def test_clean_footage_has_none() -> None:
+    assert hidden_in(RIG, walking(RIG), LOW, HIGH, CONFIG) is None
+
+
+def test_a_limb_that_is_lost_once_is_no_furniture() -> None:
+    frames = walking(RIG)
+    spoilt = frames.copy()
+    spoilt[4] = behind(frames[4:5], some_table(frames, 1), 1)[0]
+    assert hidden_in(RIG, spoilt, LOW, HIGH, CONFIG) is None
+
+
+def test_a_camera_that_shows_nobody_is_not_hidden_behind_furniture() -> None:
+    frames = walking(RIG)
+    everything = np.ones((RIG.height, RIG.width), bool)
+    assert hidden_in(RIG, behind(frames, everything, 1), LOW, HIGH, CONFIG) is None
+
+
+def test_clutter_beside_the_person_is_not_his() -> None:
+    shown, expected = np.zeros((40, 40), bool), np.zeros((40, 40), bool)
+    expected[10:30, 10:20] = shown[12:30, 10:20] = True
+    person = shown.copy()
+    shown[0:6, 25:40] = True
+    np.testing.assert_array_equal(of_person(shown, expected), person)
+    np.testing.assert_array_equal(of_person(shown & ~person, expected), shown & ~person)

@@ -1,0 +1,55 @@
+"""`psfs check` judges by the silhouettes that the run was made of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from apf.synthetic.generate import generate
+from apf.synthetic.scene import SceneConfig
+from cl import Device, NumpyDevice
+from psfs.cli import main
+from psfs.diagnostics.reprojection_iou import Checker, volume_region, without_speckle
+from psfs.output.reconstruction_folder import ReconstructionFolder
+from psfs.reconstructor import Reconstructor
+from psfs.session import Session, SessionSettings
+from psfs.silhouettes.silhouette import Silhouette
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> ReconstructionFolder:
+    """Four frames of a walk, before a background whose silhouettes learn."""
+    folder = tmp_path_factory.mktemp("check")
+    config = SceneConfig(cameras=4, frames=4, fps=30, size=(160, 120), seed=4)
+    generate(folder / "walk", config, Device.best())
+    command = ["reconstruct", str(folder / "walk"), "-o", str(folder / "out"), "--no-colour"]
+    assert main([*command, "--voxel-size", "0.04"]) == 0
+    return ReconstructionFolder.open(folder / "out")
+
+
+def test_the_silhouettes_are_those_of_the_run(run: ReconstructionFolder, device: Device) -> None:
+    sequence, config = run.sequence(), run.config
+    region = volume_region(sequence.rig, run.grid)
+    reconstruct = Reconstructor(device, sequence.rig, run.grid, sequence.background, config)
+    unlearnt = Silhouette(device, sequence.rig, sequence.background, config.silhouette)
+    checker = Checker(Session(sequence, device, SessionSettings(config)), run.grid)
+    for frame in sequence:
+        reconstruct(frame)
+        shown = checker.silhouettes(frame)
+        expected = (reconstruct.evidence() > 0) & region
+        np.testing.assert_array_equal(shown, [without_speckle(view) for view in expected])
+        assert frame.images is not None
+        alone = (unlearnt(frame.images).get() > 0) & region
+        assert not np.array_equal(shown, [without_speckle(view) for view in alone])
+
+
+def test_the_twin_checks_the_same(run: ReconstructionFolder) -> None:
+    sequence = run.sequence()
+    settings = SessionSettings(run.config)
+    ours, twins = (
+        Checker(Session(sequence, d, settings), run.grid) for d in (Device.best(), NumpyDevice())
+    )
+    frame = sequence.read(0)
+    scores = [checker(frame, run.cloud(0)) for checker in (ours, twins)]
+    np.testing.assert_allclose(*scores, atol=0.01)
+    assert min(scores[0]) > 0.7

@@ -1,0 +1,143 @@
+"""Pixels where furniture hides what is behind it: kernels against the twin, and what they do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import scenes
+
+from cl import Device, InputError, NumpyDevice
+from psfs.backend import reconstructor_for
+from psfs.cameras.camera import CameraRig
+from psfs.reconstructor import Reconstructor
+from psfs.reference.hidden import hide, mark_hidden
+from psfs.reference.occupancy import occupancy
+from psfs.reference.reprojection import NumpyReprojection
+from psfs.silhouettes.hidden import UNKNOWN, hide_launch, mark_hidden_launch
+from psfs.voxels.bricks import Bricks
+from psfs.voxels.config import OccupancyConfig
+from psfs.voxels.occupancy import Occupancy
+from psfs.voxels.reprojection import Reprojection
+
+RIG = scenes.ring(5)
+GRID = scenes.small_grid()
+
+
+def some_hidden(rig: CameraRig, seed: int = 0) -> np.ndarray:
+    """(V, H, W) bool: blocks of some cameras."""
+    random = np.random.default_rng(seed)
+    coarse = random.random((len(rig), rig.height // 9 + 1, rig.width // 9 + 1)) < 0.3
+    coarse[1] = False
+    return coarse.repeat(9, 1).repeat(9, 2)[:, : rig.height, : rig.width]
+
+
+@pytest.mark.parity("reconstruction/hidden.hide")
+def test_hidden_pixels_deny_nobody(device: Device) -> None:
+    evidence, hidden = scenes.patches_of_evidence(RIG, 1, 5), some_hidden(RIG)
+    there = device.to_device(evidence)
+    hide_launch(device, hidden, there)()
+    found = there.get()
+    np.testing.assert_array_equal(found, hide(evidence, hidden))
+    assert (found[hidden & (evidence <= 0)] == UNKNOWN).all()
+    kept = ~hidden | (evidence > 0)
+    np.testing.assert_array_equal(found[kept], evidence[kept])
+
+
+@pytest.mark.parity("reconstruction/hidden.mark_hidden")
+def test_silhouettes_tell_what_is_hidden(device: Device) -> None:
+    evidence = hide(scenes.patches_of_evidence(RIG, 1, 5), some_hidden(RIG))
+    maps = np.random.default_rng(0).choice([0, 255], (*evidence.shape, 2)).astype(np.uint8)
+    there = device.to_device(maps)
+    mark_hidden_launch(device, device.to_device(evidence), there)()
+    expected = maps.copy()
+    mark_hidden(expected, evidence)
+    np.testing.assert_array_equal(there.get(), expected)
+    assert set(np.unique(expected[..., 0])) == {0, 1, 254, 255}
+    np.testing.assert_array_equal(expected[..., 1], maps[..., 1])
+
+
+@pytest.mark.parity("reconstruction/occupancy.occupancy", "reconstruction/occupancy.evidence_tiles")
+def test_a_hidden_camera_does_not_see_a_voxel(device: Device) -> None:
+    evidence = hide(scenes.patches_of_evidence(RIG, 3, 8), some_hidden(RIG))
+    config = OccupancyConfig(min_cameras=4)
+    bricks = Bricks(device, RIG, GRID, device.to_device(evidence), 0.05, config)
+    probability = Occupancy(bricks)().get()
+    expected = occupancy(RIG, GRID, evidence, 0.05, config)
+    assert (np.abs(probability - expected) > 1e-5).mean() < 2e-3
+    zero = occupancy(RIG, GRID, np.where(evidence == UNKNOWN, 0, evidence), 0.05, config)
+    assert ((expected == 0) & (zero > 0)).any()  # too few cameras are left
+    # A whole picture hidden, whose tiles are all the same.
+    evidence[2] = UNKNOWN
+    whole = Bricks(device, RIG, GRID, device.to_device(evidence), 0.05, config)
+    again = occupancy(RIG, GRID, evidence, 0.05, config)
+    assert (np.abs(Occupancy(whole)().get() - again) > 1e-5).mean() < 2e-3
+
+
+def test_sparse_is_dense_where_pixels_are_hidden(device: Device) -> None:
+    frame, background = scenes.pictures_of(RIG)
+    rig = RIG.with_hidden(some_hidden(RIG))
+    clouds = [
+        Reconstructor(device, rig, GRID, background, sparse=sparse)(frame).cloud()
+        for sparse in (True, False)
+    ]
+    np.testing.assert_array_equal(clouds[0].indices, clouds[1].indices)
+    assert len(clouds[0])
+
+
+def test_furniture_before_the_body_carves_nothing(device: Device) -> None:
+    """One camera shows the background where a table stands before the body: without a map of it the
+    body has a hole, in all cameras' eyes."""
+    frame, _ = scenes.pictures_of(RIG)
+    assert frame.masks is not None
+    table = np.zeros(frame.masks.shape, bool)
+    table[0, 35:50] = True
+    spoilt = replace(frame, masks=np.where(table, np.uint8(0), frame.masks))
+    counts = {}
+    for name, rig, shown in (
+        ("whole", RIG, frame),
+        ("carved", RIG, spoilt),
+        ("known", RIG.with_hidden(table), spoilt),
+    ):
+        for where in (device, NumpyDevice()):
+            voxels = reconstructor_for(where, rig, GRID, None)(shown)
+            counts[name, where.name] = len(voxels.cloud())
+        assert abs(counts[name, device.name] - counts[name, "numpy"]) <= 3
+    whole, carved, known = (counts[name, device.name] for name in ("whole", "carved", "known"))
+    assert carved < 0.9 * whole <= known < 1.2 * whole
+
+
+def test_reprojected_maps_are_marked(device: Device) -> None:
+    frame, background = scenes.pictures_of(RIG)
+    rig = RIG.with_hidden(some_hidden(RIG))
+    voxels = Reconstructor(device, rig, GRID, background)(frame)
+    maps = Reprojection(device, rig, GRID)(voxels).get()
+    twin = reconstructor_for(NumpyDevice(), rig, GRID, background)(frame)
+    expected = NumpyReprojection(NumpyDevice(), rig, GRID)(twin)
+    hidden = np.isin(maps[..., 0], (1, 254))
+    assert hidden.any() and not hidden[1].any()
+    assert (maps[..., 0] != expected[..., 0]).mean() < 0.02
+
+
+def test_bit_equal_where_nothing_is_hidden(device: Device) -> None:
+    frame, background = scenes.pictures_of(RIG)
+    evidence = []
+    for rig in (RIG, RIG.with_hidden(np.zeros((len(RIG), RIG.height, RIG.width), bool))):
+        assert rig.hidden is None
+        reconstruct = Reconstructor(device, rig, GRID, background)
+        reconstruct(frame)
+        evidence.append(reconstruct.evidence())
+    np.testing.assert_array_equal(*evidence)
+
+
+def test_maps_of_another_size_are_refused() -> None:
+    with pytest.raises(InputError, match=r"camera c0: hidden is \(3, 4\); expected"):
+        replace(RIG[0], hidden=np.zeros((3, 4), bool))
+
+
+def test_small_cameras_have_small_maps() -> None:
+    rig = RIG.with_hidden(some_hidden(RIG)).scaled(0.5)
+    assert rig.hidden is not None
+    assert rig.hidden.shape == (len(rig), rig.height, rig.width)
+    assert 0.2 < rig.hidden[0].mean() / some_hidden(RIG)[0].mean() < 2

@@ -1,0 +1,154 @@
+"""A session computes once what several stages need, and each stage gets what a new one would."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import psfs.session
+from cl import Device, InputError, NumpyDevice
+from psfs.backend import evidence_for, reconstructor_for
+from psfs.background.gaussian import Background
+from psfs.sequence import Sequence
+from psfs.session import CarvedFrame, Session, SessionSettings
+from psfs.silhouettes.hidden import UNKNOWN
+from psfs.volume import Volume, automatic_grid, find_volume
+from psfs.voxels.grid import VoxelGrid
+
+
+@pytest.fixture
+def session(walk: Path, device: Device) -> Session:
+    """The small walk before its background: silhouettes learn, the background drifts."""
+    return Session(Sequence.open(walk), device, SessionSettings(voxel_size=0.05))
+
+
+def carved_anew(session: Session, grid: VoxelGrid, indices: range) -> list[CarvedFrame]:
+    """The frames by a reconstructor that nobody else has used."""
+    reconstruct = reconstructor_for(
+        session.device, session.rig, grid, session.sequence.background, sparse=True
+    )
+    found = []
+    for frame in session.sequence.frames_at(indices):
+        voxels = reconstruct(frame)
+        evidence, cloud = reconstruct.evidence(), voxels.cloud(True)
+        found.append(CarvedFrame(frame.index, evidence > 0, evidence != UNKNOWN, cloud))
+    return found
+
+
+def assert_same(found: list[CarvedFrame], expected: list[CarvedFrame]) -> None:
+    assert [one.index for one in found] == [one.index for one in expected]
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one.silhouettes, other.silhouettes)
+        np.testing.assert_array_equal(one.known, other.known)
+        np.testing.assert_array_equal(one.cloud.indices, other.cloud.indices)
+        np.testing.assert_array_equal(one.cloud.probability, other.cloud.probability)
+        np.testing.assert_array_equal(one.cloud.colour, other.cloud.colour)
+        assert one.cloud.volume == other.cloud.volume
+
+
+def test_each_stage_gets_a_reconstructor_that_has_seen_no_frame(session: Session) -> None:
+    grid = automatic_grid(session)
+    first = session.reconstructor(grid)
+    for frame in session.sequence:
+        first(frame)
+    moved = VoxelGrid(grid.origin + 0.02, grid.voxel_size, grid.shape)
+    for other in (grid, moved, grid):
+        found = list(session.carved(other, range(4)))
+        assert session.reconstructor(other) is first  # the device's memory is used again
+        assert_same(found, carved_anew(session, other, range(4)))
+
+
+def test_frames_carved_by_one_stage_are_kept_for_the_next(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grid, wanted = automatic_grid(session), [0, 2, 4]
+    session.keep_carved(wanted)
+    reconstruct = session.reconstructor(grid)
+    for frame in session.sequence:
+        session.carved_by(frame.index, reconstruct(frame))
+    every = carved_anew(session, grid, range(5))
+    with monkeypatch.context() as patch:
+        patch.setattr(Session, "reconstructor", None)  # nothing is reconstructed
+        assert_same(list(session.carved(grid, wanted)), [every[index] for index in wanted])
+    assert [one.index for one in session.carved(grid, [0, 1])] == [0, 1]  # 1 was not kept
+    elsewhere = VoxelGrid(grid.origin + 0.1, grid.voxel_size, grid.shape)
+    (one,) = session.carved(elsewhere, [0])
+    assert one.cloud.grid.same_as(elsewhere)
+
+
+def test_kept_frames_take_a_bounded_memory(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(psfs.session, "_CARVED_BYTES", 1)
+    grid = automatic_grid(session)
+    session.keep_carved(range(5))
+    reconstruct = session.reconstructor(grid)
+    for frame in session.sequence:
+        session.carved_by(frame.index, reconstruct(frame))
+    assert_same(list(session.carved(grid, range(2))), carved_anew(session, grid, range(2)))
+
+
+def test_what_is_hidden_is_known_of_kept_frames(session: Session) -> None:
+    hidden = np.zeros((len(session.rig), session.rig.height, session.rig.width), bool)
+    hidden[0, : session.rig.height // 2] = True
+    session = session.on(session.sequence.with_rig(session.rig.with_hidden(hidden)))
+    grid = automatic_grid(session)
+    session.keep_carved(range(2))
+    reconstruct = session.reconstructor(grid)
+    for index in range(2):
+        session.carved_by(index, reconstruct(session.sequence.read(index)))
+    kept = list(session.carved(grid, range(2)))
+    assert_same(kept, carved_anew(session, grid, range(2)))
+    assert not kept[0].known[0].all() and kept[0].known[1].all()
+
+
+def test_a_corrected_rig_has_the_frames_that_were_kept(session: Session) -> None:
+    session.sequence.keep_frames()
+    expected = [frame.images for frame in session.sequence]
+    other = session.on(session.sequence.with_rig(session.rig.with_hidden(None)))
+    assert other is not session
+    assert all(map(np.array_equal, (frame.images for frame in other.sequence), expected))
+
+
+def test_evidence_is_computed_once(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    evidence_of = evidence_for(
+        session.device, session.rig, session.background, session.reconstruction.silhouette
+    )
+    expected = [evidence_of(session.sequence.read(index)) for index in (3, 0, 3)]
+    assert all(map(np.array_equal, session.evidence([3, 0, 3]), expected))
+    with monkeypatch.context() as patch:
+        patch.setattr(Sequence, "reader", None)  # nothing is read
+        assert all(map(np.array_equal, session.evidence([0, 3]), expected[1:]))
+    monkeypatch.setattr(psfs.session, "_EVIDENCE_BYTES", 1)
+    assert all(map(np.array_equal, session.evidence([1, 3, 0, 3])[1:], expected))
+
+
+def test_a_stage_can_revise_the_background(session: Session) -> None:
+    (before,) = session.evidence([0])
+    frame = session.sequence.read(0)
+    assert frame.images is not None and session.background is not None
+    shown = Background(frame.images.astype(np.float32), session.background.std)
+    session.revise_background(shown)
+    (after,) = session.evidence([0])
+    assert (before > 0).any() and not (after > 0).any()
+
+
+def test_results_are_kept_and_can_be_replaced(walk: Path) -> None:
+    session = Session(Sequence.open(walk), NumpyDevice())
+    stated = Volume(np.zeros(3), np.array([1.0, 2.0, 3.0]))
+    session.replace_result(find_volume, stated)
+    grid = automatic_grid(session)
+    np.testing.assert_allclose(grid.high, stated.high)
+    assert automatic_grid(session) is grid
+    other = session.on(session.sequence.with_cameras(session.rig.names[:2]))
+    assert len(other.rig) == 2 and other.settings is session.settings
+    assert session.on(session.sequence) is session
+
+
+def test_no_selected_frame(walk: Path) -> None:
+    settings = replace(SessionSettings(), selection=slice(90, None))
+    with pytest.raises(InputError, match="selected frames are none of 5"):
+        find_volume(Session(Sequence.open(walk), NumpyDevice(), settings))
