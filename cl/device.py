@@ -30,7 +30,7 @@ from cl.listing import (
 )
 from cl.probe import probe
 from cl.profile import Profile
-from cl.program import Define, build_options, kernel_source
+from cl.program import Define, build_options, build_program, kernel_source
 from cl.signature import Argument, signatures
 
 log = logging.getLogger(__name__)
@@ -265,7 +265,7 @@ class Device:
         with self._building:
             if key not in self._programs:
                 started = time.perf_counter()
-                self._programs[key] = pyopencl.Program(self.context, source).build(options=options)
+                self._programs[key] = build_program(self.context, source, options)
                 log.info("built %s in %.2f s", file, time.perf_counter() - started)
             named = (*key, name)
             if named not in self._kernels:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Mapping
 from functools import cache
 from importlib import resources
+from typing import Any
 
 import numpy as np
+import pyopencl
 
 Define = int | float | str
 
@@ -17,6 +20,17 @@ def build_options(defines: Mapping[str, Define]) -> str:
     listed = (f"-D {key}={_literal(value)}" for key, value in sorted(defines.items()))
     # No -cl-fast-relaxed-math: the twins are compared to float rounding.
     return " ".join(["-cl-std=CL1.2", *listed])
+
+
+def build_program(context: Any, source: str, options: str) -> Any:
+    """Build a program without printing the compiler's warnings, which users cannot mend.
+
+    `scripts/check_kernels.py` shows them to developers. Raises pyopencl.RuntimeError with the
+    compiler's errors.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", pyopencl.CompilerWarning)
+        return pyopencl.Program(context, source).build(options=f"{options} -w")
 
 
 @cache
