@@ -1,4 +1,4 @@
-"""Filling arrays, by OpenCL's own command or by a kernel where that keeps one core of many busy."""
+"""Fill arrays: by OpenCL's command, or by a kernel on CPUs, where the command uses one core."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from cl.array import Array, Commands
 from cl.errors import failing_as_device
 from cl.launch import Kernel, Launch
 
-#: Bytes, and cores, from which on all cores of a CPU fill: two are no faster than the command.
+#: Least bytes and cores for a fill by kernel: two cores are no faster than OpenCL's command.
 _LARGE, _MANY = 1_000_000, 4
 #: Bytes of a pack of fill.cl, and packs of a work-group.
 _PACK_BYTES, _FILL_GROUP = 16, 1024
 
 
 class Builder(Commands, Protocol):
-    """A device as far as fills use it."""
+    """The part of a `Device` that fills use."""
 
     @property
     def cpu_cores(self) -> int: ...

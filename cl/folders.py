@@ -1,4 +1,4 @@
-"""Where this program, PoCL and PyOpenCL keep what they can make again."""
+"""Cache folders of this program, PoCL and PyOpenCL."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def cache_folder() -> Path:
 
 
 def replace_unwritable_caches() -> None:
-    """Let PoCL and PyOpenCL, which do nothing without a cache that they can write, have one in a
-    temporary folder."""
+    """Move caches that cannot be written to a temporary folder: PoCL and PyOpenCL fail without a
+    writable cache."""
     usual_folders = {"XDG_CACHE_HOME": "~/.cache", "POCL_CACHE_DIR": None}
     for variable, usual in usual_folders.items():
         folder = os.environ.get(variable) or usual

@@ -1,4 +1,4 @@
-"""The base of what runs the kernels of one file."""
+"""Base class of stages, which run the kernels of one file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drivers that come as Python packages, made known to OpenCL's loader."""
+"""Registration of drivers from Python packages with OpenCL's loader."""
 
 from __future__ import annotations
 

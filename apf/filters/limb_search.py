@@ -36,8 +36,9 @@ class LimbSearch(Stage):
     For each limb, two searches draw many poses that differ from the particles' mean in that limb
     only. The first draws it near the mean, with one pose moved to the observed points; the second
     draws it anywhere within its limits. Each search takes several rounds, each around the best pose
-    of the previous round. The mean and the best pose of every search are refined, and the one with
-    the lowest error is the estimate. Without surface points and observed points nothing is done.
+    of the previous round. The mean and the best pose of every search are refined, and the one that
+    scores best is the estimate; to replace the mean, a pose must lower its error by the share
+    `near_margin` or `far_margin`. Without surface points and observed points nothing is done.
 
     Without this step a lost limb, for example an arm mistaken for the side of the torso, would stay
     lost: particles near the estimate do not reach the limb, and widely spread particles are wrong

@@ -24,12 +24,12 @@ OBSERVED_FLOATS = 12
 class PointObservations:
     """N sightings of P points that are fixed to the body, in one frame.
 
-    bone: (P,) int that each point is on. position: (P, 3) m in its frame. point: (N,) int, which of
-    them was seen. partner: (N,) int, the point that it may have been taken for, a left one for the
-    right one; -1 for none. camera: (N,) int. pixel: (N, 2), undistorted. inverse_scale: (N,) 1 /
-    px, of the error of a coordinate. most: sightings there could have been; N where not stated.
-    usual: as many as a frame usually has; 0 where that is not known.
-    Raises InputError where shapes disagree or a number makes no sense.
+    bone: (P,) int, bone of each point. position: (P, 3) m in the bone's frame. point: (N,) int, the
+    point of each sighting. partner: (N,) int, the point that it may be confused with, as left with
+    right; -1 for none. camera: (N,) int. pixel: (N, 2) undistorted px. inverse_scale: (N,) inverse
+    error of a coordinate, 1 / px. most: largest possible number of sightings, at least N. usual:
+    usual number of sightings in a frame; 0 if unknown.
+    Raises InputError if shapes disagree or a value is invalid.
     """
 
     bone: np.ndarray
@@ -66,8 +66,8 @@ class PointObservations:
 
     @property
     def few(self) -> bool:
-        """Whether there are less than half as many as usual, too few to say that somebody is
-        elsewhere: what two cameras of six see wrongly fits some pose, too."""
+        """Whether there are less than half as many sightings as usual. They are then too few to
+        locate a person elsewhere: wrong detections in two of six cameras also fit some pose."""
         return len(self) < 0.5 * self.usual
 
     def check(self, body: BodyModel, rig: CameraRig) -> None:

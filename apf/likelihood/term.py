@@ -111,4 +111,4 @@ class TermTwin:
         """Update the learned model after a frame whose estimate is `pose` (D,)."""
 
     def forget(self) -> None:
-        """Forget what was learnt: a new track begins."""
+        """Reset the learned model before a new track."""

@@ -14,9 +14,9 @@ class NumpyLikelihood:
     """Likelihood in NumPy, twin of `apf.likelihood.base.Likelihood`. A subclass implements
     `observe(observation)` and a call with poses (N, D), which returns their errors (N,).
 
-    points: (K, 3) surface points, m, that estimates are refined on; None: they are not. turn: which
-    of the launchers that a device's tracker makes is meant. observed: cameras and the points of
-    the body that estimates are refined on; None: on none. unit: see `Likelihood`.
+    points: (K, 3) surface points, m, that estimates are fitted to; None: there are none. turn:
+    number of the device tracker's launcher that a call stands for. observed: cameras and observed
+    points that estimates are fitted to; None: there are none. unit: see `Likelihood`.
     """
 
     points: np.ndarray | None = None
@@ -37,11 +37,11 @@ class NumpyLikelihood:
         raise NotImplementedError
 
     def misfit(self, pose: np.ndarray) -> float:
-        """Return how badly a pose (D,) fits, in absolute terms; NaN where that is not known."""
+        """Return the misfit of a pose (D,), see `Likelihood`; NaN if the likelihood has none."""
         return float("nan")
 
     def learn(self, pose: np.ndarray) -> None:
-        """Learn from a frame whose estimate is `pose` (D,)."""
+        """Update the learned models after a frame whose estimate is `pose` (D,)."""
 
     def forget(self) -> None:
-        """Forget what was learnt: a new track begins."""
+        """Reset the learned models before a new track."""
