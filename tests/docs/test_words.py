@@ -47,7 +47,6 @@ TO_DO = {
     "psfs/reconstructor.py",
     "psfs/reference",
     "psfs/sequence.py",
-    "psfs/silhouettes",
     "psfs/voxels",
     "scripts/accuracy",
     "scripts/accuracy.py",
