@@ -111,8 +111,8 @@ class Reconstructor:
             if moved is not self.grid:
                 self.move_to(moved)
         before, foreground = self.voxels.frame, self.silhouette.foreground
-        learnt = self.config.silhouette.appearance
-        new = before is None or not follows(before.index, frame.index, learnt)
+        appearance = self.config.silhouette.appearance
+        new = before is None or not follows(before.index, frame.index, appearance)
         if foreground is not None and new:
             foreground.forget_location()
         if self._uploads is not None and frame is self._ahead:
@@ -123,7 +123,7 @@ class Reconstructor:
         self._ahead, self.voxels.frame = None, frame
         self._carve()
         if foreground is not None:
-            if new and (before is None or learnt.look_again):
+            if new and (before is None or appearance.look_again):
                 foreground.learn(self.voxels)  # and once more, knowing the person
                 self.silhouette.compute()
                 self._carve()
