@@ -9,10 +9,9 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import CameraRig
 from psfs.common.ranges import LARGEST
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.session import Session, check_frames
-from psfs.voxels.config import VolumeConfig
+from psfs.voxels.config import ReconstructionConfig, VolumeConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupied_box import (
     default_voxel_size,
@@ -119,7 +118,7 @@ class BoxSearch:
         has_floor = above[0][2] > everywhere[0][2]
         lowest = config.floor - config.floor_depth if has_floor else np.inf
         box = self._within(everywhere)
-        if box is not None and box[0][2] <= lowest:  # else a finer box gives the same
+        if box is not None and box[0][2] <= lowest:  # else `above`, smaller, gives the same
             box = self._within(box)  # finer voxels resolve parts smaller than coarse ones
         if box is not None and box[0][2] > lowest:
             box = self._within(above)
