@@ -1,4 +1,4 @@
-"""What a user of the library calls first: open a sequence, reconstruct its voxel clouds."""
+"""The library's main functions: open a sequence, reconstruct its voxel clouds."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def open_sequence(folder: str | Path, **settings: Any) -> Sequence:
     """Open the calibrated, synchronised views in `folder`.
 
     settings: the keys of `sequence.toml`, see `psfs.footage.settings.Settings`; they win over the
-    file, which wins over what the folder's layout says. Raises InputError for whatever does not fit
-    together, MissingFileError for what is not there.
+    file, which wins over what the folder's layout says. Raises InputError if settings, files and
+    calibration do not fit together, MissingFileError for a missing file.
     """
     return Sequence.open(folder, **settings)
 
@@ -56,18 +56,18 @@ def reconstruct(
 ) -> Iterator[VoxelCloud]:
     """Reconstruct the chosen frames of `sequence`, as `psfs reconstruct` does: Song et al. 2.1-2.2.
 
-    Yields the cloud of one frame after the other, in host memory, the caller's to keep.
+    Yields the clouds frame by frame, in host memory; they belong to the caller.
 
-    device: where to compute, or its name as of `cl.select_device`; by default the fastest one.
-    frames: those to reconstruct, all by default. voxel_size: edge of a voxel, m; by default 2 cm
-    for people. volume: lowest and highest corner (3,) m of what is reconstructed; by default the
-    sequence's, or found, see `automatic_grid`. colour: give the clouds the pictures' colours, where
-    there are pictures. sparse: work only on bricks of voxels that can be occupied, for the same
-    voxels in less time and memory. debris: connected parts smaller than this share of the largest
-    are dropped, see `without_debris`. all_cameras: keep those that disagree with the others; by
-    default they are left out, with a warning in the log, see `examine`. config: of silhouettes and
-    occupancy. Raises InputError where nothing stands out from the background, DeviceError where the
-    device cannot be used.
+    device: the device that computes, or its name for `cl.select_device`; by default the fastest
+    one. frames: those to reconstruct, all by default. voxel_size: edge of a voxel, m; by default 2
+    cm for people. volume: lowest and highest corner (3,) m of the reconstructed box; by default the
+    sequence's, or found, see `automatic_grid`. colour: give the clouds the pictures' colours, if
+    there are pictures. sparse: compute only bricks of voxels that can be occupied, which gives the
+    same voxels in less time and memory. debris: connected parts smaller than this share of the
+    largest are dropped, see `without_debris`. all_cameras: keep cameras that disagree with the
+    others; by default they are left out, with a warning in the log, see `examine`. config: settings
+    of silhouettes and occupancy. Raises InputError if nothing stands out from the background,
+    DeviceError if the device cannot be used.
     """
     check_sequence(sequence, frames)
     check_kind("config", config, ReconstructionConfig)
@@ -99,7 +99,7 @@ def reconstruct(
 
 
 def check_sequence(sequence: Sequence, frames: slice | None) -> None:
-    """Raise InputError for a sequence that is not open, or frames that are no slice."""
+    """Raise InputError if `sequence` is no open sequence or `frames` no slice."""
     check_kind("sequence", sequence, Sequence, ": psfs.open_sequence(folder)", needed=True)
     check_kind("frames", frames, slice, ", such as slice(0, 100)")
     if frames is not None and frames.step is not None:
@@ -107,8 +107,8 @@ def check_sequence(sequence: Sequence, frames: slice | None) -> None:
 
 
 def exclude_inconsistent_cameras(session: Session, all_cameras: bool = False) -> Session:
-    """Return the session to work in, see `examine`; log a warning for all that is wrong with the
-    footage."""
+    """Return the session without inconsistent cameras, see `examine`; log a warning for each fault
+    of the footage."""
     examination = examine(session, all_cameras)
     for text in examination.warnings:
         log.warning("%s: %s", session.sequence.name, text)
@@ -116,7 +116,8 @@ def exclude_inconsistent_cameras(session: Session, all_cameras: bool = False) ->
 
 
 def chosen_device(device: Device | NumpyDevice | str | None) -> Device | NumpyDevice:
-    """Return `device`, or the one of that name; None takes the fastest. Raises DeviceError."""
+    """Return `device`, or the device of that name, or the fastest one for None. Raises
+    DeviceError."""
     check_kind("device", device, (Device, NumpyDevice, str))
     if device is None or isinstance(device, str):
         return select_device(device or "auto")

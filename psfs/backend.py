@@ -22,7 +22,7 @@ from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid
 
-#: What `reconstructor_for` returns.
+#: The result of `reconstructor_for`.
 AnyReconstructor = Reconstructor | NumpyReconstructor
 
 
@@ -35,7 +35,8 @@ def reconstructor_for(
     *,
     sparse: bool = False,
 ) -> AnyReconstructor:
-    """Return the reconstructor of `device`: that of OpenCL, or its twin, which has no modes."""
+    """Return the reconstructor of `device`: OpenCL's, or its NumPy twin, which has no sparse
+    mode."""
     if isinstance(device, NumpyDevice):
         return NumpyReconstructor(device, rig, grid, background, config)
     return Reconstructor(device, rig, grid, background, config, sparse=sparse)
@@ -49,8 +50,8 @@ def evidence_for(
 ) -> Callable[[Frame], np.ndarray]:
     """Return a function that computes a frame's evidence counts (V, H, W) int8 on the host.
 
-    Nothing is learnt from one frame for the next. The function raises InputError if the frame
-    has no pictures, or no masks where `background` is None.
+    Each frame is computed independently. The function raises InputError if the frame has no
+    pictures or, if `background` is None, no masks.
     """
     if isinstance(device, NumpyDevice):
         return lambda frame: frame_evidence(frame, rig, background, config)
@@ -64,11 +65,13 @@ def evidence_ahead(
     background: Background | None,
     config: SilhouetteConfig,
 ) -> Callable[[Frame], Callable[[], np.ndarray]]:
-    """Return `evidence_for` in two steps: a function that has a frame computed, and returns one
-    that waits for it and returns the counts, which a device overwrites with the next but one.
+    """Return `evidence_for` in two steps: a function that enqueues a frame and returns a second
+    function, which waits and returns the counts.
 
-    Who does something else in between leaves the device its time; a GPU's driver keeps a core busy
-    with waiting.
+    A device overwrites the counts with those of the next frame but one.
+
+    A caller that works between the two steps leaves the device time to compute. Waiting would keep
+    a core busy in a GPU's driver.
     """
     if isinstance(device, NumpyDevice):
         evidence_of = evidence_for(device, rig, background, config)

@@ -1,4 +1,4 @@
-"""From a frame's pictures to its voxels, on one device."""
+"""Reconstruction of voxels from a frame's pictures, on one device."""
 
 from __future__ import annotations
 
@@ -26,17 +26,18 @@ from psfs.voxels.surface import Surface
 class Reconstructor:
     """Probabilistic shape from silhouette: `voxels = reconstructor(frame)`.
 
-    `background` None takes the frames' masks for silhouettes. A call only enqueues work; nothing
-    comes back to the host until somebody asks for `voxels.cloud()`.
+    If `background` is None, the frames' masks are the silhouettes. A call only enqueues work;
+    nothing is copied to the host until `voxels.cloud()` is called.
 
-    sparse: work only on bricks that can be occupied; the same voxels, much faster and smaller
-    on large grids (see `SparseSurface`). follow: let the grid follow the person along x and y, by
-    whole voxels; this reads 16 bytes back per frame, and takes a grid of the person's size
-    instead of the room's (see `Follower`).
+    sparse: compute only the bricks that can be occupied. This gives the same voxels in much less
+    time and memory on large grids (see `SparseSurface`). follow: move the grid with the person
+    along x and y, by whole voxels. This copies 16 bytes to the host per frame, and the grid needs
+    to be only as large as the person, not the room (see `Follower`).
 
-    From every frame the silhouettes learn for the next one (see `Foreground`), unless
-    `AppearanceConfig.learn` is off. A frame that does not follow shortly after the one before
-    is worked on twice, unless `AppearanceConfig.look_again` is off.
+    The appearance model of the silhouettes is fitted to every frame for the next one (see
+    `Foreground`), unless `AppearanceConfig.learn` is off. The first frame is reconstructed twice,
+    the second time with the model; so is a frame after a gap, unless `AppearanceConfig.look_again`
+    is off.
     """
 
     def __init__(
@@ -75,29 +76,29 @@ class Reconstructor:
         return self.voxels.grid
 
     def evidence(self) -> np.ndarray:
-        """Return (V, H, W) int8: the silhouettes that the latest frame was carved with, downloaded;
-        above 0 is foreground."""
+        """Download the evidence maps (V, H, W) int8 that the latest frame was carved with; above 0
+        is foreground."""
         return self.silhouette.evidence.get()
 
     def move_to(self, grid: VoxelGrid) -> None:
-        """Work on another grid from the next frame on. Raises InputError if its shape differs."""
+        """Use another grid from the next frame on. Raises InputError if its shape differs."""
         if grid.shape != self.grid.shape:
             raise InputError(f"the new grid has shape {grid.shape}; expected {self.grid.shape}")
         self._bricks.move_to(grid)
         self.voxels.grid = grid
 
     def restart(self) -> None:
-        """Forget all frames: what is made of the next ones is, bit by bit, what a new reconstructor
-        makes of them."""
+        """Forget all frames: the results of the next ones are bit by bit those of a new
+        reconstructor."""
         if self._ahead is not None and self._uploads is not None:
             self._uploads.finish()
         self._ahead, self.voxels.frame = None, None
         self.silhouette.restart()
 
     def prepare(self, frame: Frame) -> None:
-        """Start the upload of the frame that the next call will be about, on a second queue.
+        """Start the upload of the next call's frame on a second queue.
 
-        The frame's pictures must not change until then. Raises InputError as a call does.
+        The frame's pictures must not change until that call. Raises InputError as a call does.
         """
         if self._uploads is None:
             self._uploads = Uploads(self.device, self.silhouette.input)
@@ -105,14 +106,15 @@ class Reconstructor:
         self._ahead = frame
 
     def __call__(self, frame: Frame) -> Voxels:
-        """Enqueue the reconstruction of `frame`. Raises InputError if it lacks what is needed."""
+        """Enqueue the reconstruction of `frame`. Raises InputError if it lacks the needed pictures
+        or masks."""
         if self._follower is not None and self.voxels.frame is not None:
             moved = self._follower(self.grid)
             if moved is not self.grid:
                 self.move_to(moved)
         before, foreground = self.voxels.frame, self.silhouette.foreground
-        learnt = self.config.silhouette.appearance
-        new = before is None or not follows(before.index, frame.index, learnt)
+        appearance = self.config.silhouette.appearance
+        new = before is None or not follows(before.index, frame.index, appearance)
         if foreground is not None and new:
             foreground.forget_location()
         if self._uploads is not None and frame is self._ahead:
@@ -123,8 +125,8 @@ class Reconstructor:
         self._ahead, self.voxels.frame = None, frame
         self._carve()
         if foreground is not None:
-            if new and (before is None or learnt.look_again):
-                foreground.learn(self.voxels)  # and once more, knowing the person
+            if new and (before is None or appearance.look_again):
+                foreground.learn(self.voxels)  # and repeat with the appearance model
                 self.silhouette.compute()
                 self._carve()
             foreground.learn(self.voxels)
@@ -137,7 +139,7 @@ class Reconstructor:
             stage()
 
     def stream(self, frames: Iterable[Frame]) -> Iterator[Voxels]:
-        """Yield the voxels of every frame; the next frame is uploaded while the device works."""
+        """Yield the voxels of every frame; the next frame is uploaded while the device computes."""
         ahead = iter(frames)
         frame = next(ahead, None)
         while frame is not None:

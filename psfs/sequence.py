@@ -36,17 +36,18 @@ from psfs.footage.settings import MIXTURES, Settings
 from psfs.footage.threads import TIMEOUT_S, HangingError, Threads
 from psfs.footage.timing import find_timing, synchronise
 
-#: Memory for frames decoded ahead, and the most frames of them.
+#: Greatest memory and number of frames that are decoded ahead.
 _QUEUE_BYTES, _QUEUE_FRAMES = 256 * 2**20, 16
 _DEFAULT_FPS = 30.0
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """All views at one time. Views smaller than the rig's width and height are zero padded.
+    """The pictures or masks of all views at one time. Views smaller than the rig's width and height
+    are zero padded.
 
-    images: (V, H, W, 3) uint8 BGR, or None where there are masks only. masks: (V, H, W) uint8,
-    255 = person, or None where silhouettes are made with a `Background`.
+    images: (V, H, W, 3) uint8 BGR, or None if there are only masks. masks: (V, H, W) uint8, 255 =
+    person, or None if silhouettes are computed with a `Background`.
     """
 
     index: int
@@ -55,8 +56,8 @@ class Frame:
 
 
 def frame_input(frame: Frame, background: Background | None) -> np.ndarray:
-    """Return what silhouettes are made of: the frame's pictures (V, H, W, 3), or its masks
-    (V, H, W) if there is no background. Raises InputError if the frame has none.
+    """Return the input of the silhouettes: the frame's pictures (V, H, W, 3), or its masks (V, H,
+    W) if there is no background. Raises InputError if the frame lacks them.
     """
     pictures = frame.masks if background is None else frame.images
     if pictures is None:
@@ -68,8 +69,8 @@ def frame_input(frame: Frame, background: Background | None) -> np.ndarray:
 class Sequence:
     """Synchronised views with their rig (metres, Z up), background and frame rate.
 
-    `Sequence.open(folder)`, then iterate, or `frames(slice)`, or `read(index)`. A sequence holds
-    no open files: each iteration decodes for itself, unless it is told to `keep_frames`.
+    `Sequence.open(folder)`, then iterate, or `frames(slice)`, or `read(index)`. A sequence holds no
+    open files: each iteration decodes by itself, unless `keep_frames` was called.
     """
 
     def __init__(self, folder: Path, layout: str, footage: Footage, settings: Settings) -> None:
@@ -105,8 +106,9 @@ class Sequence:
     def open(cls, folder: str | Path, **overrides: Any) -> Sequence:
         """Recognise the folder's layout and read its calibration.
 
-        overrides: the keys of `sequence.toml` (see `Settings`); they win over the file,
-        which wins over the layout's own defaults. Raises InputError for whatever does not fit.
+        overrides: the keys of `sequence.toml` (see `Settings`); they win over the file, which wins
+        over the layout's own defaults. Raises InputError if the settings, files and calibration do
+        not fit together.
         """
         check_kind("folder", folder, (str, os.PathLike), needed=True)
         folder = Path(folder)
@@ -130,13 +132,14 @@ class Sequence:
         return self._again(self.settings.replace(cameras=tuple(names)))
 
     def with_rig(self, rig: CameraRig) -> Sequence:
-        """Return the same views by `rig`, which knows more of the same cameras."""
+        """Return the same views with `rig`, a revised calibration of the same cameras."""
         other = copy(self)
         other.rig = rig
         return other
 
     def synchronised(self, late: Mapping[str, int]) -> Sequence:
-        """Return the same views, those shifted that come `late` by so many frames, by name."""
+        """Return the same views with late ones shifted; `late`: number of frames, by the camera's
+        name."""
         before = self.settings.sync if isinstance(self.settings.sync, Mapping) else {}
         both = {name: before.get(name, 0) + late.get(name, 0) for name in self.rig.names}
         shifts = {name: by for name, by in both.items() if by}
@@ -155,7 +158,8 @@ class Sequence:
         return self.frames()
 
     def read(self, index: int) -> Frame:
-        """Decode one frame; negative indices count from the end. Raises IndexError beyond it."""
+        """Decode one frame; negative indices count from the end. Raises IndexError for an index out
+        of range."""
         number = range(len(self))[index]
         with self._reader(None) as read:
             return read(number)
@@ -163,8 +167,8 @@ class Sequence:
     def frames(self, selection: slice | None = None) -> Iterator[Frame]:
         """Yield the selected frames in order, decoded in a background thread ahead of the caller.
 
-        At most 16 frames or 256 MiB wait (but always one). Raises InputError, naming file and
-        frame, when one cannot be decoded.
+        At most 16 frames or 256 MiB are decoded ahead, but at least one. Raises InputError, naming
+        file and frame, when one cannot be decoded.
         """
         indices = range(len(self))[selection or slice(None)]
         nbytes = 4 * len(self.rig) * self.rig.width * self.rig.height
@@ -185,9 +189,12 @@ class Sequence:
         return self._kept is not None
 
     def keep_frames(self) -> None:
-        """Decode a short sequence once: its frames are kept, as far as they are decoded in order
-        from the first one on, as long as there is this sequence. Nothing is kept of frames with
-        masks, and where all would take more than `frame_memory_limit`."""
+        """Keep the decoded frames of a short sequence in memory for the lifetime of this object, so
+        that they are decoded once.
+
+        Frames are kept as far as they are decoded in order from the first one on. None are kept if
+        frames have masks, or if all together would exceed `frame_memory_limit`.
+        """
         shape = (len(self), len(self.rig), self.rig.height, self.rig.width, 3)
         without_masks = self.background_kind in ("gaussian", "frames", "chroma")
         if without_masks and 0 < math.prod(shape) <= frame_memory_limit():
@@ -195,7 +202,7 @@ class Sequence:
 
     @property
     def inputs(self) -> list[Path]:
-        """Folders and files that it is read from."""
+        """Folders and files that the sequence is read from."""
         footage = self.footage
         media = (*(footage.images or ()), *(footage.masks or ()), *(footage.background or ()))
         stated = self.settings.calibration
@@ -209,7 +216,7 @@ class Sequence:
 
     @cached_property
     def background(self) -> Background | None:
-        """The empty scene, or None when frames come with masks. Decoded on first use."""
+        """The empty scene, or None if frames come with masks. It is estimated on first use."""
         if self.background_kind == "gaussian":
             assert self.footage.background is not None
             return background_from_plates(self.rig, self.footage.background)
@@ -217,33 +224,33 @@ class Sequence:
             assert self.footage.images is not None
             return background_from_take(self.rig, self.footage.images)
         if self.background_kind == "chroma":
-            plates = self.footage.background
+            empty = self.footage.background
             assert self.footage.images is not None
-            media = plates or self.footage.images
-            return key_from_media(self.rig, media, bool(plates), self.settings.key)
+            media = empty or self.footage.images
+            return key_from_media(self.rig, media, bool(empty), self.settings.key)
         return None
 
     @property
     def empty_scene(self) -> bool:
-        """Do silhouettes rest on something else than the frames themselves, in which who keeps
-        still is background?"""
+        """Whether the background does not come from the frames themselves, in which a person who
+        keeps still becomes background."""
         if self.background_kind in MIXTURES:
             return bool(self.footage.background)
         return self.background_kind != "frames"
 
     @cached_property
     def _mixture(self) -> Mixture:
-        """The mixture as learnt, which is kept."""
-        return self._learnt_mixture()
+        """The fitted mixture, which is kept."""
+        return self._fit_mixture()
 
-    def _learnt_mixture(self, adaptive: bool = False) -> Mixture:
-        plates = self.footage.background
+    def _fit_mixture(self, adaptive: bool = False) -> Mixture:
+        empty = self.footage.background
         assert self.footage.images is not None
-        return Mixture(plates or self.footage.images, bool(plates), adaptive)
+        return Mixture(empty or self.footage.images, bool(empty), adaptive)
 
     @property
     def _views(self) -> tuple[Media, ...]:
-        """All pictures that a frame is made of."""
+        """All media that a frame is decoded from."""
         masks = self.footage.masks if self.background_kind == "masks" else None
         return (*(self.footage.images or ()), *(masks or ()))
 
@@ -269,7 +276,8 @@ class Sequence:
         return kind
 
     def _volume(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the stated volume in metres with Z up; it may be given in the file's own axes."""
+        """Return the stated volume in metres with Z up, converted if it was stated in the file's
+        own axes."""
         stated = self.settings.volume
         if not isinstance(stated, Mapping):
             return stated
@@ -281,25 +289,28 @@ class Sequence:
 
     @contextmanager
     def reader(self, learning: bool = True) -> Iterator[Callable[[int], Frame]]:
-        """Give `read(index)` for frames in any order, cheapest forwards; all views at the same
-        time. An adaptive mixture begins anew with each reader and learns from what it reads; not
-        `learning`, it stays what it is before.
+        """Return a context with `read(index)` for frames in any order.
+
+        Reading forwards is cheapest. All views are decoded at the same time. With `learning`, an
+        adaptive mixture starts from the fitted one for each reader and is updated by the frames
+        that are read; otherwise it stays as fitted.
 
         Raises InputError as `frames` does.
         """
         adaptive = learning and self.background_kind == "mog-adaptive"
-        with self._reader(self._learnt_mixture(True) if adaptive else None) as read:
+        with self._reader(self._fit_mixture(True) if adaptive else None) as read:
             yield read
 
     @contextmanager
     def _reader(self, mixture: Mixture | None) -> Iterator[Callable[[int], Frame]]:
-        """As `reader`, silhouettes by `mixture` where they are by one, by default as learnt."""
-        decoders: list[Decoder] = []  # opened for the first frame that is not kept
+        """Return the context of `reader`. If silhouettes come from a mixture, that is `mixture`, by
+        default the fitted one."""
+        decoders: list[Decoder] = []  # opened by the first frame that is not kept
         workers = min(len(self._views), os.cpu_count() or 1)
         try:
             with Threads(workers) as pool:
                 yield lambda index: self._frame(index, decoders, pool, mixture)
-        finally:  # not before the pool has ended: when one view fails, others may still be read
+        finally:  # only after the pool has ended: if one view fails, others may still be read
             for decoder in decoders:
                 decoder.close()
 
@@ -342,7 +353,8 @@ class Sequence:
     def _pictures(
         self, index: int, decoders: list[Decoder], pool: Threads, images: np.ndarray | None
     ) -> list[np.ndarray]:
-        """Decode a frame of all views, those of the rig's size to their places in `images`."""
+        """Decode a frame of all views; views of the rig's size are written directly into
+        `images`."""
         size = self.rig.width, self.rig.height
         places = [*(images if images is not None else ()), *len(self._views) * [None]]
         into = [
@@ -353,14 +365,15 @@ class Sequence:
         try:
             return pool.map(lambda decoder, place: decoder.read(index, place), decoders, into)
         except HangingError as error:
-            decoders.clear()  # one that is being read must not be closed
+            decoders.clear()  # a decoder in use must not be closed
             raise InputError(
                 f"{self._views[error.number].where}: frame {index} was not decoded within "
                 f"{TIMEOUT_S:g} s; expected a file that can be read"
             ) from None
 
     def _thresholded(self, image: np.ndarray) -> np.ndarray:
-        """Return (h, w) uint8 mask: brighter than the threshold, dilated, then eroded (squares)."""
+        """Return the mask (h, w) uint8 of pixels brighter than the threshold, closed with a square
+        (dilated, then eroded)."""
         assert self.settings.threshold is not None
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         mask: np.ndarray = np.where(
@@ -376,7 +389,8 @@ class Sequence:
 
 
 def _pad(pictures: list[np.ndarray], into: np.ndarray) -> np.ndarray:
-    """Copy pictures, unless they lie there, to `into` (V, H, W, ...), zero beside smaller ones."""
+    """Copy pictures into `into` (V, H, W, ...), zero padded; those that are there already are not
+    copied."""
     for own, picture in zip(into, pictures, strict=True):
         if not np.may_share_memory(own, picture):
             if picture.shape != own.shape:
@@ -386,7 +400,7 @@ def _pad(pictures: list[np.ndarray], into: np.ndarray) -> np.ndarray:
 
 
 def _check_used(stated: Settings, sequence: Sequence) -> None:
-    """Raise InputError for a key that is stated by the caller and of no use to a sequence."""
+    """Raise InputError for a key that the caller states and a sequence does not use."""
     kind = sequence.background_kind
     owners = {"key": "chroma", **dict.fromkeys(("threshold", "dilate", "erode"), "threshold")}
     for key, owner in owners.items():

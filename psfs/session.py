@@ -1,7 +1,8 @@
-"""One take on one device: what its footage shows, computed once, for all stages that need it.
+"""One take on one device, with the results of its stages, each computed once for all stages that
+need it.
 
-A stage is a function of a session and of the results of the stages before it. What it finds is kept
-in the session, so that a stage that is asked for twice computes once.
+A stage is a function of a session and of the results of earlier stages. Its result is kept in the
+session, so that a second call returns it without computing it again.
 """
 
 from __future__ import annotations
@@ -30,9 +31,9 @@ from psfs.voxels.host_voxels import HostVoxels
 
 R = TypeVar("R")
 
-#: Bytes of evidence maps that a session keeps, at most: 109 frames of four VGA cameras.
+#: Greatest size of the evidence maps that a session keeps, bytes: 109 frames of four VGA cameras.
 _EVIDENCE_BYTES = 2**27
-#: Bytes of carved frames that a session keeps, at most.
+#: Greatest size of the carved frames that a session keeps, bytes.
 _CARVED_BYTES = 2**28
 
 
@@ -43,15 +44,16 @@ class SessionSettings:
     reconstruction: ReconstructionConfig = field(default_factory=ReconstructionConfig)
     """Settings of silhouettes, volume and voxels."""
     selection: slice = field(default_factory=lambda: slice(None))
-    """The frames of the sequence to work on; all by default."""
+    """Frames of the sequence to process; all by default."""
     voxel_size: float | None = None
     """Edge of a voxel, m. By default 2 cm for people, see `psfs.volume.automatic_grid`."""
 
 
 @dataclass(frozen=True, eq=False)
 class CarvedFrame:
-    """The silhouettes (V, H, W) bool that a frame was carved with, where they are known, likewise
-    (elsewhere furniture hides what is behind it), and its surface voxels."""
+    """A reconstructed frame: the silhouettes (V, H, W) bool that it was carved with, the mask (V,
+    H, W) bool of pixels where they are known (elsewhere furniture hides what is behind it), and the
+    surface voxels."""
 
     index: int
     silhouettes: np.ndarray
@@ -60,10 +62,11 @@ class CarvedFrame:
 
 
 class Session:
-    """A sequence on a device, with what the stages found in its footage.
+    """A sequence on a device, with the results of the stages on its footage.
 
-    device: computes; the caller's. sequence: its rig, frames and background are used. settings:
-    see `SessionSettings`. background: the empty scene, the sequence's own until a stage revises it.
+    device: computes, and belongs to the caller. sequence: gives rig, frames and background.
+    settings: see `SessionSettings`. background: the empty scene, the sequence's own until a stage
+    revises it.
     """
 
     def __init__(
@@ -108,19 +111,22 @@ class Session:
 
     @property
     def background(self) -> Background | None:
-        """The empty scene as it is known now; None where frames come with masks."""
+        """The current estimate of the empty scene; None if frames come with masks."""
         return self._background or self.sequence.background
 
     def revise_background(self, background: Background) -> None:
-        """Replace the background by what a stage has estimated. Later evidence is computed with it;
-        what was computed before is forgotten, but for the results of stages."""
+        """Replace the background by a stage's estimate.
+
+        Later evidence is computed with it. Evidence that was computed before is dropped; the
+        results of stages are kept.
+        """
         self._background = background
         self._evidence_of, self._reconstructor, self._carved = None, None, None
         self._evidence.clear()
 
     def on(self, sequence: Sequence) -> Session:
-        """Return a session on another sequence, such as the same without some cameras, with the
-        same device and settings. Frames are kept in memory if they were before."""
+        """Return a session on another sequence, such as the same one without some cameras, with the
+        same device and settings. Frames are kept in memory if this session keeps them."""
         if sequence is self.sequence:
             return self
         if self.sequence.keeps_frames and not sequence.keeps_frames:
@@ -128,18 +134,18 @@ class Session:
         return Session(sequence, self.device, self.settings)
 
     def once(self, key: Hashable, compute: Callable[[], R]) -> R:
-        """Return the result that is kept under `key`, computed if there is none yet."""
+        """Return the result kept under `key`, and compute it if there is none yet."""
         if key not in self._results:
             self._results[key] = compute()
         return cast(R, self._results[key])
 
     def replace_result(self, key: Hashable, result: object) -> None:
-        """Keep `result` under `key` in place of what was computed."""
+        """Keep `result` under `key` in place of the computed one."""
         self._results[key] = result
 
     def evidence(self, indices: Iterable[int]) -> list[np.ndarray]:
-        """Return the evidence (V, H, W) int8 of each frame of `indices`, computed without other
-        frames. Some are kept. Raises InputError as `Sequence.reader` does."""
+        """Return the evidence (V, H, W) int8 of each frame of `indices`, computed independently of
+        other frames. The latest are kept in memory. Raises InputError as `Sequence.reader` does."""
         wanted = list(indices)
         found = {index: self._evidence[index] for index in wanted if index in self._evidence}
         missing = [index for index in dict.fromkeys(wanted) if index not in found]
@@ -158,16 +164,17 @@ class Session:
         return [found[index] for index in wanted]
 
     def reconstructor(self, grid: VoxelGrid) -> AnyReconstructor:
-        """Return the sparse reconstructor of `grid`, which has seen no frame yet.
+        """Return the sparse reconstructor of `grid`, in its initial state.
 
-        There is one, which the next stage gets: what it made for the stage before is overwritten.
+        All stages share one reconstructor: the next stage overwrites the arrays that it computed
+        for this one.
         """
         known = self._reconstructor
         if isinstance(known, Reconstructor) and known.grid.congruent(grid):
             known.restart()
             known.move_to(grid)
             return known
-        # Their memory is free before the next reconstructor is made.
+        # Free their memory before the next reconstructor is created.
         self._reconstructor = self._evidence_of = None
         self._reconstructor = reconstructor_for(
             self.device, self.rig, grid, self.background, self.reconstruction, sparse=True
@@ -175,17 +182,19 @@ class Session:
         return self._reconstructor
 
     def keep_carved(self, indices: Collection[int]) -> None:
-        """Keep the frames of these numbers from the next stage that shows them to `carved_by`."""
+        """Keep the frames of these numbers when the next stage passes them to `carved_by`."""
         self._carved = _CarvedFrames(frozenset(indices))
 
     def carved_by(self, index: int, voxels: Voxels | HostVoxels) -> None:
-        """Keep frame `index` as it was carved, if it is to be kept."""
+        """Keep frame `index` as it was carved, if `keep_carved` named it."""
         if self._carved is not None:
             self._carved.add(index, voxels, self.sequence.has_images)
 
     def carved(self, grid: VoxelGrid, indices: Items[int]) -> Iterator[CarvedFrame]:
-        """Yield the frames of `indices` as they were carved in `grid`: as they were kept, or, where
-        one was not, all of them reconstructed again in their order."""
+        """Yield the frames of `indices` as they were carved in `grid`.
+
+        If all were kept, they are returned; otherwise all are reconstructed again, in their order.
+        """
         if self._carved is not None and self._carved.holds(grid, indices):
             yield from map(self._carved.get, indices)
             return
@@ -197,8 +206,8 @@ class Session:
 
 
 class _CarvedFrames:
-    """Carved frames in little memory: pictures as compressed bits. All are dropped, and no more
-    is kept, once they take more than `_CARVED_BYTES`."""
+    """Carved frames with silhouettes stored as compressed bits. If they exceed `_CARVED_BYTES`, all
+    are dropped and no more are kept."""
 
     def __init__(self, wanted: frozenset[int]) -> None:
         self._wanted, self._n_bytes = wanted, 0
@@ -220,7 +229,7 @@ class _CarvedFrames:
             self._frames.clear()
 
     def holds(self, grid: VoxelGrid, indices: Items[int]) -> bool:
-        """Return whether all frames of `indices` are there, carved in `grid`."""
+        """Return whether all frames of `indices` are kept, carved in `grid`."""
         frames = self._frames
         return all(i in frames and frames[i][-1].grid.same_as(grid) for i in indices)
 

@@ -52,17 +52,20 @@ def find_volume(session: Session) -> Volume:
     selected frames.
 
     Without a stated volume, the scene within reach of the cameras is reconstructed coarsely in some
-    frames spread over the selection; the largest connected part of each, all together, with a
-    margin, is the volume, see `VolumeConfig`. It ends at the floor only where what is seen does,
-    too: see `VolumeConfig.floor_depth`. Raises InputError if no frame shows anything before the
-    background.
+    frames spread over the selection. The volume is the box around the largest connected part of
+    each of these frames, with a margin, see `VolumeConfig`. It ends at the floor only if the
+    reconstructed parts do, see `VolumeConfig.floor_depth`. Raises InputError if no frame shows
+    foreground.
     """
     return session.once(find_volume, lambda: _stated_or_found(session))
 
 
 def volume_config(sequence: Sequence, config: ReconstructionConfig | None = None) -> VolumeConfig:
-    """Return the settings for the volume of a sequence. For objects no distance to the cameras is
-    that of people, so that there is no floor and voxels are as small as the object needs."""
+    """Return the settings for the volume of a sequence.
+
+    For objects no distance to the cameras counts as that of people, so no floor is assumed and
+    voxels are as small as the object needs.
+    """
     volume = (config or ReconstructionConfig()).volume
     if sequence.subject == "object":
         return volume.replace(people_distance=LARGEST)
@@ -99,7 +102,8 @@ Box = tuple[np.ndarray, np.ndarray]
 @dataclass(frozen=True, eq=False)
 class BoxSearch:
     """Search for the box around the largest part of each frame, coarse to fine. evidence: maps of
-    each frame, as `without_speckle` leaves them. min_cameras: that see an occupied voxel."""
+    each frame, from `without_speckle`. min_cameras: least number of cameras that see an occupied
+    voxel."""
 
     rig: CameraRig
     evidence: list[np.ndarray]
@@ -114,15 +118,15 @@ class BoxSearch:
         has_floor = above[0][2] > everywhere[0][2]
         lowest = config.floor - config.floor_depth if has_floor else np.inf
         box = self._within(everywhere)
-        if box is not None and box[0][2] <= lowest:  # else a closer look, smaller, says the same
-            box = self._within(box)  # finer: it sees what coarse voxels were too large for
+        if box is not None and box[0][2] <= lowest:  # else `above`, smaller, gives the same
+            box = self._within(box)  # finer voxels resolve parts smaller than coarse ones
         if box is not None and box[0][2] > lowest:
             box = self._within(above)
             return None if box is None else self._within(box)
         return box
 
     def _within(self, box: Box) -> Box | None:
-        """Return the box of what is occupied in `box`, with a margin."""
+        """Return the box around the occupied voxels in `box`, with a margin."""
         low, high = box
         config = self.config
         grid = VoxelGrid.covering(low, high, float(np.max(high - low)) / config.coarse)
@@ -136,7 +140,7 @@ class BoxSearch:
 
 
 def expected_person(sequence: Sequence) -> str:
-    """Return what to ask for in an error, where nothing stands out from the background."""
+    """Return the advice for an error message, if nothing stands out from the background."""
     if sequence.empty_scene:
         return "a person in view of the cameras"
     return (

@@ -1,4 +1,4 @@
-"""The background takes on slow changes in places where nobody stands, on the device."""
+"""Adaptation of the background to slow local changes, away from the person, on the device."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ from psfs.cameras.cells import CELL, cells
 
 
 class Adaptation:
-    """`adaptation()`: mean and variance of the background drift towards the frame on the device, by
-    `config.rate` of the difference per frame (Song et al. eq. (1) with a memory that fades).
+    """`adaptation()`: exponential moving update of the background's mean and variance, by
+    `config.rate` of the difference to the frame on the device (Song et al. eq. (1) with exponential
+    forgetting).
 
-    Only pixels that look much like the background do, and none where a voxel is seen within two
-    cells, or foreground in the same cell: who keeps still does not become background. What changes
-    is the background in its own light: that of the frame is told by `light`.
+    Only pixels that look much like the background are updated, and none with a voxel within two
+    cells or foreground in the same cell. So a person who keeps still does not become background.
+    The background is updated in its own light: the frame's light, given by `light`, is removed
+    first.
 
     pictures: (V, H, W, 3) uint8. evidence: (V, H, W) int8. marks: (V, rows, columns) uint8 of the
-    cells that show voxels, with a border as wide as they keep others from drifting. sizes: (V, 2)
-    int32 of the pictures. planes: (V, 8, H, W) float32, what drifts, see `background_planes`.
+    cells that show voxels, with a border as wide as their influence. sizes: (V, 2) int32 of the
+    pictures. planes: (V, 8, H, W) float32, the background that is updated, see `background_planes`.
     light: (V, LIGHT_FLOATS) float32 of the frame.
     """
 
@@ -47,7 +49,8 @@ class Adaptation:
         defines = _defines(device, rig, config, background)
         defines["REACH"] = (marks.shape[1] - rows) // 2
         adapt = device.kernel("reconstruction/adaptation", "adapt", **defines)
-        # A launch per phase, made when it is needed: setting an argument takes longer than it.
+        # Each phase has its own launch, created on first use: setting an argument takes longer than
+        # the launch itself.
         self._of_phase = cache(
             partial(
                 device.launch,
@@ -66,7 +69,7 @@ class Adaptation:
         self._planes = planes
 
     def __call__(self) -> None:
-        """Enqueue the drift towards the frame whose silhouettes and marks are on the device."""
+        """Enqueue the update by the frame whose silhouettes and marks are on the device."""
         self._of_phase(phase=self._frames % self._period)()
         self._frames += 1
 
@@ -77,15 +80,15 @@ class Adaptation:
 
 
 def _parts(device: Device) -> int:
-    """Return the work-items that share a block: a GPU needs more, to hide that they wait for
-    memory."""
+    """Return the number of work-items that share a block: a GPU needs more, to hide memory
+    latency."""
     return CELL if device.is_gpu else 1
 
 
 def _defines(
     device: Device, rig: CameraRig, config: AdaptationConfig, background: BackgroundConfig
 ) -> dict[str, int | float]:
-    """Return what adaptation.cl is built with, but for the sizes of its arrays."""
+    """Return the definitions of adaptation.cl except the sizes of its arrays."""
     rows, columns = cells(rig)
     mean_rate, variance_rate = config.rates()
     return {

@@ -18,7 +18,7 @@ from psfs.footage.media import Media
 
 #: Area of all chromaticities (a triangle), over which the foreground is uniform.
 AREA = float(np.sqrt(3) / 2)
-_CELLS = 64  # of a histogram along each axis of the chromaticities
+_CELLS = 64  # of the chromaticities' histogram, along each axis
 _DEFAULT = ScreenConfig()
 
 
@@ -26,10 +26,10 @@ _DEFAULT = ScreenConfig()
 class ChromaKey(Background):
     """The colour of the screen that each camera sees; see `chromaticity`.
 
-    key: (V, 2) the screen's chromaticity. spread: (V, 2) its standard deviation along the
-    direction of `key` (saturation) and across it (hue). light: (V,) brightness, the sum of the
-    channels. screen: (V, H, W) uint8, 0 where the camera does not see the screen, or has no
-    pixel: nothing is said of what lies there.
+    key: (V, 2) the screen's chromaticity. spread: (V, 2) its standard deviation along the direction
+    of `key` (saturation) and across it (hue). light: (V,) brightness, the sum of the channels.
+    screen: (V, H, W) uint8, 0 where the camera does not see the screen or has no pixel: there is no
+    evidence there.
     """
 
     key: np.ndarray
@@ -38,7 +38,7 @@ class ChromaKey(Background):
     screen: np.ndarray
 
     def packed(self, config: ChromaKeyConfig) -> np.ndarray:
-        """Return (V, 8) float32 as chroma_key.cl takes it."""
+        """Return the parameters (V, 8) float32 in the layout of chroma_key.cl."""
         saturation = np.linalg.norm(self.key, axis=1)
         spread = np.maximum(self.spread, config.spread)
         packed = np.zeros((len(self.key), 8))
@@ -57,8 +57,8 @@ def key_from_media(
     """Find the screen's colour in each camera's pictures: near the stated `colour` (#rrggbb) or,
     without one, the saturated colour that fills most of them.
 
-    `empty`: the pictures show the screen and nobody; then what is not screen has no say in the
-    silhouettes. Raises InputError for a camera that sees no screen.
+    `empty`: the pictures show the screen without a person; then pixels beside the screen give no
+    evidence. Raises InputError for a camera that sees no screen.
     """
     stated = None if colour is None else _stated(colour, config)
     shape = (len(rig), rig.height, rig.width)
@@ -67,7 +67,7 @@ def key_from_media(
     for view, item in enumerate(media):
         frames = np.stack(list(item.frames(item.spread(config.samples))))
         seen = frames[:, :: config.stride, :: config.stride]
-        key, spread, mean = _screen_of(seen, stated, item, colour, config)
+        key, spread, mean = _estimate_screen(seen, stated, item, colour, config)
         rows, columns = frames.shape[1:3]
         screen[view, :rows, :columns] = _seen(frames, key, config) if empty else 1
         keys.append(key)
@@ -87,7 +87,7 @@ def _stated(colour: str, config: ScreenConfig) -> np.ndarray:
     return stated
 
 
-def _screen_of(
+def _estimate_screen(
     frames: np.ndarray,
     stated: np.ndarray | None,
     media: Media,
@@ -121,7 +121,7 @@ def _screen_of(
 
 
 def _most_common(shown: np.ndarray) -> np.ndarray:
-    """Return the mode (2,) of chromaticities (N, 2); the origin if there is none."""
+    """Return the mode (2,) of chromaticities (N, 2); the origin if N is 0."""
     if not len(shown):
         return np.zeros(2)
     edges = np.linspace(-0.85, 0.85, _CELLS + 1)

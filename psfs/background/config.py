@@ -1,4 +1,4 @@
-"""Settings of the background: how it is learnt, how it looks, what it says of a pixel."""
+"""Settings of the background: its estimation, its density, and the evidence of a pixel."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 
 
 class PlateConfig(Config):
-    """How the empty scene is learnt from pictures, see `psfs.background.gaussian`."""
+    """Settings of the background's estimation from pictures of the empty scene, see
+    `psfs.background.gaussian`."""
 
     SOURCE: ClassVar = "by hand"
 
@@ -68,7 +69,8 @@ class PlateConfig(Config):
 
 
 class TakeConfig(Config):
-    """How the empty scene is learnt from a take, see `psfs.background.take`."""
+    """Settings of the background's estimation from a take with people in it, see
+    `psfs.background.take`."""
 
     SOURCE: ClassVar = (
         "by hand, on synth_box_4cam, synth_pickup_6cam, synth_walk_4cam without their plates"
@@ -154,8 +156,9 @@ class TakeConfig(Config):
 
 
 class BackgroundConfig(Config):
-    """The density of a background pixel's colour: N(I; alpha mu, sigma), Song et al. eq. (1) under
-    a light dimmed or brightened by a factor alpha; the floor has rules of its own."""
+    """Settings of the density of a background pixel's colour: N(I; alpha mu, sigma), which is Song
+    et al. eq. (1) with light dimmed or brightened by a factor alpha. The floor has rules of its
+    own."""
 
     SOURCE: ClassVar = (
         "tuned on synthetic walks with true masks and on a real person on a green carpet"
@@ -185,7 +188,7 @@ class BackgroundConfig(Config):
     )
 
     def shadow_width(self, mean: np.ndarray) -> np.ndarray:
-        """Return the standard deviation (...) of alpha before a background of colour (..., 3)."""
+        """Return the standard deviation (...) of alpha for a background of mean colour (..., 3)."""
         import numpy as np
 
         brightest = mean.max(-1)
@@ -197,7 +200,8 @@ class BackgroundConfig(Config):
 
 
 class LightConfig(Config):
-    """How a picture's light is told from the background's, see `psfs.background.light`."""
+    """Settings of the estimation of a picture's light relative to the background's, see
+    `psfs.background.light`."""
 
     SOURCE: ClassVar = (
         "by hand, on hard_light_6cam and on drifts laid over synthetic sequences of steady light"
@@ -245,7 +249,8 @@ class LightConfig(Config):
 
 
 class AdaptationConfig(Config):
-    """How the background takes on what changes in places, see `psfs.background.adaptation`."""
+    """Settings of the background's adaptation to local changes, see
+    `psfs.background.adaptation`."""
 
     SOURCE: ClassVar = "by hand; the tests hold it on synthetic scenes under fading light"
 
@@ -277,8 +282,8 @@ class AdaptationConfig(Config):
     )
 
     def rates(self) -> tuple[float, float]:
-        """Return the share of the difference that a pixel's mean and variance take on each time
-        that it is looked at."""
+        """Return the shares of the difference by which a pixel's mean and variance change at each
+        of its updates."""
         mean, variance = (
             1 - (1 - rate) ** self.period
             for rate in (self.rate, self.rate / self.variance_slowdown)
@@ -287,7 +292,8 @@ class AdaptationConfig(Config):
 
 
 class ScreenConfig(Config):
-    """How the screen of one colour is found in pictures, see `psfs.background.chroma_key`."""
+    """Settings of the search for the screen of one colour in pictures, see
+    `psfs.background.chroma_key`."""
 
     SOURCE: ClassVar = "by hand; the tests hold it on synthetic screens under uneven light"
 
@@ -328,7 +334,7 @@ class ScreenConfig(Config):
 
 
 class ChromaKeyConfig(Config):
-    """The density of a screen's pixel, see `psfs.reference.chroma_key`."""
+    """Settings of the density of a screen's pixel, see `psfs.reference.chroma_key`."""
 
     SOURCE: ClassVar = "by hand; the tests hold it on synthetic screens with shade and spill"
 
@@ -355,7 +361,8 @@ class ChromaKeyConfig(Config):
 
 
 class EvidenceConfig(Config):
-    """What a pixel's log ratio of background over foreground says of the voxels seen there."""
+    """Settings of the evidence that a pixel's log ratio of background over foreground gives for the
+    voxels projected there."""
 
     SOURCE: ClassVar = (
         "tuned on synthetic walks with true masks and on a real person on a green carpet"
@@ -401,7 +408,7 @@ class EvidenceConfig(Config):
     )
 
     def log_odds(self, likelihood: np.ndarray, clamp: float) -> np.ndarray:
-        """Return what a pixel adds to the log odds of a voxel seen there, nats.
+        """Return the nats that a pixel adds to the log odds of a voxel projected there.
 
         From Song et al. eq. (5)-(9): P(S|V=1) = SLM and P(S|V=0) = P(O) SLM + (1-P(O)) (1-SLM),
         hence log(SLM / (P(O) SLM + (1-P(O)) (1-SLM))), which is log(SLM / 0.5) for P(O) = 0.5.
@@ -434,10 +441,11 @@ class EvidenceConfig(Config):
         return round(low * self.ratio_steps), round(high * self.ratio_steps)
 
     def ratio_counts(self) -> np.ndarray:
-        """Return evidence counts (int8) of every sum of 3x3 log ratios from the least to the
+        """Return the evidence counts, int8, of every sum of 3x3 log ratios, from the least to the
         greatest.
 
-        Holds Song et al. eq. (1) and (5)-(9) and spares the kernel one exp and one log per pixel.
+        The table implements Song et al. eq. (1) and (5)-(9) and saves the kernel one exp and one
+        log per pixel.
         """
         import numpy as np
 
@@ -454,7 +462,7 @@ class EvidenceConfig(Config):
 
     def likelihood(self, counts: np.ndarray) -> np.ndarray:
         """Return the silhouette likelihoods, float64, of evidence in counts: the inverse of
-        `counts`, but for what was clipped and rounded."""
+        `counts` up to clipping and rounding."""
         import numpy as np
 
         odds, occluded = np.exp(self.step * counts.astype(np.float64)), self.occlusion_prior

@@ -16,17 +16,19 @@ from psfs.background.config import PlateConfig
 from psfs.cameras.camera import CameraRig
 from psfs.footage.media import Media
 
-_BAND_BYTES = 2**20  # worked on at a time: what fits into a cache
-_VIEWS_AT_ONCE = 4  # learnt by threads, at most; more would hold more frames at a time
-_LOT = 255  # frames whose sums are exact: of squares in float32, of their number in a byte
-_HELD_BYTES = 2**26  # of a view's frames that are decoded once only
+_BAND_BYTES = 2**20  # processed at a time: this fits into a cache
+_VIEWS_AT_ONCE = 4  # estimated in parallel at most; more need more memory for frames
+_LOT = 255  # frames with exact sums: of squares in float32, of counts in a byte
+_HELD_BYTES = 2**26  # greatest size of a view's frames that are decoded once only
 _DEFAULT = PlateConfig()
 
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """mean, std: (V, H, W, 3) float32 grey levels, BGR. H, W are the rig's; views that are
-    smaller are padded with zeros in `mean` and with `PlateConfig.std_floor` in `std`.
+    """The empty scene as a Gaussian per pixel.
+
+    mean, std: (V, H, W, 3) float32 grey levels, BGR. H and W are the rig's; smaller views are
+    padded with zeros in `mean` and with `PlateConfig.std_floor` in `std`.
     """
 
     mean: np.ndarray
@@ -36,13 +38,14 @@ class Background:
 def background_from_plates(
     rig: CameraRig, plates: Sequence[Media], config: PlateConfig = _DEFAULT
 ) -> Background:
-    """Learn the background from all frames of an empty scene, one video or list of images per
+    """Estimate the background from all frames of an empty scene, one video or list of images per
     view."""
-    return _stacked(rig, plates, partial(_plate_moments, config=config), config)
+    return _stacked(rig, plates, partial(_view_moments, config=config), config)
 
 
-def _plate_moments(view: Media, config: PlateConfig) -> tuple[np.ndarray, np.ndarray]:
-    """`clipped_moments` of a view: of few frames decoded once, band by band; the same numbers."""
+def _view_moments(view: Media, config: PlateConfig) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the `clipped_moments` of a view. If its frames fit into memory, they are decoded once
+    and processed band by band, with the same result."""
     width, height = view.size
     if 3 * width * height * view.count > _HELD_BYTES:
         return clipped_moments(view, config)
@@ -57,15 +60,16 @@ def _plate_moments(view: Media, config: PlateConfig) -> tuple[np.ndarray, np.nda
 def clipped_moments(
     frames: Iterable[np.ndarray], config: PlateConfig = _DEFAULT
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and standard deviation (h, w, 3) float32 of frames (h, w, 3) uint8, which are
-    iterated twice.
+    """Return mean and standard deviation (h, w, 3) float32 of frames (h, w, 3) uint8; the frames
+    are iterated twice.
 
-    The second pass leaves out what lies beyond `config.clip` deviations of the first (a passing
-    shadow, a compression artefact). Holds a handful of pictures, not the video.
+    The second pass leaves out values beyond `config.clip` standard deviations of the first, such as
+    a passing shadow or a compression artefact. Only a few pictures are in memory at a time, not the
+    video.
     """
     mean, variance, count = _moments(frames, None)
     most = config.clip * with_prior(variance, count, config)
-    # Whole numbers, as the pictures': bytes are compared in a sixth of the time of floats.
+    # Bounds are whole grey levels: comparing bytes takes a sixth of the time of floats.
     bounds = np.ceil(mean - most).clip(0, 255), np.floor(mean + most).clip(0, 255)
     low, high = (bound.astype(np.uint8) for bound in bounds)
     clipped, variance, count = _moments(frames, (low, high))
@@ -75,8 +79,8 @@ def clipped_moments(
 def _moments(
     frames: Iterable[np.ndarray], within: tuple[np.ndarray, np.ndarray] | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return mean, variance and number (h, w, 3) float32 of the values used: those `within` the
-    lowest and the highest (h, w, 3) uint8 of each pixel and channel, if such are given."""
+    """Return mean, variance and number (h, w, 3) float32 of the values used: all, or those `within`
+    the lowest and highest value (h, w, 3) uint8 of each pixel and channel."""
     left = iter(frames)
     lots = (_sums(first, islice(left, _LOT - 1), within) for first in left)
     total, squares, number = reduce(np.add, lots)
@@ -89,9 +93,9 @@ def _moments(
 def _sums(
     first: np.ndarray, more: Iterable[np.ndarray], within: tuple[np.ndarray, np.ndarray] | None
 ) -> np.ndarray:
-    """Return (3, h, w, 3) float64: the sums of frames (h, w, 3) uint8, of their squares, and of how
-    many values are used. They are exact, of up to `_LOT` frames."""
-    flat = len(first), -1  # as OpenCV's masks have no channels
+    """Return (3, h, w, 3) float64: the sums of frames (h, w, 3) uint8, the sums of their squares,
+    and the number of values used. They are exact for up to `_LOT` frames."""
+    flat = len(first), -1  # flat, since OpenCV's masks have no channels
     shape = first.reshape(flat).shape
     total, squares = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     number, used = np.zeros(shape, np.uint8), np.full(shape, 255, np.uint8)
@@ -111,7 +115,7 @@ def median_moments(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return median and 1.4826 x median absolute deviation (h, w, 3) float32 of (n, h, w, 3) uint8.
 
-    For even n the upper of the two middle values.
+    For even n the median is the upper of the two middle values.
     """
     count, height = frames.shape[:2]
     mean, spread = np.empty(frames.shape[1:], np.uint8), np.empty(frames.shape[1:], np.uint8)
@@ -127,7 +131,7 @@ def median_moments(
 
 
 def stack_median(stack: np.ndarray) -> np.ndarray:
-    """Return the median (...) float64 along the first axis of (n, ...), as np.median does."""
+    """Return the median (...) float64 along the first axis of (n, ...), like np.median."""
     count, flat = len(stack), stack.reshape(len(stack), -1)
     middle, band = np.empty(flat.shape[1]), max(1, _BAND_BYTES // (count * stack.itemsize))
     for first in range(0, flat.shape[1], band):
@@ -138,8 +142,8 @@ def stack_median(stack: np.ndarray) -> np.ndarray:
 
 
 def sorted_stack(stack: np.ndarray) -> np.ndarray:
-    """Sort along the first axis, in place: odd-even transposition, whole rows at a time, which
-    is eight times as fast as np.sort or np.partition across the first axis.
+    """Sort along the first axis, in place, by odd-even transposition of whole rows: eight times as
+    fast as np.sort or np.partition along the first axis.
     """
     count = len(stack)
     for step in range(count):
@@ -153,7 +157,8 @@ def sorted_stack(stack: np.ndarray) -> np.ndarray:
 def with_prior(
     variance: np.ndarray, count: np.ndarray | int, config: PlateConfig = _DEFAULT
 ) -> np.ndarray:
-    """Return the standard deviation from the variance of `count` frames and the prior, floored."""
+    """Return the standard deviation from the variance of `count` frames and the prior, at least the
+    floor."""
     weight, prior = config.prior_frames, config.prior_frames * config.prior_std**2
     std = np.sqrt((count * variance + prior) / (count + weight))
     return np.maximum(std, config.std_floor)
@@ -173,5 +178,5 @@ def _stacked(
         mean[view, :height, :width], std[view, :height, :width] = moments(media[view])
 
     with ThreadPoolExecutor(min(_VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
-        list(pool.map(learn, range(len(media))))  # raises what they raise
+        list(pool.map(learn, range(len(media))))  # raises the threads' errors
     return Background(mean, std)

@@ -1,4 +1,5 @@
-"""Somebody in a background learnt from frames: found where something moved, by GrabCut."""
+"""Detection of a person in a background that was estimated from frames, by GrabCut where something
+moved."""
 
 from __future__ import annotations
 
@@ -9,11 +10,11 @@ from psfs.background.config import TakeConfig
 
 
 def moving_region(frames: np.ndarray, config: TakeConfig) -> np.ndarray:
-    """Return (h, w) bool: where frames (n, h, w, 3) uint8 of a camera that stands still change, the
-    holes between filled: whoever moves a little at times is within."""
+    """Return (h, w) bool: the pixels where frames (n, h, w, 3) uint8 of a static camera change,
+    with holes filled. A person who moves a little at times is inside the region."""
     smooth = np.stack([cv2.GaussianBlur(frame, (0, 0), 1.0) for frame in frames])
     ordered = np.sort(smooth, axis=0)
-    change = (ordered[-2] - ordered[1]).max(-1).astype(np.float32)  # one frame may err
+    change = (ordered[-2] - ordered[1]).max(-1).astype(np.float32)  # robust to one outlier
     noise = float(np.median(change))
     moving = (change > max(config.moving, 3 * noise)).astype(np.uint8)
     moving = cv2.morphologyEx(moving, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
@@ -27,10 +28,11 @@ def moving_region(frames: np.ndarray, config: TakeConfig) -> np.ndarray:
 
 
 def find_ghost(background: np.ndarray, region: np.ndarray, config: TakeConfig) -> np.ndarray:
-    """Return (h, w) bool: somebody in a background (h, w, 3) uint8, within `region` (h, w) bool.
+    """Return (h, w) bool: the pixels of a person in a background (h, w, 3) uint8, within `region`
+    (h, w) bool.
 
-    GrabCut (Rother, Kolmogorov, Blake 2004) divides the region; it begins with what differs from
-    the background around, continued into the region.
+    GrabCut (Rother, Kolmogorov, Blake 2004) segments the region. It is initialised with the pixels
+    that differ from the surrounding background, extrapolated into the region.
     """
     ghost = np.zeros(region.shape, bool)
     x, y, width, height = cv2.boundingRect(region.astype(np.uint8))
@@ -45,7 +47,7 @@ def find_ghost(background: np.ndarray, region: np.ndarray, config: TakeConfig) -
     labels[~within] = cv2.GC_BGD
     if not (labels == cv2.GC_PR_FGD).any() or not (labels == cv2.GC_BGD).any():
         return ghost
-    cv2.setRNGSeed(0)  # of its k-means: the same take gives the same background
+    cv2.setRNGSeed(0)  # for its k-means: the same take gives the same background
     models = np.zeros((1, 65)), np.zeros((1, 65))
     cv2.grabCut(picture, labels, (0, 0, 0, 0), *models, config.cuts, cv2.GC_INIT_WITH_MASK)
     ghost[near] = (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)

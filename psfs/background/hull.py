@@ -1,4 +1,4 @@
-"""Where a person may show in one camera, by what all of them see: a coarse visual hull."""
+"""A coarse visual hull from all cameras, which bounds where a person may appear in each."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from psfs.cameras.rig_geometry import find_seen_box, required_views
 
 
 class CoarseHull:
-    """Coarse voxels, `voxels` at most, of what enough cameras see of regions (V, h, w) bool; looked
-    up in masks (V, h, w) of the rig's size.
+    """Coarse voxels, at most `voxels` of them, around the regions (V, h, w) bool that enough
+    cameras see, for tests with masks (V, h, w) of the rig's size.
 
-    A voxel is occupied if it lies in the hull of the regions, and no more than some of the cameras
-    that see it have no mask there.
+    A voxel is occupied if it lies in the hull of the regions, and at most a given number of the
+    cameras that see it deny it, having no mask there.
     """
 
     def __init__(self, rig: CameraRig, regions: np.ndarray, voxels: int) -> None:
         self.rig = rig
         self._needed = required_views(rig)
         box = find_seen_box(rig, self._needed) or (np.full(3, -1.0), np.full(3, 1.0))
-        for _ in range(2):  # the second time around what the first one has found
+        for _ in range(2):  # the second grid bounds the hull of the first
             self._take(*box, voxels)
             inside = self.occupied(regions)
             if not inside.any():
@@ -46,7 +46,8 @@ class CoarseHull:
         self._inside = self._seeing >= self._needed
 
     def occupied(self, masks: np.ndarray, denials: int = 0) -> np.ndarray:
-        """Return (voxels,) bool: what no more than `denials` cameras deny; of three none may."""
+        """Return (voxels,) bool: the voxels that at most `denials` cameras deny; of three cameras,
+        none may."""
         denials = denials if len(self.rig) > 3 else 0
         shown = np.zeros(len(self._centres), np.int16)
         for mask, (seen, pixels) in zip(masks, self._at, strict=True):
@@ -55,7 +56,7 @@ class CoarseHull:
         return occupied
 
     def reprojected(self, occupied: np.ndarray, margin: int) -> np.ndarray:
-        """Return (V, h, w) bool: where occupied voxels show, grown by `margin` px."""
+        """Return (V, h, w) bool: the projection of the occupied voxels, dilated by `margin` px."""
         masks = np.zeros((len(self.rig), self.rig.height, self.rig.width), np.uint8)
         for mask, across, (seen, pixels) in zip(masks, self._across, self._at, strict=True):
             mask.ravel()[pixels[occupied[seen]]] = 1

@@ -1,4 +1,4 @@
-"""The light of every picture beside that of the background, on the device."""
+"""Estimation of every picture's light relative to the background's, on the device."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from psfs.background.config import BackgroundConfig, LightConfig
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 
-#: Columns and rows of the pixels of a picture that its light is estimated from.
+#: Columns and rows of the grid of pixels from which a picture's light is estimated.
 GRID = (64, 32)
-#: Numbers that a view's light has: gains (3), offsets (3), the field at the first pixel and its
-#: growth per pixel along x and y (3), 1 / spread^2, 3 log(spread), nothing.
+#: Floats of a view's light: gains (3), offsets (3), the field at the first pixel and its growth per
+#: pixel along x and y (3), 1 / spread^2, 3 log(spread), padding.
 LIGHT_FLOATS = 12
-#: `light_spread` of noise as the background states it, by the weights of the robust fit.
+#: Expected `light_spread` if the noise is the background's, given the weights of the robust fit.
 EXPECTED_SPREAD2 = 0.886
 #: Least and greatest gain of a channel.
 GAINS = (0.3, 3.0)
@@ -23,14 +23,15 @@ _GROUP = 256  # work-items per view on a GPU
 
 
 def steady_light(views: int) -> np.ndarray:
-    """Return (views, LIGHT_FLOATS) float32 of pictures in the background's own light."""
+    """Return the light (views, LIGHT_FLOATS) float32 of pictures that are lit like the
+    background."""
     light = np.zeros((views, LIGHT_FLOATS), np.float32)
     light[:, [0, 1, 2, 6, 9]] = 1
     return light
 
 
 def light_samples(rig: CameraRig) -> np.ndarray:
-    """Return (V, samples, 2) column and row of the pixels that the light is estimated from."""
+    """Return (V, samples, 2) column and row of the pixels from which the light is estimated."""
     u, v = ((np.arange(n) + 0.5) / n for n in GRID)
     spread = np.stack(np.meshgrid(u, v), -1).reshape(-1, 2)
     return np.stack([(spread * camera.size).astype(int) for camera in rig])
@@ -39,8 +40,9 @@ def light_samples(rig: CameraRig) -> np.ndarray:
 def sampled_scene(
     rig: CameraRig, background: Background, config: BackgroundConfig
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the samples' places (V, samples) int32 in a picture of the rig's width, and their
-    scene (V, 8, samples) float32: mean (3), 1 / sigma^2 (3), column and row from -1 to 1."""
+    """Return the samples' flat pixel indices (V, samples) int32 in a picture of the rig's width,
+    and their scene (V, 8, samples) float32: mean (3), 1 / sigma^2 (3), column and row from -1 to
+    1."""
     pixels = light_samples(rig)
     scene = np.empty((len(rig), 8, pixels.shape[1]), np.float32)
     for view, (x, y) in enumerate(np.moveaxis(pixels, -1, 1)):
@@ -53,12 +55,14 @@ def sampled_scene(
 def fit_light(
     shown: np.ndarray, scene: np.ndarray, size: tuple[int, int], config: LightConfig
 ) -> np.ndarray:
-    """Return the light (LIGHT_FLOATS,) of samples that are `shown` (n, 3) before a `scene` (8, n),
-    of a picture of `size`: iteratively reweighted least squares (Geman and McClure).
+    """Estimate the light (LIGHT_FLOATS,) of a picture of `size` by iteratively reweighted least
+    squares (Geman and McClure).
 
-    A sample weighs 1 / (1 + d^2 / (3 scale^2))^2 by its squared distance d^2 in standard
-    deviations of the background, with a scale that shrinks. In each step gains and offsets are
-    fitted to the field as it was, and the field to them as they were.
+    shown: (n, 3) colours of the samples in the picture. scene: (8, n), see `sampled_scene`.
+
+    A sample weighs 1 / (1 + d^2 / (3 scale^2))^2 by its squared distance d^2 in standard deviations
+    of the background, with a scale that shrinks. Each step fits gains and offsets given the
+    previous field, and the field given the previous gains and offsets.
     """
     mean, weight, place = scene[:3].T, scene[3:6].T, scene[6:].T
     gain, offset, slope, spread = np.ones(3), np.zeros(3), np.zeros(2), 1.0
@@ -77,7 +81,7 @@ def fit_light(
         determinant = aa * bb - ab * ab
         gain = np.clip((a * bb - b * ab) / determinant, *GAINS)
         offset = (aa * b - ab * a) / determinant
-        slope = slope + change * (step > 0)  # before, the gains are far off
+        slope = slope + change * (step > 0)  # in step 0 the gains are still far off
     spread, first = max(spread, 1.0), 1 + slope @ (1 / np.array(size) - 1)
     field = 2 * slope / size
     return np.array([*gain, *offset, first, *field, 1 / spread, 1.5 * np.log(spread), 0])
@@ -91,15 +95,15 @@ def _slope_change(
     slope: np.ndarray,
     config: LightConfig,
 ) -> np.ndarray:
-    """Return by how much the field's slope (2,) changes."""
+    """Return the change (2,) of the field's slope."""
     square, product = (weights * lit * lit).sum(1), (weights * lit * rest).sum(1)
     matrix = np.einsum("n,ni,nj->ij", square, place, place) + np.eye(2) * config.field_width**-2
     return np.linalg.solve(matrix, product @ place - slope * config.field_width**-2)
 
 
 def unlit_picture(image: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Return a picture (h, w, 3) uint8 as it is in the background's own light, whole grey levels
-    from 0 to 255."""
+    """Return a picture (h, w, 3) uint8 relit by the background's light, in whole grey levels from 0
+    to 255."""
     height, width = image.shape[:2]
     field = light[6] + light[7] * np.arange(width) + light[8] * np.arange(height)[:, None]
     gains, offsets = light[:3].astype(np.float32), light[3:6].astype(np.float32)
@@ -116,13 +120,14 @@ def light_launch(
     pictures: Array,
     light: Array,
 ) -> Launch:
-    """Return the launch that estimates `light` (V, LIGHT_FLOATS) from `pictures` (V, H, W, 3): by
-    which gain and offset of each channel, and by which gain that grows linearly over the picture,
-    they are brighter than the background.
+    """Return the launch that estimates `light` (V, LIGHT_FLOATS) from `pictures` (V, H, W, 3).
 
-    The fit is robust: pixels that the person hides are outliers, and whoever fills less than half
-    of a picture has no say. Nothing is remembered from frame to frame, so a step of the light is
-    followed within the frame. Twin: reference/light.py.
+    The light relative to the background's is a gain and an offset per channel, and a gain that
+    varies linearly over the picture.
+
+    The fit is robust: the person's pixels are outliers, which do not matter as long as they fill
+    less than half of a picture. Each frame is fitted by itself, so a sudden change of light is
+    corrected in the same frame. Twin: reference/light.py.
     """
     places, scene = sampled_scene(rig, background, density)
     packs = pack_defines(device, _GROUP)

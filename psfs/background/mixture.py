@@ -11,16 +11,16 @@ import numpy as np
 from psfs.background.config import PlateConfig
 from psfs.footage.media import Media
 
-#: What OpenCV gives pixels of the person; shadows get 127.
+#: OpenCV's label of foreground; its label of shadows is 127.
 _PERSON = 255
 
 
 class Mixture:
     """`mixture(view, image)`: (h, w) uint8 mask, 255 = person.
 
-    Learnt from all frames of empty plates or from frames spread over the sequence, and kept: so a
-    frame's mask does not depend on which frames were read before it. An `adaptive` one goes on
-    learning from every picture that it is shown, as Rymut's does (eq. 2.5-2.6).
+    It is fitted once, to all frames of the empty scene or to frames spread over the sequence. So a
+    frame's mask does not depend on the frames that were read before it. An `adaptive` mixture is
+    updated by every picture that it masks, like Rymut's (eq. 2.5-2.6).
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class Mixture:
     ) -> None:
         config = config or PlateConfig()
         samples = None if empty else config.mixture_samples
-        self._models = [_learnt(view, samples) for view in media]
+        self._models = [_fit_model(view, samples) for view in media]
         self._rate = config.mixture_rate if adaptive else 0.0
         self._locks = [Lock() for _ in media]  # OpenCV's models are not safe across threads
 
@@ -42,8 +42,8 @@ class Mixture:
         return np.where(labels == _PERSON, np.uint8(255), np.uint8(0))
 
 
-def _learnt(view: Media, samples: int | None) -> cv2.BackgroundSubtractorMOG2:
-    """Return the model of so many frames spread over the view, or of all."""
+def _fit_model(view: Media, samples: int | None) -> cv2.BackgroundSubtractorMOG2:
+    """Fit the model to `samples` frames spread over the view, or to all."""
     indices = range(view.count) if samples is None else view.spread(samples)
     model = cv2.createBackgroundSubtractorMOG2(history=len(indices), detectShadows=True)
     for frame in view.frames(indices):

@@ -1,4 +1,4 @@
-"""The empty scene learnt from a take in which somebody moves, by all cameras together."""
+"""Estimation of the empty scene from a take with a moving person, by all cameras together."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ from psfs.background.light import GRID, fit_light, unlit_picture
 from psfs.cameras.camera import CameraRig
 from psfs.footage.media import Media
 
-_VIEWS_AT_ONCE = 4  # learnt by threads, at most; more would hold more frames at a time
-#: Standard deviation, grey levels, of a channel whose density is the uniform foreground's, 1/256.
+_VIEWS_AT_ONCE = 4  # estimated in parallel at most; more need more memory for frames
+#: Standard deviation, grey levels, with which a channel's normal density peaks at the uniform
+#: foreground's, 1/256.
 _UNIFORM_STD = 256 / np.sqrt(2 * np.pi)
 
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A camera's samples: numbers of the frames, light (n, LIGHT_FLOATS) of each beside their
-    median's, and small pictures (n, h, w, 3) uint8 in the light of that."""
+    """A camera's samples: numbers of the frames, their light (n, LIGHT_FLOATS) relative to that of
+    their median, and small pictures (n, h, w, 3) uint8 relit by the median's light."""
 
     numbers: list[int]
     light: np.ndarray
@@ -39,14 +40,15 @@ def background_from_take(
     plate: PlateConfig | None = None,
     config: TakeConfig | None = None,
 ) -> Background:
-    """Learn the background from frames spread over the sequence itself.
+    """Estimate the background from frames spread over the sequence itself.
 
-    Each frame is brought to the light of the pixels' median. Then in small pictures, to and fro:
-    what differs from the background is carved to a coarse hull by all cameras; the background is
-    the median of the frames in which that hull shows elsewhere. If the silhouettes before the
-    medians do not agree, these hold somebody, who is looked for by `find_ghost`: he is there in
-    the frames that look like them, until the background behind him is known. What he hides in
-    nearly all frames is unknown: its density is lower than the foreground's.
+    Each frame is relit by the light of the pixels' median. Then two steps alternate in small
+    pictures: the pixels that differ from the background are carved to a coarse hull by all cameras;
+    the background becomes the median of the frames in which that hull appears elsewhere. If the
+    silhouettes against the medians do not agree, the medians contain a person, who is segmented by
+    `find_ghost`: the person is present in the frames that look like the median there, until the
+    background behind is known. The background behind a person who hides it in nearly all frames is
+    unknown; its density is lower than the foreground's.
     """
     plate, config = plate or PlateConfig(), config or TakeConfig()
     small = rig.scaled(min(1.0, config.longest_side / max(rig.width, rig.height)))
@@ -63,7 +65,7 @@ def background_from_take(
             own = _relearnt(media[view], views[view], *masks, plate, config)
             mean[view, :height, :width], std[view, :height, :width] = own
 
-        list(pool.map(learn, range(len(media))))  # raises what they raise
+        list(pool.map(learn, range(len(media))))  # raises the threads' errors
     return Background(mean, std)
 
 
@@ -71,14 +73,14 @@ def _sampled(media: Media, size: tuple[int, int], plate: PlateConfig) -> _View:
     numbers = media.spread(plate.samples)
     frames = np.stack(list(media.frames(numbers)))
     median, _ = median_moments(frames, plate)
-    light = np.stack([_light_of(frame, median) for frame in frames])
+    light = np.stack([_estimate_frame_light(frame, median) for frame in frames])
     own = [unlit_picture(frame, of) for frame, of in zip(frames, light, strict=True)]
     small = [cv2.resize(picture, size, interpolation=cv2.INTER_AREA) for picture in own]
     return _View(numbers, light, np.stack(small))
 
 
-def _light_of(frame: np.ndarray, median: np.ndarray) -> np.ndarray:
-    """Return the light (LIGHT_FLOATS,) of a frame (h, w, 3) beside the median of all."""
+def _estimate_frame_light(frame: np.ndarray, median: np.ndarray) -> np.ndarray:
+    """Return the light (LIGHT_FLOATS,) of a frame (h, w, 3) relative to the median of all."""
     height, width = frame.shape[:2]
     x, y = (
         ((np.arange(n) + 0.5) / n * size).astype(int)
@@ -100,8 +102,8 @@ def _hidden(
     plate: PlateConfig,
     config: TakeConfig,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the person may show in each sample (V, n, h, w) bool, and where a view's median
-    looks like somebody (V, h, w) bool, in small pictures."""
+    """Return the pixels that the person may cover in each sample (V, n, h, w) bool, and those of a
+    person in a view's median (V, h, w) bool, in small pictures."""
     frames = _stacked([view.small for view in views], rig)
     medians = [median_moments(own, plate) for own in frames]
     regions = np.stack(list(pool.map(lambda own: moving_region(own, config), frames)))
@@ -116,7 +118,7 @@ def _hidden(
     for _ in range(config.rounds):
         before, shown = hidden, []
         for images in np.moveaxis(frames, 1, 0):
-            # Where the mean holds somebody, he is gone when it does not fit.
+            # If the mean contains a person, frames that differ from it do not.
             person = doubtful ^ _not_background(images, mean, std, config)
             shown.append(hull.reprojected(hull.occupied(person, config.denials), config.margin))
         hidden = np.stack(shown, axis=1)
@@ -136,8 +138,9 @@ def _explained(
     hull: CoarseHull,
     config: TakeConfig,
 ) -> float:
-    """Return which share of the silhouettes of frames (V, n, h, w, 3) before a background (V, h, w,
-    3) is the picture of their common hull: little, if the background holds somebody."""
+    """Return the share of the silhouettes of frames (V, n, h, w, 3) against a background (V, h, w,
+    3) that the projection of their common hull covers; it is low if the background contains a
+    person."""
     shares = []
     for images in np.moveaxis(frames, 1, 0)[:: config.judged]:
         person = _not_background(images, mean, std, config) & regions
@@ -147,7 +150,7 @@ def _explained(
 
 
 def _stacked(pictures: list[np.ndarray], rig: CameraRig) -> np.ndarray:
-    """Return (V, n, H, W, 3) of every view's (n, h, w, 3), zero padded."""
+    """Return the pictures (n, h, w, 3) of all views stacked, (V, n, H, W, 3), zero padded."""
     count = min(map(len, pictures))
     stack = np.zeros((len(rig), count, rig.height, rig.width, 3), np.uint8)
     for own, picture in zip(stack, pictures, strict=True):
@@ -158,8 +161,8 @@ def _stacked(pictures: list[np.ndarray], rig: CameraRig) -> np.ndarray:
 def _not_background(
     images: np.ndarray, mean: np.ndarray, std: np.ndarray, config: TakeConfig
 ) -> np.ndarray:
-    """Return (V, h, w) bool: pixels of images (V, h, w, 3) that are not the background in more or
-    less light."""
+    """Return (V, h, w) bool: pixels of images (V, h, w, 3) that are not the background, brighter or
+    darker."""
     density = BackgroundConfig()
     weight = np.maximum(std, density.sigma_floor) ** -2
     factor = (weight * images * mean).sum(-1) / ((weight * mean * mean).sum(-1) + 1e-6)
@@ -173,25 +176,28 @@ def _not_background(
 def masked_moments(
     frames: np.ndarray, hidden: np.ndarray, plate: PlateConfig, config: TakeConfig
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return median and 1.4826 x median absolute deviation (h, w, 3) float32 of the frames (n, h,
-    w, 3) uint8 in which a pixel is not `hidden` (n, h, w), and where that are enough (h, w) bool;
-    elsewhere the median of all."""
+    """Return median and 1.4826 x median absolute deviation (h, w, 3) float32, and known (h, w)
+    bool.
+
+    They are those of the frames (n, h, w, 3) uint8 in which a pixel is not `hidden` (n, h, w).
+    known: whether these frames are enough; elsewhere the median is that of all frames.
+    """
     count = len(frames)
     free = count - np.count_nonzero(hidden, axis=0)
     known = free >= max(config.least_free, config.free_share * count)
     used = hidden & known
     number = np.where(known, free, count)[..., None]
-    middle = _median_of(np.where(used[..., None], np.uint8(255), frames), number)
+    middle = _upper_median(np.where(used[..., None], np.uint8(255), frames), number)
     deviation = np.maximum(frames, middle) - np.minimum(frames, middle)
     deviation[used] = 255
-    spread = _median_of(deviation, number).astype(np.float32)
+    spread = _upper_median(deviation, number).astype(np.float32)
     std = with_prior((1.4826 * spread) ** 2, number, plate)
     return middle.astype(np.float32), std.astype(np.float32), known
 
 
-def _median_of(values: np.ndarray, number: np.ndarray) -> np.ndarray:
-    """Return the upper median (h, w, c) of the `number` (h, w, 1) lowest of values (n, h, w, c),
-    which it sorts."""
+def _upper_median(values: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """Return the upper median (h, w, c) of the `number` (h, w, 1) lowest of values (n, h, w, c).
+    The values are sorted in place."""
     ordered = sorted_stack(values)
     middle = np.broadcast_to(number // 2, values.shape[1:])[None]
     return np.take_along_axis(ordered, middle, axis=0)[0]
@@ -205,8 +211,9 @@ def _relearnt(
     plate: PlateConfig,
     config: TakeConfig,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and standard deviation (h, w, 3) float32 of a view's background. Where it is
-    never seen and its median looks like a `ghost`, its density is below that of the foreground."""
+    """Return mean and standard deviation (h, w, 3) float32 of a view's background. Where the
+    background is never visible and the median shows a `ghost`, its density is below the
+    foreground's."""
     width, height = media.size
     seen = media.frames(view.numbers)
     frames = np.stack(

@@ -47,7 +47,7 @@ from psfs.common.versions import versions
 from psfs.footage.settings import Settings
 from psfs.sequence import Sequence
 
-#: Of the keys of `sequence.toml`, those that a calibration needs.
+#: The keys of `sequence.toml` that a calibration needs.
 _STATED = ("cameras", "fps", "sync")
 #: Flags of one kind of target.
 _OF_C3D = ("markers", "c3d_begins", "up")
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> None:
 def _calibrate(args: argparse.Namespace) -> None:
     check_number("--height, m,", args.height, -10, 10)
     config: CalibrationConfig = args.configs.get("calibration", CalibrationConfig())
-    board = _board_of(args)
+    board = _make_board_finder(args)
     stated = {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}
     views = open_uncalibrated(Path(args.folder), Settings.from_dict(stated))
     chosen, floor = _chosen(args, views, config)
@@ -84,9 +84,9 @@ def _calibrate(args: argparse.Namespace) -> None:
     _write(args, views, result, config, warnings)
 
 
-def _board_of(args: argparse.Namespace) -> CharucoFinder | ChessboardFinder | None:
-    """Return what finds the board, None for a wand. Raises InputError for flags that do not go
-    together."""
+def _make_board_finder(args: argparse.Namespace) -> CharucoFinder | ChessboardFinder | None:
+    """Return the detector of the board; None for a wand. Raises InputError for flags that exclude
+    each other."""
     if args.board is None and args.wand is None and args.c3d is None:
         raise InputError("no target is stated; expected --board, --wand or --c3d")
     if args.c3d is None:
@@ -117,7 +117,8 @@ def _marker_finder(args: argparse.Namespace, views: Sequence, chosen: list[int])
 def _chosen(
     args: argparse.Namespace, views: Sequence, config: CalibrationConfig
 ) -> tuple[list[int], list[int]]:
-    """Return the frames to look at, and those of them in which the target lies on the floor."""
+    """Return the frames in which to detect the target, and those of them in which it lies on the
+    floor."""
     every = range(len(views))
     chosen = every[args.frames or slice(None)]
     if args.frames is None or args.frames.step is None:
@@ -132,7 +133,7 @@ def _chosen(
 
 
 def _none_found(views: Sequence, chosen: list[int], finder: Finder) -> str:
-    """Return the error's line where no picture shows the target."""
+    """Return the error message for footage in which no picture shows the target."""
     where = f"{len(chosen)} frames of {len(views.rig)} cameras"
     what = f"{views.folder}: no {finder.target.name} in {where}"
     if isinstance(finder, MarkerFinder):
@@ -146,7 +147,7 @@ def _none_found(views: Sequence, chosen: list[int], finder: Finder) -> str:
 def _in_world(
     args: argparse.Namespace, result: CalibrationResult, floor: list[int]
 ) -> tuple[CalibrationResult, list[str]]:
-    """Return the result in a world with Z up, and what to warn of."""
+    """Return the result in a world with Z up, and the warnings."""
     if result.target.known is not None:
         if args.up is None:
             return result, []
@@ -193,7 +194,8 @@ def _write(
 def _write_pictures(
     folder: Path, views: Sequence, result: CalibrationResult, found: list[ViewReport]
 ) -> None:
-    """Write a picture per camera, its points over its picture of the frame that most see."""
+    """Write a picture per camera: its detected points, drawn over its picture of the frame with the
+    most detections."""
     frames = [sighting.frame for sighting in result.sightings]
     shown = crop_pictures(views.read(max(set(frames), key=frames.count)), views.rig)
     for view, picture in zip(found, shown, strict=True):

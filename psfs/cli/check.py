@@ -24,7 +24,7 @@ from psfs.diagnostics.reprojection_iou import Checker, cut_by_volume
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.session import Session, SessionSettings
 
-#: IoU below which agreement is commented on.
+#: IoU below which a camera's agreement is reported as low.
 _LOW = 0.6
 
 
@@ -58,7 +58,8 @@ def run(args: argparse.Namespace) -> None:
 
 
 def low_agreement(names: list[str], scores: np.ndarray, named: Collection[str]) -> list[str]:
-    """Return in words which cameras' scores (frames, V) are low, but for those `named` already."""
+    """Return texts that name the cameras with low scores (frames, V), except those `named`
+    already."""
     means = np.ma.masked_invalid(scores).mean(axis=0).filled(np.nan)
     low = [n for n, mean in zip(names, means, strict=True) if mean < _LOW and n not in named]
     return [
@@ -76,7 +77,7 @@ def _report(
     bad: list[InconsistentCamera],
     comments: list[str],
 ) -> None:
-    """Print and write scores (frames, V): IoU, NaN where there was nothing to compare."""
+    """Print and write scores (frames, V): IoU, NaN if there was nothing to compare."""
     masked = np.ma.masked_invalid(scores)
     stdout.print(iou_table("IoU with the frames' silhouettes", names, masked))
     left_out: dict[str, str] = run.summary["sequence"].get("left_out", {})

@@ -1,4 +1,4 @@
-"""What the commands `psfs` and `apf` share: messages, the log file, common flags."""
+"""Parts shared by the commands `psfs` and `apf`: messages, the log file, common flags."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _printable(text: str) -> str:
 
 @dataclass
 class _State:
-    """What the flags of the running command say of its messages."""
+    """State of the running command's messages, from its flags."""
 
     running: bool = False
     quiet: bool = False
@@ -40,8 +40,8 @@ _state = _State()
 
 
 class Messages:
-    """What is said on a stream: texts and tables, which also go into the log file, where there is
-    one. rich's console is made with the first message, since importing it takes a while."""
+    """Texts and tables printed on a stream, and into the log file if there is one. rich's console
+    is created with the first message, since importing it takes a while."""
 
     def __init__(self, stderr: bool = False) -> None:
         self.quiet = False
@@ -55,7 +55,8 @@ class Messages:
         return make_terminal(self._stderr)
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print as rich's console does, without control characters, unless this is quiet."""
+        """Print like rich's console, without control characters; only into the log file if
+        `quiet`."""
         objects = tuple(_printable(item) if isinstance(item, str) else item for item in objects)
         if not self.quiet:
             self.console.print(*objects, **options)
@@ -68,7 +69,7 @@ stdout, stderr = Messages(), Messages(stderr=True)
 
 
 def warn(text: str, stream: Messages = stderr) -> None:
-    """Print a warning, on standard error where results are not wanted."""
+    """Print a warning on `stream`; with --quiet on standard error."""
     remark("warning", "yellow", text, stderr if _state.quiet else stream)
 
 
@@ -80,8 +81,8 @@ def remark(kind: str, style: str, text: str, stream: Messages = stdout) -> None:
 
 
 class CommandParser(RecordingParser):
-    """A parser whose errors are one line; so are those of its subcommands. `fill`, where it is set,
-    adds the flags before the first words are parsed, or when `add_flags` is called."""
+    """A parser that reports errors in one line, as do its subcommands. If `fill` is set, it adds
+    the flags before the first words are parsed, or when `add_flags` is called."""
 
     fill: Callable[[], None] | None = None
 
@@ -106,8 +107,8 @@ class CommandParser(RecordingParser):
 
 @contextmanager
 def messages(args: argparse.Namespace) -> Iterator[None]:
-    """Print and log as --verbose, --quiet and --log-file say; a command within a command does as
-    the outer one. Raises InputError if the log file cannot be written."""
+    """Apply --verbose, --quiet and --log-file; a command within a command keeps the settings of the
+    outer one. Raises InputError if the log file cannot be written."""
     if _state.running:
         yield
         return
@@ -146,7 +147,7 @@ def has_log() -> bool:
 
 
 def log_line(text: str) -> None:
-    """Write a line, with the time, into the log file, where there is one."""
+    """Write a line, with the time, into the log file, if there is one."""
     if _state.log is not None:
         now = datetime.now().strftime("%Y-%m-%d %H:%M:%S")
         _state.log.print(f"{now} {text}", soft_wrap=True)
@@ -163,7 +164,8 @@ def _opened(path: Path) -> TextIO:
 
 
 def _is_log(path: Path) -> bool:
-    """Is a file empty, or does it begin as `log_line` does? Nothing is appended to other files."""
+    """Return whether a file is empty or begins like a line of `log_line`. Nothing is appended to
+    other files."""
     with path.open("rb") as file:
         first = file.read(32)
     began = re.match(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d[ ,]", first)
@@ -185,7 +187,7 @@ def add_command(
 
 
 def add_message_flags(parser: argparse.ArgumentParser) -> None:
-    """Add what all subcommands have: how much is said, and where."""
+    """Add the flags of all subcommands: amount and destination of the messages."""
     group = parser.add_argument_group("messages")
     loudness = group.add_mutually_exclusive_group()
     loudness.add_argument("-v", "--verbose", action="store_true", help="say what is being done")
@@ -211,13 +213,14 @@ def add_device_flag(parser: argparse.ArgumentParser) -> None:
 
 
 def path_or_name(text: str) -> str:
-    """Return a path in full where there is such a file or folder, else the text (argparse type)."""
+    """Return the absolute path of an existing file or folder, else the text unchanged (argparse
+    type)."""
     path = Path(text)
     return str(resolve_path(path)) if path.exists() else text
 
 
 def progress_bar() -> Progress:
-    """Make the bar that all long work shows, on standard error."""
+    """Return a progress bar for long work, on standard error."""
     from psfs.cli.console import make_progress_bar
 
     return make_progress_bar(stderr.console, _state.quiet)

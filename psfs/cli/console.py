@@ -16,7 +16,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-#: Columns of a file or a pipe, which has no width of its own: room for the widest table.
+#: Columns of output into a file or a pipe, which has no width of its own: room for the widest
+#: table.
 _UNLIMITED = 160
 
 
@@ -41,7 +42,7 @@ def make_log_console(file: TextIO) -> Console:
 
 
 def make_progress_bar(console: Console, hidden: bool) -> Progress:
-    """Return the progress bar that all long work shows."""
+    """Return the progress bar for long work."""
     return Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(),

@@ -1,4 +1,4 @@
-"""`psfs convert FOLDER -o NATIVE`: any folder that can be read, as a native one."""
+"""`psfs convert FOLDER -o NATIVE`: conversion of any readable folder to the native layout."""
 
 from __future__ import annotations
 

@@ -13,18 +13,18 @@ from psfs.cli.commandline import stdout, warn
 def run(args: argparse.Namespace) -> None:
     devices = list_devices(afresh=True)
     if not devices:
-        select_device()  # raises with what could be installed
+        select_device()  # raises an error that names what to install
     stdout.print(_table(devices))
     broken = [info for info in devices if info.probe and info.probe.fault]
     if len(broken) == len(devices):
-        select_device()  # raises with the faults of all
+        select_device()  # raises an error with the faults of all devices
     for info in broken:
         assert info.probe is not None
         warn(f"{info.name} does not work: {info.probe.fault}", stdout)
 
 
 def _table(devices: list[DeviceInfo]) -> Table:
-    """Return the devices with what trying them found, the one that `auto` takes first."""
+    """Return a table of the devices with the results of trying them, the device of `auto` first."""
     table = Table("name", "kind", "platform", "driver", "works")
     for heading in ("compute units", "memory GiB", "GB/s", "GFLOP/s"):
         table.add_column(heading, justify="right")

@@ -1,4 +1,4 @@
-"""`psfs info FOLDER`: what a sequence is, and what looks wrong about it."""
+"""`psfs info FOLDER`: facts of a sequence, and warnings of likely errors."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _say_faults(session: Session, warnings: list[str]) -> None:
-    """Print `warnings` and what the pictures show to be wrong, a line for each fault."""
+    """Print `warnings` and the faults found in the pictures, one line each."""
     found = examine(session)
     if session.sequence.settings.sync == "auto":
         for note in found.session.sequence.timing_notes:

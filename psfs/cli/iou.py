@@ -7,8 +7,8 @@ from rich.table import Table
 
 
 def iou_table(title: str, names: list[str], scores: np.ma.MaskedArray) -> Table:
-    """Return mean and worst of scores (frames, V), a row per camera, then one for all; a dash where
-    there was nothing to compare."""
+    """Return a table of mean and worst scores (frames, V): a row per camera, then one for all; a
+    dash if there was nothing to compare."""
     table = Table("camera", title=title, title_justify="left")
     table.add_column("mean", justify="right")
     table.add_column("worst frame", justify="right")
@@ -24,5 +24,5 @@ def _cell(score: float) -> str:
 
 
 def plain(score: float) -> float | None:
-    """Return a score as JSON has it: None for NaN and for what is masked."""
+    """Return a score for JSON: None if it is NaN or masked."""
     return None if np.ma.is_masked(score) or np.isnan(score) else round(float(score), 5)

@@ -84,8 +84,8 @@ def _targets(args: argparse.Namespace, run: ReconstructionFolder) -> dict[int, P
 
 
 def _checked(mesh: trimesh.Trimesh, checker: Checker, frame: Frame) -> dict[str, Any]:
-    """Find whether the mesh is closed, how large it is, and its IoU (V,), NaN where there is
-    nothing to compare."""
+    """Return whether the mesh is closed, its size, and its IoU (V,), NaN if there is nothing to
+    compare."""
     scene, scores = RayScene(mesh), []
     for camera, shown in zip(checker.rig, checker.silhouettes(frame), strict=True):
         ours = np.zeros_like(shown)

@@ -42,11 +42,11 @@ from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.occupied_box import finest_pixel
 
-#: s between two summaries while a run goes on.
+#: Seconds between two writes of the summary during a run.
 _SUMMARY_EVERY = 1.0
 #: Frames whose silhouettes are compared with the volume.
-_LOOKED_AT = 8
-#: Voxels this much smaller than a pixel are warned of.
+_COMPARED = 8
+#: A warning is given if voxels are smaller than a pixel by more than this factor.
 _FINE = 2.0
 
 
@@ -62,7 +62,7 @@ def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
     device = select_device(args.device, profile=True)
     opened = open_sequence(args)
     out.check_inputs(opened.inputs)
-    chosen_frames(args, opened)  # before the pictures are looked at, which takes seconds
+    chosen_frames(args, opened)  # checks them before the pictures are examined, which takes seconds
     selection = args.frames or slice(None)
     settings = SessionSettings(_config(args), selection, args.voxel_size)
     examination = examine_footage(args, Session(opened, device, settings))
@@ -98,7 +98,7 @@ def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
 
 
 def _grid(args: argparse.Namespace, session: Session) -> VoxelGrid:
-    """Return the grid that the flags ask for, around the stated or found volume."""
+    """Return the grid by the flags, around the stated or found volume."""
     if args.grid is None:
         return automatic_grid(session)
     volume = find_volume(session)
@@ -123,9 +123,9 @@ def _warn_of_fine_voxels(grid: VoxelGrid, sequence: Sequence) -> None:
 
 
 class _Job:
-    """One run: reconstructs frame by frame and keeps the books.
+    """One run: reconstruction frame by frame, and the records of it.
 
-    Nothing is written before the first cloud that is not empty.
+    Nothing is written before the first non-empty cloud.
     """
 
     def __init__(self, args: argparse.Namespace, examination: Examination, grid: VoxelGrid) -> None:
@@ -153,7 +153,7 @@ class _Job:
         if isinstance(self.device, Device):
             self.device.finish()
         computed = time.perf_counter()
-        if len(self.done) % max(1, self.expected // _LOOKED_AT) == 0:
+        if len(self.done) % max(1, self.expected // _COMPARED) == 0:
             shown = self.reconstructor.evidence() > 0
             whole = whole_silhouettes(shown, self._region)
             self._beyond.append(beyond_volume(whole, self._region))
@@ -178,17 +178,17 @@ class _Job:
             self._state()
 
     def _state(self) -> None:
-        """Write the summary of what is done, for the case that the process is killed."""
+        """Write the summary of the finished frames, in case the process is killed."""
         write_json(self.out / reconstruction_folder.SUMMARY, self._summary())
         self.n_stated, self._stated_at = len(self.done), time.perf_counter()
 
     def keep(self) -> None:
-        """Write as much as can be written after an interruption or an error."""
+        """Write the results so far, after an interruption or an error."""
         with suppress(UserError, KeyboardInterrupt):
             self.finish()
 
     def finish(self) -> None:
-        """Write summary and preview of what is done."""
+        """Write summary and preview of the finished frames."""
         if not self.done:
             return
         cut = cut_by_volume(self.sequence.rig.names, np.array(self._beyond))
@@ -221,7 +221,7 @@ class _Job:
         }
 
     def timings(self) -> dict[str, float]:
-        """Return median ms by stage: what the host saw, then the device's own times."""
+        """Return the median time of each stage, ms: on the host's clock, then on the device's."""
         rows = {name: float(np.median(ms)) for name, ms in self._ms.items()}
         profiler = self.device.profiler if isinstance(self.device, Device) else None
         if profiler is not None:

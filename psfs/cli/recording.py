@@ -10,13 +10,15 @@ from typing import Any
 #: Values that begin with a minus, as in `--up -z` and `--volume -1,1,...`: argparse takes them for
 #: flags.
 _NEGATIVE = re.compile(r"-([xyz]$|[\d.])")
-#: What a flag's words are read without, to see which are stated.
+#: Options that flags are parsed without, to find out which are stated.
 _MEANING = ("type", "choices", "default", "required")
 
 
 class RecordingParser(argparse.ArgumentParser):
-    """A parser that keeps its flags and positionals, in order, as `actions`, and as `alternatives`
-    the destinations of those that exclude each other."""
+    """A parser that records its flags and positionals.
+
+    actions: all of them, in order. alternatives: the destinations of those that exclude each other.
+    """
 
     def __init__(self, *args: Any, **options: Any) -> None:
         self.actions: list[argparse.Action] = []
@@ -25,24 +27,24 @@ class RecordingParser(argparse.ArgumentParser):
         super().__init__(*args, **options)
 
     def add_argument(self, *names: str, **options: Any) -> argparse.Action:
-        """Add a flag or a positional, and keep it."""
+        """Add a flag or a positional, and record it."""
         return self._keep(super().add_argument(*names, **options), names, options)
 
     def add_argument_group(self, *args: Any, **options: Any) -> Any:
-        """Add a group whose flags are kept, too."""
-        return self._watched(super().add_argument_group(*args, **options))
+        """Add a group whose flags are recorded, too."""
+        return self._record_group(super().add_argument_group(*args, **options))
 
     def add_mutually_exclusive_group(self, **options: Any) -> Any:
-        """Add flags that exclude each other, and are kept."""
+        """Add a group of flags that exclude each other and are recorded."""
         return self._exclusive(super().add_mutually_exclusive_group(**options))
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse as argparse does, but that values may begin with a minus."""
+        """Parse like argparse, but allow values that begin with a minus."""
         return super().parse_known_args(None if args is None else self._joined(args), namespace)
 
     def stated(self, words: Sequence[str]) -> dict[str, Any]:
-        """Return the values that `words` state, by destination, as texts; those of flags without a
-        value as their constants."""
+        """Return the values stated in `words`, by destination, as texts; flags without a value give
+        their constants."""
         reader = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
         for names, options in self._calls:
             kept = {name: value for name, value in options.items() if name not in _MEANING}
@@ -73,9 +75,8 @@ class RecordingParser(argparse.ArgumentParser):
         self._calls.append((names, options))
         return action
 
-    def _watched(self, group: Any, own: set[str] | None = None) -> Any:
-        """Return a group of argparse's, which keeps what is added to it; `own`: gathers their
-        destinations."""
+    def _record_group(self, group: Any, own: set[str] | None = None) -> Any:
+        """Return an argparse group that records its flags; `own` collects their destinations."""
         add, add_exclusive = group.add_argument, group.add_mutually_exclusive_group
 
         def add_argument(*names: str, **options: Any) -> argparse.Action:
@@ -90,4 +91,4 @@ class RecordingParser(argparse.ArgumentParser):
 
     def _exclusive(self, group: Any) -> Any:
         self.alternatives.append(set())
-        return self._watched(group, self.alternatives[-1])
+        return self._record_group(group, self.alternatives[-1])

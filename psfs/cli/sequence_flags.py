@@ -1,4 +1,5 @@
-"""Flags that say what `sequence.toml` says, for every command that reads a sequence."""
+"""Flags with the same meaning as the keys of `sequence.toml`, for every command that reads a
+sequence."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from psfs.sequence import Sequence
     from psfs.session import Session
 
-#: Share of the longest view that the shortest has, at least, where nobody states the frames.
+#: Least length of the shortest view as a share of the longest one's, if --frames is not given.
 _MOST_OF_THEM = 0.9
 #: The flags that become overrides of `Sequence.open`.
 _KEYS = (
@@ -136,14 +137,14 @@ def voxel_edge(text: str) -> float:
     try:
         check_number("the edge of a voxel, m,", float(text), *VOXEL_EDGES)
     except ValueError as error:
-        told = error if isinstance(error, InputError) else f"{text!r} is no number of metres"
-        raise argparse.ArgumentTypeError(str(told)) from None
+        detail = error if isinstance(error, InputError) else f"{text!r} is no number of metres"
+        raise argparse.ArgumentTypeError(str(detail)) from None
     return float(text)
 
 
 def volume_box(text: str) -> Any:
-    """Return `x0,x1,y0,y1,z0,z1` as [[x0, y0, z0], [x1, y1, z1]], `own:...` as a mapping to such
-    a list (argparse type)."""
+    """Return `x0,x1,y0,y1,z0,z1` as [[x0, y0, z0], [x1, y1, z1]], and `own:...` as {"own": that
+    list} (argparse type)."""
     try:
         numbers = text.removeprefix("own:").split(",")
         x0, x1, y0, y1, z0, z1 = (float(word) for word in numbers)
@@ -156,7 +157,7 @@ def volume_box(text: str) -> Any:
 
 
 def stated(args: argparse.Namespace) -> dict[str, Any]:
-    """Return what the flags say of the sequence, as overrides of `Sequence.open`; plain values."""
+    """Return the flags of the sequence as overrides of `Sequence.open`, in plain values."""
     flags = {key: getattr(args, key) for key in _KEYS if getattr(args, key) is not None}
     if "calibration" in flags:
         flags["calibration"] = str(resolve_path(flags["calibration"]))
@@ -178,9 +179,11 @@ def open_sequence(args: argparse.Namespace) -> Sequence:
 def examine_footage(
     args: argparse.Namespace, session: Session, person: bool = False
 ) -> Examination:
-    """Return what `examine` finds for the flags, and warn of what is wrong. What was found is
-    stated in `args`: a run opened again is the same; the warnings are its `remarks`. Raises
-    InputError if a `person` is wanted and the unit makes nobody so large or small.
+    """Examine the footage, see `examine`, and print warnings of its faults.
+
+    The findings are written into `args`, so that a run that is opened again is the same; the
+    warnings become `args.remarks`. Raises InputError if `person` is true and the unit gives a size
+    that no person has.
     """
     from psfs.diagnostics.examination import examine
 
@@ -202,7 +205,7 @@ def examine_footage(
 
 def selected_frames(args: argparse.Namespace, sequence: Sequence) -> range:
     """Return the frame numbers of --frames, or all; warn of views of different lengths. Raises
-    InputError if there is none such."""
+    InputError if no frame is selected."""
     chosen = chosen_frames(args, sequence)
     if args.frames is None:
         _check_counts(sequence)
@@ -210,7 +213,7 @@ def selected_frames(args: argparse.Namespace, sequence: Sequence) -> range:
 
 
 def chosen_frames(args: argparse.Namespace, sequence: Sequence) -> range:
-    """Return the frame numbers of --frames, or all. Raises InputError if there is none such."""
+    """Return the frame numbers of --frames, or all. Raises InputError if no frame is selected."""
     chosen = range(len(sequence))[args.frames or slice(None)]
     if not chosen:
         raise InputError(
@@ -220,7 +223,7 @@ def chosen_frames(args: argparse.Namespace, sequence: Sequence) -> range:
 
 
 def _check_counts(sequence: Sequence) -> None:
-    """Warn of views of different lengths. Raises InputError where much would be left out."""
+    """Warn of views of different lengths. Raises InputError if many frames would be left out."""
     media = (*(sequence.footage.images or ()), *(sequence.footage.masks or ()))
     counts = {item.name: item.count for item in media}
     if len(set(counts.values())) == 1:

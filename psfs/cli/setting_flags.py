@@ -1,4 +1,4 @@
-"""Flags of the command line that are derived from settings: those whose fields name one."""
+"""Command-line flags that are derived from the settings whose fields name a flag."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ Names = tuple[str, ...]
 
 
 def flagged(kind: type[Config]) -> Iterator[tuple[Names, FieldInfo]]:
-    """Yield the settings of a class and its parts that have a flag, with the names that lead to
-    each; the last of them is the flag's destination."""
+    """Yield the settings with a flag of a class and its parts, each with the path of names that
+    leads to it; the last name is the flag's destination."""
     for path, field in fields_below(kind):
         if about(field, "flag"):
             yield path, field
@@ -28,9 +28,9 @@ def add_setting_flags(
     default: Callable[[Names, FieldInfo], str] | None = None,
     fill: bool = False,
 ) -> None:
-    """Add the flags of a class of settings and its parts to a parser or a group; one that several
-    settings share is added once. default: says for --help what holds without the flag. fill: give
-    the flags the settings' defaults, so that they are written beside results."""
+    """Add the flags of a class of settings and its parts to a parser or a group; a flag that
+    several settings share is added once. default: text for --help about the value without the flag.
+    fill: give the flags the settings' defaults, so that they are written beside results."""
     added = set()
     for path, field in flagged(kind):
         flag, *_ = field_kinds(field)
@@ -50,8 +50,8 @@ def add_setting_flags(
 
 
 def with_flags(config: C, args: argparse.Namespace, without: tuple[str, ...] = ()) -> C:
-    """Return settings with those that flags state; those below the parts in `without` stay. Raises
-    InputError that names the flag."""
+    """Return the settings with the values that flags state, except those below the parts in
+    `without`. Raises InputError that names the flag."""
     values: dict[str, Any] = {}
     names: dict[str, str] = {}
     for path, field in flagged(type(config)):
@@ -73,6 +73,6 @@ def with_flags(config: C, args: argparse.Namespace, without: tuple[str, ...] = (
 
 
 def _described(field: FieldInfo) -> str:
-    """Return what a setting is, with its unit, as --help has it."""
+    """Return the text for --help of a setting, with its unit."""
     text = (field.description or "").rstrip(".")
     return ", ".join(filter(None, (text[:1].lower() + text[1:], about(field, "unit"))))

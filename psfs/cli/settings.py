@@ -1,8 +1,9 @@
-"""The settings of a command as a TOML file: `--config FILE` reads one, results have theirs beside.
-A preset is such a file that is shipped; --config beats it, flags beat both.
+"""The settings of a command as a TOML file. `--config FILE` reads one, and one is written beside
+results. A preset is such a file that comes with the program. --config overrides the preset, flags
+override both.
 
-At its top stand flags by their long names, as texts or numbers; in tables, the configs that the
-command names by `add_configs`, all of their settings.
+The top level of the file holds flags by their long names, as texts or numbers. Its tables are the
+configs that the command declares by `add_configs`, with all of their settings.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from psfs.common.toml import read_toml
 
 #: The name of the file beside results.
 FILE = "settings.toml"
-#: Flags that say where results go and what is shown: no settings.
+#: Flags that are no settings: they choose where results go and what is printed.
 _NONE = ("help", "output", "config", "verbose", "quiet", "log_file", "print_completion")
 
 
@@ -61,10 +62,12 @@ def add_preset_flag(parser: argparse.ArgumentParser, presets: Presets) -> None:
 def with_settings(
     parser: argparse.ArgumentParser, args: argparse.Namespace, argv: Sequence[str]
 ) -> argparse.Namespace:
-    """Return the arguments with what --config and --preset add to them; in `stated_settings` the
-    flags as they were stated, in `configs` the configs, in `preset_tables` the preset's own tables,
-    in `chosen_flags` the destinations of the flags that are not as by default.
-    Raises InputError naming the file."""
+    """Return the arguments completed by --config and --preset.
+
+    New attributes: `stated_settings` holds the flags as stated, `configs` the configs,
+    `preset_tables` the preset's own tables, `chosen_flags` the destinations of the flags that
+    differ from the defaults. Raises InputError naming the file.
+    """
     command: RecordingParser | None = getattr(args, "parser", None)
     if command is None:
         return args
@@ -97,9 +100,9 @@ def with_settings(
 
 
 def refuse_unused(args: argparse.Namespace, flags: Iterable[str], why: str) -> None:
-    """Raise InputError for the first of these `flags`, by destination, that the command line or
-    --config chose otherwise than by default, though nothing takes it; why: where it would be of
-    use, or what to do."""
+    """Raise InputError for the first of these unused `flags` (destinations) that the command line
+    or --config set to another value than the default. why: where the flag has an effect, or what to
+    do."""
     chosen = args.chosen_flags.intersection(flags)
     for action in args.parser.actions:
         if action.dest in chosen:
@@ -146,8 +149,8 @@ def settings_of(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def stated_words(args: argparse.Namespace, without: Sequence[str] = ()) -> list[str]:
-    """Return the flags that were stated, on the command line or in its --config, as words of a
-    command line that is given in another folder; not those with a destination in `without`."""
+    """Return the flags that were stated on the command line or in --config as words of a command
+    line that works in any folder, except those with a destination in `without`."""
     words: list[str] = []
     for action in args.parser.actions:
         if action.dest not in args.stated_settings or action.dest in without:
@@ -197,8 +200,8 @@ def _flags(
     flags: Mapping[str, Any],
     stated: Mapping[str, Any],
 ) -> dict[str, tuple[Any, Any]]:
-    """Return the file's flags by destination, as stated and as parsed, but for those that the
-    command line states, or excludes by others."""
+    """Return the file's flags by destination, as stated and as parsed, except those that the
+    command line states or excludes."""
     by_name = {_name(action): action for action in _settings(command)}
     excluded = set(stated)
     for members in command.alternatives:
@@ -241,8 +244,8 @@ def _one(file: Path, action: argparse.Action, value: Any) -> Any:
         parsed = kind(str(value))
     except (ValueError, argparse.ArgumentTypeError) as error:
         expected = getattr(kind, "__name__", "another value")
-        told = error if isinstance(error, argparse.ArgumentTypeError) else f"expected {expected}"
-        raise InputError(f"{file}: {name} is {value!r}; {told}") from None
+        detail = error if isinstance(error, argparse.ArgumentTypeError) else f"expected {expected}"
+        raise InputError(f"{file}: {name} is {value!r}; {detail}") from None
     if action.choices is not None and parsed not in action.choices:
         listed = ", ".join(map(str, action.choices))
         raise InputError(f"{file}: {name} is {value!r}; expected one of {listed}")
@@ -250,13 +253,13 @@ def _one(file: Path, action: argparse.Action, value: Any) -> Any:
 
 
 def _plain(action: argparse.Action, value: Any) -> Any:
-    """Return a flag's value, a text as stated or a default, as TOML holds it; None where there is
-    nothing to say."""
+    """Return a flag's value, either a stated text or a default, as TOML stores it; None to omit
+    it."""
     if value is None or value is argparse.SUPPRESS:
         return None
     if action.nargs == 0:
         return bool(value == action.const)
-    if isinstance(value, Mapping):  # cameras' shifts that were found
+    if isinstance(value, Mapping):  # shifts of late cameras
         return ",".join(f"{name}={number}" for name, number in value.items())
     if isinstance(value, list):
         several = [_plain(action, entry) for entry in value]
@@ -269,7 +272,7 @@ def _plain(action: argparse.Action, value: Any) -> Any:
 
 
 def _without_none(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values, and tables of them, without those that are None, which TOML does not know."""
+    """Return the values, also in nested tables, without None, which TOML does not have."""
     return {
         name: _without_none(value) if isinstance(value, Mapping) else value
         for name, value in values.items()

@@ -52,7 +52,7 @@ def _show(args: argparse.Namespace, opened: OutputFolder) -> None:
                 index = found.frame.index
                 write_picture(out / f"frame_{index:06d}.png", mosaic(sequence.rig, found))
                 report.scores[index] = found.scores
-    finally:  # what there is, also when interrupted
+    finally:  # write what is finished, also after an interruption
         if report.scores:
             write_json(out / REPORT, report.plain())
             write_settings(out, args, {"reconstruction": config})
@@ -81,7 +81,7 @@ class _Report:
         return np.ma.masked_invalid(np.stack(list(self.scores.values())))
 
     def plain(self) -> dict[str, Any]:
-        """Return all figures as JSON has them."""
+        """Return all figures for JSON."""
         scores = self._masked()
         means, worst = scores.mean(axis=0), scores[..., 0].min(axis=0)
         return {
@@ -100,7 +100,8 @@ class _Report:
         }
 
     def table(self) -> Table:
-        """Return the cameras' means over the frames; IoU where true masks are."""
+        """Return a table of the cameras' means over the frames, with IoU if there are true
+        masks."""
         scores = self._masked()
         known = not np.ma.is_masked(scores[..., 0].mean())
         table = Table("camera", title=f"Silhouettes in {len(scores)} frames", title_justify="left")

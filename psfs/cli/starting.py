@@ -1,4 +1,5 @@
-"""How a program begins, before the second that its imports take; imports nothing itself."""
+"""Start of a program, before its imports, which take a second; this module imports nothing slow
+itself."""
 
 from __future__ import annotations
 
@@ -12,8 +13,8 @@ _INTERRUPTED = 130
 def started(program: str, run: Callable[[], int]) -> int:
     """Return the exit code of `run`, which imports the program and runs it.
 
-    Ctrl-C during the imports ends in one line. Standard streams that are closed (`psfs ... >&-`)
-    lead nowhere: else the first files that are opened would take their place.
+    Ctrl-C during the imports ends with one line. Closed standard streams (`psfs ... >&-`) are
+    redirected to the null device: otherwise the first opened files would take their place.
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:

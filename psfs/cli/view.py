@@ -1,4 +1,4 @@
-"""`psfs view OUT`: look at the voxel clouds, or at their surfaces, over time."""
+"""`psfs view OUT`: viewer of the voxel clouds, or of their surfaces, over time."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelCloud
 
-#: Opacity of voxels that have something in them.
+#: Opacity of voxels with something drawn inside them.
 _BEHIND = 0.7
 
 
@@ -43,13 +43,13 @@ def run(args: argparse.Namespace) -> None:
 
 @dataclass(frozen=True)
 class OnTop:
-    """What is shown of a run besides its clouds."""
+    """Additions to the view of a run's clouds."""
 
     layers: Sequence[Layer] = ()
     note: Callable[[int], str] = lambda _frame: ""
-    """What the caption says of a frame (its number)."""
+    """Caption of a frame, by its number."""
     picture: Callable[[Frame, CameraRig], np.ndarray] | None = None
-    """What is written, (h, w, 3) uint8 BGR, where there is no window; else the clouds."""
+    """Picture (h, w, 3) uint8 BGR that is written without a window; by default the clouds."""
 
 
 def view_run(args: argparse.Namespace, on_top: OnTop) -> None:
@@ -99,6 +99,6 @@ def _picture(shape: Shape, name: str, frame: Frame, rig: CameraRig) -> np.ndarra
 
 
 def _size(run: ReconstructionFolder, index: int) -> str:
-    """How large the cloud of a frame is, after the run's summary."""
+    """Return the size of a frame's cloud, from the run's summary."""
     fact = next(fact for fact in run.summary["frames"] if fact["index"] == index)
     return f"{fact['surface_voxels']:,} voxels, {1e3 * fact['volume_m3']:.3g} l"

@@ -1,10 +1,10 @@
-"""A rig whose calibration is a little off, turned until the silhouettes fit: `aligned_rig`.
+"""Correction of a slightly wrong calibration by the silhouettes: `aligned_rig`.
 
-Tripods sink, lenses are refocused, boards are seen from one side: cameras look some tenths of a
-degree past where they are said to look, which carves arms off the voxels. The planes that touch the
-person in two pictures (see `tangency`) say by how much: each camera's direction and focal length
-are corrected by least squares over all pairs and frames, robustly (Sinha & Pollefeys, IJCV 87,
-2010; Hernandez, Schmitt & Cipolla, PAMI 29, 2007).
+Tripods sink, lenses are refocused, and calibration boards are seen from one side only. The cameras
+then look some tenths of a degree away from where the calibration says, and arms are carved off the
+voxels. The planes that touch the person in two pictures (see `tangency`) measure the error. Robust
+least squares over all pairs of cameras and all frames correct each camera's direction and focal
+length (Sinha & Pollefeys, IJCV 87, 2010; Hernandez, Schmitt & Cipolla, PAMI 29, 2007).
 """
 
 from __future__ import annotations
@@ -24,15 +24,18 @@ from psfs.session import Session
 #: Numbers of a camera's correction: a rotation vector, rad, and the log of the focal length's
 #: factor.
 _N = 4
-#: Step of the differences that stand for derivatives.
+#: Step of the finite differences.
 _STEP = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """A corrected rig. corrections: (V, 4), see above. before, after: median distance, m, between
-    planes that should be one. moved: (V,) px of each camera's picture by which the scene's middle
-    and what is around it moved."""
+    """A corrected rig.
+
+    corrections: (V, 4) rotation vector, rad, and log of the focal length's factor. before, after:
+    median distance, m, between planes that should coincide. moved: (V,) px by which the scene's
+    middle and the points around it moved in each camera's picture.
+    """
 
     rig: CameraRig
     corrections: np.ndarray
@@ -48,11 +51,11 @@ class Alignment:
         )
 
     def believed(self, config: AlignmentConfig) -> bool:
-        """Whether the rig was off by enough to tell, and fits now."""
+        """Return whether the rig was measurably off and fits now."""
         return self.likely(config, config.share) and self.after <= config.most_left
 
     def likely(self, config: AlignmentConfig, share: float) -> bool:
-        """Whether it was off by enough to tell, and no more than a share of the distances is
+        """Return whether the rig was measurably off, and at most this share of the distances is
         left."""
         size = max(self.rig.width, self.rig.height)
         return bool(
@@ -64,9 +67,11 @@ class Alignment:
 def aligned_rig(
     session: Session, views: SmallViews, config: AlignmentConfig | None = None
 ) -> Alignment | None:
-    """Return the corrected rig of a session, None where it fits as it is, or nothing can be said.
-    views: of these cameras or more, a part of the sequence in small; larger ones are looked at
-    where they say that the rig is off."""
+    """Return the corrected rig of a session; None if the rig fits as it is or cannot be judged.
+
+    views: small pictures of these cameras or more. If they show that the rig is off, the correction
+    is estimated from larger ones.
+    """
     config, rig = config or AlignmentConfig(), session.rig
     if not config.on or len(rig) < 3:
         return None
@@ -96,8 +101,8 @@ def aligned(
     outlines: list[list[Outline | None]],
     config: AlignmentConfig | None = None,
 ) -> Alignment | None:
-    """Return the rig as the outlines [frame][view], seen by `small`, the same rig in small, fit
-    best; None where they cannot be compared."""
+    """Return the rig under which the outlines [frame][view] fit best; None if they cannot be
+    compared. `small` is the same rig scaled to the outlines' pictures."""
     config = config or AlignmentConfig()
     fit = _Fit(small, outlines, config)
     if not config.on or not fit.pairs:
@@ -117,7 +122,7 @@ def aligned(
 
 
 def corrected(camera: Camera, correction: np.ndarray) -> Camera:
-    """Return the camera turned about its centre, its focal length changed."""
+    """Return the camera, turned about its centre and with its focal length changed."""
     R = cv2.Rodrigues(correction[:3])[0] @ camera.R
     K = camera.K.copy()
     K[[0, 0, 1], [0, 1, 1]] *= np.exp(correction[3])
@@ -125,7 +130,8 @@ def corrected(camera: Camera, correction: np.ndarray) -> Camera:
 
 
 class _Fit:
-    """Distances between the planes of all pairs of cameras, and how corrections change them."""
+    """The distances between the planes of all pairs of cameras, and their derivatives by the
+    corrections."""
 
     def __init__(
         self, rig: CameraRig, outlines: list[list[Outline | None]], config: AlignmentConfig
@@ -164,8 +170,9 @@ class _Fit:
         return found[kept], jacobian[kept]
 
     def step(self, x: np.ndarray, residuals: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
-        """Return the Gauss-Newton step (V, 4): residuals weighed by Geman & McClure, corrections by
-        their prior, and the scene's middle, which all cameras see, where it was."""
+        """Return the Gauss-Newton step (V, 4). Residuals have Geman & McClure's weights,
+        corrections have their prior, and the scene's middle, which all cameras see, is held where
+        it was."""
         config = self.config
         weights = config.information / (config.noise * (1 + (residuals / config.reach) ** 2)) ** 2
         sigmas = np.tile([*3 * [config.turn], config.focal], len(x))
@@ -177,8 +184,8 @@ class _Fit:
         return -np.linalg.solve(normal, gradient).reshape(x.shape)
 
     def _scene_moves(self) -> np.ndarray:
-        """Return (3, 4 V) by how many m the point that the axes meet at, triangulated, moves with
-        the corrections."""
+        """Return the derivatives (3, 4 V), m, of the triangulated intersection of the optical axes
+        by the corrections."""
         target = intersect_axes_ahead(self.rig)
         total, moves = np.zeros((3, 3)), np.zeros((3, _N * len(self.rig)))
         for view, camera in enumerate(self.rig):
@@ -192,7 +199,7 @@ class _Fit:
 
 
 def _moved(before: CameraRig, after: CameraRig, size: float) -> np.ndarray:
-    """Return (V,) by how many px points about the scene's middle move in the pictures."""
+    """Return (V,) how far points around the scene's middle move in each picture, px."""
     around = np.stack(np.meshgrid(*3 * [[-0.4, 0, 0.4]]), -1).reshape(-1, 3) * size
     points = intersect_axes_ahead(before) + around
     pairs = zip(before, after, strict=True)
@@ -203,8 +210,9 @@ def _moved(before: CameraRig, after: CameraRig, size: float) -> np.ndarray:
 def beside_hidden(
     outlines: list[list[Outline | None]], hidden: list[np.ndarray], near: int = 4
 ) -> list[list[Outline | None]]:
-    """Return the outlines [frame][view], their points up to `near` px from hidden pixels, of each
-    view (h, w) uint8, taken for the picture's border: the person goes on behind furniture."""
+    """Return the outlines [frame][view] with the points within `near` px of hidden pixels marked as
+    points on the picture's border, since the person goes on behind furniture. The hidden pixels of
+    each view are (h, w) uint8."""
     square = np.ones((2 * near + 1,) * 2, np.uint8)
     wide = [cv2.dilate(own, square) > 0 for own in hidden]
 

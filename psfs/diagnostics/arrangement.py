@@ -1,5 +1,6 @@
-"""What would make silhouettes fit that do not: pictures of two cameras exchanged, later, mirrored,
-a camera turned, a calibration of another convention. Every guess is tried and measured."""
+"""Explanations of silhouettes that do not fit: pictures of two cameras are exchanged, late or
+mirrored, a camera was turned, or the calibration has another convention. Each is tried and
+measured."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ from psfs.diagnostics.config import FaultConfig
 from psfs.diagnostics.small_views import Outline
 from psfs.diagnostics.tangency import CAP, Tangency
 
-#: What calibrations of other programs may mean: camera to world instead of world to camera; the
+#: Conventions of other programs' calibrations: camera to world instead of world to camera; the
 #: camera's centre instead of the translation; OpenGL's camera axes.
 CONVENTIONS: dict[str, Callable[[Camera], Camera]] = {
     "R and t lead from the camera to the world": lambda c: replace(c, R=c.R.T, t=-c.R.T @ c.t),
@@ -29,8 +30,11 @@ CONVENTIONS: dict[str, Callable[[Camera], Camera]] = {
 
 
 def exchanged(tangency: Tangency, config: FaultConfig) -> list[int]:
-    """Return whose pictures each camera should have, (V,): best after exchanging two at a time,
-    as long as that lowers the cost below `exchange_share` of what it was."""
+    """Return (V,) the camera whose pictures each camera should have.
+
+    Two cameras at a time are exchanged, the best pair first, as long as that lowers the cost below
+    `exchange_share` of what it was.
+    """
 
     def alike(a: int, b: int) -> bool:
         return tangency.rig[a].size == tangency.rig[b].size
@@ -56,13 +60,15 @@ def _swapped(order: list[int], a: int, b: int) -> list[int]:
     return swapped
 
 
-#: How pictures may lie wrong.
+#: Wrong orientations of pictures: left to right, or upside down.
 Way = Literal["mirrored", "turned"]
 
 
 def flipped(tangency: Tangency, config: FaultConfig) -> tuple[Way, list[int], float] | None:
-    """Return how the pictures of some cameras lie, if they fit only so: left to right or upside
-    down; of which cameras, all or one; and the cost that is left."""
+    """Return the orientation in which pictures fit, if they fit only mirrored or upside down.
+
+    With it come the cameras that it applies to, all or one, and the cost that is left.
+    """
     views = list(range(len(tangency.rig)))
     cost = tangency.compared().cost
     guesses: list[tuple[Way, list[int]]] = [("mirrored", views)]
@@ -76,17 +82,19 @@ def flipped(tangency: Tangency, config: FaultConfig) -> tuple[Way, list[int], fl
     return (*guesses[best], tried[best]) if tried[best] < config.mirror_share * cost else None
 
 
-#: Differences of costs up to this are noise: silhouettes of who keeps still agree at any lag.
+#: Differences of costs up to this are noise: silhouettes of a person who keeps still agree at any
+#: lag.
 _NOISE = 0.003
-#: Frames about a lag where `refined` looks, and its cap of the differences.
+#: Frames on either side of a lag that `refined` tries, and its cap of the differences.
 _NEAR, _FINE_CAP = 2, 0.01
 
 
 class Lags:
-    """Costs of pairs of cameras at all lags up to `most` frames, either way.
+    """Costs of all pairs of cameras at lags from -`most` to `most` frames.
 
-    Of each pair with or without what is the same in all frames, whichever fits better at its best:
-    calibrations err by a steady amount, and silhouettes by none. cap: see `Tangency.differences`.
+    For each pair there are two costs: of the differences, and of the differences less the part that
+    is the same in all frames. The one with the lower minimum is used, since calibrations err by a
+    steady amount and silhouettes do not. cap: see `Tangency.differences`.
     """
 
     def __init__(self, tangency: Tangency, most: int, cap: float = CAP) -> None:
@@ -105,8 +113,11 @@ class Lags:
             self._table[a, b], self._table[b, a] = pair, pair[::-1]
 
     def curve(self, view: int, shifts: list[int]) -> np.ndarray:
-        """Return the cost of a camera's pairs (2 most + 1,) if its pictures come -most to most
-        frames later than the others', which have `shifts`; NaN where too few frames are left."""
+        """Return (2 most + 1,) the cost of a camera's pairs at each lag.
+
+        Lags are -most to most frames by which its pictures come later than the others', which have
+        `shifts`. NaN where too few frames are left.
+        """
         sums = np.zeros((2 * self.most + 1, 2))
         for other in range(self.n_views):
             start = self.most - shifts[other]  # lag = shift of `view` - shift of `other`
@@ -116,16 +127,16 @@ class Lags:
 
 
 def _costs(sums: np.ndarray) -> np.ndarray:
-    """Return the means (L,) of sums and counts (L, 2); NaN where too few frames are left."""
+    """Return the means (L,) from sums and counts (L, 2); NaN where too few frames are left."""
     enough = sums[:, 1] > 0.4 * sums[:, 1].max(initial=1)
     return np.where(enough, sums[:, 0] / np.maximum(sums[:, 1], 1), np.nan)
 
 
 def lateness(tangency: Tangency, most: int, config: FaultConfig) -> list[int]:
-    """Return by how many frames the pictures of each camera come later than the others', (V,).
+    """Return (V,) by how many frames the pictures of each camera come later than the others'.
 
-    The camera that gains most by a shift is shifted, again and again; a shift counts if the cost
-    without it is `lag_gain` times as high, and it is at least `least_lag` frames.
+    In each step the camera that gains most by a shift is shifted. A shift counts if the cost
+    without it is `lag_gain` times as high and it is at least `least_lag` frames.
     """
     shifts = [0] * len(tangency.rig)
     if most < 1 or not np.isfinite(tangency.size):
@@ -140,17 +151,17 @@ def lateness(tangency: Tangency, most: int, config: FaultConfig) -> list[int]:
                 best.append(shifts[view])
                 continue
             best.append(int(np.nanargmin(curve)) - most)
-            if abs(best[-1]) == most:  # it falls beyond what was looked at: no lag is told
+            if abs(best[-1]) == most:  # the minimum is not within the lags: no lag is known
                 gains.append(1.0)
                 continue
             here, least = curve[most + shifts[view]], float(np.nanmin(curve))
-            told = here - least > _NOISE
-            gains.append((here + _NOISE) / (least + _NOISE) if told else 1.0)
+            clear = here - least > _NOISE
+            gains.append((here + _NOISE) / (least + _NOISE) if clear else 1.0)
         far = [
             gain if abs(to - shift) >= config.least_lag or shift else 1.0
             for gain, to, shift in zip(gains, best, shifts, strict=True)
         ]
-        view = len(far) - 1 - int(np.argmax(far[::-1]))  # of two cameras, the second
+        view = len(far) - 1 - int(np.argmax(far[::-1]))  # of two equal ones, the second
         threshold = config.lag_gain if not shifts[view] else 1.0 + 1e-6
         if far[view] <= threshold or best[view] == shifts[view]:
             break
@@ -160,10 +171,10 @@ def lateness(tangency: Tangency, most: int, config: FaultConfig) -> list[int]:
 
 
 def refined(tangency: Tangency, shifts: list[int]) -> list[int]:
-    """Return `shifts` as larger pictures tell them: each within two frames of what it was, at the
-    lowest point of the parabola through the best lag and those beside it.
+    """Return `shifts` refined with larger pictures: each within two frames of what it was, at the
+    minimum of the parabola through the best lag and its two neighbours.
 
-    Only frames that nearly agree count: the others say that a lag is wrong, but not by how much.
+    Only frames that nearly agree count: the others show that a lag is wrong, but not by how much.
     """
     most = max(abs(shift) for shift in shifts) + _NEAR + 1
     lags, found = Lags(tangency, most, _FINE_CAP), list(shifts)
@@ -182,8 +193,8 @@ def refined(tangency: Tangency, shifts: list[int]) -> list[int]:
 
 
 def turned_by(tangency: Tangency, view: int) -> tuple[float, float]:
-    """Return by what angle, rad, a camera's pictures fit the others' best if it is turned about its
-    centre, and what its cost then is as a share of the present one."""
+    """Return the angle, rad, by which to turn a camera about its centre so that its pictures fit
+    the others' best, and its cost then as a share of the present one."""
     before = tangency.turned(view, np.eye(3))
     found = minimize(
         lambda vector: tangency.turned(view, cv2.Rodrigues(vector)[0]),
@@ -202,7 +213,8 @@ def turned_by(tangency: Tangency, view: int) -> tuple[float, float]:
 def convention(
     rig: CameraRig, outlines: list[list[Outline | None]], cost: float, config: FaultConfig
 ) -> str | None:
-    """Return by which of `CONVENTIONS` the calibration fits the pictures; None for none of them."""
+    """Return the name in `CONVENTIONS` by which the calibration fits the pictures; None if none
+    does."""
     costs = {}
     for name, mended in CONVENTIONS.items():
         tried = Tangency(CameraRig(tuple(mended(camera) for camera in rig)), outlines)

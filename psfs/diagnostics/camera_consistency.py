@@ -1,8 +1,9 @@
 """Which cameras disagree with the others, and why.
 
-A camera is judged by the shape that all the others see: carved without it, projected into it, and
-compared with its own silhouette, as far as that has to do with the person: clutter elsewhere in its
-picture, and furniture before the person, are no ground to leave a camera out.
+Each camera is compared with the shape that all the others see. The shape is carved without the
+camera, projected into it, and compared with those parts of its own silhouette that belong to the
+person: a camera is not left out for clutter elsewhere in its picture, or for furniture that stands
+before the person.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from psfs.voxels.host_voxels import surface_indices, voxel_silhouette
 
 @dataclass(frozen=True)
 class InconsistentCamera:
-    """A camera that disagrees: its IoU with the others' shape, theirs, and the likely reason."""
+    """A camera that disagrees with the others: its IoU, the others' IoU, and the likely reason."""
 
     camera: str
     iou: float
@@ -49,9 +50,9 @@ def find_inconsistent_cameras(
     """Return the cameras that disagree with the others in frames spread over the sequence, worst
     first.
 
-    Needs four cameras; with fewer nobody knows which one is wrong. At most a third of the
-    cameras is named: where most disagree, the calibration or the background of all is wrong.
-    known: why cameras are known to disagree, by name.
+    Needs four cameras; with fewer, the wrong one cannot be identified. Returns at most a third of
+    the cameras: if most disagree, the calibration or the background of all is wrong. known: reasons
+    that are known already, by the camera's name.
     """
     rig, limits = session.rig, limits or ConsistencyConfig()
     judge = _Judge(session, limits)
@@ -85,7 +86,7 @@ class _Judge:
         self._take(self._around_person())
 
     def _take(self, grid: VoxelGrid) -> None:
-        """Work on `grid`: where its voxels project to."""
+        """Project the voxels of `grid` into all cameras, and use them from now on."""
         self.grid = grid
         centres = grid.centres()
         self._at = []
@@ -96,7 +97,7 @@ class _Judge:
         self._extents = voxel_footprints(self.rig, grid.voxel_size)
 
     def _around_person(self) -> VoxelGrid:
-        """Return a grid around what is occupied even if one camera says it is not."""
+        """Return a grid around the voxels that are occupied even if one camera denies them."""
         views = list(range(len(self.rig)))
         needed = OccupancyConfig().seeing_cameras(len(views))
         evidence = self.session.reconstruction.silhouette.evidence
@@ -108,7 +109,7 @@ class _Judge:
         if not occupied.any():
             return self.grid
         centres, margin = self.grid.centres(np.flatnonzero(occupied)), self.grid.voxel_size
-        return _grid_of(centres.min(0) - margin, centres.max(0) + margin, self.limits.voxels)
+        return _make_grid(centres.min(0) - margin, centres.max(0) + margin, self.limits.voxels)
 
     def scores(self, views: list[int]) -> np.ndarray:
         """Return the mean IoU (len(views),) of each camera's silhouette with the others' shape."""
@@ -126,8 +127,8 @@ class _Judge:
         return np.where(empty, np.nan, np.nanmean(np.where(empty, 0, scores), axis=0))
 
     def _votes(self, index: int, views: list[int]) -> np.ndarray:
-        """Return (2, voxels) int32: the sum of the evidence of `views` in a frame, and how many of
-        them see a voxel."""
+        """Return (2, voxels) int32: sum of the evidence of `views` in a frame, and number of them
+        that see the voxel."""
         votes = np.zeros((2, self.grid.size), np.int32)
         for view in views:
             voxels, pixels = self._at[view]
@@ -136,7 +137,7 @@ class _Judge:
         return votes
 
     def _shape(self, index: int, votes: np.ndarray, n_views: int, without: int) -> np.ndarray:
-        """Return the surface voxels (N,) by the votes of `n_views` cameras less those of one."""
+        """Return the surface voxels (N,) by the votes of `n_views` cameras without those of one."""
         others = votes.copy()
         voxels, pixels = self._at[without]
         others[0, voxels] -= _counts(self._evidence[index][without][pixels])
@@ -152,7 +153,7 @@ class _Judge:
         expected = voxel_silhouette(camera, self.grid.centres(shape), self._extents[view], size)
         own = of_person(evidence[view] > 0, expected)
         if (own & expected).sum() >= self.limits.agrees * own.sum():
-            expected &= evidence[view] != UNKNOWN  # furniture, or else the camera is wrong
+            expected &= evidence[view] != UNKNOWN  # hidden by furniture, not by an error
         return iou(expected, own)
 
     def reason(self, view: int, others: list[int]) -> str:
@@ -176,7 +177,8 @@ class _Judge:
         return "its silhouettes are elsewhere; moved camera, or wrong calibration?"
 
     def _lag(self, view: int, others: list[int]) -> int:
-        """Return by how many frames its pictures come late, or early if negative; 0 if neither."""
+        """Return by how many frames the camera's pictures come late; negative if early, 0 if
+        neither."""
         middle = self.frames[len(self.frames) // 2]
         votes = self._votes(middle, [view, *others])
         shape = self._shape(middle, votes, len(others) + 1, view)
@@ -191,8 +193,11 @@ class _Judge:
 
 
 def of_person(shown: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """Return those connected parts of a silhouette (H, W) bool that meet the expected one: others
-    are clutter, or people elsewhere. All of it where none does: it is elsewhere itself."""
+    """Return the connected parts of a silhouette (H, W) bool that overlap the expected one.
+
+    The others are clutter, or people elsewhere. If no part overlaps, return the whole silhouette:
+    the person himself appears elsewhere.
+    """
     count, labels = cv2.connectedComponents(shown.view(np.uint8), connectivity=8)
     meets = np.zeros(count, bool)
     meets[np.unique(labels[expected & shown])] = True
@@ -200,7 +205,7 @@ def of_person(shown: np.ndarray, expected: np.ndarray) -> np.ndarray:
 
 
 def _counts(evidence: np.ndarray) -> np.ndarray:
-    """Return evidence with 0 where it is unknown."""
+    """Return the evidence, with 0 where it is unknown."""
     return np.where(evidence == UNKNOWN, 0, evidence)
 
 
@@ -210,8 +215,8 @@ def _coarse_grid(sequence: Sequence, limits: ConsistencyConfig) -> VoxelGrid:
     if volume is None:
         volume = find_seen_box(sequence.rig, 2) or (np.full(3, -1.0), np.full(3, 1.0))
     low, high = (np.asarray(corner, np.float64) for corner in volume)
-    return _grid_of(low, high, limits.voxels)
+    return _make_grid(low, high, limits.voxels)
 
 
-def _grid_of(low: np.ndarray, high: np.ndarray, voxels: int) -> VoxelGrid:
+def _make_grid(low: np.ndarray, high: np.ndarray, voxels: int) -> VoxelGrid:
     return VoxelGrid.covering(low, high, float(np.cbrt(np.prod(high - low) / voxels)))

@@ -8,7 +8,8 @@ from psfs.common.config import Config, setting
 
 
 class ConsistencyConfig(Config):
-    """When a camera disagrees with the others, see `psfs.diagnostics.camera_consistency`."""
+    """Criteria by which a camera disagrees with the others, see
+    `psfs.diagnostics.camera_consistency`."""
 
     SOURCE: ClassVar = "by hand; the tests hold it on sequences with one spoilt camera"
 
@@ -61,7 +62,8 @@ class ConsistencyConfig(Config):
 
 
 class AlignmentConfig(Config):
-    """How a rig that is a little off is corrected, see `psfs.diagnostics.alignment`."""
+    """Settings of the correction of a rig that is slightly off, see
+    `psfs.diagnostics.alignment`."""
 
     SOURCE: ClassVar = (
         "by hand on `hard_real_5cam`; laboratory sequences whose calibration was spoilt by 0.3 to "
@@ -130,7 +132,7 @@ class AlignmentConfig(Config):
 
 
 class OccluderConfig(Config):
-    """Where furniture hides people, see `psfs.diagnostics.occluders`."""
+    """Settings of the search for furniture that hides people, see `psfs.diagnostics.occluders`."""
 
     SOURCE: ClassVar = (
         "by hand on `hard_chair_6cam`; laboratory sequences with something painted over one or two "
@@ -192,7 +194,7 @@ class OccluderConfig(Config):
 
 
 class FaultConfig(Config):
-    """When footage counts as faulty, see `psfs.diagnostics.faults`."""
+    """Criteria by which footage is faulty, see `psfs.diagnostics.faults`."""
 
     SOURCE: ClassVar = (
         "set between what the sequences at hand show untouched and what they show spoilt: every "
@@ -272,7 +274,7 @@ class FaultConfig(Config):
 
 
 class PictureConfig(Config):
-    """When pictures count as faulty, see `psfs.diagnostics.picture_faults`."""
+    """Criteria by which pictures are faulty, see `psfs.diagnostics.picture_faults`."""
 
     SOURCE: ClassVar = (
         "set between what the sequences at hand show untouched and what they show spoilt"

@@ -1,4 +1,4 @@
-"""The footage examined before work: what is wrong with it, and which cameras to leave out."""
+"""Examination of the footage before work: its faults, and the cameras to leave out."""
 
 from __future__ import annotations
 
@@ -18,9 +18,12 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class Examination:
-    """session: to work in; without the cameras that were left out, its late cameras shifted, its
-    rig corrected. diagnosis: what is wrong with the footage; None if it was not examined. left_out:
-    the cameras left out."""
+    """The result of `examine`.
+
+    session: the session to work in, without the cameras that were left out, with late cameras
+    shifted and the rig corrected. diagnosis: the footage's faults; None if it was not examined.
+    left_out: the cameras that were left out.
+    """
 
     session: Session
     diagnosis: Diagnosis | None = None
@@ -28,7 +31,7 @@ class Examination:
 
     @property
     def faults(self) -> list[Fault]:
-        """What is wrong with the footage, the gravest first."""
+        """The faults of the footage, the most serious first."""
         return [] if self.diagnosis is None else self.diagnosis.faults
 
     @property
@@ -42,10 +45,11 @@ class Examination:
 def examine(session: Session, all_cameras: bool = False) -> Examination:
     """Diagnose the footage, shift late cameras, correct the rig and leave out inconsistent cameras.
 
-    Cameras are shifted if the sequence's `sync` is "auto". Cameras that disagree with the others
-    are left out, see `find_inconsistent_cameras`, unless `all_cameras` are wanted, the sequence was
-    opened with `cameras`, or what is wrong is not a single camera. The rig knows where furniture
-    hides people, see `hidden_pixels`, and is turned where it is off, see `aligned_rig`.
+    Late cameras are shifted if the sequence's `sync` is "auto". Cameras that disagree with the
+    others (see `find_inconsistent_cameras`) are left out, unless `all_cameras` is true, the
+    sequence was opened with `cameras`, or the fault is not that of a single camera. The rig gets
+    the pixels where furniture hides people (see `hidden_pixels`), and its cameras are turned if
+    they are off (see `aligned_rig`).
     """
     diagnosis = diagnose(session)
     if session.sequence.settings.sync == "auto":
@@ -66,7 +70,7 @@ def examine(session: Session, all_cameras: bool = False) -> Examination:
 
 
 def _correct_rig(session: Session, diagnosis: Diagnosis) -> Session:
-    """Return a session whose rig knows what furniture hides, and is turned where it is off."""
+    """Return a session whose rig has the pixels hidden by furniture and corrected directions."""
     hidden = hidden_pixels(session)
     if hidden is not None:
         session = session.on(session.sequence.with_rig(session.rig.with_hidden(hidden)))
@@ -78,8 +82,10 @@ def _correct_rig(session: Session, diagnosis: Diagnosis) -> Session:
 
 
 def _with_usual_silhouettes(session: Session) -> Session:
-    """Return a session with the default silhouettes, the same one if it has them: those of other
-    settings, such as a paper's, may be too poor to judge a camera by."""
+    """Return a session with the default silhouette settings, the same session if it has them.
+
+    Silhouettes of other settings, such as a paper's, may be too poor to judge a camera by.
+    """
     usual = SilhouetteConfig()
     if session.reconstruction.silhouette == usual:
         return session
@@ -89,7 +95,7 @@ def _with_usual_silhouettes(session: Session) -> Session:
 
 
 def synchronise(session: Session) -> Session:
-    """Return the session; if `sync` is "auto", one whose late cameras are shifted."""
+    """Return the session or, if `sync` is "auto", one whose late cameras are shifted."""
     if session.sequence.settings.sync != "auto":
         return session
     return session.on(session.sequence.synchronised(diagnose(session).late))

@@ -27,16 +27,17 @@ from psfs.diagnostics.tangency import CAP, Tangency
 from psfs.sequence import Sequence
 from psfs.session import Session
 
-#: People are this large, m; a size outside says that the unit is wrong by a power of ten.
+#: Range of a person's size, m. Outside it, the unit is wrong by a power of ten.
 PERSON = (0.25, 4.0)
-#: What people who stand or walk measure here, m, and units that are no powers of ten, in metres.
+#: Height of people who stand or walk, m, and units that are no powers of ten, in metres.
 _STANDING = (1.1, 2.1)
 _IMPERIAL = {0.0254: "inches", 0.3048: "feet"}
-#: A turn, rad, that is told from calibrations as they are, and one that still is a turn.
+#: Range of angles, rad, that count as a turned camera. Usual calibrations err by less; more is no
+#: turn.
 _TURNED = (0.008, 0.5)
 
 
-#: Longest side, px, of the pictures that say by how many frames a late camera is late.
+#: Longest side, px, of the pictures in which the lag of a late camera is measured.
 _LARGER = 640
 #: Faults of the footage as a whole.
 _OF_ALL = ("exchange", "mirrored", "convention", "disagree", "unit")
@@ -44,9 +45,12 @@ _OF_ALL = ("exchange", "mirrored", "convention", "disagree", "unit")
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """faults: of a sequence, the gravest first. disagreement: how far the cameras' silhouettes are
-    apart, as a share of the person's size, 0 to `CAP`; NaN where they cannot be compared. size: of
-    the person, m, or NaN. views: what was looked at."""
+    """The faults of a sequence.
+
+    faults: the most serious first. disagreement: mean distance between the cameras' silhouettes as
+    a share of the person's size, 0 to `CAP`; NaN if they cannot be compared. size: the person's, m,
+    or NaN. views: the small pictures that were examined.
+    """
 
     faults: list[Fault]
     disagreement: float
@@ -55,48 +59,48 @@ class Diagnosis:
 
     @property
     def late(self) -> dict[str, int]:
-        """By how many frames the pictures of some cameras come later than the others', by name."""
+        """Frames by which pictures come later than the others', by the name of the late camera."""
         return {fault.cameras[0]: fault.late for fault in self.faults if fault.kind == "late"}
 
     @property
     def of_all(self) -> bool:
-        """Is something wrong that leaving out one camera cannot mend?"""
+        """Whether a fault remains that leaving out one camera cannot mend."""
         return any(fault.kind in _OF_ALL for fault in self.faults)
 
     @property
     def reasons(self) -> dict[str, str]:
-        """What is wrong with single cameras, by name."""
+        """The faults of single cameras, by the camera's name."""
         alone = [f for f in reversed(self.faults) if len(f.cameras) == 1 or f.kind == "same"]
         return {name: fault.text for fault in alone for name in fault.cameras}
 
     def without(self, kind: str) -> Diagnosis:
-        """Return the same without the faults of one kind, which are mended."""
+        """Return the diagnosis without the faults of one kind, after these were mended."""
         return replace(self, faults=[fault for fault in self.faults if fault.kind != kind])
 
 
 def diagnose(session: Session) -> Diagnosis:
-    """Look for what is wrong with a session's footage, in small pictures of some hundred frames."""
+    """Find the faults of a session's footage in small pictures of some hundred frames."""
     return session.once(diagnose, lambda: _diagnosed(session.sequence, session.device))
 
 
 def _diagnosed(sequence: Sequence, device: Device | NumpyDevice) -> Diagnosis:
     config = FaultConfig()
     views = small_views(sequence, device, config)
-    odd = odd_cameras(sequence.rig)
-    faults = [*_alone(sequence), *odd, *picture_faults(sequence, views)]
+    unusable = odd_cameras(sequence.rig)
+    faults = [*_alone(sequence), *unusable, *picture_faults(sequence, views)]
     tangency = Tangency(views.rig, views.outlines)
     compared = tangency.compared()
-    if len(sequence.rig) > 1 and math.isfinite(compared.cost) and not odd:
+    if len(sequence.rig) > 1 and math.isfinite(compared.cost) and not unusable:
         if not any(fault.kind == "exchange" for fault in faults):
             found = _arranged(sequence, device, views, tangency, faults, config)
-            learnt = not sequence.footage.background
-            found = [f for f in found if not _by_ghosts(f, faults, learnt)]
+            estimated = not sequence.footage.background
+            found = [f for f in found if not _by_ghosts(f, faults, estimated)]
             hangs = {f.cameras for f in faults if f.kind == "frozen"}
             faults = [*(f for f in found if f.cameras not in hangs), *faults]
         if not any(fault.kind in ("disagree", "convention") for fault in faults):
             faults += _unit(sequence, tangency.size)
     explained = [fault for fault in faults if fault.kind in ("exchange", "mirrored", "turned")]
-    faults = explained[:1] or faults  # which spoil all that is said of single cameras
+    faults = explained[:1] or faults  # it invalidates the faults of single cameras
     return Diagnosis(faults, compared.cost, tangency.size, views)
 
 
@@ -109,11 +113,14 @@ def _alone(sequence: Sequence) -> list[Fault]:
     return [Fault("alone", (names[0],), text)] if len(names) == 1 else []
 
 
-def _by_ghosts(fault: Fault, known: list[Fault], learnt: bool) -> bool:
-    """Is what seems wrong with some cameras due to backgrounds that hold somebody? learnt: from the
-    frames, in which he stands still for all cameras."""
+def _by_ghosts(fault: Fault, known: list[Fault], estimated: bool) -> bool:
+    """Return whether a fault is the effect of backgrounds that contain a person.
+
+    estimated: the backgrounds come from the frames, in which the person stands still for all
+    cameras.
+    """
     ghosts = {name for other in known if other.kind == "ghost" for name in other.cameras}
-    return bool(ghosts) and (learnt or not fault.cameras or bool(ghosts & set(fault.cameras)))
+    return bool(ghosts) and (estimated or not fault.cameras or bool(ghosts & set(fault.cameras)))
 
 
 def _arranged(
@@ -124,7 +131,7 @@ def _arranged(
     known: list[Fault],
     config: FaultConfig,
 ) -> list[Fault]:
-    """Return what is wrong between the cameras: the first of the guesses that explains it."""
+    """Return the fault between the cameras: the first explanation that fits."""
     names = sequence.rig.names
     order = exchanged(tangency, config)
     flip = flipped(tangency, config)
@@ -180,7 +187,7 @@ def _late(sequence: Sequence, name: str, by: int) -> Fault:
 def _unfitting(
     views: SmallViews, tangency: Tangency, cost: float, known: list[Fault], config: FaultConfig
 ) -> Fault:
-    """Return why no two cameras fit, as far as a guess explains it."""
+    """Return why no two cameras fit, if an explanation is found."""
     meant = convention(views.rig, views.outlines, cost, config)
     if meant:
         text = f"the calibration fits only if {meant}; write it as world to camera, x_cam = R x + t"
@@ -198,7 +205,7 @@ def _unfitting(
 
 
 def _poor_silhouettes(views: SmallViews) -> str:
-    """Return which cameras' silhouettes are no single shape of a steady size, in words."""
+    """Return a text that names the cameras whose silhouettes are no single shape of steady size."""
     poor = []
     for view, camera in enumerate(views.rig):
         pixels = camera.size[0] * camera.size[1]
@@ -216,8 +223,8 @@ def _poor_silhouettes(views: SmallViews) -> str:
 def _turned(
     tangency: Tangency, names: list[str], known: list[Fault], config: FaultConfig
 ) -> list[Fault]:
-    """Return the camera that fits the others much worse than they fit each other, and that turning
-    it mends."""
+    """Return the camera that fits the others much worse than they fit each other, if turning it
+    mends that."""
     compared = tangency.compared()
     if len(names) < 4:
         return []
@@ -226,7 +233,7 @@ def _turned(
         ratios = np.nan_to_num(compared.cameras / rest)
     view = int(ratios.argmax())
     if any(names[view] in fault.cameras for fault in known):
-        return []  # which may be why
+        return []  # a known fault may be the reason
     if ratios[view] < config.turned_ratio or compared.cameras[view] < config.turned_cost:
         return []
     angle, share = turned_by(tangency, view)
@@ -243,7 +250,8 @@ def _turned(
 
 
 def _unit(sequence: Sequence, size: float) -> list[Fault]:
-    """Return that the unit is wrong by a power of ten, where a person would have `size`, m."""
+    """Return the fault of a unit that is wrong by a power of ten, if the person would measure
+    `size`, m."""
     if sequence.settings.subject == "object" or not size > 0 or PERSON[0] <= size <= PERSON[1]:
         return []
     power = round(math.log10(1.3 / size))

@@ -1,10 +1,11 @@
-"""Where furniture hides people from a camera: `hidden_pixels(session)`.
+"""Detection of furniture that hides people from a camera: `hidden_pixels(session)`.
 
-Guan, Franco & Pollefeys 2007 infer occluders from silhouettes: something stands before the person
-where one camera denies what the others see. Any hull of few cameras is larger than the person, so
-denying alone says little. But carving away what is there leaves foreground in the other cameras
-that no voxel explains: where three or more agree on such a place, who denies it is hidden from it.
-Silhouettes that are consistent leave nothing unexplained, so of clean footage nothing is hidden.
+Guan, Franco & Pollefeys 2007 infer occluders from silhouettes: if one camera denies a person that
+the others see, something may stand before the person. Denial alone is weak evidence, since a hull
+of few cameras is larger than the person. But if what is there is carved away, foreground in the
+other cameras is left that no voxel explains. Where three or more cameras agree on such a place, it
+is hidden from the camera that denies it. Consistent silhouettes leave no foreground unexplained, so
+clean footage has no hidden pixels.
 """
 
 from __future__ import annotations
@@ -25,13 +26,16 @@ from psfs.voxels.occupied_box import without_speckle
 
 #: Voxels of the fine grid along each side of one of the coarse grid.
 _FINE = 2
-#: Share of its size by which the box of what is seen is enlarged: legs may be hidden in all frames.
+#: Share of its size by which the box of the visible person is enlarged: legs may be hidden in all
+#: frames.
 _ENLARGED = 0.15
 
 
 def hidden_pixels(session: Session, config: OccluderConfig | None = None) -> np.ndarray | None:
-    """Return (V, H, W) bool, the pixels of each camera where furniture hides what is behind it;
-    None where there are none, or too few cameras to tell."""
+    """Return (V, H, W) bool: the pixels of each camera where furniture hides what is behind it.
+
+    None if there are none, or too few cameras to decide.
+    """
     config = config or OccluderConfig()
     rig, sequence = session.rig, session.sequence
     if not config.on or len(rig) <= config.agreeing:
@@ -60,8 +64,11 @@ def hidden_in(
     high: np.ndarray,
     config: OccluderConfig | None = None,
 ) -> np.ndarray | None:
-    """Return (V, H, W) bool, the hidden pixels by the evidence maps (V, H, W) int8 of some frames,
-    of what stands in the box from `low` (3,) to `high` (3,) m; None where there are none."""
+    """Return (V, H, W) bool: the hidden pixels, from the evidence maps (V, H, W) int8 of some
+    frames.
+
+    The people are within the box from `low` (3,) to `high` (3,) m. None if nothing is hidden.
+    """
     config = config or OccluderConfig()
     look = _Look(rig, low, high, config)
     for maps in evidence:
@@ -71,9 +78,10 @@ def hidden_in(
 
 
 class _Look:
-    """Counts, frame by frame, in how many each pixel denied or confirmed what the others see.
+    """Counts, over all frames, of how often each pixel denied or confirmed what the other cameras
+    see.
 
-    A coarse grid finds the few places where somebody may be, a fine one what is there.
+    A coarse grid finds the few places where a person may be; a fine grid resolves them.
     """
 
     def __init__(
@@ -104,16 +112,16 @@ class _Look:
         self.denied, self.confirmed = np.zeros(size, np.int16), np.zeros(size, np.int16)
 
     def _places_in(self, camera: Camera, centres: np.ndarray) -> np.ndarray:
-        """Return (N,) int32 where points fall in a picture, the flat index; -1 beside it."""
+        """Return (N,) int32 flat pixel indices of the projected points; -1 outside the picture."""
         inside, row, column, _ = camera.look_up(centres)
         places = np.full(len(centres), -1, np.int32)
         places[inside] = row * self.rig.width + column
         return places
 
     def __call__(self, evidence: np.ndarray) -> None:
-        """Count in one more frame."""
+        """Count one more frame."""
         shown = evidence > 0
-        voxels = self._children[self._somebody(shown)].ravel()
+        voxels = self._children[self._find_candidates(shown)].ravel()
         pixels = self._pixels[:, voxels]
         counts = np.stack(
             [
@@ -138,8 +146,8 @@ class _Look:
             self.denied[view] += denied & ~own
             self.confirmed[view] += own & explained[view]
 
-    def _somebody(self, shown: np.ndarray) -> np.ndarray:
-        """Return the coarse voxels (N,) where enough cameras show foreground, or nearly."""
+    def _find_candidates(self, shown: np.ndarray) -> np.ndarray:
+        """Return the coarse voxels (N,) where enough cameras, or nearly enough, show foreground."""
         votes = np.zeros(self._coarse.size, np.int16)
         for own, at, width in zip(_bytes(shown), self._places, self._widths, strict=True):
             square = np.ones((2 * _FINE * width + 1,) * 2, np.uint8)
@@ -147,7 +155,8 @@ class _Look:
         return np.flatnonzero(votes >= self.config.agreeing)
 
     def _covered(self, view: int, pixels: np.ndarray, margin: int) -> np.ndarray:
-        """Return (H, W) bool what voxels at these pixels cover, with a margin, px."""
+        """Return (H, W) bool: the pixels that voxels projected to `pixels` cover, with a margin,
+        px."""
         maps = np.zeros((self.rig.height, self.rig.width), np.uint8)
         maps.ravel()[pixels[pixels >= 0]] = 1
         size = self._widths[view] + 2 * margin
@@ -155,7 +164,8 @@ class _Look:
         return covered
 
     def hidden(self) -> np.ndarray:
-        """Return (V, H, W) bool the pixels that deny in enough frames, without holes and specks."""
+        """Return (V, H, W) bool: the pixels that deny in enough frames, with holes filled and
+        specks removed."""
         config = self.config
         enough = self.denied >= np.maximum(
             config.least_frames, config.least_share * (self.denied + self.confirmed)
@@ -172,7 +182,7 @@ def _bytes(maps: np.ndarray) -> np.ndarray:
 
 
 def _without_specks(region: np.ndarray, least: int) -> np.ndarray:
-    """Return (H, W) bool the parts of a region (H, W) uint8 with `least` pixels or more."""
+    """Return (H, W) bool: the parts of a region (H, W) uint8 with `least` pixels or more."""
     count, labels, facts, _ = cv2.connectedComponentsWithStats(region, connectivity=8)
     kept = facts[:count, cv2.CC_STAT_AREA] >= least
     kept[0] = False
@@ -183,7 +193,8 @@ def _without_specks(region: np.ndarray, least: int) -> np.ndarray:
 def _box(
     session: Session, rig: CameraRig, evidence: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the box around what is seen, enlarged; None of nothing."""
+    """Return the stated volume, or the enlarged box around the visible person; None if neither
+    exists."""
     volume, stated = volume_config(session.sequence), session.sequence.volume
     if stated is not None:
         low, high = stated
@@ -192,7 +203,7 @@ def _box(
     needed = OccupancyConfig().seeing_cameras(len(rig))
     clean = [without_speckle(evidence[i]) for i in picked]
     found = BoxSearch(rig, clean, volume, needed).run()
-    if found is None:  # for those to say who need it
+    if found is None:  # the stages that need a volume report it
         return None
     low, high = found
     margin = _ENLARGED * (high - low)

@@ -1,5 +1,8 @@
-"""Faults that one camera's pictures show by themselves: a background of another camera, or one that
-holds the person, a camera that was knocked, light that flickers, a person who is cut."""
+"""Faults that one camera's pictures show by themselves.
+
+The background is another camera's or contains the person, the camera was knocked, the light
+flickers, or the person is cut off by the picture's border.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +18,19 @@ from psfs.diagnostics.config import PictureConfig
 from psfs.diagnostics.small_views import SmallViews
 from psfs.sequence import Sequence
 
-#: Pixels about a region that the edges on its rim depend on.
+#: Width, px, of the surroundings of a region that affect the edges on its rim.
 _REACH = 8
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What is wrong with footage. kind: a word for programs. cameras: their names; none where it is
-    all of them. text: what is wrong and what to do, one line. late: frames, where the kind is
-    "late". serious: to be warned of, not only noted."""
+    """A fault of the footage.
+
+    kind: a word for programs. cameras: names of the faulty cameras; empty if the fault concerns
+    all. text: what is wrong and what to do, in one line. late: lag in frames, if the kind is
+    "late". serious: whether it is worth a warning, not only a note.
+    """
 
     kind: str
     cameras: tuple[str, ...]
@@ -54,14 +60,14 @@ def picture_faults(
 
 
 def _unseen(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
-    """Footage that shows nobody at all, and cameras whose pictures show nothing."""
+    """Find footage without any person, and cameras whose pictures show nothing."""
     if not any(outline for row in views.outlines for outline in row):
         yield Fault(
             "nobody",
             (),
             f"nothing stands out from the background in {len(views.frames)} frames; expected "
             "somebody in view of the cameras",
-            serious=False,  # what reconstructs stops, if nobody is in any frame
+            serious=False,  # the reconstruction itself stops if no frame shows a person
         )
         return
     if views.pictures is None:
@@ -77,7 +83,7 @@ def _unseen(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Ite
 
 
 def _same(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
-    """Cameras that show the very same pictures."""
+    """Find cameras that show identical pictures."""
     if views.pictures is None:
         return
     for a, b in combinations(range(len(views.rig)), 2):
@@ -92,7 +98,7 @@ def _same(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Itera
 
 
 def _frozen(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
-    """Cameras that show somebody who does not move at all, though he does in the others."""
+    """Find cameras in which the person does not move at all, though he moves in the others."""
     areas = np.array(
         [[outline.area if outline else 0 for outline in row] for row in views.outlines]
     )
@@ -112,16 +118,17 @@ def _frozen(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Ite
 
 
 def _foreign(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
-    """Cameras whose pictures and background show different views, exchanged ones in pairs."""
+    """Find cameras whose pictures and background show different views; exchanged ones come in
+    pairs."""
     if views.pictures is None or views.plates is None or not sequence.footage.background:
         return
     names, sizes = sequence.rig.names, [camera.size for camera in views.rig]
     alike = np.full((len(names), len(names)), -1.0)
     for a, size in enumerate(sizes):
-        for b, plate in enumerate(views.plates):
+        for b, background in enumerate(views.plates):
             if sizes[b] == size:
                 area = np.s_[: size[1], : size[0]]
-                alike[a, b] = _correlation(views.typical[a][area], plate[area])
+                alike[a, b] = _correlation(views.typical[a][area], background[area])
     own = np.diag(alike)
     over = {view: _turned_over(views, view, own[view], config) for view in range(len(names))}
     wrong = [view for view in range(len(names)) if own[view] < config.other_view and not over[view]]
@@ -137,7 +144,7 @@ def _foreign(sequence: Sequence, views: SmallViews, config: PictureConfig) -> It
         fits = int(alike[view].argmax())
         if alike[view, fits] > config.same_view and fits != view:
             if alike[fits].argmax() == view and fits < view:
-                continue  # said with the first of the two
+                continue  # reported with the first of the two
             both = names[view], names[fits]
             yield Fault(
                 "exchange",
@@ -155,14 +162,14 @@ def _foreign(sequence: Sequence, views: SmallViews, config: PictureConfig) -> It
 
 
 def _turned_over(views: SmallViews, view: int, own: float, config: PictureConfig) -> str:
-    """Return how a camera's pictures lie, if they show what its background shows only so; own:
-    their correlation as they are."""
+    """Return the orientation in which a camera's pictures match its background, if they match only
+    when turned over. own: correlation of the pictures as they are."""
     assert views.plates is not None
     width, height = views.rig[view].size
-    picture, plate = (shown[view][:height, :width] for shown in (views.typical, views.plates))
+    picture, background = (shown[view][:height, :width] for shown in (views.typical, views.plates))
     ways = {"mirrored": picture[:, ::-1], "upside down": picture[::-1, ::-1]}
     for way, turned in ways.items():
-        alike = _correlation(turned, plate)
+        alike = _correlation(turned, background)
         if alike > config.same_view and alike > own + config.gain:
             return way
     return ""
@@ -175,21 +182,21 @@ def _correlation(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def _knocked(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
-    """Cameras whose pictures lie beside their background in some of the frames."""
+    """Find cameras whose background is misaligned with the pictures in some of the frames."""
     if views.pictures is None or views.plates is None:
         return
     factor = sequence.rig.width / views.rig.width
     for view, camera in enumerate(views.rig):
         area = np.s_[: camera.size[1], : camera.size[0]]
         window = cv2.createHanningWindow(camera.size, cv2.CV_32F)
-        plate = _edges(views.plates[view][area])
+        background = _edges(views.plates[view][area])
         moves = []
         for picture, mask in zip(views.pictures[:, view], views.silhouettes[:, view], strict=True):
             people = cv2.morphologyEx(
                 mask[area].astype(np.uint8), cv2.MORPH_OPEN, np.ones((7, 7), np.uint8)
             )
             shown = _edges(np.where(people > 0, views.plates[view][area], picture[area]))
-            moves.append(_move(plate, shown, window, config))
+            moves.append(_move(background, shown, window, config))
         moved = np.array(moves)
         away = np.linalg.norm(moved, axis=1) > config.knocked
         typical = np.median(moved[away], axis=0) if away.any() else np.zeros(2)
@@ -207,18 +214,18 @@ def _knocked(sequence: Sequence, views: SmallViews, config: PictureConfig) -> It
 
 
 def _move(
-    plate: np.ndarray, shown: np.ndarray, window: np.ndarray, config: PictureConfig
+    background: np.ndarray, shown: np.ndarray, window: np.ndarray, config: PictureConfig
 ) -> tuple[float, float]:
-    """Return by how much (x, y), px, edges (h, w) that are `shown` lie beside those of the `plate`;
-    nothing where they do not correlate better laid back."""
-    as_is = _correlation(plate, shown)
-    if as_is >= 1 - config.gain:  # nothing correlates better than by 1
+    """Return the shift (x, y), px, of the edges (h, w) in the picture, `shown`, from those of the
+    background; (0, 0) if they do not correlate better when shifted back."""
+    as_is = _correlation(background, shown)
+    if as_is >= 1 - config.gain:  # a correlation is at most 1
         return 0.0, 0.0
-    shift, _ = cv2.phaseCorrelate(plate, shown, window)
+    shift, _ = cv2.phaseCorrelate(background, shown, window)
     back = [-round(s) for s in shift[::-1]]
     if not any(back):
         return 0.0, 0.0
-    laid_back = _correlation(plate, np.roll(shown, back, axis=(0, 1)))
+    laid_back = _correlation(background, np.roll(shown, back, axis=(0, 1)))
     return (shift[0], shift[1]) if laid_back > as_is + config.gain else (0.0, 0.0)
 
 
@@ -245,22 +252,25 @@ def _filled(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Ite
 
 
 def _ghosts(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
-    """Cameras whose background holds somebody: foreground with edges around it in the background
-    and none in the pictures, in one place in most frames, or apart from the person in some."""
+    """Find cameras whose background contains a person.
+
+    Such foreground has edges around it in the background and none in the pictures. It is in one
+    place in most frames, or apart from the person in some.
+    """
     if views.pictures is None or views.plates is None or len(views.samples) < 4:
         return
-    learnt = not sequence.footage.background
+    estimated = not sequence.footage.background
     for view, camera in enumerate(views.rig):
         areas = [row[view].area for row in views.outlines if row[view] is not None]  # type: ignore[union-attr]
-        plate = views.plates[view, : camera.size[1], : camera.size[0]]
+        background = views.plates[view, : camera.size[1], : camera.size[0]]
         silhouettes = views.silhouettes[:, view, : camera.size[1], : camera.size[0]]
         pictures = views.pictures[:, view, : camera.size[1], : camera.size[0]]
         usual = float(np.median(areas)) if areas else np.inf
         typical = views.typical[view, : camera.size[1], : camera.size[0]]
-        if _is_ghost(plate, silhouettes, pictures, typical, usual, config):
+        if _is_ghost(background, silhouettes, pictures, typical, usual, config):
             holds = (
                 "the background learnt from its pictures holds somebody who stands still in many"
-                if learnt
+                if estimated
                 else "its background holds somebody who is not in the pictures"
             )
             yield Fault(
@@ -271,19 +281,22 @@ def _ghosts(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Ite
 
 
 def _is_ghost(
-    plate: np.ndarray,
+    background: np.ndarray,
     silhouettes: np.ndarray,
     pictures: np.ndarray,
     typical: np.ndarray,
     usual: float,
     config: PictureConfig,
 ) -> bool:
-    """Does a background (h, w) hold somebody whom pictures (S, h, w) lack? typical: their median.
-    usual: area of a silhouette, px."""
+    """Return whether a background (h, w) contains a person who is absent from the pictures (S, h,
+    w).
+
+    typical: median of the pictures. usual: median area of a silhouette, px.
+    """
     steady = silhouettes.mean(axis=0) >= config.steady
     apart = np.abs(pictures[:, steady] - typical[steady])
     steady[steady] = np.median(apart, axis=0) < config.still
-    there = _edges(plate)
+    there = _edges(background)
     if max(_rim_ratios(steady, there, typical, config.ghost_area * usual)) > config.ghost_edges:
         return True
     least = 2 * config.ghost_area * usual
@@ -298,8 +311,9 @@ def _is_ghost(
 def _rim_ratios(
     region: np.ndarray, there: np.ndarray, shown: np.ndarray, least: float
 ) -> list[float]:
-    """Return by how much edges of the background, `there` (h, w), are stronger than those of what
-    is `shown` (h, w) around each part of a region (h, w) bool of `least` pixels; 0 of none."""
+    """Return, for each part of a region (h, w) bool with `least` pixels or more, how many times
+    stronger the edges around it are in the background, `there` (h, w), than in the picture, `shown`
+    (h, w); 0 without any part."""
     x, y, width, height = cv2.boundingRect(region.view(np.uint8))
     near = np.s_[max(0, y - _REACH) : y + height + _REACH, max(0, x - _REACH) : x + width + _REACH]
     region, there, shown = region[near], there[near], shown[near]
@@ -316,7 +330,8 @@ def _rim_ratios(
 
 
 def _shrunk(region: np.ndarray) -> np.ndarray:
-    """Return a region (h, w) uint8 without its outermost pixels; beyond the picture nothing is."""
+    """Return a region (h, w) uint8 without its outermost pixels; pixels beyond the picture count as
+    outside."""
     return cv2.erode(region, _CROSS, borderType=cv2.BORDER_CONSTANT, borderValue=0)
 
 

@@ -1,4 +1,4 @@
-"""How well voxel clouds agree with the silhouettes that they were made of."""
+"""Agreement of voxel clouds with the silhouettes that they were carved from."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import voxel_silhouette
 
-#: Share of a part within the volume from which on it is what is reconstructed.
+#: Least share of a part that must lie within the volume for the part to count whole.
 _MOSTLY = 0.4
-#: Mean share of silhouettes beyond the volume that is warned of.
+#: Mean share of silhouettes beyond the volume above which a warning is given.
 _CUT = 0.02
 
 
 class Checker:
-    """`checker(frame, cloud)`: (V,) IoU per camera as `definitions.DEFINITION` says; NaN where the
-    frame shows nothing and the cloud reprojects to nothing.
+    """`checker(frame, cloud)`: (V,) IoU per camera, as defined in `definitions.DEFINITION`; NaN if
+    both the frame's silhouette and the reprojected cloud are empty.
 
-    The silhouettes are those of the session's reconstruction in this grid, which is done again,
-    so what was learnt from the frames before is learnt again. Give the frames in the run's order; a
-    frame for itself learns from itself. known: (V, H, W) bool, where the frame whose silhouettes
-    were asked for last says anything: elsewhere furniture hides what is behind it.
+    The silhouettes are those of the session's reconstruction in this grid. It is repeated, so the
+    appearance model is fitted again: give the frames in the run's order, since a frame given alone
+    uses only itself. known: (V, H, W) bool, false where furniture hides what is behind it, for the
+    frame whose silhouettes were asked for last.
     """
 
     known: np.ndarray
@@ -44,8 +44,8 @@ class Checker:
         self._extents = voxel_footprints(self.rig, grid.voxel_size)
 
     def silhouettes(self, frame: Frame) -> np.ndarray:
-        """Return (V, H, W) bool: the frame's silhouettes, whole where the volume cuts them, less
-        speckle."""
+        """Return (V, H, W) bool: the frame's silhouettes without speckle; parts cut by the volume
+        are whole, see `whole_silhouette`."""
         self._reconstruct(frame)
         evidence = self._reconstruct.evidence()
         self.known = evidence != UNKNOWN
@@ -75,9 +75,10 @@ def whole_silhouettes(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
 
 
 def whole_silhouette(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
-    """Return the silhouette (H, W) bool of what lies in the volume, whose projection is `region`.
+    """Return the silhouette (H, W) bool of what is in the volume, whose projection is `region`.
 
-    Parts that lie mostly within count whole, others up to the border. Speckle is left out.
+    Parts of which a share of at least `_MOSTLY` lies within `region` count whole, others only
+    within it. Speckle is removed.
     """
     smooth = cv2.medianBlur(shown.astype(np.uint8), 5)
     count, labels = cv2.connectedComponents(smooth, connectivity=8)
@@ -89,13 +90,14 @@ def whole_silhouette(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
 
 
 def beyond_volume(silhouettes: np.ndarray, region: np.ndarray) -> np.ndarray:
-    """Return which share (V,) of silhouettes (V, H, W) lies beyond the volume; NaN of none."""
+    """Return the share (V,) of the silhouettes (V, H, W) that lies beyond the volume; NaN for an
+    empty one."""
     areas = silhouettes.sum(axis=(1, 2)).astype(float)
     return (silhouettes & ~region).sum(axis=(1, 2)) / np.where(areas > 0, areas, np.nan)
 
 
 def cut_by_volume(names: Items[str], beyond: np.ndarray) -> str | None:
-    """Return a warning if silhouettes reach beyond the volume, by `beyond` (frames, V)."""
+    """Return a warning if silhouettes reach beyond the volume; `beyond`: shares (frames, V)."""
     shares = np.nan_to_num(np.ma.masked_invalid(beyond).mean(axis=0).filled(0.0))
     cut = [f"{name} {share:.0%}" for name, share in zip(names, shares, strict=True) if share > _CUT]
     if not cut:
@@ -115,7 +117,7 @@ def volume_region(rig: CameraRig, grid: VoxelGrid) -> np.ndarray:
 
 
 def _hits_box(camera: Camera, grid: VoxelGrid, shape: tuple[int, int]) -> np.ndarray:
-    """Return the pixels (H, W) bool whose ray meets the box, by the slabs between its faces."""
+    """Return the pixels (H, W) bool whose ray meets the box (slab method)."""
     width, height = camera.size
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     directions = camera.rays(np.stack([u, v], -1).reshape(-1, 2))

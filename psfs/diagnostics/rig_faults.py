@@ -7,16 +7,17 @@ import numpy as np
 from psfs.cameras.camera import CameraRig
 from psfs.diagnostics.picture_faults import Fault
 
-#: A camera that is so many times as far from the others as they are from each other is of another
-#: unit, or world.
+#: A camera has another unit, or another world, if it is this many times as far from the others as
+#: they are from each other.
 _FAR = 15.0
-#: Focal lengths, as shares of the picture's longer side, of any camera: 152 to 0.6 degrees.
+#: Range of focal lengths as shares of the picture's longer side: fields of view of 152 to 0.6
+#: degrees.
 _FOCAL = (0.125, 100.0)
 
 
 def odd_cameras(rig: CameraRig) -> list[Fault]:
-    """Return the cameras whose calibration is of another unit than the others', or in mm what
-    should be pixels."""
+    """Return the cameras whose calibration has another unit than the others', or a focal length in
+    mm instead of pixels."""
     return [*_focal(rig), *_far(rig)]
 
 

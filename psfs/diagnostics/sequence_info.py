@@ -1,4 +1,4 @@
-"""Facts of a sequence, and warnings of what looks wrong, for `psfs info`."""
+"""Facts of a sequence and warnings of likely errors, for `psfs info`."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from psfs.cameras.rig_geometry import (
 )
 from psfs.sequence import Sequence
 
-#: What warnings of a rig's size end with.
+#: The end of the warnings of a rig's size.
 UNIT_ASKED = "State the `unit`"
-#: A rig of people or things is this large, m; anything else hints at a wrong unit.
+#: Range of a rig's size, m, around people or objects; a size outside hints at a wrong unit.
 PLAUSIBLE_EXTENT = (0.05, 100.0)
-#: Cameras that are nearer to each other, m, see nothing from two sides.
+#: Distance, m, below which cameras count as being in one place.
 _ONE_PLACE = 1e-6
 #: Names of keypoints: ours, Pose2Sim's, OpenPose's, FreeMoCap's, OpenCap's, DeepLabCut's.
 _KEYPOINTS = (
@@ -32,8 +32,10 @@ _KEYPOINTS = (
 
 @dataclass(frozen=True)
 class CameraFacts:
-    """size: px. focal: mean focal length, px. distance: m to where the axes meet. height: m
-    above z = 0. frames: that its pictures hold.
+    """Facts of one camera.
+
+    size: px. focal: mean focal length, px. distance: m, to the point where the optical axes meet.
+    height: m above z = 0. frames: number of frames in its pictures.
     """
 
     name: str
@@ -46,10 +48,12 @@ class CameraFacts:
 
 @dataclass(frozen=True)
 class SequenceInfo:
-    """centre: (3,) m where the optical axes meet. shared: box (low, high) m that `needed`
-    cameras see, or None. extent: m between the rig's farthest cameras. notes: what was guessed or
-    left out when reading; warnings: what looks wrong. keypoints: where in the folder 2-D keypoints
-    of a pose network seem to lie, or None; nothing here reads them.
+    """Facts of a sequence.
+
+    centre: (3,) m, where the optical axes meet. shared: box (low, high), m, that `needed` cameras
+    see, or None. extent: m between the rig's farthest cameras. notes: what was guessed or left out
+    when reading. warnings: likely errors. keypoints: file or folder that seems to hold 2-D
+    keypoints of a pose network, or None; nothing here reads it.
     """
 
     cameras: list[CameraFacts]
@@ -69,7 +73,7 @@ class SequenceInfo:
 
 
 def sequence_info(sequence: Sequence) -> SequenceInfo:
-    """Return facts and warnings. Decodes nothing but what opening the sequence has decoded."""
+    """Return facts and warnings. Decodes no more than opening the sequence did."""
     rig = sequence.rig
     centre, needed = intersect_axes(rig), required_views(rig)
     media = sequence.footage.images or sequence.footage.masks or ()
@@ -104,13 +108,15 @@ def sequence_info(sequence: Sequence) -> SequenceInfo:
 
 
 def keypoints_in(folder: Path) -> Path | None:
-    """Return the file or folder in `folder` that by its name holds 2-D keypoints, if any does."""
+    """Return the file or folder in `folder` whose name says that it holds 2-D keypoints, if there
+    is one."""
     found = (path for pattern in _KEYPOINTS for path in sorted(folder.glob(pattern)))
     return next(found, None)
 
 
 def rig_extent(rig: CameraRig) -> float:
-    """Return the largest distance between two cameras, m; for one camera that to the origin."""
+    """Return the largest distance between two cameras, m; for a single camera its distance to the
+    origin."""
     centres = rig.centres
     if len(rig) == 1:
         return float(np.linalg.norm(centres[0]))
@@ -118,7 +124,7 @@ def rig_extent(rig: CameraRig) -> float:
 
 
 def rig_warnings(rig: CameraRig) -> list[str]:
-    """Return what looks wrong about cameras in metres with Z up."""
+    """Return warnings of likely errors of a rig that is taken to be in metres with Z up."""
     warnings = []
     extent = rig_extent(rig)
     low, high = PLAUSIBLE_EXTENT
@@ -140,14 +146,14 @@ def rig_warnings(rig: CameraRig) -> list[str]:
 
 
 def _stands(rig: CameraRig) -> bool:
-    """Do most cameras stand upright, or all on their sides, or do all look down?"""
+    """Return whether most cameras stand upright, all lie on their sides, or all look down."""
     z = np.stack([camera.R[:, 2] for camera in rig])  # the vertical in each camera's axes
     aside, down = (np.abs(z[:, 0]) > 0.7).all(), (z[:, 2] < -0.3).all()
     return bool((-z[:, 1] > 0.5).mean() > 0.5 or aside or down)
 
 
 def _blind_warnings(rig: CameraRig) -> list[str]:
-    """Return warnings of cameras that see nothing of what most of the others share."""
+    """Return warnings of cameras that see nothing of the box that most others see."""
     if len(rig) == 1:
         return []
     warnings = []

@@ -1,4 +1,4 @@
-"""Pictures of silhouettes: what is seen, how likely it is the person, what was taken for them."""
+"""Mosaics of each camera's picture, silhouette likelihood and silhouette."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _PANEL, _TITLE = (480, 480), 24
 _DARKENED = 0.35  # brightness of the picture below the differences
 _MISSED, _EXTRA = (40, 40, 255), (40, 255, 40)  # BGR
 _GAP = 4  # px between panels
-_GROUND = 60  # grey level between and behind them
+_GROUND = 60  # grey level between and behind the panels
 
 _Part = tuple[slice, slice]
 
 
 def mosaic(rig: CameraRig, shown: Silhouettes) -> np.ndarray:
     """Draw (h, w, 3) uint8 BGR: a row per camera with the picture, the likelihood (black 0, white
-    1), the silhouette and, where a true mask is known, how the two differ."""
+    1), the silhouette and, if a true mask is known, the differences between the two."""
     parts = [_part(camera, view, shown) for view, camera in enumerate(rig)]
     widest = max(_size(part)[0] for part in parts)
     rows = [_row(camera, view, shown, parts[view], widest) for view, camera in enumerate(rig)]
@@ -32,8 +32,8 @@ def mosaic(rig: CameraRig, shown: Silhouettes) -> np.ndarray:
 
 
 def differences(picture: np.ndarray, mask: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Return the `picture` (h, w, 3) darkened, with the pixels that `mask` (h, w) bool misses of
-    `truth` in red and those that it has too many in green."""
+    """Return the darkened `picture` (h, w, 3): pixels of `truth` that `mask` (h, w) bool misses are
+    red, pixels of `mask` outside `truth` are green."""
     drawn: np.ndarray = (picture * _DARKENED).astype(np.uint8)
     drawn[truth & mask] = picture[truth & mask]
     drawn[truth & ~mask] = _MISSED
@@ -57,8 +57,8 @@ def _row(camera: Camera, view: int, shown: Silhouettes, part: _Part, width: int)
 
 
 def _part(camera: Camera, view: int, shown: Silhouettes) -> _Part:
-    """Return rows and columns of the picture that look into the volume or hold true mask; all if
-    there are none."""
+    """Return rows and columns of the picture that look into the volume or belong to the true mask;
+    all if there are none."""
     region, truth = shown.region[view], shown.truth[view]
     if truth is not None:
         region = region | truth
@@ -67,7 +67,7 @@ def _part(camera: Camera, view: int, shown: Silhouettes) -> _Part:
 
 
 def _size(part: _Part) -> tuple[int, int]:
-    """Return width and height of a part as large as `_PANEL` lets it be."""
+    """Return width and height of a part enlarged or reduced to fit into `_PANEL`."""
     height, width = (of.stop - of.start for of in part)
     scale = min(_PANEL[0] / width, _PANEL[1] / height)
     return max(1, round(width * scale)), max(1, round(height * scale))

@@ -1,4 +1,4 @@
-"""The silhouettes that a sequence is reconstructed from, and how far they agree with true ones."""
+"""The silhouettes that a sequence is reconstructed from, and their agreement with true masks."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ def truth_frames(sequence: Sequence) -> list[int]:
 def true_mask(
     folder: Path, camera: Camera, frame: int, shape: tuple[int, int]
 ) -> np.ndarray | None:
-    """Return the true mask of a frame as (H, W) bool = `shape`, zero padded; None if there is no
-    such file. Raises InputError if it is no picture of the camera's size."""
+    """Return the true mask of a frame, (H, W) bool zero padded to `shape`; None if the file is
+    missing. Raises InputError if it is no picture of the camera's size."""
     path = folder / TRUE_MASKS / f"{camera.name}_{frame:06d}.png"
     if not path.exists():
         return None
@@ -83,9 +83,9 @@ def score_silhouettes(
     """Reconstruct the frames up to the last `wanted` one; yield the silhouettes of those wanted,
     None for the others.
 
-    All frames before are reconstructed, too, since the silhouettes learn from them. grid: by
-    default the session's `automatic_grid`. Raises InputError as that does, and for true masks that
-    cannot be read.
+    All earlier frames are reconstructed, too, since the appearance model is fitted to them. grid:
+    by default the session's `automatic_grid`. Raises InputError as `automatic_grid` does, and for
+    true masks that cannot be read.
     """
     sequence, grid = session.sequence, grid or automatic_grid(session)
     rig, within = sequence.rig, volume_region(sequence.rig, grid)

@@ -1,5 +1,5 @@
-"""A stretch of a sequence in small pictures: outlines of the silhouettes, and what the diagnostics
-ask of the pictures themselves."""
+"""A range of frames in small pictures: outlines of the silhouettes, and what the diagnostics
+measure in the pictures themselves."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from psfs.diagnostics.config import FaultConfig
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
 
-#: Nothing is learnt, and no shadow is looked for on a floor, whose cells are too coarse for feet in
-#: small pictures.
+#: No appearance model is fitted. Shadows on the floor are not searched: in small pictures the
+#: floor's cells are too coarse for feet.
 _SILHOUETTES = SilhouetteConfig(
     appearance=AppearanceConfig(learn=False), floor=FloorConfig(height=-1000.0)
 )
@@ -28,8 +28,11 @@ _SILHOUETTES = SilhouetteConfig(
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """The convex hull of a silhouette's largest part: points (N, 2) px, and which of them (N,) lie
-    on the picture's border, where the silhouette may go on. area: of the part, px."""
+    """The convex hull of a silhouette's largest part.
+
+    points: (N, 2) px. at_border: (N,) bool, whether a point is on the picture's border, beyond
+    which the silhouette may go on. area: of the part, px.
+    """
 
     points: np.ndarray
     at_border: np.ndarray
@@ -38,13 +41,14 @@ class Outline:
 
 @dataclass(frozen=True, eq=False)
 class SmallViews:
-    """What was seen of the frames `frames`, F of them in a row, by the V cameras of `rig`, which is
-    the sequence's in small.
+    """Silhouettes and pictures of F consecutive `frames` by the V cameras of `rig`, the sequence's
+    rig scaled to small pictures.
 
-    outlines: [frame][view], None where nobody shows. foreground: (F, V) share of the picture.
-    gain: (F, V) brightness of the rest beside the background's; NaN without one. plates: (V, h, w)
-    uint8 grey, or None. samples: numbers of the frames (S,) whose silhouettes (S, V, h, w) bool and
-    grey pictures (S, V, h, w) uint8, or None, were kept.
+    outlines: [frame][view], None without a silhouette. foreground: (F, V) share of the picture.
+    gain: (F, V) brightness of the rest of the picture relative to the background's; NaN without a
+    background. plates: (V, h, w) uint8 grey background images, or None. samples: numbers of the
+    frames (S,) whose silhouettes (S, V, h, w) bool and grey pictures (S, V, h, w) uint8, or None,
+    were kept.
     """
 
     rig: CameraRig
@@ -59,7 +63,7 @@ class SmallViews:
 
     @cached_property
     def typical(self) -> np.ndarray:
-        """(V, h, w) the median of the samples' pictures, which are there."""
+        """Median (V, h, w) of the samples' pictures; these must not be None."""
         assert self.pictures is not None
         return stack_median(self.pictures)
 
@@ -67,12 +71,12 @@ class SmallViews:
 def small_views(
     sequence: Sequence, device: Device | NumpyDevice, config: FaultConfig | None = None
 ) -> SmallViews:
-    """Look at the middle of `sequence`: as many frames as `FaultConfig` allows."""
+    """Compute the views of the middle of `sequence`, of as many frames as `FaultConfig` allows."""
     config = config or FaultConfig()
     shrink = Shrink(sequence.rig, config.longest_side)
     background = shrink.background(sequence.background)
     begin = evidence_ahead(device, shrink.small, background, _SILHOUETTES)
-    frames = looked_at(sequence, config)
+    frames = _select_frames(sequence, config)
     kept = np.unique(np.linspace(0, len(frames) - 1, config.samples).round().astype(int))
     plates = None if background is None else _grey(background.mean.astype(np.uint8))
     outlines, foreground, gains, masks, pictures = [], [], [], [], []
@@ -97,7 +101,7 @@ def small_views(
 def _one_ahead(
     frames: Iterable[Frame], begin: Callable[[Frame], Callable[[], np.ndarray]]
 ) -> Iterator[tuple[Frame, np.ndarray]]:
-    """Yield frames with their evidence, that of the next one being computed meanwhile."""
+    """Yield frames with their evidence, while that of the next frame is computed."""
     before: tuple[Frame, Callable[[], np.ndarray]] | None = None
     for frame in frames:
         begun = frame, begin(frame)
@@ -109,7 +113,7 @@ def _one_ahead(
 
 
 def contact_sheet(views: SmallViews, columns: int = 6) -> np.ndarray:
-    """Return a picture (h, w, 3) uint8 BGR: a row per camera, some frames each, silhouettes in
+    """Draw a picture (h, w, 3) uint8 BGR: a row per camera with some of its frames, silhouettes in
     green."""
     chosen = np.unique(np.linspace(0, len(views.samples) - 1, columns).round().astype(int))
     rows = []
@@ -128,8 +132,9 @@ def contact_sheet(views: SmallViews, columns: int = 6) -> np.ndarray:
     return sheet
 
 
-def looked_at(sequence: Sequence, config: FaultConfig) -> range:
-    """Return the frames in the middle of `sequence` that are worth their decoding."""
+def _select_frames(sequence: Sequence, config: FaultConfig) -> range:
+    """Return the frames in the middle of `sequence`, as many as `config` allows pixels to
+    decode."""
     pixels = sum(camera.size[0] * camera.size[1] for camera in sequence.rig)
     count = int(np.clip(config.pixels / pixels, *config.window))
     first = max(0, (len(sequence) - count) // 2)
@@ -152,7 +157,7 @@ def outline_of(mask: np.ndarray, least: int = 40) -> Outline | None:
     part = 1 + int(areas.argmax())
     left, top, width, height = facts[part, : cv2.CC_STAT_HEIGHT + 1]
     rows = labels[top : top + height, left : left + width] == part
-    # The ends of the part's rows, of which it has some in each, have the hull of all of it.
+    # The ends of the part's rows have the same hull as the whole part, and no row is empty.
     ends = np.array([rows.argmax(1), width - 1 - rows[:, ::-1].argmax(1)]) + left
     points = np.column_stack([ends.ravel(), np.tile(np.arange(top, top + height), 2)])
     corners = cv2.convexHull(points.astype(np.int32)).reshape(-1, 2) + np.array([x, y])
@@ -162,21 +167,22 @@ def outline_of(mask: np.ndarray, least: int = 40) -> Outline | None:
 
 
 class Shrink:
-    """Makes everything of a sequence small, so that no picture is longer than `longest` px."""
+    """Scaling of a sequence's pictures, rig and background so that no picture is longer than
+    `longest` px."""
 
     def __init__(self, rig: CameraRig, longest: int) -> None:
         factor = min(1.0, longest / max(rig.width, rig.height))
         self.rig, self.small = rig, rig.scaled(factor)
 
     def __call__(self, pictures: np.ndarray) -> np.ndarray:
-        """Return (V, h, w, ...) of pictures (V, H, W, ...): means over areas."""
+        """Return small pictures (V, h, w, ...) of pictures (V, H, W, ...): means over areas."""
         if self.small.width == self.rig.width:
             return pictures
         shape = (len(self.rig), self.small.height, self.small.width, *pictures.shape[3:])
         out = np.empty(shape, pictures.dtype)
         for view, (large, small) in enumerate(zip(self.rig, self.small, strict=True)):
             picture = pictures[view, : large.size[1], : large.size[0]]
-            if small.size == (self.small.width, self.small.height):  # to where it stays
+            if small.size == (self.small.width, self.small.height):  # written in place
                 cv2.resize(picture, small.size, out[view], interpolation=cv2.INTER_AREA)
                 continue
             out[view] = 0
@@ -190,8 +196,8 @@ class Shrink:
         return replace(frame, images=images, masks=masks)
 
     def background(self, background: Background | None) -> Background | None:
-        """Return the small background. The noise is taken as large as in the large pictures: much
-        of it is of many pixels, from the compression."""
+        """Return the small background. Its noise is assumed as large as in the full pictures, since
+        much of it comes from the compression and spans many pixels."""
         if background is None:
             return None
         mean, std = (
@@ -205,7 +211,7 @@ class Shrink:
 
 
 def _grey(pictures: np.ndarray) -> np.ndarray:
-    """Return (V, h, w) uint8 of pictures (V, h, w, 3)."""
+    """Return grey pictures (V, h, w) uint8 of pictures (V, h, w, 3)."""
     grey = np.empty(pictures.shape[:3], np.uint8)
     for picture, into in zip(pictures, grey, strict=True):
         cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY, into)
@@ -215,10 +221,10 @@ def _grey(pictures: np.ndarray) -> np.ndarray:
 def _gains(
     grey: np.ndarray | None, plates: np.ndarray | None, silhouettes: np.ndarray
 ) -> list[float]:
-    """Return how bright each view is beside its background, where nobody shows."""
+    """Return the brightness of each view relative to its background, outside the silhouettes."""
     if grey is None or plates is None:
         return [float("nan")] * len(silhouettes)
-    rest = silhouettes.view(np.uint8) - np.uint8(1)  # 255 where nobody shows
+    rest = silhouettes.view(np.uint8) - np.uint8(1)  # 255 outside the silhouettes
     sums = [
         [cv2.sumElems(cv2.bitwise_and(shown, there))[0] for shown in (picture, plate)]
         for picture, plate, there in zip(grey, plates, rest, strict=True)

@@ -1,9 +1,9 @@
-"""How well silhouettes of many cameras fit each other: by epipolar tangency.
+"""Consistency of the silhouettes of many cameras, by epipolar tangency.
 
 Two cameras and a point span an epipolar plane. The planes that touch a body touch its silhouettes
 in both pictures, so both cameras must see the same two extreme planes (Sinha & Pollefeys, Camera
-network calibration and synchronization from silhouettes in archived video, IJCV 87, 2010). That
-costs a few convex hulls: no voxels, no points to match.
+network calibration and synchronization from silhouettes in archived video, IJCV 87, 2010). This
+needs only a few convex hulls, no voxels and no matched points.
 """
 
 from __future__ import annotations
@@ -17,20 +17,24 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.small_views import Outline
 
-#: Differences of planes count up to this share of the person's size: more is as wrong.
+#: Cap of the differences between planes, as a share of the person's size: more is no worse.
 CAP = 0.1
-#: A body that subtends more, rad, around the line between two cameras tells them nothing.
+#: Largest angle, rad, that the body may subtend around the line between two cameras; beyond it
+#: their planes carry no information.
 _WIDEST = 2.5
-#: Pairs are left out whose line passes the scene nearer than this share of the person's size.
+#: Pairs are left out if the line between the cameras passes the scene nearer than this share of the
+#: person's size.
 _NEAREST = 0.3
-#: Signs of a picture's axes (x, y), -1 where it is turned over.
+#: Signs of a picture's axes (x, y); -1 flips the axis.
 Way = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
 class PairSums:
-    """Sums of the capped differences of all pairs of cameras, (V, V) symmetric, and how many they
-    are. `cost` is their mean: 0 is perfect, `CAP` as wrong as can be; NaN of nothing."""
+    """Sums and counts, (V, V) symmetric, of the capped differences of all pairs of cameras.
+
+    `cost` is the mean: 0 is perfect, `CAP` the worst; NaN without any pair.
+    """
 
     sums: np.ndarray
     counts: np.ndarray
@@ -41,7 +45,7 @@ class PairSums:
 
     @property
     def cameras(self) -> np.ndarray:
-        """(V,) mean of each camera's pairs."""
+        """Mean (V,) of each camera's pairs."""
         return np.array([_mean(*of) for of in zip(self.sums, self.counts, strict=True)])
 
     def without(self, view: int) -> float:
@@ -51,10 +55,10 @@ class PairSums:
 
 
 class Tangency:
-    """Compares outlines [frame][view] of F frames as the cameras of `rig` see them.
+    """Comparison of outlines [frame][view] of F frames as seen by the cameras of `rig`.
 
-    size: of the person, in the rig's unit: the median distance between the extreme planes, where
-    the optical axes meet; NaN if no two cameras can be compared.
+    size: the person's, in the rig's unit: the median distance between the extreme planes, measured
+    where the optical axes meet; NaN if no two cameras can be compared.
     """
 
     def __init__(self, rig: CameraRig, outlines: list[list[Outline | None]]) -> None:
@@ -73,10 +77,12 @@ class Tangency:
         self.size = float(np.median(spans)) if spans else float("nan")
 
     def planes(self, camera: int, image: int, other: int, way: Way = (1, 1)) -> np.ndarray:
-        """Return the extreme planes (F, 2) of the outlines of `image`, seen by `camera`, around the
-        line to the camera `other`: positions at the scene, in the rig's unit. NaN where there is
-        none, or it touches the picture's border. way: the picture is turned over along the axes
-        (x, y) whose sign is -1."""
+        """Return the positions (F, 2) of the extreme planes through the line from `camera` to
+        `other` that touch the outlines of `image`.
+
+        Positions are measured at the scene, in the rig's unit. NaN if there is no outline, or if it
+        touches the picture's border there. way: sign -1 flips the picture along that axis (x, y).
+        """
         key = camera, image, other, way
         if key not in self._planes:
             rays = self.rays(camera, image, way)
@@ -99,8 +105,9 @@ class Tangency:
         mirrored: Sequence[int] = (),
         turned: Sequence[int] = (),
     ) -> PairSums:
-        """Compare all pairs where camera v has the pictures of camera order[v], shifts[v] frames
-        later than the others; those of `mirrored` the wrong way round, of `turned` upside down."""
+        """Compare all pairs under an assumption: camera v has the pictures of camera order[v],
+        shifts[v] frames later than the others, those of `mirrored` cameras flipped left to right,
+        those of `turned` ones upside down."""
         n = len(self.rig)
         order, shifts = order or range(n), shifts or [0] * n
         ways = {**dict.fromkeys(mirrored, (-1, 1)), **dict.fromkeys(turned, (-1, -1))}
@@ -117,12 +124,12 @@ class Tangency:
         return PairSums(sums, counts)
 
     def comparable(self, a: int, b: int) -> bool:
-        """Does the line between two cameras pass far enough from the scene?"""
+        """Return whether the line between two cameras passes far enough from the scene."""
         return self._axis(a, b)[2] >= _NEAREST * self.size
 
     def difference(self, a: np.ndarray, b: np.ndarray, lag: int = 0) -> tuple[float, int]:
-        """Return sum and number of the differences of planes (F, 2), each up to `CAP`, as shares of
-        the person's size: a's frame t beside b's frame t + lag."""
+        """Return sum and number of the differences of planes (F, 2), each at most `CAP`, as shares
+        of the person's size. Frame t of a is compared with frame t + lag of b."""
         first, end = max(0, -lag), min(len(a), len(b) - lag)
         if end <= first:
             return 0.0, 0
@@ -133,9 +140,9 @@ class Tangency:
     def differences(
         self, a: np.ndarray, b: np.ndarray, most: int, steady: bool, cap: float
     ) -> np.ndarray:
-        """Return the same (2 most + 1, 2) at all lags from -most to most, each difference up to
-        `cap`. Without `steady`, what is the same in all frames is left out: what a wrong
-        calibration does, and not a lag."""
+        """Return (2 most + 1, 2) sums and numbers at all lags from -most to most, each difference
+        at most `cap`. Without `steady`, the part that is the same in all frames is subtracted: it
+        comes from a wrong calibration, not from a lag."""
         around = np.pad(b.T, ((0, 0), (most, most)), constant_values=np.nan)
         shifted = np.lib.stride_tricks.sliding_window_view(around, len(a), axis=1)
         apart = (a.T[:, None] - shifted) / max(self.size, 1e-12)  # (2, lags, F)
@@ -146,7 +153,7 @@ class Tangency:
         return np.column_stack([sums.sum(0), counts.sum(0)])
 
     def turned(self, camera: int, rotation: np.ndarray) -> float:
-        """Return the cost of one camera's pairs if its rays are turned by `rotation` (3, 3)."""
+        """Return the cost of one camera's pairs after its rays were turned by `rotation` (3, 3)."""
         rays, total, count = self.rays(camera, camera) @ rotation.T, 0.0, 0
         for other in range(len(self.rig)):
             if other == camera or not self.comparable(camera, other):
@@ -157,15 +164,15 @@ class Tangency:
         return total / count if count else float("nan")
 
     def planes_of(self, view: int, camera: Camera, other: int) -> np.ndarray:
-        """Return the extreme planes (F, 2) of a camera's own outlines around the line to another,
-        if it were `camera`, in the same place."""
+        """Return the extreme planes (F, 2) of a view's own outlines around the line to another
+        camera, for a changed `camera` in the same place."""
         points = self._images[view].points
         rays = camera.rays(points) if len(points) else np.zeros((0, 3))
         return self._of_rays(view, rays, view, other)
 
     def _axis(self, a: int, b: int) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return two directions across the line between two cameras, the first to the scene, and
-        the scene's distance from that line."""
+        """Return two directions perpendicular to the line between two cameras, the first towards
+        the scene, and the scene's distance from the line."""
         low, high = min(a, b), max(a, b)
         if (low, high) not in self._axes:
             line = self.rig[high].centre - self.rig[low].centre
@@ -195,8 +202,8 @@ class _Image:
         self._starts = np.cumsum([0, *lengths])[:-1]
 
     def extremes(self, angles: np.ndarray) -> np.ndarray:
-        """Return the least and the largest angle (F, 2) of every frame's outline; NaN where there
-        is none, or a point on the border has it."""
+        """Return the least and the largest angle (F, 2) of every frame's outline; NaN if there is
+        no outline, or if the extreme point is on the picture's border."""
         out = np.full((len(self._there), 2), np.nan)
         if not len(angles):
             return out
@@ -216,7 +223,7 @@ class _Image:
 
 
 def _medians(values: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Return the medians (...) of values (..., n), of which `counts` (...) are no NaN."""
+    """Return the medians (...) of values (..., n), of which `counts` (...) are not NaN."""
     ordered, counts = np.sort(values), np.maximum(counts, 1)[..., None]
     low, high = (np.take_along_axis(ordered, k, -1) for k in ((counts - 1) // 2, counts // 2))
     medians: np.ndarray = 0.5 * (low + high)[..., 0]

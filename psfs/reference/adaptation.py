@@ -14,7 +14,8 @@ from psfs.silhouettes.config import SilhouetteConfig
 
 
 class NumpyAdaptation:
-    """Same results; `background` is what drifts, a copy of the one given, in float64."""
+    """The same results; `background` is the updated background, a copy of the given one in
+    float64."""
 
     def __init__(self, rig: CameraRig, background: Background, config: SilhouetteConfig) -> None:
         self.config, self._reach = config.adaptation, config.appearance.reach
@@ -27,18 +28,18 @@ class NumpyAdaptation:
     def __call__(
         self, images: np.ndarray, evidence: np.ndarray, marks: np.ndarray, light: np.ndarray
     ) -> None:
-        """Drift towards images (V, H, W, 3) uint8 with evidence counts (V, H, W), marks (V, rows,
-        columns) bool and light (V, LIGHT_FLOATS)."""
+        """Update the background by images (V, H, W, 3) uint8 with evidence counts (V, H, W), marks
+        (V, rows, columns) bool and light (V, LIGHT_FLOATS)."""
         due = np.arange(marks.shape[1]) % self.config.period == self._frames % self.config.period
         self._frames += 1
         mean_rate, variance_rate = self.config.rates()
         for view, image in enumerate(unlit(images, light)):
             mean, std = self.background.mean[view], self.background.std[view]
             free = of_pixels(~_person(marks[view], evidence[view], self._reach), image.shape)
-            difference, looked_at = image - mean, self._inside[view].copy()
-            looked_at &= of_pixels(np.broadcast_to(due[:, None], marks[view].shape), image.shape)
+            difference, updated = image - mean, self._inside[view].copy()
+            updated &= of_pixels(np.broadcast_to(due[:, None], marks[view].shape), image.shape)
             distance = light[view, 9] * ((difference / std) ** 2).sum(-1)
-            pixels = looked_at & free & (distance <= self.config.nearest)
+            pixels = updated & free & (distance <= self.config.nearest)
             d, variance = difference[pixels], std[pixels] ** 2
             mean[pixels] += mean_rate * d
             variance += variance_rate * (d**2 - variance)

@@ -14,10 +14,10 @@ from psfs.voxels.grid import VoxelGrid
 
 
 class NumpyForeground:
-    """Same results as `Foreground`; `learn` takes the pictures, evidence and surface."""
+    """The same results as `Foreground`; `learn` takes the pictures, evidence and surface."""
 
     def __init__(self, rig: CameraRig, config: SilhouetteConfig) -> None:
-        self.rig, self.config, self.learnt = rig, config, config.appearance
+        self.rig, self.config, self.appearance = rig, config, config.appearance
         self.colours = np.zeros(BINS**3, np.int8)
         self.location = np.zeros((len(rig), *cells(rig)), np.int8)
         self.marked = np.zeros(self.location.shape, bool)
@@ -27,13 +27,13 @@ class NumpyForeground:
     def learn(
         self, images: np.ndarray, evidence: np.ndarray, grid: VoxelGrid, surface: np.ndarray
     ) -> None:
-        """Learn from images (V, H, W, 3) uint8, evidence counts (V, H, W) and the surface voxels
-        made of them, flat indices (N,)."""
+        """Fit the model to images (V, H, W, 3) uint8, evidence counts (V, H, W) and the surface
+        voxels made of them, flat indices (N,)."""
         marked = self.marks(grid, surface)
         self.marked = marked
         self.location[:] = 0
-        if len(surface) >= self.learnt.min_surface:
-            size = 2 * self.learnt.reach + 1
+        if len(surface) >= self.appearance.min_surface:
+            size = 2 * self.appearance.reach + 1
             near = [
                 ndimage.convolve(view.astype(int), np.ones((size, size), int), mode="constant")
                 for view in marked
@@ -67,15 +67,15 @@ class NumpyForeground:
         seen = evidence[:, middle::CELL, middle::CELL] > 0
         seen &= marked[:, : seen.shape[1], : seen.shape[2]]
         samples = images[:, middle::CELL, middle::CELL][seen].astype(int) * BINS // 256
-        self._memory *= self.learnt.keep
-        self._total *= self.learnt.keep
-        if len(samples) <= most_samples(self.rig, self.learnt):
+        self._memory *= self.appearance.keep
+        self._total *= self.appearance.keep
+        if len(samples) <= most_samples(self.rig, self.appearance):
             np.add.at(self._memory, tuple(samples.T), 1)
             self._total += len(samples)
         blurred = self._memory
         for axis in range(3):
             blurred = ndimage.convolve1d(blurred, [0.25, 0.5, 0.25], axis, mode="constant")
-        prior, uniform = self.learnt.prior_samples, self.learnt.uniform
+        prior, uniform = self.appearance.prior_samples, self.appearance.uniform
         density = (prior + blurred * BINS**3) / (prior + self._total)
         nats = np.log(uniform + (1 - uniform) * density)
         counts = np.minimum(np.rint(self.config.evidence.ratio_steps * nats), 127)

@@ -12,12 +12,13 @@ from psfs.common.colours import chromaticity
 def chroma_ratio(
     image: np.ndarray, background: ChromaKey, view: int, config: ChromaKeyConfig
 ) -> np.ndarray:
-    """Return (H, W) the log of the screen's density over the foreground's, of chromaticities.
+    """Return (H, W) log of the screen's density over the foreground's, of chromaticities.
 
-    The screen is a normal distribution about its colour, wider for dark pixels, whose chromaticity
-    the noise hides; what is more saturated is screen too, for so are shaded folds, and what is
-    less so is person: clothes that the screen's light tints keep most of their own colour. Light
-    beyond the screen's range counts against it. The foreground is uniform. See `ChromaKey`.
+    The screen's chromaticity has a normal distribution, which is wider for dark pixels, since noise
+    affects these more. More saturated pixels count as screen, too, since shaded folds are more
+    saturated; less saturated ones are the person, since clothes tinted by the screen's light keep
+    most of their colour. Brightness beyond the screen's range lowers its density. The foreground is
+    uniform. See `ChromaKey`.
     """
     key, spread = background.key[view], np.maximum(background.spread[view], config.spread)
     saturation = np.linalg.norm(key)

@@ -16,6 +16,6 @@ def hide(evidence: np.ndarray, hidden: np.ndarray | None) -> np.ndarray:
 
 
 def mark_hidden(maps: np.ndarray, evidence: np.ndarray) -> None:
-    """Turn the lowest bit of the silhouettes, the first channel of maps (V, H, W, 2) uint8, where
+    """Flip the lowest bit of the silhouettes, the first channel of maps (V, H, W, 2) uint8, where
     the evidence (V, H, W) int8 is `UNKNOWN`."""
     maps[..., 0] ^= (evidence == UNKNOWN).view(np.uint8)

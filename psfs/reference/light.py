@@ -1,4 +1,4 @@
-"""The light of every picture beside that of the background."""
+"""Estimation of every picture's light relative to the background's."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def estimate_light(
     config: LightConfig,
     density: BackgroundConfig,
 ) -> np.ndarray:
-    """Return the light (V, LIGHT_FLOATS) float64 of pictures (V, H, W, 3), laid out as
-    `psfs.background.light.LIGHT_FLOATS` says; twin of light.cl."""
+    """Return the light (V, LIGHT_FLOATS) float64 of pictures (V, H, W, 3), in the layout of
+    `psfs.background.light.LIGHT_FLOATS`; twin of light.cl."""
     if not config.follow:
         return steady_light(len(rig)).astype(np.float64)
     pixels, (_, scene) = light_samples(rig), sampled_scene(rig, background, density)
@@ -37,7 +37,7 @@ def estimate_light(
 
 
 def lit_by(background: Background, light: np.ndarray, density: BackgroundConfig) -> Background:
-    """Return the background, in float64, as pictures in such `light` (V, LIGHT_FLOATS) show it."""
+    """Return the background, in float64, relit by `light` (V, LIGHT_FLOATS)."""
     mean, std = np.empty((2, *background.mean.shape))
     for view, (own, field) in enumerate(zip(light, _fields(light, mean.shape), strict=True)):
         bright = own[:3] * (background.mean[view] * field) + own[3:6]
@@ -47,14 +47,14 @@ def lit_by(background: Background, light: np.ndarray, density: BackgroundConfig)
 
 
 def unlit(images: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Return pictures (V, H, W, 3), in float64, as they are in the background's own light."""
+    """Return pictures (V, H, W, 3), in float64, relit by the background's own light."""
     gains, offsets = light[:, None, None, :3], light[:, None, None, 3:6]
     own: np.ndarray = (images - offsets) / (gains * _fields(light, images.shape))
     return own
 
 
 def _fields(light: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Return (V, H, W, 1) the gain that differs over a picture."""
+    """Return (V, H, W, 1) the gain that varies over the picture."""
     y, x = np.indices(shape[1:3])
     fields: np.ndarray = np.einsum("vk,khw->vhw", light[:, 6:9], np.stack([np.ones(x.shape), x, y]))
     return fields[..., None]

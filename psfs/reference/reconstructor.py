@@ -26,12 +26,13 @@ from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid, check_size
 from psfs.voxels.host_voxels import HostVoxels
 
-#: Peak of the float64 computation, measured.
+#: Peak memory of the float64 computation, measured.
 _BYTES_PER_VOXEL = 220
 
 
 class NumpyReconstructor:
-    """Same signature and results as `Reconstructor`, computed at once, in float64."""
+    """The same signature and results as `Reconstructor`, computed in float64 and without a
+    queue."""
 
     def __init__(
         self,
@@ -42,7 +43,7 @@ class NumpyReconstructor:
         config: ReconstructionConfig | None = None,
     ) -> None:
         self.device, self.rig, self.grid, self.background = device, rig, grid, background
-        self._plate = background  # which the light is told from, whatever else adapts
+        self._given_background = background  # the light is relative to it, also after adaptation
         self.config = config or ReconstructionConfig()
         silhouette = self.config.silhouette
         scene = background is not None and not isinstance(background, ChromaKey)
@@ -63,13 +64,13 @@ class NumpyReconstructor:
             )
 
     def evidence(self) -> np.ndarray:
-        """Return (V, H, W) int8: the silhouettes that the latest frame was carved with."""
+        """Return (V, H, W) int8: the evidence maps that the latest frame was carved with."""
         return self._latest
 
     def __call__(self, frame: Frame) -> HostVoxels:
         before, self._before = self._before, frame.index
-        learnt = self.config.silhouette.appearance
-        new = before is None or not follows(before, frame.index, learnt)
+        appearance = self.config.silhouette.appearance
+        new = before is None or not follows(before, frame.index, appearance)
         if self.foreground is None:
             return self._carved(frame, self._evidence(frame))
         assert frame.images is not None
@@ -77,8 +78,8 @@ class NumpyReconstructor:
             self.foreground.forget_location()
         evidence = self._evidence(frame)
         voxels = self._carved(frame, evidence)
-        if new and (before is None or learnt.look_again):
-            # Once more, knowing the person.
+        if new and (before is None or appearance.look_again):
+            # Repeat with the person's appearance.
             self.foreground.learn(frame.images, evidence, self.grid, voxels.surface)
             evidence = self._evidence(frame)
             voxels = self._carved(frame, evidence)
@@ -95,10 +96,16 @@ class NumpyReconstructor:
 
     def _light(self, frame: Frame) -> np.ndarray | None:
         """Return the frame's light (V, LIGHT_FLOATS); None if its silhouettes need none."""
-        if frame.images is None or self._plate is None or isinstance(self._plate, ChromaKey):
+        if (
+            frame.images is None
+            or self._given_background is None
+            or isinstance(self._given_background, ChromaKey)
+        ):
             return None
         config = self.config.silhouette
-        return estimate_light(frame.images, self.rig, self._plate, config.light, config.background)
+        return estimate_light(
+            frame.images, self.rig, self._given_background, config.light, config.background
+        )
 
     def _carved(self, frame: Frame, evidence: np.ndarray) -> HostVoxels:
         self._latest = evidence

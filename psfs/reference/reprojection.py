@@ -44,16 +44,17 @@ def joined(
 ) -> np.ndarray:
     """Return `silhouette` (H, W) bool with the foreground of `evidence` (H, W) int8 beside it.
 
-    Twin of foreground_join.cl. In cells of MARK x MARK pixels: the box of the cells that the
-    silhouette touches, made larger by `config.sides` and `config.below`; in it all foreground
-    pixels of the cells that have, with their eight neighbours in the box, `config.least_pixels`.
+    Twin of foreground_join.cl. The computation works in cells of MARK x MARK pixels: the box of the
+    cells that the silhouette touches, made larger by `config.sides` and `config.below`; in the box,
+    all foreground pixels of those cells that have at least `config.least_pixels` together with
+    their eight neighbours in the box.
     """
     height, width = silhouette.shape
     rows, columns = -(-height // MARK), -(-width // MARK)
     padding = ((0, rows * MARK - height), (0, columns * MARK - width))
 
     def cells(pixels: np.ndarray) -> np.ndarray:
-        """The number of pixels set in each cell."""
+        """Count the pixels set in each cell."""
         padded = np.pad(pixels, padding).reshape(rows, MARK, columns, MARK)
         return np.asarray(padded.sum((1, 3)))
 
@@ -74,7 +75,7 @@ def joined(
 
 
 class NumpyReprojection:
-    """Same signature and results as `Reprojection`; the maps are a NumPy array."""
+    """The same signature and results as `Reprojection`; the maps are a NumPy array."""
 
     def __init__(
         self,

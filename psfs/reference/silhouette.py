@@ -31,10 +31,10 @@ def silhouette_evidence(
 ) -> np.ndarray:
     """Return evidence counts (V, H, W) int8 of pictures (V, H, W, 3) uint8; 0 outside the pictures.
 
-    The log ratios of background over foreground, limited and rounded to counts, are summed over
-    3x3 pixels, where those outside the pictures say nothing, or are single pixels' if
-    `smoothing.reach` is 0. `foreground` None: it is uniform. light: (V, LIGHT_FLOATS) of the
-    pictures, by default as estimated beside the background.
+    The log ratios of background over foreground, clipped and rounded to counts, are summed over 3x3
+    pixels, with 0 outside the pictures; if `smoothing.reach` is 0, they are not summed.
+    `foreground` None: the foreground is uniform. light: (V, LIGHT_FLOATS) of the pictures, by
+    default estimated relative to the background.
     """
     lit = background
     if not isinstance(background, ChromaKey):
@@ -43,17 +43,21 @@ def silhouette_evidence(
         lit = lit_by(background, light, config.background)
     ratios = []
     for view, nats in enumerate(_log_ratios(images, rig, background, lit, config)):
-        ratios.append(config.evidence.ratio_steps * nats - _learnt(foreground, view, images[view]))
+        ratios.append(
+            config.evidence.ratio_steps * nats - _appearance_counts(foreground, view, images[view])
+        )
     inside = in_pictures(rig)
     seen = background.screen > 0 if isinstance(background, ChromaKey) else inside
     counts = np.where(seen, _in_counts(np.stack(ratios), config), 0)
-    evidence = _evidence_of(counts, inside, config)
+    evidence = _sum_evidence(counts, inside, config)
     if isinstance(background, ChromaKey):
         return evidence
     for view, (image, mean, std) in enumerate(zip(images, lit.mean, lit.std, strict=True)):
         if config.rim.on:
             mixed = mixed_ratio(image, mean, std, evidence[view], config)
-            mixed = config.evidence.ratio_steps * mixed - _learnt(foreground, view, image)
+            mixed = config.evidence.ratio_steps * mixed - _appearance_counts(
+                foreground, view, image
+            )
             counts[view] = np.maximum(counts[view], _in_counts(mixed, config))
         smoothed = smoothed_evidence(image, counts[view], config)
         near = near_foreground(evidence[view])
@@ -61,14 +65,16 @@ def silhouette_evidence(
     return evidence
 
 
-def _learnt(foreground: NumpyForeground | None, view: int, image: np.ndarray) -> np.ndarray:
-    """Return (H, W) counts that the person's colours and location say for the foreground."""
+def _appearance_counts(
+    foreground: NumpyForeground | None, view: int, image: np.ndarray
+) -> np.ndarray:
+    """Return (H, W) counts of foreground by the person's colours and location."""
     if foreground is None:
         return np.zeros(image.shape[:2], int)
     blue, green, red = np.moveaxis(image.astype(int) * BINS // 256, -1, 0)
     colours = foreground.colours[(blue * BINS + green) * BINS + red].astype(int)
-    learnt: np.ndarray = colours + of_pixels(foreground.location[view], image.shape)
-    return learnt
+    counts: np.ndarray = colours + of_pixels(foreground.location[view], image.shape)
+    return counts
 
 
 def _in_counts(ratios: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
@@ -77,7 +83,7 @@ def _in_counts(ratios: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
     return counts
 
 
-def _evidence_of(counts: np.ndarray, inside: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
+def _sum_evidence(counts: np.ndarray, inside: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
     sums = box_sums(counts) if config.smoothing.sum_reach else 9 * counts
     table = config.evidence.ratio_counts()[sums - 9 * config.evidence.ratio_range[0]]
     return np.where(inside, table, 0).astype(np.int8)
@@ -85,7 +91,7 @@ def _evidence_of(counts: np.ndarray, inside: np.ndarray, config: SilhouetteConfi
 
 def near_foreground(evidence: np.ndarray) -> np.ndarray:
     """Return (H, W) bool: pixels whose span of CELL x SPAN pixels, or one of its eight neighbours,
-    shows positive evidence; false for the outermost two pixels, which do not count either."""
+    contains positive evidence. The outermost two pixels are false and do not count."""
     height, width = evidence.shape
     rows, columns = -(-height // CELL), -(-width // SPAN)
     shown = np.zeros((rows * CELL, columns * SPAN), bool)
@@ -100,9 +106,12 @@ def near_foreground(evidence: np.ndarray) -> np.ndarray:
 def smoothed_evidence(
     image: np.ndarray, counts: np.ndarray, config: SilhouetteConfig
 ) -> np.ndarray:
-    """Return (H, W) evidence counts of a picture (H, W, 3) with log ratios `counts` (H, W): of the
-    mean over the pixels within smoothing.reach, weighed by the difference d of their luma from this
-    one's with 1 / (1 + (d / smoothing.contrast)^2)^2. Beyond the border ratios and luma are 0."""
+    """Return (H, W) evidence counts of a picture (H, W, 3), from the weighted mean of its log
+    ratios `counts` (H, W) over the pixels within smoothing.reach.
+
+    The weight is 1 / (1 + (d / smoothing.contrast)^2)^2 for a difference d of luma from the middle
+    pixel's. Beyond the border ratios and luma are 0.
+    """
     reach, (height, width) = config.smoothing.reach, counts.shape
     luma = np.floor(_luma_chroma(image.astype(np.float64))[0][..., 0] + 0.5)
     lumas, ratios = np.pad(luma, reach), np.pad(counts, reach)
@@ -168,8 +177,8 @@ def _log_ratios(
     lit: Background,
     config: SilhouetteConfig,
 ) -> list[np.ndarray]:
-    """Return every view's (H, W) log of the background's density over the uniform foreground's;
-    `lit` is the background in the pictures' light."""
+    """Return, for every view, (H, W) log of the background's density over the uniform foreground's;
+    `lit` is the background relit by the pictures' light."""
     if isinstance(background, ChromaKey):
         return [
             chroma_ratio(image, background, v, config.chroma_key) for v, image in enumerate(images)
@@ -181,7 +190,7 @@ def _log_ratios(
 
 
 def box_sums(counts: np.ndarray) -> np.ndarray:
-    """Return the sums over 3x3 pixels of each view (V, H, W); beyond the border there are zeros."""
+    """Return the sums over 3x3 pixels of each view (V, H, W), zero padded."""
     padded = np.pad(counts, ((0, 0), (1, 1), (1, 1)))
     rows = padded[:, :-2] + padded[:, 1:-1] + padded[:, 2:]
     sums: np.ndarray = rows[..., :-2] + rows[..., 1:-1] + rows[..., 2:]
@@ -196,14 +205,15 @@ def mask_evidence(masks: np.ndarray, rig: CameraRig, config: SilhouetteConfig) -
 def floor_light(
     images: np.ndarray, rig: CameraRig, background: Background, config: SilhouetteConfig
 ) -> np.ndarray:
-    """Return (V, H, W) light on the floor that a pixel shows, 1 = that of the empty scene; NaN
-    where there is no floor; twin of floor_light.cl.
+    """Return (V, H, W) light on the floor at each pixel, relative to the empty scene's; NaN where
+    there is no floor. Twin of floor_light.cl.
 
-    For the middle of every cell of CELL x CELL pixels it is, of the light factors that the other
-    cameras see there, the one second nearest to its own, at most 1; the nearest if fewer than
-    floor.enough have a say. A camera whose pixel cannot be floor, shaded or not, has none, and
-    where nobody has, it is 1. So it is where a cell's middle shows the floor lit. Steps of 1 / 127;
-    linear between the cells.
+    The light is computed in the middle of every cell of CELL x CELL pixels and interpolated
+    linearly. Of the light factors that the other cameras see at that point of the floor, it is the
+    second nearest to the cell's own factor, or the nearest if fewer than floor.enough cameras have
+    a factor; at most 1. A camera has no factor there if its pixel cannot be floor, shaded or not.
+    The light is 1 if no other camera has a factor, or if the cell's own pixel shows the floor fully
+    lit. It is rounded to steps of 1 / 127.
     """
     factors, left = [], []
     for image, mean, std in zip(images, background.mean, background.std, strict=True):
@@ -257,7 +267,7 @@ def _of_middles(pixels: np.ndarray) -> np.ndarray:
 
 
 def _between_cells(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Return the same, linear between the middles of the cells."""
+    """Return the values (H, W) interpolated linearly between the middles of the cells."""
     y, x = np.indices(shape[:2]) / CELL - (CELL - 1) / (2 * CELL)
     between: np.ndarray = ndimage.map_coordinates(cells, [y, x], order=1, mode="nearest")
     return between
@@ -274,7 +284,7 @@ def _weighed(weight: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _fitting(weight: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return the factor that takes y nearest to x."""
+    """Return the factor of y that fits x best (weighted least squares)."""
     factor: np.ndarray = _weighed(weight, x, y) / (_weighed(weight, y, y) + 1e-6)
     return factor
 
@@ -282,7 +292,7 @@ def _fitting(weight: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def _distance_left(
     weight: np.ndarray, x: np.ndarray, factor: np.ndarray, y: np.ndarray
 ) -> np.ndarray:
-    """Return the squared distance that a factor leaves."""
+    """Return the weighted squared distance that is left with a factor."""
     rest = x - factor[..., None] * y
     return _weighed(weight, rest, rest)
 
@@ -290,8 +300,8 @@ def _distance_left(
 def light_factor(
     image: np.ndarray, mean: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return alpha (H, W) with alpha mu nearest to the picture, and the squared distance that it
-    leaves.
+    """Return alpha (H, W) for which alpha mu is nearest to the picture, and the squared distance
+    that is left.
 
     image, mean, weight: (H, W, 3), the weight being 1 / sigma^2.
     """
@@ -310,13 +320,12 @@ def background_ratio(
 ) -> np.ndarray:
     """Return (H, W) log of the background's density over the uniform foreground's, (1/256)^3.
 
-    The background is N(I; alpha mu, sigma), and the best of two alphas counts: 1, and the light
-    factor that fits best within a range. That is the shadow range, at the price of
-    ((1 - alpha) / shadow_width)^2 / 2, by default as wide as `mean` has it. On the floor, where
-    `light` (H, W) is not NaN, it may be darker, at the price of
-    ((1 - alpha) / floor.shadow_depth)^2 / 2, and of ((light - alpha) / width)^2 / 2:
-    with floor.lit_width where the floor is lit, with floor.shadow_width, to which the noise adds,
-    where it is shaded.
+    The background is N(I; alpha mu, sigma) with the better of two alphas: 1, and the best fitting
+    light factor within a range. Usually that is the shadow range, with a penalty of ((1 - alpha) /
+    shadow_width)^2 / 2; shadow_width is by default that of `mean`. On the floor, where `light` (H,
+    W) is not NaN, alpha may be lower, with penalties of ((1 - alpha) / floor.shadow_depth)^2 / 2
+    and of ((light - alpha) / width)^2 / 2. There the width is floor.lit_width where the floor is
+    lit; where it is shaded, it is floor.shadow_width plus the noise.
     """
     image, mean = image.astype(np.float64), mean.astype(np.float64)
     weight = _weight(std, config)
@@ -344,8 +353,8 @@ def background_ratio(
 
 
 def in_pictures(rig: CameraRig) -> np.ndarray:
-    """Return (V, height, width) bool: pixels that exist in a view, which may be smaller than
-    others."""
+    """Return (V, height, width) bool: pixels that exist in a view; views may be smaller than the
+    rig."""
     inside = np.zeros((len(rig), rig.height, rig.width), bool)
     for view, camera in enumerate(rig):
         inside[view, : camera.size[1], : camera.size[0]] = True

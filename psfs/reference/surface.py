@@ -17,7 +17,7 @@ def smooth(padded: np.ndarray) -> np.ndarray:
 def surface_voxels(occupied: np.ndarray) -> np.ndarray:
     """Return the flat indices (N,) int32, ascending, of occupied voxels with an empty 6-neighbour.
 
-    What lies outside the grid counts as empty.
+    Voxels outside the grid count as empty.
     """
     padded = np.pad(occupied, 1)
     inside = occupied.copy()
@@ -31,7 +31,8 @@ def mean_position(
     surface: np.ndarray, shape: tuple[int, int, int], samples: int
 ) -> np.ndarray | None:
     """Return the mean position (3,) of the surface voxels, flat indices (N,), in voxels from the
-    grid's corner; of `samples` of them, evenly listed, if there are more. None if there are none.
+    grid's corner; None if there are none. If there are more than `samples`, that many are taken
+    evenly from the list.
     """
     if not len(surface):
         return None

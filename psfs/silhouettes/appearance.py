@@ -1,6 +1,7 @@
-"""What the reconstructed person teaches about the next frame's silhouettes, on the device.
+"""Appearance model of the person, fitted to each frame for the next frame's silhouettes, on the
+device.
 
-Song et al. 2.2.1: the uniform foreground of eq. (2) is for the first frame only.
+By Song et al. 2.2.1 the uniform foreground of eq. (2) is for the first frame only.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from psfs.cameras.cells import CELL, cells
 from psfs.cameras.footprints import voxel_footprints
 from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
 
-#: Colour bins per channel of the histogram: the layout of its tables, 32 KiB of counts.
+#: Colour bins per channel of the histogram; its table of int8 counts has 32 KiB.
 BINS = 32
 
 
 class Grid(Protocol):
-    """As much of a `VoxelGrid` as the foreground is learnt with."""
+    """The part of a `VoxelGrid` that the appearance model needs."""
 
     @property
     def origin(self) -> np.ndarray: ...
@@ -48,17 +49,19 @@ class SurfaceVoxels(Protocol):
 
 
 class Foreground:
-    """Learns from the voxels of a frame what the silhouettes of the next one take for granted.
+    """The person's colours and location, fitted to the voxels of a frame and used as a prior for
+    the silhouettes of the next frame.
 
-    colours: (BINS^3,) int8, the log of the person's colour density over the uniform one, counts
-    of `EvidenceConfig.ratio_steps`; a histogram that forgets. location: (V, rows, columns) int8,
-    the location prior of every cell: log odds of foreground where the voxels reproject, blurred by
-    what the person may move until the next frame, in the same counts. marks: (V, rows, columns)
-    uint8 with a border of `reach` cells, 1 where voxels reproject. `learn` fills them.
+    colours: (BINS^3,) int8, log of the person's colour density over the uniform density, in counts
+    of `EvidenceConfig.ratio_steps`, from a histogram with exponential forgetting. location: (V,
+    rows, columns) int8, location prior of every cell in the same counts: log odds of foreground
+    where the voxels reproject, blurred by the distance that the person may move until the next
+    frame. marks: (V, rows, columns) uint8 with a border of `reach` cells, 1 where voxels reproject.
+    `learn` fills all three.
 
-    Guards against learning one's own mistakes: only pixels that look like foreground and lie where
-    voxels reproject are counted, never a frame that looks like foreground all over, and colours
-    never seen stay possible.
+    Three rules keep the model from confirming its own errors: only pixels that look like foreground
+    and lie where voxels reproject are counted; a frame that looks like foreground all over is
+    ignored; colours that were never observed keep a density above 0.
     """
 
     def __init__(
@@ -90,7 +93,7 @@ class Foreground:
         self._launches: list[Launch] = []
 
     def learn(self, voxels: SurfaceVoxels) -> None:
-        """Enqueue learning from the voxels made of the pictures on the device."""
+        """Enqueue the fit to the voxels that were made of the pictures on the device."""
         if voxels.surface is not self._surface:
             self._attach(voxels)
         grid = voxels.grid
@@ -104,16 +107,17 @@ class Foreground:
             launch()
 
     def forget_location(self) -> None:
-        """Forget where the person stands; the colours are kept."""
+        """Clear the location prior; the colours are kept."""
         self.location.fill(0)
 
     def restart(self) -> None:
-        """Forget everything learnt."""
-        for learnt in (self.colours, self.location, self.marks, self._counts, self._memory):
-            learnt.fill(0)
+        """Clear the whole model."""
+        for array in (self.colours, self.location, self.marks, self._counts, self._memory):
+            array.fill(0)
 
     def _attach(self, voxels: SurfaceVoxels) -> None:
-        # Not the voxels, which know the silhouettes: a circle would keep all that they hold.
+        # No reference to the voxels: they refer to the silhouettes, and a reference cycle would
+        # keep all their memory.
         self._surface, device = voxels.surface, self._device
         n_bins = BINS**3
         views, rows, columns = self.location.shape
@@ -174,22 +178,23 @@ class Foreground:
 
 
 def location_odds(config: SilhouetteConfig) -> np.ndarray:
-    """Return int8 counts of the location prior's log odds by how many of the cells within `reach`
-    show the person."""
-    learnt, evidence = config.appearance, config.evidence
-    share = np.linspace(0, 1, (2 * learnt.reach + 1) ** 2 + 1)
-    low, high = learnt.location_outside, learnt.location_inside
+    """Return the location prior's log odds, int8 counts, indexed by the number of cells within
+    `reach` that show the person."""
+    appearance, evidence = config.appearance, config.evidence
+    share = np.linspace(0, 1, (2 * appearance.reach + 1) ** 2 + 1)
+    low, high = appearance.location_outside, appearance.location_inside
     inside, prior = low + share * (high - low), evidence.foreground_prior
     nats = np.log(inside / (1 - inside)) - np.log(prior / (1 - prior))
     return np.rint(np.clip(evidence.ratio_steps * nats, -127, 127)).astype(np.int8)
 
 
 def most_samples(rig: CameraRig, config: AppearanceConfig) -> int:
-    """Return the cells of all views beyond which a frame is not learnt from."""
+    """Return the greatest number of foreground cells, over all views, with which a frame is used
+    for the fit."""
     rows, columns = cells(rig)
     return int(config.most * len(rig) * rows * columns)
 
 
 def follows(before: int, index: int, config: AppearanceConfig) -> bool:
-    """Does the frame `index` come soon after the frame `before`?"""
+    """Return whether the frame `index` comes at most `max_gap` frames after the frame `before`."""
     return 0 <= index - before <= config.max_gap

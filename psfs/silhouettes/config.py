@@ -13,13 +13,13 @@ from psfs.background.config import (
 )
 from psfs.common.config import Config, part, setting
 
-#: Where the defaults come from that were tuned with true masks and with a real person.
+#: Provenance of the defaults that were tuned with true masks and with a real person.
 _TUNED = "tuned on synthetic walks with true masks and on a real person on a green carpet"
 
 
 class FloorConfig(Config):
-    """Shadows on the floor, which are the same for all cameras: arms and shoes before a floor of
-    their colour are not mistaken for shaded floor."""
+    """Shadows on the floor, which all cameras see alike. So arms and shoes before a floor of their
+    colour are not mistaken for shaded floor."""
 
     SOURCE: ClassVar = _TUNED
 
@@ -72,9 +72,9 @@ class FloorConfig(Config):
 
 
 class RimConfig(Config):
-    """The silhouette's rim, where the person's colour and the background's are mixed. Without it
-    mixed pixels, which fit no background, would widen silhouettes. Videos keep chroma at half the
-    resolution, so it bleeds farther than luma: any share of it may be the person's."""
+    """The silhouette's rim, where the person's colour and the background's are mixed. Without this
+    model, mixed pixels, which fit no background, would widen silhouettes. Videos store chroma at
+    half the resolution, so it bleeds farther than luma: any share of it may be the person's."""
 
     SOURCE: ClassVar = "tuned on synthetic people with true masks"
 
@@ -96,15 +96,15 @@ class RimConfig(Config):
     )
 
 
-#: Width, px, of the parts of the picture, as high as a cell, in which or beside which foreground is
-#: looked for before evidence is smoothed.
+#: Width, px, of a span, as high as a cell: evidence is smoothed only in spans with foreground in
+#: them or in a neighbouring span.
 SPAN = 16
 
 
 class EvidenceSmoothingConfig(Config):
-    """Contrast-sensitive smoothing: near foreground a pixel's evidence is that of the pixels around
-    it that look like it, so silhouettes end where the picture has edges. A reach of 1 and a
-    contrast of 1000 is the plain mean over 3x3 pixels."""
+    """Contrast-sensitive smoothing: near foreground a pixel's evidence is the mean over the pixels
+    around it of similar luma, so that silhouettes end at edges of the picture. A reach of 1 and a
+    contrast of 1000 give the plain mean over 3x3 pixels."""
 
     SOURCE: ClassVar = "tuned on synthetic people with true masks"
 
@@ -126,13 +126,13 @@ class EvidenceSmoothingConfig(Config):
 
     @property
     def sum_reach(self) -> int:
-        """Pixels to all sides whose log ratios are summed before anything is smoothed."""
+        """Radius, px, of the square over which log ratios are summed before the smoothing."""
         return min(self.reach, 1)
 
 
 class AppearanceConfig(Config):
-    """What the reconstructed person teaches for the next frame, see `psfs.silhouettes.appearance`.
-    Song et al. 2.2.1 ask for a learnt foreground."""
+    """The person's appearance, fitted to each reconstructed frame for the next one, see
+    `psfs.silhouettes.appearance`. Song et al. 2.2.1 ask for such a foreground."""
 
     SOURCE: ClassVar = _TUNED
 
@@ -223,5 +223,6 @@ class SilhouetteConfig(Config):
     )
 
     def without_memory(self) -> SilhouetteConfig:
-        """Return these settings, but for that nothing is learnt from one frame for the next."""
+        """Return these settings with everything off that carries over from one frame to the
+        next."""
         return self.replace(appearance=AppearanceConfig(learn=False))

@@ -1,4 +1,4 @@
-"""Where the floor is seen: the light that falls on it is the same for all cameras."""
+"""The points of the floor that each camera sees: their light is the same for all cameras."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from psfs.silhouettes.config import FloorConfig
 
 
 def floor_points(rig: CameraRig, config: FloorConfig) -> np.ndarray:
-    """Return x and y (V, rows, columns, 2), m, of the floor that a cell's middle shows; NaN where
-    it shows none, and everywhere where the floor has no rules.
+    """Return x and y (V, rows, columns, 2), m, of the floor point in the middle of each cell; NaN
+    where it shows no floor, and everywhere if `config.on` is false.
 
-    Floor is what lies between the cameras: within a circle around the point that they look at, as
-    wide as the farthest one.
+    The floor is the circle around the point that the cameras look at, with the distance of the
+    farthest camera as its radius.
     """
     rows, columns = cells(rig)
     middle = intersect_axes(rig)[:2]

@@ -1,4 +1,4 @@
-"""Pixels where furniture hides what is behind it: they confirm a person, and deny nobody."""
+"""Pixels where furniture hides what is behind it: they can confirm a person but not deny one."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import numpy as np
 
 from cl import Array, Device, Launch
 
-#: The evidence count of a pixel that says nothing; all others are -127 to 127.
+#: Evidence count of a pixel without information; all others are -127 to 127.
 UNKNOWN = -128
-#: Pixels of a kernel's item.
+#: Pixels per work-item.
 _LOT = 16
 
 
 def hide_launch(device: Device, hidden: np.ndarray, evidence: Array) -> Launch:
-    """Return the launch that makes the evidence (V, H, W) int8 of pixels in hidden (V, H, W) bool
-    `UNKNOWN`, where it is not above 0: what stands before the furniture is seen.
+    """Return the launch that sets the evidence (V, H, W) int8 to `UNKNOWN` at hidden (V, H, W) bool
+    pixels where it is not above 0: a person before the furniture stays visible.
 
     Kernel: hidden.cl; twin: `psfs.reference.hidden.hide`.
     """
@@ -26,10 +26,13 @@ def hide_launch(device: Device, hidden: np.ndarray, evidence: Array) -> Launch:
 
 
 def mark_hidden_launch(device: Device, evidence: Array, maps: Array) -> Launch:
-    """Return the launch that turns the lowest bit of the silhouettes, the first channel of maps
-    (V, H, W, 2) uint8, where the evidence (V, H, W) int8 is `UNKNOWN`: 255 becomes 254, and 0
-    becomes 1, which differ little as silhouettes, and tell what looks at the pictures, too, that
-    something else shows there. Twin: `psfs.reference.hidden.mark_hidden`."""
+    """Return the launch that flips the lowest bit of the silhouettes, the first channel of maps (V,
+    H, W, 2) uint8, where the evidence (V, H, W) int8 is `UNKNOWN`.
+
+    255 becomes 254 and 0 becomes 1: these differ little as silhouettes, and show terms that read
+    the pictures, too, that something else is visible there. Twin:
+    `psfs.reference.hidden.mark_hidden`.
+    """
     kernel = device.kernel("reconstruction/hidden", "mark_hidden", LOT=_LOT, UNKNOWN=UNKNOWN)
     return device.launch(
         kernel, (_lots(evidence.size),), None, n_pixels=evidence.size, evidence=evidence, maps=maps

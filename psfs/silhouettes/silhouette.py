@@ -24,19 +24,20 @@ if TYPE_CHECKING:
 
 
 class Silhouette:
-    """Pictures or masks in, evidence maps out: (V, H, W) int8, in counts of `config.evidence.step`
-    nats.
+    """Computation of evidence maps (V, H, W) int8, in counts of `config.evidence.step` nats, from
+    pictures or masks.
 
-    A pixel's evidence is log(SLM / 0.5) for P(O) = 0.5, see `EvidenceConfig.log_odds`. One
-    byte per pixel, because the occupancy gathers from these maps: on PoCL, int8 maps took 59 ms
-    for 8 cameras and 2.3 M voxels, float32 maps 71 ms. Pixels outside a smaller camera's picture
-    hold 0; those that the rig says are hidden hold `UNKNOWN`, unless they show foreground.
-    `background` None: the maps come from ready masks; a `ChromaKey`: by the chromaticity.
+    A pixel's evidence is log(SLM / 0.5) for P(O) = 0.5, see `EvidenceConfig.log_odds`. The maps
+    have one byte per pixel, because the occupancy kernel gathers from them: on PoCL, int8 maps took
+    59 ms for 8 cameras and 2.3 M voxels, float32 maps 71 ms. Pixels outside a smaller camera's
+    picture hold 0; the rig's hidden pixels hold `UNKNOWN`, unless they show foreground. If
+    `background` is None, the maps come from ready masks; if it is a `ChromaKey`, from the
+    chromaticity.
 
-    The foreground is uniform (Song et al.: for the first frame) until `foreground` has learnt
-    from a reconstruction; `foreground` is None for masks, before a screen of one colour, which
-    needs nothing learnt, and where `AppearanceConfig.learn` is off. So is `adaptation`, which lets
-    the background follow the light, and where `AdaptationConfig.rate` is 0.
+    The foreground is uniform (Song et al.: for the first frame) until `foreground` was fitted to a
+    reconstruction. `foreground` is None for masks, for a screen of one colour, and if
+    `AppearanceConfig.learn` is off. `adaptation`, which lets the background follow the light, is
+    None in the same cases and if `AdaptationConfig.rate` is 0.
     """
 
     def __init__(
@@ -72,12 +73,13 @@ class Silhouette:
             self._launches.append(hide_launch(device, hidden, self.evidence))
 
     def __call__(self, pictures: np.ndarray) -> Array:
-        """Enqueue upload and map for pictures (V, H, W, 3) uint8 BGR, or masks (V, H, W) uint8."""
+        """Enqueue the upload and the evidence maps of pictures (V, H, W, 3) uint8 BGR, or masks (V,
+        H, W) uint8."""
         self.input.set(pictures)
         return self.compute()
 
     def compute(self) -> Array:
-        """Enqueue the map of what `input` holds."""
+        """Enqueue the evidence maps of the pictures or masks in `input`."""
         if self._shown is not None:
             self._shown.fill(0)
         for launch in self._launches:
@@ -85,7 +87,8 @@ class Silhouette:
         return self.evidence
 
     def restart(self) -> None:
-        """Forget what was learnt from frames: the person's colours and place, the light's drift."""
+        """Forget all earlier frames: the person's colours and location, and the drift of the
+        background."""
         if self.foreground is not None:
             self.foreground.restart()
         if self.adaptation is not None:
@@ -115,9 +118,9 @@ class Silhouette:
     def _before_scene(
         self, background: Background, ratios: Array
     ) -> tuple[list[Launch], dict[str, Array]]:
-        """Return the launches from pictures to log ratios of scene over foreground; and what the
-        scene looks like, the person's colours and the location prior, which the ratios of mixed
-        pixels are made of."""
+        """Return the launches from pictures to log ratios of scene over foreground, and the arrays
+        that the ratios of mixed pixels need: the scene, the person's colours and the location
+        prior."""
         device, rig, config = self.device, self.rig, self._config
         rows, columns = cells(rig)
         planes = background_planes(background, config.background)
@@ -160,7 +163,7 @@ class Silhouette:
         return launches, {"luma": luma, **seen, **known}
 
     def _learn_into(self, colours: Array, location: Array, scene: Array, light: Array) -> None:
-        """Make what learns from one frame for the next: the person's colours and location, and the
+        """Create the models that carry over from frame to frame: the person's appearance and the
         background's drift."""
         device, rig, config, shown = self.device, self.rig, self._config, self.input
         self.foreground = Foreground(device, rig, shown, self.evidence, colours, location, config)
@@ -170,8 +173,8 @@ class Silhouette:
             self.adaptation = Adaptation(device, rig, *rates, *frame, scene, light)
 
     def _rims(self, scene: dict[str, Array], mapped: dict[str, Array]) -> list[Launch]:
-        """Return the launches that make new ratios for the pixels of the rim, and near foreground
-        the evidence once more, smoothed."""
+        """Return the launches that recompute the log ratios of the rim's pixels and smooth the
+        evidence near foreground."""
         rows, _ = cells(self.rig)
         shape = (len(self.rig), rows + 2, -(-self.rig.width // SPAN) + 2)
         self._shown = self.device.zeros(shape, np.uint8, "the foreground's spans")
@@ -192,7 +195,7 @@ class Silhouette:
         ]
 
     def _packs(self) -> tuple[int, int]:
-        """Return the numbers of packs of pixels along a row, and of rows."""
+        """Return the number of packs of pixels along a row, and the number of rows."""
         return -(-self.rig.width // pixel_pack(self.device, self.rig.width)), self.rig.height
 
     def _defines(self) -> dict[str, int | float]:
@@ -243,11 +246,11 @@ class Silhouette:
 def background_planes(background: Background, config: BackgroundConfig) -> np.ndarray:
     """Return (V, 8, H, W) float32: mean (3), 1 / sigma^2 (3), log of the background's peak density
     over the uniform foreground's, 1 / shadow_width^2."""
-    # Plane by plane: sums over a pixel's three numbers take several times as long.
+    # Work plane by plane: sums over a pixel's three channels take several times as long.
     mean, std = (np.moveaxis(array, -1, 1) for array in (background.mean, background.std))
     planes = np.empty((len(mean), 8, *mean.shape[2:]), np.float32)
     planes[:, :3] = mean
-    for view, own in enumerate(planes):  # what is made on the way stays small
+    for view, own in enumerate(planes):  # one view at a time keeps temporaries small
         sigma = np.maximum(std[view], np.float32(config.sigma_floor), order="C")
         own[3:6] = sigma**-2
         own[6] = np.log(256 / (np.sqrt(2 * np.pi) * sigma)).sum(0)

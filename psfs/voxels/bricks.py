@@ -1,5 +1,5 @@
-"""What bricks of voxels share: extremes of the evidence in tiles, and how far a camera's lens
-carries a box. Counterpart of cl/kernels/reconstruction/bricks.h."""
+"""Data shared by all bricks of voxels: extremes of the evidence in tiles, and bounds of a projected
+box under lens distortion. Counterpart of cl/kernels/reconstruction/bricks.h."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid, check_size
 
-#: Voxels of a brick along x, y, z, and bricks of a coarse brick.
+#: Voxels of a brick along x, y, z, and bricks of a coarse brick along the same axes.
 BRICK = (8, 8, 16)
 COARSE_BRICK = (4, 4, 2)
-#: Pixels of a tile's edge, on two levels.
+#: Edge of a tile, px, on two levels.
 TILE, COARSE_TILE = 8, 32
-#: Floats per camera of what `lens_reach` says.
+#: Floats per camera in the array of `lens_reach`.
 _REACH_FLOATS = 8
 
 
 class Bricks:
-    """What the occupancy kernels of one grid have in common: maps, tables, tiles and definitions.
+    """Inputs that the occupancy kernels of one grid share: maps, tables, tiles and definitions.
 
-    evidence: (V, H, W) int8 in counts of `step` nats. Calling it enqueues the tiles of the
-    evidence maps: least and greatest count of each.
+    evidence: (V, H, W) int8 in counts of `step` nats. A call enqueues the computation of the tiles:
+    least and greatest evidence count of each.
     """
 
     def __init__(
@@ -83,7 +83,8 @@ class Bricks:
 
     @property
     def inputs(self) -> dict[str, Array]:
-        """What all occupancy kernels read beside the evidence, by the kernels' names."""
+        """The arrays that all occupancy kernels read besides the evidence, by the names of the
+        kernels' arguments."""
         return {
             "cameras": self.cameras,
             "reach": self.reach,
@@ -101,8 +102,8 @@ class Bricks:
 
 
 def lanes_of(device: Device, halo: int) -> dict[str, Define]:
-    """Return the definitions of a brick kernel's work-group: one item on CPUs; on GPUs items along
-    z that cover a whole row of the brick, and several rows."""
+    """Return the definitions of a brick kernel's work-group: one work-item on CPUs; on GPUs enough
+    along z for a whole row of the brick, times several rows."""
     depth = BRICK[2] + 2 * halo
     if not device.is_gpu:
         return {"HALO": halo, "LANES": 1, "LANES_Z": 1}
@@ -110,15 +111,18 @@ def lanes_of(device: Device, halo: int) -> dict[str, Define]:
 
 
 def bricks_along(shape: tuple[int, int, int]) -> tuple[int, int, int]:
-    """Return the numbers of bricks along x, y, z that cover `shape` voxels."""
+    """Return the number of bricks along x, y, z that cover `shape` voxels."""
     nx, ny, nz = (-(-n // b) for n, b in zip(shape, BRICK, strict=True))
     return nx, ny, nz
 
 
 def lens_reach(camera: Camera) -> np.ndarray:
-    """Return what bounds a projected box (8,), see `bricks.h`: largest |derivatives| of the pixel
-    by normalised coordinates, px; largest normalised radius of the picture; the radius up to which
-    the derivatives hold; largest radius that has an image."""
+    """Return the bounds (8,) of a projected box, see `bricks.h`.
+
+    They are: largest absolute derivatives of the pixel by the normalised coordinates, px (4);
+    largest normalised radius within the picture; radius up to which the derivatives hold; largest
+    radius that has an image; zero.
+    """
     largest = min(float(np.sqrt(camera.max_radius2)), 1e15)
     u, v = _polar(min(largest, 20.0))
     x, y = distort(camera.lens, u, v)
@@ -127,7 +131,7 @@ def lens_reach(camera: Camera) -> np.ndarray:
     width, height = camera.size
     inside = (px > -2) & (px < width + 1) & (py > -2) & (py < height + 1)
     step = np.hypot(u, v)[0]
-    # One ring further than the last that shows: the rings are samples.
+    # Take the ring beyond the last visible one, since the rings are samples.
     rings = np.flatnonzero(inside.any(0))
     picture = step[min(rings.max() + 1, len(step) - 1)] if rings.size else step[1]
     if rings.size and rings.max() == len(step) - 1:
@@ -142,7 +146,8 @@ def lens_reach(camera: Camera) -> np.ndarray:
 
 
 def _polar(radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return normalised coordinates (72, 400) of rays, evenly spaced in angle, up to `radius`."""
+    """Return normalised coordinates (72, 400) of rays up to `radius`, evenly spaced in both
+    angles."""
     turn = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
     r = np.tan(np.linspace(0, np.arctan(radius), 400))
     return r * np.cos(turn), r * np.sin(turn)

@@ -1,4 +1,4 @@
-"""Voxel clouds on disk, binary PLY and NPZ, and free of debris."""
+"""Reading and writing of voxel clouds as binary PLY and NPZ, and removal of debris."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _COLUMNS = {
     "probability": [("probability", "<f4")],
 }
 _PLY_TYPES = {"<f4": "float", "u1": "uchar"}
-#: What an NPZ holds, and the colours where there are some.
+#: The arrays of an NPZ; colours are optional.
 _ARRAYS = {
     "origin": Values((3,), low=-1e6, high=1e6),
     "voxel_size": Values((), low=1e-6, high=1e3),
@@ -37,10 +37,11 @@ _ARRAYS = {
 
 
 def without_debris(cloud: VoxelCloud, share: float = DEBRIS_SHARE) -> VoxelCloud:
-    """Return only the connected parts with at least `share` of the largest part's surface voxels.
+    """Return the cloud's connected parts with at least `share` of the largest part's surface
+    voxels.
 
-    Voxels are connected that share a corner. The volume keeps counting all occupied voxels,
-    less the voxels that are dropped. share: 0 keeps everything, 1 the largest part only.
+    Voxels that share a corner are connected. The volume stays that of all occupied voxels, less the
+    surface voxels that are dropped. share: 0 keeps everything, 1 the largest part only.
     """
     if not len(cloud) or share <= 0:
         return cloud
@@ -59,7 +60,7 @@ def without_debris(cloud: VoxelCloud, share: float = DEBRIS_SHARE) -> VoxelCloud
 def connected_parts(cloud: VoxelCloud) -> np.ndarray:
     """Return (N,) int: number of the connected part that each voxel belongs to.
 
-    Reads the voxels of the cloud only, not its grid, which may be a thousand times as large.
+    Only the cloud's voxels are read, not its grid, which may be a thousand times as large.
     """
     i, j, k = np.unravel_index(cloud.indices, cloud.grid.shape)
     _, ny, nz = cloud.grid.shape
@@ -79,7 +80,8 @@ def connected_parts(cloud: VoxelCloud) -> np.ndarray:
 
 
 def coarsened(cloud: VoxelCloud, factor: int) -> VoxelCloud:
-    """Return the cloud in voxels `factor` times as long, each with what one voxel in it holds."""
+    """Return the cloud in voxels `factor` times as long, each with probability and colour of one
+    voxel in it."""
     ijk = np.stack(np.unravel_index(cloud.indices, cloud.grid.shape)) // factor
     nx, ny, nz = (-(-n // factor) for n in cloud.grid.shape)
     grid = VoxelGrid(cloud.grid.origin, factor * cloud.grid.voxel_size, (nx, ny, nz))
@@ -90,15 +92,16 @@ def coarsened(cloud: VoxelCloud, factor: int) -> VoxelCloud:
 
 
 def write_cloud(cloud: VoxelCloud, stem: Path, normals: bool = False) -> None:
-    """Write `stem`.ply, with normals if they are wanted, and `stem`.npz."""
+    """Write `stem`.ply, with normals if `normals` is true, and `stem`.npz."""
     write_ply(cloud, stem.with_suffix(".ply"), normals)
     write_npz(cloud, stem.with_suffix(".npz"))
 
 
 def write_ply(cloud: VoxelCloud, path: Path, normals: bool = False) -> None:
-    """Write a binary PLY of the voxels' centres: metres, Z up, which a comment says.
+    """Write a binary PLY of the voxels' centres, in metres with Z up, as a comment in the file
+    states.
 
-    Its properties: x, y, z; nx, ny, nz (outward), if `normals` are wanted; red, green, blue, if the
+    Its properties are x, y, z; nx, ny, nz (outward) if `normals` is true; red, green, blue if the
     cloud is coloured; probability.
     """
     values = {"xyz": cloud.centres}
@@ -128,7 +131,7 @@ def write_ply(cloud: VoxelCloud, path: Path, normals: bool = False) -> None:
 
 
 def write_npz(cloud: VoxelCloud, path: Path) -> None:
-    """Write all of a VoxelCloud, under the names of its fields and its grid's."""
+    """Write all arrays of a VoxelCloud under the names of its fields and its grid's fields."""
     arrays = {
         "origin": cloud.grid.origin,
         "voxel_size": np.array(cloud.grid.voxel_size),
@@ -144,7 +147,8 @@ def write_npz(cloud: VoxelCloud, path: Path) -> None:
 
 
 def read_cloud(path: Path) -> VoxelCloud:
-    """Read what `write_npz` wrote. Raises InputError if the file is absent, cut or another's."""
+    """Read a file of `write_npz`. Raises InputError if the file is missing, truncated or of another
+    kind."""
     what = "a voxel cloud of `psfs reconstruct`"
     data = read_npz(path, _ARRAYS, what)
     nx, ny, nz = (int(n) for n in data["shape"])

@@ -11,19 +11,20 @@ from psfs.voxels.config import ColourConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.surface import SurfaceList
 
-#: The bits of infinity, a depth that no voxel has: depths are positive, so their bits are ordered
-#: as they are.
+#: Bits of the float infinity, a depth that no voxel has. Depths are positive, so the order of their
+#: bits is that of their values.
 _FAR = 0x7F800000
 
 
 class SurfaceColour:
-    """Surface voxels, pictures and evidence in, colours out: (capacity, 4) uint8, RGB and the
-    number of cameras that they are the mean of.
+    """Computation of the surface voxels' colours (capacity, 4) uint8: RGB, and the number of
+    cameras in the mean.
 
     All surface voxels are projected into a z-buffer per camera, each as the bounding box of its
     cube. A camera sees a voxel within `config.tolerance` voxels of the buffer's depth. The colour
-    is the mean over the cameras that see the voxel within the person's silhouette, where
-    there are none over all that see it, else the picture with least in between.
+    is the mean over the cameras that see the voxel within the person's silhouette; without such a
+    camera, over all that see it; if none does, it comes from the camera with the least depth
+    between voxel and buffer.
     """
 
     def __init__(
@@ -69,7 +70,7 @@ class SurfaceColour:
             (32768 if device.is_gpu else 512,),
             (64,),
             **voxels,
-            images=None,  # every frame's own
+            images=None,  # set for every frame
             evidence=evidence,
             colours=self.colours,
         )

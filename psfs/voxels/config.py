@@ -89,7 +89,7 @@ class EdgeConfig(Config):
 
 
 class ForegroundJoinConfig(Config):
-    """What of the pictures' foreground joins the silhouettes of the voxels."""
+    """Settings of the pictures' foreground that joins the silhouettes of the voxels."""
 
     SOURCE: ClassVar = (
         "by hand; tried as a whole, with the posture prior at half its weight, on six sequences in "
@@ -125,7 +125,7 @@ class ForegroundJoinConfig(Config):
 
 
 class VolumeConfig(Config):
-    """How the volume is found when nobody states one, see `psfs.volume`."""
+    """Settings of the search for the volume if none is stated, see `psfs.volume`."""
 
     SOURCE: ClassVar = "by hand; the tests hold it on dancers, a dinosaur and synthetic bodies"
 

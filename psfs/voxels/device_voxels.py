@@ -17,10 +17,10 @@ from psfs.voxels.surface import Surface
 class Voxels:
     """The voxels of the latest frame, on the device; overwritten by the next frame.
 
-    surface: (capacity,) int32 flat indices, of which the first `count[0]` are valid, ascending.
-    count, occupied: (1,) int32. evidence: (V, H, W) int8, the silhouettes that they were carved
-    with, above 0 where foreground is likelier; overwritten, too. stays: whether they are those of
-    one frame for ever.
+    surface: (capacity,) int32 flat indices, ascending, of which the first `count[0]` are valid.
+    count, occupied: (1,) int32. evidence: (V, H, W) int8 evidence maps that the voxels were carved
+    with, above 0 where foreground is likelier; also overwritten. stays: whether the voxels belong
+    to one frame and are never overwritten.
     """
 
     stays = False
@@ -44,11 +44,12 @@ class Voxels:
 
     @property
     def probability(self) -> Array:
-        """(nx, ny, nz) float32, smoothed. In sparse mode it is made when it is asked for."""
+        """Smoothed occupancy (nx, ny, nz) float32. In sparse mode it is computed on access."""
         return self._surface.probability
 
     def colours(self) -> Array:
-        """Enqueue the surface's colours: (capacity, 4) uint8, RGB and how many cameras see it.
+        """Enqueue the surface's colours (capacity, 4) uint8: RGB and the number of cameras in the
+        mean.
 
         Raises InputError if the frame has no pictures.
         """
@@ -63,8 +64,10 @@ class Voxels:
         return self._colour(self.grid, pictures)
 
     def pictures(self) -> Array | None:
-        """Return the frame's pictures (V, H, W, 3) uint8 BGR on the device, None where it has
-        none. They are uploaded where silhouettes are made of masks."""
+        """Return the frame's pictures (V, H, W, 3) uint8 BGR on the device, None if it has none.
+
+        They are uploaded if silhouettes come from masks, and are on the device already otherwise.
+        """
         images = None if self.frame is None else self.frame.images
         if images is None:
             return None
@@ -76,9 +79,10 @@ class Voxels:
         return self._images
 
     def cloud(self, colour: bool = False) -> VoxelCloud:
-        """Download the surface voxels (waits for the device), with `colour` in RGB.
+        """Download the surface voxels, in RGB if `colour` is true; waits for the device.
 
-        Raises InputError if there was no room for all of them, or no picture to colour them.
+        Raises InputError if there was no room for all voxels, or if there is no picture to colour
+        them.
         """
         count = int(self.count.get()[0])
         self._surface.list.check_room()

@@ -1,4 +1,4 @@
-"""Joining what the pictures show of the foreground to the silhouettes of the voxels."""
+"""Union of the voxels' silhouettes with the pictures' foreground around them."""
 
 from __future__ import annotations
 
@@ -9,18 +9,22 @@ from cl.workgroups import row_group
 from psfs.cameras.camera import CameraRig
 from psfs.voxels.config import ForegroundJoinConfig
 
-#: Edge of a cell, px: that of the silhouettes' marks, and a cell's pixels are the bits of a word.
+#: Edge of a cell, px: the silhouettes are marked per cell, and a cell's 64 pixels are the bits of a
+#: word.
 MARK = 8
 _GROUP = 256
 
 
 class ForegroundJoin:
-    """`join(evidence)` adds to the silhouettes in `silhouette`, as `Reprojection` keeps them, the
-    foreground that the evidence maps (V, H, W) int8 show in and around the box of each.
+    """`join(evidence)`: addition of foreground in the evidence maps (V, H, W) int8 to the
+    silhouettes.
 
-    A voxel is carved away where a single camera takes it for background: arms before a wall of
-    their colour are lost in all cameras. Their pixels are not, in most of them. Kernel:
-    foreground_join.cl; twin: reference/reprojection.py.
+    Foreground counts in and around the box of each silhouette in `silhouette`, which `Reprojection`
+    holds.
+
+    A single camera that takes a voxel for background carves it away, so an arm before a wall of its
+    colour is missing from the voxels and thereby from all reprojected silhouettes. Most cameras'
+    evidence still shows it. Kernel: foreground_join.cl; twin: reference/reprojection.py.
     """
 
     def __init__(

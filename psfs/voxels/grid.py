@@ -10,7 +10,7 @@ import numpy as np
 from cl import InputError
 from psfs.voxels.limits import VOXEL_EDGES
 
-#: How far the grid may lie from the origin, m.
+#: Greatest distance of the grid from the origin, m.
 _FARTHEST = 1e6
 
 
@@ -47,7 +47,7 @@ class VoxelGrid:
         if np.any(high <= low):
             raise InputError(f"the volume from {low} to {high} is empty; expected low < high")
         if not VOXEL_EDGES[0] <= voxel_size <= VOXEL_EDGES[1]:
-            return cls(low, float(voxel_size), (1, 1, 1))  # which complains
+            return cls(low, float(voxel_size), (1, 1, 1))  # the constructor raises
         shape = np.maximum(1, np.ceil((high - low) / voxel_size - 1e-9)).astype(int)
         return cls(low, float(voxel_size), (int(shape[0]), int(shape[1]), int(shape[2])))
 
@@ -56,7 +56,8 @@ class VoxelGrid:
         return math.prod(self.shape)
 
     def congruent(self, other: VoxelGrid) -> bool:
-        """Return whether another grid is of as many voxels along each axis, of the same size."""
+        """Return whether another grid has as many voxels along each axis, and voxels of the same
+        size."""
         return self.shape == other.shape and self.voxel_size == other.voxel_size
 
     def same_as(self, other: VoxelGrid) -> bool:
@@ -90,8 +91,8 @@ class VoxelCloud:
     """The surface voxels of one frame.
 
     indices: (N,) int32 flat indices into `grid`, ascending. probability: (N,) float32 smoothed
-    occupancy. colour: (N, 3) uint8 RGB, or None where nobody asked for it. volume: m^3 of all
-    occupied voxels, the inner ones included.
+    occupancy. colour: (N, 3) uint8 RGB, or None if it was not requested. volume: m^3 of all
+    occupied voxels, including the inner ones.
     """
 
     grid: VoxelGrid
@@ -105,11 +106,11 @@ class VoxelCloud:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the arrays."""
+        """Size of the arrays, bytes."""
         colour = 0 if self.colour is None else self.colour.nbytes
         return self.indices.nbytes + self.probability.nbytes + colour
 
     @property
     def centres(self) -> np.ndarray:
-        """(N, 3) m."""
+        """Centres (N, 3) of the voxels, m."""
         return self.grid.centres(self.indices)

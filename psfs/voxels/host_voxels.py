@@ -1,4 +1,4 @@
-"""The voxels of one frame on the host, and what production computes of voxels there."""
+"""The voxels of one frame on the host, and the functions of voxels that run there in production."""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 @dataclass(frozen=True, eq=False)
 class HostVoxels:
-    """The voxels of one frame: `probability` (nx, ny, nz), `surface` (N,) flat indices; if known
-    the evidence maps (V, H, W) int8 that they were carved with and the pictures (V, H, W, 3) uint8
-    BGR."""
+    """The voxels of one frame.
+
+    probability: (nx, ny, nz). surface: (N,) flat indices. If known: the evidence maps (V, H, W)
+    int8 that they were carved with, and the pictures (V, H, W, 3) uint8 BGR.
+    """
 
     grid: VoxelGrid
     probability: np.ndarray
@@ -29,7 +31,7 @@ class HostVoxels:
     pictures: np.ndarray | None = None
 
     def cloud(self, colour: bool = False) -> VoxelCloud:
-        """Return the surface voxels, with `colour` in RGB. Raises InputError if there is no
+        """Return the surface voxels, in RGB if `colour` is true. Raises InputError if that lacks a
         picture."""
         if colour and self.colours is None:
             raise InputError("the frame has no pictures to colour its voxels with; expected images")
@@ -41,7 +43,7 @@ class HostVoxels:
 
 def surface_indices(occupied: np.ndarray) -> np.ndarray:
     """Return the flat indices (N,) int32, ascending, of the occupied voxels (nx, ny, nz) bool that
-    have an empty 6-neighbour. What lies outside the grid counts as empty.
+    have an empty 6-neighbour. Voxels outside the grid count as empty.
     """
     inner = ndimage.binary_erosion(occupied)
     return np.flatnonzero(occupied & ~inner).astype(np.int32)
@@ -56,7 +58,7 @@ def voxel_silhouette(
     """
     _, low, high, _ = pixel_boxes(camera, centres, footprint)
     (x0, y0), (x1, y1) = low.T, high.T
-    # Corners of the boxes; summed along both axes they count the boxes over every pixel.
+    # Signed corners of the boxes: their sums along both axes count the boxes over each pixel.
     corners = np.zeros((shape[0] + 1, shape[1] + 1), int)
     for rows, columns, sign in ((y0, x0, 1), (y1, x1, 1), (y0, x1, -1), (y1, x0, -1)):
         np.add.at(corners, (rows, columns), sign)

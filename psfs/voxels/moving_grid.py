@@ -1,4 +1,4 @@
-"""Where the voxels are in the mean, and a grid that follows them from frame to frame."""
+"""Mean position of the voxels, and a grid that follows them from frame to frame."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from cl import Array, Device
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.surface import SurfaceList
 
-#: Surface voxels that are averaged, at most: a bound on the time it takes, not on the precision.
+#: Greatest number of surface voxels that are averaged; it bounds the time, and the precision
+#: suffices.
 SAMPLES = 2048
 
 
 class MeanPosition:
-    """`position()`: the mean position of the surface voxels of a grid of `shape`, whose flat
-    indices and number are on the device."""
+    """`position()`: mean position of the surface voxels of a grid of `shape`; their flat indices
+    and number are on the device."""
 
     def __init__(
         self, device: Device, shape: tuple[int, int, int], indices: Array, count: Array
@@ -35,27 +36,27 @@ class MeanPosition:
         )
 
     def __call__(self) -> np.ndarray | None:
-        """Return it (3,) in voxels from the grid's origin, of at most `SAMPLES` spread over the
-        surface; None where there are none (waits for the device)."""
+        """Return the mean position (3,), in voxels from the grid's origin, of at most `SAMPLES`
+        voxels spread over the surface; None if there are none. Waits for the device."""
         self._launch()
         mean = self._mean.get().astype(np.float64)
         return mean[:3] if mean[3] > 0 else None
 
 
 class Follower:
-    """The latest frame's surface in, the next frame's grid out: its middle lies above or below
-    the mean of the surface voxels, along x and y, to within a voxel.
+    """Computation of the next frame's grid from the latest surface: along x and y its middle is at
+    the mean of the surface voxels, to within a voxel.
 
-    The grid moves by whole voxels only, so the same voxels come out as of one large grid, as long
-    as the person stays within half a grid of where he or she was. It does not move along z. A
-    frame without voxels leaves it where it is.
+    The grid moves by whole voxels only. So the voxels are the same as those of one large grid, as
+    long as the person moves less than half a grid between frames. The grid does not move along z,
+    nor after a frame without voxels.
     """
 
     def __init__(self, device: Device, grid: VoxelGrid, surface: SurfaceList) -> None:
         self._position = MeanPosition(device, grid.shape, surface.indices, surface.count)
 
     def __call__(self, grid: VoxelGrid) -> VoxelGrid:
-        """Return the next frame's grid: `grid` itself if it may stay (waits for the device)."""
+        """Return the next frame's grid: `grid` itself if it need not move. Waits for the device."""
         position = self._position()
         if position is None:
             return grid

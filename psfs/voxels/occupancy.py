@@ -9,18 +9,17 @@ from psfs.voxels.bricks import Bricks, bricks_along, lanes_of
 
 
 class Occupancy:
-    """The evidence maps of bricks in, P(V = 1) of every voxel out.
+    """Computation of P(V = 1) of every voxel from the evidence maps.
 
-    probability: (nx + 2, ny + 2, nz + 2) float32.
-    One layer of voxels around the grid is evaluated as well, so that the smoothing knows what
-    lies beyond the border: a part of a grid gives the same voxels as the whole. A voxel's
-    posterior log-odds are logit(prior) + the evidence of the cameras whose picture contains its
-    projection; below `min_cameras` of them it is empty.
+    probability: (nx + 2, ny + 2, nz + 2) float32. One layer of voxels around the grid is evaluated
+    as well, since the smoothing needs it: so a part of a grid gives the same voxels as the whole. A
+    voxel's posterior log-odds are logit(prior) + the evidence of the cameras whose picture contains
+    its projection; below `min_cameras` of them it is empty.
 
-    The grid is worked on in bricks. Where a camera's evidence does not vary over the pixels that
-    a brick covers (found from least and greatest evidence in tiles of 8 x 8 and 32 x 32 px), it
-    is added once to the whole brick. Elsewhere every voxel is projected, lens distortion
-    included, not looked up: a table of pixels would take 4 bytes per voxel and camera.
+    The grid is processed in bricks. If a camera's evidence is constant over the pixels that a brick
+    covers (by the least and greatest evidence in tiles of 8 x 8 and 32 x 32 px), it is added once
+    to the whole brick. Otherwise every voxel is projected, including lens distortion. There is no
+    table of pixels, which would take 4 bytes per voxel and camera.
     """
 
     def __init__(self, bricks: Bricks) -> None:

@@ -1,4 +1,5 @@
-"""The reconstruction volume, when nobody states one: from the rig and the first silhouettes."""
+"""Estimation of the reconstruction volume, if none is stated, from the rig and the first
+silhouettes."""
 
 from __future__ import annotations
 
@@ -16,8 +17,8 @@ from psfs.voxels.grid import VoxelGrid
 def default_voxel_size(
     rig: CameraRig, low: np.ndarray, high: np.ndarray, config: VolumeConfig | None = None
 ) -> float:
-    """Return the edge of a voxel, m: 2 cm when the cameras stand as far away as people need, else
-    1/150 of the longest side."""
+    """Return the edge of a voxel, m: 2 cm if the cameras are as far away as people need, else 1/150
+    of the longest side."""
     config = config or VolumeConfig()
     middle = (np.asarray(low) + np.asarray(high)) / 2
     distance = np.median(np.linalg.norm(rig.centres - middle, axis=1))
@@ -28,7 +29,7 @@ def default_voxel_size(
 
 
 def finest_pixel(rig: CameraRig, grid: VoxelGrid) -> float:
-    """Return what a pixel covers in the middle of the grid at least, m."""
+    """Return the least width that a pixel of any camera covers in the middle of the grid, m."""
     distances = np.linalg.norm(rig.centres - (grid.low + grid.high) / 2, axis=1)
     focal = [camera.K[[0, 1], [0, 1]].max() for camera in rig]
     return float(np.min(distances / focal))
@@ -37,10 +38,11 @@ def finest_pixel(rig: CameraRig, grid: VoxelGrid) -> float:
 def reachable_box(
     rig: CameraRig, config: VolumeConfig | None = None, floor: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a box around the point that the cameras look at, as large as they leave room for, m.
+    """Return a box, m, around the point that the cameras look at, which reaches as far as the
+    cameras.
 
-    The point is the nearest one to all optical axes; the box reaches as far as the median
-    camera stands from it. With `floor` rigs of people's size stand on one: nothing below z = -0.1.
+    The point is the nearest one to all optical axes; the box reaches as far as the median camera
+    stands from it. With `floor`, the box of a rig large enough for people ends at z = -0.1.
     """
     config = config or VolumeConfig()
     target = intersect_axes_ahead(rig)
@@ -58,8 +60,8 @@ def reachable_box(
 def largest_parts_box(
     rig: CameraRig, evidence: list[np.ndarray], grid: VoxelGrid, min_cameras: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the box, m, around the largest connected part of every frame; None without any.
-    evidence: of every frame, as `without_speckle` leaves it."""
+    """Return the box, m, around the largest connected parts of all frames; None if there are none.
+    evidence: maps of each frame, from `without_speckle`."""
     centres = grid.centres()
     votes = np.zeros((len(evidence), grid.size), np.int32)
     seeing = np.zeros(grid.size, np.int32)
@@ -88,13 +90,13 @@ def without_speckle(evidence: np.ndarray) -> np.ndarray:
 
 
 def _widened(evidence: np.ndarray, pixels: float) -> np.ndarray:
-    """Return evidence (H, W), its foreground widened to voxels `pixels` across."""
+    """Return evidence (H, W) with the foreground dilated by a voxel that is `pixels` wide."""
     size = max(1, round(pixels))
     return _of_bytes(cv2.dilate(_bytes(evidence), np.ones((size, size), np.uint8)))
 
 
 def _bytes(evidence: np.ndarray) -> np.ndarray:
-    """Return int8 as the 0..255 that OpenCV wants, in the same order."""
+    """Return int8 values as uint8 in the same order, as OpenCV needs them."""
     raised: np.ndarray = evidence.view(np.uint8) ^ np.uint8(128)
     return raised
 

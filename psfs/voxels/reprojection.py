@@ -16,16 +16,16 @@ from psfs.voxels.grid import VoxelGrid
 
 
 class Reprojection:
-    """Voxels in, maps (V, H, W, 2) uint8 on the device out; the next call overwrites them.
+    """Computation of maps (V, H, W, 2) uint8 of the voxels on the device; the next call overwrites
+    them.
 
-    Channel 0: silhouette of the voxels, 0 or 255, or 1 or 254 where the rig's pixels are hidden
-    in the frame, see `mark_hidden_launch`. Channel 1: proximity to its boundary,
-    round(255 exp(-d^2 / (2 sigma^2))) with d the Euclidean distance in pixels to the nearest
-    boundary pixel, 0 beyond `radius`. `scale` makes the maps smaller than the pictures: H and W
-    are those of `rig.scaled(scale)`. sigma and radius: px of the maps, by default as `EdgeConfig`
-    says. With `join`, the silhouettes are those of the voxels and of the foreground beside them in
-    the frame's evidence maps, where it has any, see `ForegroundJoin`. `maps` are made
-    unless they are given. Raises InputError for a join in smaller maps.
+    Channel 0: silhouette of the voxels, 0 or 255; 1 or 254 at the frame's hidden pixels, see
+    `mark_hidden_launch`. Channel 1: proximity to its boundary, round(255 exp(-d^2 / (2 sigma^2)))
+    with d the Euclidean distance in pixels to the nearest boundary pixel, 0 beyond `radius`.
+    `scale` makes the maps smaller than the pictures: H and W are those of `rig.scaled(scale)`.
+    sigma and radius: px of the maps, by default from `EdgeConfig`. With `join`, the silhouettes
+    also contain the foreground beside them in the frame's evidence maps, if it has any, see
+    `ForegroundJoin`. `maps` are created unless given. Raises InputError for a join in smaller maps.
     """
 
     def __init__(
@@ -52,7 +52,8 @@ class Reprojection:
         if maps is None:
             maps = device.empty((views, height, width, 2), np.uint8, "the reprojected maps")
         self.maps = maps
-        # One row more before and behind, then the marks; cleared as words. CPUs read in lots.
+        # One extra row before and after the picture, then the marks; all are cleared as words. CPUs
+        # read several pixels at once.
         marks = -(-height // MARK) * -(-width // MARK)
         nbytes = (views * height + 2) * width + views * marks + LOT
         self._silhouette = device.empty((-(-nbytes // 4),), np.uint32, "the silhouettes")
@@ -82,7 +83,8 @@ class Reprojection:
         )
 
     def __call__(self, voxels: Voxels) -> Array:
-        """Enqueue the maps of `voxels`. Raises InputError if their grid has another shape."""
+        """Enqueue the computation of the maps of `voxels`. Raises InputError if their grid has
+        another shape."""
         if voxels is not self._voxels:
             self._attach(voxels)
         if voxels.grid is not self._grid:
@@ -100,7 +102,7 @@ class Reprojection:
         return self.maps
 
     def _attach(self, voxels: Voxels) -> None:
-        """Make the splatting read the buffers of `voxels`."""
+        """Connect the splatting kernel to the buffers of `voxels`."""
         if voxels.grid.shape != self._shape:
             raise InputError(f"the voxels' grid is {voxels.grid.shape}; expected {self._shape}")
         self._voxels = voxels
@@ -131,7 +133,7 @@ def check_join(join: ForegroundJoinConfig | None, scale: float) -> None:
 def edge_reach(
     rig: CameraRig, sigma: float | None, radius: int | None, config: EdgeConfig | None = None
 ) -> tuple[float, int]:
-    """Return sigma and radius in px; those that are not stated as `config` says."""
+    """Return sigma and radius, px, each from `config` if it is not given."""
     config = config or EdgeConfig()
     sigma = config.sigma * rig.width / config.width if sigma is None else float(sigma)
     if not sigma > 0:
@@ -143,8 +145,8 @@ def edge_reach(
 
 
 def proximity_table(sigma: float, radius: int) -> np.ndarray:
-    """Return (radius^2 + 2,) uint8: proximity by squared distance; the last entry is "out of
-    reach"."""
+    """Return (radius^2 + 2,) uint8: proximity by squared distance, px^2; the last entry is for all
+    greater distances."""
     squared = np.arange(radius**2 + 2)
     table = np.rint(255 * np.exp(-squared / (2 * sigma**2))).astype(np.uint8)
     table[-1] = 0

@@ -1,4 +1,5 @@
-"""From evidence to surface voxels, only in the bricks that can be occupied, coarse to fine."""
+"""Surface voxels from evidence, computed only in the bricks that can be occupied, coarse to
+fine."""
 
 from __future__ import annotations
 
@@ -14,22 +15,24 @@ from psfs.voxels.surface import SurfaceList
 
 log = logging.getLogger(__name__)
 
-#: Room for the probability of all bricks up to this number of voxels, beyond it for one in eight.
+#: Number of voxels for whose probability there is always memory; in larger grids there is memory
+#: for one voxel in eight, if that is more.
 _ROOM = 2**24
 
 
 class SparseSurface:
-    """The evidence maps of bricks in, surface voxels out: occupancy (Song et al. eq. 3-9) and
+    """Computation of surface voxels from evidence maps: occupancy (Song et al. eq. 3-9) and
     smoothing only where a voxel can be occupied.
 
-    A brick of 8 x 8 x 16 voxels is left out when the greatest evidence that each camera can add
-    to any voxel in it or within two voxels of it stays below the threshold in sum. The bound is
-    conservative: the occupied voxels, and the probability of them and of their neighbours, are
-    those of the dense mode to the last bit; elsewhere the probability counts as 0. Bricks are
-    found in coarse ones of 32 x 32 x 32 voxels first, and listed on the device.
+    For each brick of 8 x 8 x 16 voxels, the greatest evidence that each camera can add to a voxel
+    in it or within two voxels of it is summed over the cameras. If the sum is below the threshold,
+    the brick is left out. The bound is conservative: the occupied voxels, and the probability of
+    them and of their neighbours, are those of the dense mode to the last bit; elsewhere the
+    probability counts as 0. Coarse bricks of 32 x 32 x 32 voxels are tested first; the list of
+    bricks stays on the device.
 
-    list: the surface of the voxels above the threshold. n_active: (1,) int32 bricks worked on.
-    Memory grows with the occupied space: 512^3 voxels take 90 MiB.
+    list: the surface of the voxels above the threshold. n_active: (1,) int32 number of computed
+    bricks. Memory grows with the occupied space: 512^3 voxels take 90 MiB.
     """
 
     def __init__(self, bricks: Bricks) -> None:
@@ -77,16 +80,18 @@ class SparseSurface:
         self.list()
 
     def surface_probability(self, count: int) -> np.ndarray:
-        """Return (count,) float32 probabilities of the surface voxels, downloaded: the threshold
-        where there was no room for them, which is warned of."""
+        """Download the probabilities (count,) float32 of the surface voxels. Where memory did not
+        suffice, they are the threshold, with a warning."""
         self._warn_of_room()
         return self.list.gathered(count, self._gather, pool=self._pool, slots=self.slots)
 
     @property
     def probability(self) -> Array:
-        """(nx, ny, nz) float32 smoothed probability of the latest frame, 0 where no brick was
-        worked on or there was no room, which is warned of; a new array each time. Raises InputError
-        if that does not fit the device."""
+        """Smoothed probability (nx, ny, nz) float32 of the latest frame, a new array each time.
+
+        It is 0 where no brick was computed or where memory did not suffice; the latter gives a
+        warning. Raises InputError if the array does not fit into the device's memory.
+        """
         self._warn_of_room()
         device, (nx, ny, nz) = self._bricks.device, self._bricks.shape
         probability = device.empty((nx, ny, nz), np.float32, "the whole grid's probability")
@@ -101,7 +106,8 @@ class SparseSurface:
         return probability
 
     def _warn_of_room(self) -> None:
-        """Warn once if more bricks can be occupied than there is room for (waits)."""
+        """Warn once if more bricks can be occupied than there is memory for. Waits for the
+        device."""
         n = int(self.n_active.get()[0])
         if n > self.capacity and not self._warned:
             self._warned = True

@@ -9,17 +9,18 @@ import numpy as np
 from cl import Array, Device, InputError, Kernel, Launch
 from cl.workgroups import row_group
 
-#: Largest list of surface voxels: all of them up to this number, beyond it one in sixteen.
+#: Number of voxels for which the list always has room; for larger grids it has room for one voxel
+#: in sixteen, if that is more.
 _ROOM = 2**24
 
 
 class SurfaceList:
-    """Bits of occupied voxels in, the list of surface voxels out.
+    """Computation of the list of surface voxels from the bits of occupied voxels.
 
     bits: (nx, ny, ceil(nz / 16)) uint16. indices: (capacity,) int32, flat indices of the occupied
     voxels that have an empty 6-neighbour or lie on the grid's border, ascending; the first
-    `count[0]` entries are valid. occupied: (1,) int32, all occupied voxels. The order is the same
-    on every device and in every run.
+    `count[0]` entries are valid. occupied: (1,) int32, number of all occupied voxels. The order is
+    the same on every device and in every run.
     """
 
     def __init__(self, device: Device, shape: tuple[int, int, int], bits: Array) -> None:
@@ -57,8 +58,8 @@ class SurfaceList:
             launch()
 
     def gathered(self, count: int, kernel: Kernel, **source: Array) -> np.ndarray:
-        """Return the `count` float32 that `kernel`, always the same, takes from its `source` at the
-        surface voxels, downloaded."""
+        """Download the `count` float32 values that `kernel` gathers from its `source` at the
+        surface voxels. Each call must pass the same kernel."""
         if self._gather is None or self._gathered.size < count:
             what = "the surface's probability"
             self._gathered = out = self._device.empty(max(1, 2 * count), np.float32, what)
@@ -68,7 +69,8 @@ class SurfaceList:
         return self._gathered.get(count)
 
     def check_room(self) -> None:
-        """Raise InputError if the surface has more voxels than the list has room for (waits)."""
+        """Raise InputError if the surface has more voxels than the list has room for. Waits for the
+        device."""
         found = int(self._found.get()[0])
         if found > self.capacity:
             raise InputError(
@@ -78,7 +80,7 @@ class SurfaceList:
 
 
 class Surface:
-    """Occupancy of the padded grid in, smoothed probability and surface voxels out.
+    """Computation of smoothed probability and surface voxels from the occupancy of the padded grid.
 
     probability: (nx, ny, nz) float32, the mean over 3x3x3 voxels. list: the surface of the voxels
     above the threshold.
@@ -113,5 +115,5 @@ class Surface:
         self.list()
 
     def surface_probability(self, count: int) -> np.ndarray:
-        """Return (count,) float32 probabilities of the surface voxels, downloaded."""
+        """Download the probabilities (count,) float32 of the surface voxels."""
         return self.list.gathered(count, self._gather, probability=self.probability)

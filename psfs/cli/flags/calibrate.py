@@ -15,7 +15,7 @@ from psfs.settings import Settings
 _BOARDS = ("charuco", "chessboard")
 
 
-#: What is written.
+#: Names of the written files and folder.
 CALIBRATION, REPORT, RIG, PICTURES = "calibration.toml", "calibration.json", "rig.png", "cameras"
 
 

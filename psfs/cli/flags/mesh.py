@@ -8,7 +8,7 @@ from pathlib import Path
 from psfs.cli.commandline import add_device_flag
 from psfs.mesh.config import FORMATS, SMOOTHING
 
-#: What --check writes.
+#: Definition of the figures that --check writes.
 DEFINITION = (
     "IoU of the projected mesh (pixels whose centre's ray meets it) with the frame's own "
     "silhouette, which psfs check defines"

@@ -18,7 +18,7 @@ from psfs.presets import PRESETS
 from psfs.settings import Settings
 from psfs.voxels.limits import DEBRIS_SHARE
 
-#: Voxels along an axis that --grid may ask for.
+#: Greatest number of voxels along an axis in --grid.
 _MOST_ALONG = 10_000
 
 
@@ -69,6 +69,8 @@ def _shape(text: str) -> tuple[int, int, int]:
         if max(nx, ny, nz) > _MOST_ALONG:
             raise InputError(f"at most {_MOST_ALONG} along each axis")
     except ValueError as error:
-        told = f": {error}" if isinstance(error, InputError) else ""
-        raise argparse.ArgumentTypeError(f"{text!r} is no grid{told}; expected NX,NY,NZ") from None
+        detail = f": {error}" if isinstance(error, InputError) else ""
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no grid{detail}; expected NX,NY,NZ"
+        ) from None
     return nx, ny, nz

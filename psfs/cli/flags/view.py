@@ -15,7 +15,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def add_view_flags(parser: argparse.ArgumentParser) -> None:
-    """Add what `psfs.cli.view.view_run` wants."""
+    """Add the flags that `psfs.cli.view.view_run` needs."""
     what = (parser.description or "").removesuffix(".")
     keys = ", ".join(f"{key} {what}" for key, what in KEYS.items())
     parser.description = f"{what}. Keys of the window: {keys}, 1 to 9 show and hide."

@@ -1,4 +1,4 @@
-"""A program with subcommands: its parser, and how it ends."""
+"""A program with subcommands: its parser and its exit codes."""
 
 from psfs.cli.program.parser import program_parser, run_command, run_program, version_line
 

@@ -1,4 +1,5 @@
-"""A subcommand that is imported when it is chosen: its flags first, its work when it runs."""
+"""A subcommand with lazy imports: its flags are imported when it is chosen, its work when it
+runs."""
 
 from __future__ import annotations
 
@@ -10,9 +11,9 @@ from importlib import import_module
 
 @dataclass(frozen=True)
 class Command:
-    """A subcommand. help: one line. flags: the module whose `add_flags(parser)` adds the flags,
-    and whose `check(args)`, where it has one, refuses arguments before the work is imported. work:
-    the module whose `run(args)` runs it."""
+    """A subcommand. help: one line. flags: the module whose `add_flags(parser)` adds the flags, and
+    whose optional `check(args)` rejects arguments before the work is imported. work: the module
+    whose `run(args)` runs it."""
 
     name: str
     help: str

@@ -1,4 +1,4 @@
-"""How a command ends: its exit code, and one line on standard error where it did not succeed."""
+"""The end of a command: its exit code, and one line on standard error if it failed."""
 
 from __future__ import annotations
 
@@ -19,25 +19,26 @@ from psfs.common.system import handle_signals
 
 DONE, MENDABLE, UNEXPECTED, INTERRUPTED = 0, 2, 70, 130
 _LONGEST_LINE = 800
-#: Signals that are handled as Ctrl-C is: what is done is kept.
+#: Signals that are handled like Ctrl-C: finished work is kept.
 _ENDING = ("SIGTERM", "SIGHUP")
 
 
 def exit_code(program: str, run: Callable[[], None]) -> int:
     """Call `run` and return the exit code.
 
-    0 done; 2 something the user can mend; 130 interrupted, also by SIGTERM and SIGHUP; 70 a fault
-    of ours, with the traceback in a log file. All but 0 print one line on standard error.
+    0: success. 2: an error that the user can mend. 130: interrupted, also by SIGTERM and SIGHUP.
+    70: a bug of the program, with the traceback in a log file. All but 0 print one line on standard
+    error.
     """
     for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # LANG=C, and paths that are no UTF-8
+        if hasattr(stream, "reconfigure"):  # for LANG=C and paths that are not UTF-8
             stream.reconfigure(errors="backslashreplace")
     try:
         with _ended_as_interrupted():
             run()
         sys.stdout.flush()
         return DONE
-    except SystemExit as exit:  # of the parser, which has said why
+    except SystemExit as exit:  # from the parser, which has printed the reason
         return exit.code if isinstance(exit.code, int) else DONE
     except BrokenPipeError:  # `psfs info x | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -56,8 +57,8 @@ def exit_code(program: str, run: Callable[[], None]) -> int:
 
 
 def mendable(error: Exception) -> str | None:
-    """Return what to tell a user who can mend what raised `error`; None if it is a fault of ours:
-    a program's own errors, the file system's, and memory that does not suffice."""
+    """Return the message for an error that the user can mend: the program's own errors, those of
+    the file system, and a lack of memory. Return None for all others, which are bugs."""
     if isinstance(error, UserError):
         return str(error)
     if isinstance(error, OSError) and error.errno is not None:
@@ -94,13 +95,13 @@ def _say(text: str) -> None:
     # A closed or full standard error must not hide the exit code.
     with contextlib.suppress(OSError):
         line = escape_unprintable(text)
-        if len(line) > _LONGEST_LINE:  # what was found may be a list of a thousand numbers
+        if len(line) > _LONGEST_LINE:  # an error may quote a list of a thousand numbers
             line = f"{line[: _LONGEST_LINE // 2]} ... {line[-_LONGEST_LINE // 2 :]}"
         print(line, file=sys.stderr, flush=True)
 
 
 def _logged(program: str) -> str:
-    """Write the traceback of the error in work to a file; return how to name it in a line."""
+    """Write the traceback of the current error to a file; return a text that names the file."""
     name = f"{program.split()[0]}-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}.log"
     try:
         path = Path(tempfile.gettempdir()) / name

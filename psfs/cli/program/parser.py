@@ -1,4 +1,4 @@
-"""A program with subcommands: its parser, and how it is run."""
+"""A program with subcommands: its parser and its main function."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ _SHELLS = ("bash", "zsh", "tcsh", "fish", "powershell")
 def run_program(
     prog: str, description: str, commands: Sequence[Command], argv: Sequence[str] | None = None
 ) -> int:
-    """Run the one of these subcommands that `argv` names, and return the exit code. Only the chosen
-    one's modules are imported. argv: the process's own by default."""
+    """Run the subcommand that `argv` names and return the exit code. Only its modules are imported.
+    argv: the process's own by default."""
     parser = program_parser(prog, description, commands)
     return run_command(parser, argv)
 
@@ -61,7 +61,7 @@ def program_parser(
 
 
 def _add_flags(command: Command, parser: CommandParser) -> None:
-    """Add a subcommand's own flags and those that all have."""
+    """Add a subcommand's own flags and those of all subcommands."""
     from psfs.cli.settings import add_config_flag  # imports pydantic, which --help does without
 
     command.add_flags(parser)
@@ -75,7 +75,7 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
     `psfs.cli.program.outcome`."""
     words = sys.argv[1:] if argv is None else list(argv)
     if argv is None:  # a process of its own
-        os.environ.pop("MPLBACKEND", None)  # plots go into files: no display of Matplotlib's counts
+        os.environ.pop("MPLBACKEND", None)  # plots go into files, not to a display
 
     def run() -> None:
         if any("\0" in word for word in words):
@@ -91,7 +91,7 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
 
 
 def _logged(prog: str, args: argparse.Namespace, words: Sequence[str]) -> None:
-    """Run the subcommand, its beginning and end in the log file."""
+    """Run the subcommand, and write its start and end into the log file."""
     if has_log():
         log_line(f"{prog} {' '.join(words)} ({version_line()})")
     try:
@@ -103,7 +103,7 @@ def _logged(prog: str, args: argparse.Namespace, words: Sequence[str]) -> None:
 
 
 class _Version(argparse.Action):
-    """Prints the versions and exits; they are looked up only then."""
+    """An action that prints the versions and exits; they are determined only then."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, help: str | None = None) -> None:
         super().__init__(option_strings, argparse.SUPPRESS, nargs=0, help=help)
@@ -114,7 +114,8 @@ class _Version(argparse.Action):
 
 
 class _Completion(argparse.Action):
-    """Prints what completes all subcommands and flags in a shell, and exits."""
+    """An action that prints a shell's completion script for all subcommands and flags, and
+    exits."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, _: argparse.Namespace, shell: object, *__: object
@@ -132,7 +133,7 @@ class _Completion(argparse.Action):
 
 
 def version_line() -> str:
-    """Return this program's version, and those of what it runs on."""
+    """Return the versions of this program and of the platform that it runs on."""
     found = versions()
     own = f"psfs-apf {found.pop('psfs-apf')}"
     return ", ".join([own, *(f"{name} {version}" for name, version in found.items()),
@@ -140,7 +141,7 @@ def version_line() -> str:
 
 
 def _usage(parser: CommandParser) -> str:
-    """Return what must be stated, and that there is more."""
+    """Return the usage with the required arguments, and a hint at the optional ones."""
     words = ["%(prog)s"]
     for action in parser.actions:
         name = action.metavar if isinstance(action.metavar, str) else action.dest.upper()
