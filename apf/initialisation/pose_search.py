@@ -28,8 +28,8 @@ from apf.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class SearchTask:
-    """What is known before the search. height: known stature, m. keep_shape: the scene's body is
-    the person's own. seed: of all random numbers. way: (2,) m, displacement of the person over the
+    """Prior knowledge for the search. height: known stature, m. keep_shape: the scene's body is the
+    person's own. seed: of all random numbers. way: (2,) m, displacement of the person over the
     first frames."""
 
     height: float | None
@@ -150,8 +150,8 @@ class PoseSearch:
         return self.trackers(body, config)
 
     def _limb_starts(self, pose: np.ndarray, moving: np.ndarray) -> list[np.ndarray]:
-        """Return start poses whose `moving` part is unchanged, at rest, and random within its
-        limits."""
+        """Return start poses whose `moving` part is unchanged, at rest, and random, halfway between
+        rest and a uniform sample within its limits."""
         rest = self.template.rest_pose
         low, high = self.template.lower[moving], self.template.upper[moving]
         low = np.where(np.isfinite(low), low, -np.pi)
@@ -166,7 +166,8 @@ class PoseSearch:
 
 
 def _searched(tracker: Any, start: np.ndarray, voxels: Any) -> tuple[np.ndarray, float]:
-    """Return the pose (D,) that `tracker` finds from `start`, and the error of its best particle."""
+    """Return the pose (D,) that `tracker` finds from `start`, and the error of the best
+    particle."""
     tracker.start(start)
     estimate = tracker.step(voxels)
     return estimate.pose, float(estimate.least_error[-1])
