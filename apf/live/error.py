@@ -1,4 +1,5 @@
-"""How far live poses lie from the truth: of the frames taken, and of when the poses are known."""
+"""Errors of live poses: against the truth of their frame, and of the moment at which they are
+known."""
 
 from __future__ import annotations
 
@@ -27,8 +28,8 @@ def live_errors(track: Track, truth: JointSeries, latencies: np.ndarray) -> dict
 
 
 def truth_later(truth: JointSeries, frames: np.ndarray, seconds: np.ndarray) -> JointSeries:
-    """At the indices `frames` (F,) the true joints `seconds` (F,) later, linear between frames; NaN
-    where there are none."""
+    """Return the true joints `seconds` (F,) after the frames `frames` (F,), linearly interpolated;
+    NaN outside the truth."""
     when = frames + seconds * truth.fps
     flat = truth.joints.reshape(len(truth.frames), -1)
     moved = [np.interp(when, truth.frames, column, np.nan, np.nan) for column in flat.T]
