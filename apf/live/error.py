@@ -13,10 +13,12 @@ from apf.tracking.track import Track
 
 
 def live_errors(track: Track, truth: JointSeries, latencies: np.ndarray) -> dict[str, float | None]:
-    """mm, means over joints and poses. error_mm: from the truth of the frame that was taken, which
-    is the tracking's; error_when_known_mm: from the truth `latencies` (F,) s later, when the pose
-    was known, without the poses for which there is no truth so late. Raises InputError as
-    `evaluate` does."""
+    """Return mean errors, mm, over joints and poses.
+
+    error_mm: against the truth of the frame, which is the error of tracking. error_when_known_mm:
+    against the truth `latencies` (F,) s later, when the pose was known; poses without truth at that
+    time are left out. Raises InputError as `evaluate` does.
+    """
     errors = {"error_mm": evaluate(track, truth).mean_error, "error_when_known_mm": np.nan}
     later = truth_later(truth, track.frames, latencies)
     if np.isfinite(later.joints).any():
