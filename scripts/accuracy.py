@@ -281,8 +281,7 @@ def _shown(plan: dict[Table, list[Setting]], results: Results) -> list[Grid]:
 
 
 def _update_readme(args: argparse.Namespace) -> None:
-    """Write README's table from a suite; write the Markdown and docs/accuracy.md's tables from
-    other runs."""
+    """Write README's table from a suite, or the tables of docs/accuracy.md from other runs."""
     results = Results.read(args.out / "results.json")
     if args.thesis is not None:
         publish_thesis(_ROOT, results)
@@ -357,7 +356,7 @@ def do_runs(
         for setting, part in todo:
             if time.monotonic() > end:
                 return
-            wanted = _recording_of(setting)
+            wanted = _recording_key(setting)
             if recording is None or wanted != shown:
                 of = silhouettes_name(setting.sequence, setting.preset)
                 name = f"{of}_{setting.cameras}cam_step{setting.step}.npz"
@@ -378,15 +377,14 @@ def do_runs(
 def lacking(
     device: Device, plan: dict[Table, list[Setting]], results: Results, seeds: int
 ) -> list[tuple[Setting, list[int]]]:
-    """Return the missing settings with the seeds that are tracked at once, in the order of the
-    runs."""
+    """Return the missing settings with the seeds to track at once, in the order of the runs."""
     settings = dict.fromkeys(setting for part in plan.values() for setting in part)
     left = {s: [k for k in range(seeds) if results.lacks(s, k)] for s in settings}
     todo = [(s, part) for s, rest in left.items() for part in together(device, s, rest) if part]
-    return sorted(todo, key=lambda item: (_recording_of(item[0]), item[1][0]))
+    return sorted(todo, key=lambda item: (_recording_key(item[0]), item[1][0]))
 
 
-def _recording_of(setting: Setting) -> tuple[str, int, int, str]:
+def _recording_key(setting: Setting) -> tuple[str, int, int, str]:
     return setting.sequence, setting.cameras, setting.step, setting.preset
 
 

@@ -118,9 +118,9 @@ def print_evaluation(evaluation: Evaluation) -> None:
         f"or at the end): {', '.join(summary['lost_limbs']) or 'none'}",
     ]
     if summary["limbs_said_to_be_lost"]:
-        said = ", ".join(f"{n} {s:.1%}" for n, s in summary["limbs_said_to_be_lost"].items())
+        shares = ", ".join(f"{n} {s:.1%}" for n, s in summary["limbs_said_to_be_lost"].items())
         lines.append(
-            f"frames in which the track says that a limb is lost: {said}; of limbs beyond "
+            f"frames in which the track says that a limb is lost: {shares}; of limbs beyond "
             f"{1000 * LOST_LIMB:.0f} mm {_share(summary['limbs_beyond_200_mm_flagged'])}, of those "
             f"within {1000 * LOST_JOINT:.0f} mm {_share(summary['limbs_within_150_mm_flagged'])}; "
             f"in 95 %, of joints without: {_share(summary['inside_95_unflagged'])}"

@@ -70,16 +70,16 @@ class Progress:
     ) -> None:
         self._wanted, self._show, self._say, self._warn = wanted, show, say, warn
         self._every, self._clock = every, clock
-        self._began = self._said = clock()
+        self._began = self._last_line = clock()
 
     def __call__(self, result: LiveResult, timeline: Timeline) -> None:
         now = self._clock()
-        due = now - self._said >= self._every
+        due = now - self._last_line >= self._every
         if self._show is not None:
             self._show(described(result, timeline))
         if not due:
             return
-        self._said = now
+        self._last_line = now
         if self._say is not None:
             self._say(f"{now - self._began:.0f} s: {described(result, timeline)}")
         rate = _rate(timeline)

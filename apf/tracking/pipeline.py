@@ -199,8 +199,8 @@ def _tracked(
 
 
 def _interrupted(track: Track) -> Track:
-    said = {**json.loads(track.provenance), "interrupted": True}
-    return replace(track, provenance=json.dumps(said))
+    made = {**json.loads(track.provenance), "interrupted": True}
+    return replace(track, provenance=json.dumps(made))
 
 
 def _part(

@@ -12,11 +12,11 @@ from cl import InputError
 
 @dataclass(frozen=True)
 class Setting:
-    """All that distinguishes runs but their seed. step: every so many frames are used. start: the
-    first pose, "true" from the true joints, "found" from the pictures alone, "none" for
-    triangulation, which has no pose. witness: what is looked at, one of `WITNESSES`. preset: whose
-    settings all others are, a paper's or those of `ABLATIONS`, but for those that the rest of this
-    says; "" for the defaults."""
+    """All that distinguishes runs but their seed. step: every `step`-th frame is used. start: the
+    first pose, "true" from the true joints, "found" from the images alone, "none" for
+    triangulation, which has no pose. witness: the observations, one of those named below. preset: a
+    paper's settings or one of `ABLATIONS`, the base that the other fields change; "" for the
+    defaults."""
 
     sequence: str
     cameras: int

@@ -294,7 +294,8 @@ class KeptSilhouettes:
 
 
 def of_preset(name: str) -> dict[str, Any]:
-    """What a preset's runs are told from others by. Raises InputError for an unknown one."""
+    """Return the settings that distinguish a preset's runs from others. Raises InputError for an
+    unknown one."""
     method = settings_of(name).method
     search = method.filter.search
     size = {"particles": search.n_particles, "layers": search.n_layers}

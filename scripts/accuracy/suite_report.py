@@ -53,7 +53,7 @@ Group: TypeAlias = tuple[str, str, str]
 
 @dataclass(frozen=True)
 class Row:
-    """The runs of a sequence by a preset and a witness from a start, in columns of `_NOTE`."""
+    """The runs of a sequence by a preset and an observation from a start, in columns of `_NOTE`."""
 
     sequence: str
     cameras: int

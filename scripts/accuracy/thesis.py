@@ -125,7 +125,7 @@ def _with_deviation(table: dict[str, Any], row: list[Any], place: int) -> str:
     return f"{shown} ± {quoted(row[place + 1])}" if beside else shown
 
 
-def _settings_of(number: str, results: Results) -> list[Setting]:
+def _select_settings(number: str, results: Results) -> list[Setting]:
     """Return the table's settings for the sequence, the cameras and the preset of the runs."""
     cameras = max((run.setting.cameras for run in results.runs), default=0)
     preset = next((run.setting.preset for run in results.runs), "")
@@ -134,7 +134,7 @@ def _settings_of(number: str, results: Results) -> list[Setting]:
 
 def _has_runs(number: str, results: Results) -> bool:
     """Return whether a table has runs of its own, besides those that it shares with another."""
-    settings = _settings_of(number, results)
+    settings = _select_settings(number, results)
     return 4 * sum(bool(results.of(setting)) for setting in settings) >= len(settings)
 
 
@@ -143,7 +143,7 @@ def _ours(number: str, results: Results) -> Grid:
     *heads, across = varied
     preset = next((run.setting.preset for run in results.runs), "")
     cells: dict[tuple[Any, ...], dict[Any, str]] = {}
-    for setting in _settings_of(number, results):
+    for setting in _select_settings(number, results):
         summary = Summary.of(results.of(setting))
         row = cells.setdefault(table.row_of(setting)[1:], {})
         row[table.column_of(setting)] = str(summary) if summary else NONE

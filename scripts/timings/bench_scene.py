@@ -23,7 +23,7 @@ from psfs.voxels.grid import VoxelGrid
 VIEWS, SHAPE = 8, (150, 150, 100)
 #: The room around the walk, m.
 _LOW, _SIZE = np.array([-1.5, -1.5, 0.0]), np.array([3.0, 3.0, 2.0])
-_PLATES = 12
+_N_BACKGROUND = 12
 #: Frames per second; index of the frame in the middle of the room.
 FPS, _MIDDLE = 30.0, 30
 
@@ -44,7 +44,10 @@ class Scene:
         picked = np.linspace(0, len(self.rig), views, endpoint=False).astype(int)
         rig = CameraRig(tuple(self.rig[k] for k in picked))
         background = Background(self.background.mean[picked], self.background.std[picked])
-        frames = [Frame(f.index, _at(f.images, picked), _at(f.masks, picked)) for f in self.frames]
+        frames = [
+            Frame(f.index, _pick_views(f.images, picked), _pick_views(f.masks, picked))
+            for f in self.frames
+        ]
         return replace(self, rig=rig, background=background, frames=frames)
 
     def pinned(self, device: Device) -> list[Frame]:
@@ -62,11 +65,12 @@ def playing(frames: Sequence[Frame]) -> Iterator[Frame]:
 
 
 def there_and_back(index: int, n: int) -> int:
-    """Return the element at `index` of the sequence 0, 1, ... n - 1, n - 2, ... 1, 0, 1, ..."""
+    """Return the element at `index` of the periodic sequence 0, 1, ... n - 1, n - 2, ... 1, 0,
+    1."""
     return n - 1 - abs(n - 1 - index % max(1, 2 * (n - 1)))
 
 
-def _at(pictures: np.ndarray | None, picked: np.ndarray) -> np.ndarray:
+def _pick_views(pictures: np.ndarray | None, picked: np.ndarray) -> np.ndarray:
     assert pictures is not None
     return np.ascontiguousarray(pictures[picked])
 
@@ -94,8 +98,10 @@ def make_scene(device: Device, frames: int) -> Scene:
         pairs = zip(lenses, pictures, strict=True)
         return np.stack([cv2.undistort(p, c.K, c.distortion) for c, p in pairs])
 
-    plates = np.stack([undistorted(scene.background_frame(i)) for i in range(_PLATES)])
-    background = Background(plates.mean(0, dtype=np.float32), plates.std(0, dtype=np.float32))
+    backgrounds = np.stack([undistorted(scene.background_frame(i)) for i in range(_N_BACKGROUND)])
+    background = Background(
+        backgrounds.mean(0, dtype=np.float32), backgrounds.std(0, dtype=np.float32)
+    )
     shown, first = [], max(0, _MIDDLE - frames // 2)
     for index in range(first, first + frames):
         images, masks, _ = scene.frame(index)

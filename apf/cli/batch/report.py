@@ -52,18 +52,18 @@ class BatchReport(AbstractContextManager["BatchReport"]):
         self._write()
         self._show()
 
-    def progress(self, said: Progress) -> None:
+    def progress(self, report: Progress) -> None:
         """Show the progress of a take; called by a thread of Dask's client."""
-        take = said.task.split("/")[0]
+        take = report.task.split("/")[0]
         if take in self._done or take in self._failed:
             return
-        if said.task not in self._lines:
-            self._lines[said.task] = self._bar.add_task(said.task, total=None)
-        total = reports_of(said.stage, said.total)
+        if report.task not in self._lines:
+            self._lines[report.task] = self._bar.add_task(report.task, total=None)
+        total = reports_of(report.stage, report.total)
         self._bar.update(
-            self._lines[said.task],
-            description=f"{said.task}: {said.stage}",
-            completed=said.done if total else 0,
+            self._lines[report.task],
+            description=f"{report.task}: {report.stage}",
+            completed=report.done if total else 0,
             total=total,
         )
 

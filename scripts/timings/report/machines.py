@@ -83,19 +83,19 @@ def missing(machine: Machine, comparison: str, *prefixes: str, always: bool = Tr
     results = machine.results.get(comparison)
     if results is None:
         return [f"_Missing: {machine.title}: `compare_timings.py {comparison}` was not run._"]
-    told = []
+    lines = []
     for prefix in prefixes:
         left_out = {k: v for k, v in results.left_out.items() if k.startswith(prefix)}
-        told += [
+        lines += [
             f"_Missing: {machine.title}: {comparison}, {named(name, machine)}: {reason}._"
             for name, reason in left_out.items()
         ]
         if always and not left_out and not results.starting(prefix):
-            told.append(
+            lines.append(
                 f"_Missing: {machine.title}: {comparison}, {prefix.strip()}: not in the results, "
                 "which an older program wrote, or one that was ended._"
             )
-    return told
+    return lines
 
 
 def device_title(label: str, machine: Machine) -> str:
