@@ -29,9 +29,9 @@ from cl import UserError as UserError
 from cl import select_device as select_device
 from psfs.api import check_sequence, chosen_device, exclude_inconsistent_cameras
 from psfs.common.ranges import check_kind, check_number
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
+from psfs.voxels.config import ReconstructionConfig
 
 log = logging.getLogger(__name__)
 

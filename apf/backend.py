@@ -6,50 +6,38 @@ The only module beside tests and benchmarks that imports `apf.reference`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol, TypeAlias
+from pkgutil import resolve_name
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
 from apf.body.mesh import BodyMesh
-from apf.filters.annealed import AnnealedParticleFilter, voxel_likelihood, with_keypoints
+from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.base import DeviceTracker, Tracker
 from apf.filters.config import FilterConfig
 from apf.filters.method import Method
-from apf.filters.sir import SirParticleFilter
-from apf.filters.swarm import ParticleSwarm
+from apf.filters.objectives import OBJECTIVES
+from apf.filters.searches import SEARCHES
 from apf.image_objective.config import FeatureConfig
 from apf.image_objective.features import Features
-from apf.image_objective.objective import ImageObjective
-from apf.image_objective.opengl import OpenGLObjective, egl_context
+from apf.image_objective.opengl import egl_context
 from apf.image_objective.renderer import draw_hypotheses
-from apf.likelihood.base import Likelihood
-from apf.reference.filters.annealed import (
-    NumpyAnnealedParticleFilter,
-    numpy_voxel_likelihood,
-    numpy_with_keypoints,
-)
+from apf.likelihood.observations import Shown
+from apf.reference.filters.annealed import NumpyAnnealedParticleFilter
 from apf.reference.filters.base import NumpyTracker
-from apf.reference.filters.sir import NumpySirParticleFilter
-from apf.reference.filters.swarm import NumpyParticleSwarm
 from apf.reference.image_objective import render
 from apf.reference.image_objective.features import NumpyFeatures
-from apf.reference.image_objective.objective import NumpyImageObjective
-from apf.reference.likelihood.base import NumpyLikelihood
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import reconstructor_for
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Frame
 from psfs.silhouettes.config import SilhouetteConfig
-from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.host_voxels import HostVoxels
 
 AnyFeatures: TypeAlias = Features | NumpyFeatures
-#: What a tracker observes of a frame.
-Observation: TypeAlias = Voxels | HostVoxels | AnyFeatures | None
 
 
 class Footage(Protocol):
@@ -95,12 +83,15 @@ def device_tracker(
             f"seeds {list(seeds)} at once by {method.search} over {method.objective}; expected apf "
             "over voxels or keypoints, without terms that depend on the track so far"
         )
-    likelihood = _device_likelihood(scene, method, len(seeds or [0]))
-    if method.search == "pso":
-        return ParticleSwarm(scene, likelihood, method.filter, method.swarm)
-    if method.search == "sir":
-        return SirParticleFilter(scene, likelihood, method.filter, method.sir)
-    return AnnealedParticleFilter(scene, method.filter, likelihood=likelihood, seeds=seeds)
+    search, objective = SEARCHES[method.search], OBJECTIVES[method.objective]
+    likelihood = resolve_name(objective.likelihood)(scene, method, len(seeds or [0]))
+    settings = _own_settings(method)
+    if search.shares_launches:
+        settings["seeds"] = seeds
+    tracker: DeviceTracker = resolve_name(search.tracker)(
+        scene, likelihood=likelihood, config=method.filter, **settings
+    )
+    return tracker
 
 
 def check_renderer(device: Device | NumpyDevice, method: Method) -> None:
@@ -113,43 +104,24 @@ def check_renderer(device: Device | NumpyDevice, method: Method) -> None:
 
 def shares_launches(device: Device | NumpyDevice, method: Method) -> bool:
     """Return whether one tracker of `method` can make several runs at once."""
-    fits = (
-        method.search == "apf"
-        and not method.uses_images
-        and not method.filter.likelihood.depends_on_track
-    )
+    specs = SEARCHES[method.search], OBJECTIVES[method.objective]
+    fits = all(s.shares_launches for s in specs) and not method.filter.likelihood.track_terms
     return fits and isinstance(device, Device)
-
-
-def _device_likelihood(scene: Scene, method: Method, n_runs: int = 1) -> Likelihood:
-    """Return what the tracker of `method` searches with on OpenCL, for so many runs at once."""
-    if method.uses_voxels:
-        return voxel_likelihood(scene, method.filter, n_runs)
-    base = None
-    if method.uses_images:
-        objective = OpenGLObjective if method.image.renderer == "opengl" else ImageObjective
-        base = objective(scene, method.filter.search.n_particles, method.image)
-    return with_keypoints(scene, method.filter, base, n_runs)
-
-
-def _numpy_likelihood(scene: Scene, method: Method) -> NumpyLikelihood:
-    """Return what the tracker of `method` searches with on NumPy."""
-    if method.uses_voxels:
-        return numpy_voxel_likelihood(scene, method.filter)
-    base = None
-    if method.uses_images:
-        base = NumpyImageObjective(scene, method.filter.search.n_particles, method.image)
-    return numpy_with_keypoints(scene, method.filter, base)
 
 
 def _numpy_tracker(scene: Scene, method: Method) -> NumpyTracker:
     check_renderer(scene.device, method)
-    likelihood = _numpy_likelihood(scene, method)
-    if method.search == "pso":
-        return NumpyParticleSwarm(scene, likelihood, method.filter, method.swarm)
-    if method.search == "sir":
-        return NumpySirParticleFilter(scene, likelihood, method.filter, method.sir)
-    return NumpyAnnealedParticleFilter(scene, method.filter, likelihood=likelihood)
+    search, objective = SEARCHES[method.search], OBJECTIVES[method.objective]
+    likelihood = resolve_name(objective.twin)(scene, method, 1)
+    tracker: NumpyTracker = resolve_name(search.twin)(
+        scene, likelihood=likelihood, config=method.filter, **_own_settings(method)
+    )
+    return tracker
+
+
+def _own_settings(method: Method) -> dict[str, Any]:
+    """Return the settings that the search of `method` alone has, by their names."""
+    return {name: getattr(method, name) for name in SEARCHES[method.search].settings}
 
 
 def features_for(
@@ -171,16 +143,17 @@ def observer_for(
     grid: VoxelGrid | None,
     method: Method,
     reconstruction: ReconstructionConfig | None = None,
-) -> Callable[[Frame], Observation]:
+) -> Callable[[Frame], Shown]:
     """Return what makes of a frame that which the tracker of `method` observes beside keypoints.
 
     Voxels in `grid`, or image features; None for keypoints alone. Footage without pictures has only
     the silhouettes' outlines for edges. Raises InputError where voxels are needed and there is no
     grid.
     """
-    if method.objective == "keypoints":
+    observes = OBJECTIVES[method.objective].observes
+    if observes == "nothing":
         return lambda frame: None
-    if method.uses_voxels:
+    if observes == "voxels":
         if grid is None:
             raise InputError("no voxel grid; expected one for an objective over voxels")
         return reconstructor_for(

@@ -13,3 +13,4 @@ from .listing import DeviceInfo as DeviceInfo
 from .listing import list_devices as list_devices
 from .probe import Probe as Probe
 from .profile import Profile as Profile
+from .stage import Stage as Stage

@@ -2,21 +2,34 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 import pyopencl
 
 from cl.errors import failing_as_device
+from cl.profile import Profile
 
-if TYPE_CHECKING:
-    from cl.device import Device
 
-#: Bytes, and cores, from which on all cores of a CPU fill: two are no faster than the command.
-_LARGE, _MANY = 1_000_000, 4
-#: Bytes of a pack of fill.cl, and packs of a work-group.
-_PACK_BYTES, _FILL_GROUP = 16, 1024
+class Commands(Protocol):
+    """The part of a `Device` that its arrays and launches use."""
+
+    queue: Any
+    raw_queue: ctypes.c_void_p
+    context: Any
+    profiler: Profile | None
+
+    @property
+    def name(self) -> str: ...
+
+    def record(self, name: str, event: Any, upload: int = 0, download: int = 0) -> None:
+        """Count a transfer and keep the event if the device is profiled."""
+
+    def fill(self, array: Array, value: float) -> None:
+        """Enqueue the filling of an array."""
 
 
 class Array:
@@ -26,12 +39,13 @@ class Array:
     counted in `device.transfers`.
     """
 
-    def __init__(self, device: Device, buffer: Any, shape: tuple[int, ...], dtype: Any) -> None:
+    def __init__(
+        self, device: Commands, buffer: Any, shape: tuple[int, ...], dtype: npt.DTypeLike
+    ) -> None:
         self.device = device
         self.buffer = buffer
         self.shape = shape
         self.dtype = np.dtype(dtype)
-        self._filler: Any = None  # the launch that fills it, once there was one
 
     @property
     def size(self) -> int:
@@ -41,7 +55,7 @@ class Array:
     def nbytes(self) -> int:
         return self.size * self.dtype.itemsize
 
-    def view(self, dtype: Any) -> Array:
+    def view(self, dtype: npt.DTypeLike) -> Array:
         """Return the same memory, flat, as numbers of another type."""
         dtype = np.dtype(dtype)
         return Array(self.device, self.buffer, (self.nbytes // dtype.itemsize,), dtype)
@@ -68,30 +82,4 @@ class Array:
 
     def fill(self, value: float) -> None:
         """Set every element to `value`, on the device."""
-        pattern = np.array(value, self.dtype)
-        large = self.nbytes >= _LARGE and self.dtype.itemsize <= 4
-        cores = 0 if self.device.is_gpu else self.device.info.compute_units
-        done = self._fill_by_kernel(pattern) if large and cores >= _MANY else 0
-        if done == self.nbytes:
-            return
-        with failing_as_device(self.device.name, "a fill"):
-            event = pyopencl.enqueue_fill_buffer(
-                self.device.queue, self.buffer, pattern, done, self.nbytes - done
-            )
-        self.device.record("fill", event)
-
-    def _fill_by_kernel(self, pattern: np.ndarray) -> int:
-        """Enqueue the fill by all cores of a CPU; return how many bytes, a multiple of 16."""
-        n = self.nbytes // _PACK_BYTES
-        word = np.tile(pattern, 4 // self.dtype.itemsize).view(np.uint32)[0]
-        if self._filler is None:
-            kernel = self.device.kernel("common/fill", "fill_words")
-            # Not `self`, which would keep itself alive.
-            words = Array(self.device, self.buffer, (4 * n,), np.dtype(np.uint32))
-            self._filler = self.device.launch(
-                kernel, (n,), (_FILL_GROUP,), n=n, word=word, words=words
-            )
-            self._filler.name = "fill"
-        self._filler.set(word=word)
-        self._filler()
-        return n * _PACK_BYTES
+        self.device.fill(self, value)

@@ -15,10 +15,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pyopencl
 
 from cl.array import Array
 from cl.errors import DeviceError, failing_as_device
+from cl.fill import Fills
 from cl.launch import Kernel, Launch
 from cl.listing import (
     DeviceInfo,
@@ -28,8 +30,8 @@ from cl.listing import (
 )
 from cl.probe import probe
 from cl.profile import Profile
-from cl.program import Define, build_options, kernel_source
-from cl.signature import signatures
+from cl.program import Define, build_options, build_program, kernel_source
+from cl.signature import Argument, signatures
 
 log = logging.getLogger(__name__)
 
@@ -119,6 +121,7 @@ class Device:
         self._kernels: dict[tuple[str, str, str, str], Kernel] = {}
         # Shared by siblings, as a list and a lock are: bytes, and who is building.
         self._allocated = [0]
+        self._fills = Fills()
         self._building = threading.Lock()
 
     @classmethod
@@ -182,9 +185,16 @@ class Device:
     def is_gpu(self) -> bool:
         return self.info.kind == "gpu"
 
+    @property
+    def cpu_cores(self) -> int:
+        """The cores of a CPU; 0 of a GPU."""
+        return 0 if self.is_gpu else self.info.compute_units
+
     # Memory ---------------------------------------------------------------------------------
 
-    def empty(self, shape: int | Sequence[int], dtype: Any, what: str = "an array") -> Array:
+    def empty(
+        self, shape: int | Sequence[int], dtype: npt.DTypeLike, what: str = "an array"
+    ) -> Array:
         """Allocate an uninitialised array; `what` names it in the DeviceError that is raised where
         memory does not suffice."""
         shape = (shape,) if isinstance(shape, int) else tuple(int(n) for n in shape)
@@ -201,10 +211,16 @@ class Device:
         weakref.finalize(array, self._release, nbytes)
         return array
 
-    def zeros(self, shape: int | Sequence[int], dtype: Any, what: str = "an array") -> Array:
+    def zeros(
+        self, shape: int | Sequence[int], dtype: npt.DTypeLike, what: str = "an array"
+    ) -> Array:
         array = self.empty(shape, dtype, what)
         array.fill(0)
         return array
+
+    def fill(self, array: Array, value: float) -> None:
+        """Set every element of `array` to `value`, on the device."""
+        self._fills.fill(self, array, value)
 
     def to_device(self, host: np.ndarray, what: str = "an array") -> Array:
         host = np.ascontiguousarray(host)
@@ -248,7 +264,7 @@ class Device:
         with self._building:
             if key not in self._programs:
                 started = time.perf_counter()
-                self._programs[key] = pyopencl.Program(self.context, source).build(options=options)
+                self._programs[key] = build_program(self.context, source, options)
                 log.info("built %s in %.2f s", file, time.perf_counter() - started)
             named = (*key, name)
             if named not in self._kernels:
@@ -262,7 +278,7 @@ class Device:
         global_size: Sequence[int],
         local_size: Sequence[int] | None,
         /,
-        **arguments: Any,
+        **arguments: Argument,
     ) -> Launch:
         """Return a launch of `kernel` with its arguments set once; call it to enqueue it.
 

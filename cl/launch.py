@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeAlias
 
 import pyopencl
 import pyopencl._cl
 
+from cl.array import Commands
 from cl.errors import DeviceError, device_failure
-from cl.signature import Signatures
-
-if TYPE_CHECKING:
-    from cl.device import Device
+from cl.signature import Argument, Signatures
 
 
 def _enqueue_of(library: str) -> Callable[..., int] | None:
@@ -34,7 +32,7 @@ _ENQUEUE = _enqueue_of(pyopencl._cl.__file__)
 
 #: A part of a frame's work, done when it is called: a `Launch`, or what another library computes
 #: and the host must wait for.
-Step: TypeAlias = Callable[[], Any]
+Step: TypeAlias = Callable[[], None]
 
 
 class Kernel:
@@ -80,11 +78,11 @@ class Launch:
 
     def __init__(
         self,
-        device: Device,
+        device: Commands,
         kernel: Kernel,
         global_size: Sequence[int],
         local_size: Sequence[int] | None,
-        arguments: dict[str, Any],
+        arguments: Mapping[str, Argument],
     ) -> None:
         self.device = device
         self.name = kernel.name
@@ -98,10 +96,10 @@ class Launch:
         self._bound = kernel.fresh()
         self._sizes = _raw_sizes(self._bound, self.global_size, self.local_size)
         # Keeps arrays alive as long as the kernel refers to them.
-        self.arguments: dict[str, Any] = {}
+        self.arguments: dict[str, Argument] = {}
         self.set(**arguments)
 
-    def set(self, **arguments: Any) -> None:
+    def set(self, **arguments: Argument) -> None:
         """Change arguments, by their names in the kernel's prototype.
 
         Pointers take an `Array` of the kernel's own type of number, or None where the kernel does

@@ -26,7 +26,7 @@ import pyopencl
 
 from cl import pocl_wheel
 from cl.folders import cache_folder, write_whole
-from cl.program import build_options, kernel_source
+from cl.program import build_options, build_program, kernel_source
 from cl.vendors import register_packaged_drivers
 
 log = logging.getLogger(__name__)
@@ -153,7 +153,7 @@ def examine(handle: Any, target: str | None = None) -> Probe:
         queue = pyopencl.CommandQueue(context)
         source = kernel_source("common/probe")
         options = build_options({"GROUP": _GROUP, "STEPS": _STEPS})
-        program = pyopencl.Program(context, source).build(options=options)
+        program = build_program(context, source, options)
         wrong = _wrong_values(queue, program)
         if wrong is not None:
             return Probe(wrong)

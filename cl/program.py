@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Mapping
 from functools import cache
 from importlib import resources
+from typing import Any
 
 import numpy as np
+import pyopencl
 
 Define = int | float | str
 
@@ -19,19 +22,33 @@ def build_options(defines: Mapping[str, Define]) -> str:
     return " ".join(["-cl-std=CL1.2", *listed])
 
 
+def build_program(context: Any, source: str, options: str) -> Any:
+    """Build a program without printing the compiler's warnings, which users cannot mend.
+
+    `scripts/check_kernels.py` shows them to developers. Raises pyopencl.RuntimeError with the
+    compiler's errors.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", pyopencl.CompilerWarning)
+        return pyopencl.Program(context, source).build(options=f"{options} -w")
+
+
 @cache
 def kernel_source(stage: str) -> str:
-    """The text of `cl/kernels/<stage>.cl` with its quoted headers inlined.
+    """Return the text of `cl/kernels/<stage>.cl` with its quoted headers inlined.
 
-    Inlined, because a driver's binary cache may not notice that an included header changed;
-    `#line` marks keep the compiler's messages pointing at the files.
+    A stage "package:file" is `<file>.cl` in another installed package, whose headers are those of
+    `cl/kernels`. Headers are inlined because a driver's binary cache may not notice that one
+    changed; `#line` marks keep the compiler's messages pointing at the files.
     """
     return _inlined(f"{stage}.cl", set())
 
 
 def _inlined(filename: str, seen: set[str]) -> str:
     seen.add(filename)
-    text = (resources.files("cl") / "kernels" / filename).read_text()
+    package, _, name = filename.rpartition(":")
+    folder = resources.files(package) if package else resources.files("cl") / "kernels"
+    text = (folder / name).read_text()
     lines = [f'#line 1 "{filename}"']
     for number, line in enumerate(text.splitlines(), 1):
         include = re.match(r'\s*#include\s+"([^"]+)"', line)

@@ -7,16 +7,22 @@ program that comes from a binary cache has no such information.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pyopencl
 
 from cl.array import Array
 from cl.errors import DeviceError
+
+#: What an argument of a kernel may be: see `Launch.set`.
+Argument: TypeAlias = (
+    Array | pyopencl.LocalMemory | np.ndarray | np.generic | float | Sequence[float] | None
+)
 
 _SCALARS = {
     **{"char": np.int8, "short": np.int16, "int": np.int32, "long": np.int64},
@@ -45,7 +51,7 @@ class Parameter:
     dtype: np.dtype | None
     width: int
 
-    def bound(self, value: Any) -> Any:
+    def bound(self, value: Argument) -> Any:
         """Return `value` as pyopencl takes it. Raises TypeError or ValueError, whose text says
         what was expected and found, for a value that the kernel would misread."""
         if self.space == "local":
@@ -56,7 +62,7 @@ class Parameter:
             return self._buffer(value)
         return self._number(value) if self.width == 1 else self._vector(value)
 
-    def _buffer(self, value: Any) -> Any:
+    def _buffer(self, value: Argument) -> Any:
         if value is None:  # a null pointer, for what the kernel does not use
             return None
         if not isinstance(value, Array) or self.dtype not in (None, value.dtype):
@@ -120,7 +126,7 @@ def _parameter(text: str, kernel: str, file: str) -> Parameter:
     return Parameter(name, type_, space or "", dtype, int(vector[2] or 1))
 
 
-def _described(value: Any) -> str:
+def _described(value: object) -> str:
     if isinstance(value, Array):
         return f"one of {value.dtype} {value.shape}"
     return f"{type(value).__name__} {value!r}"

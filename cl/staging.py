@@ -7,9 +7,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pyopencl
 
 from cl import Array, Device
+from cl.array import Commands
 from cl.errors import failing_as_device
 
 
@@ -127,7 +129,7 @@ class Ahead:
     """
 
     def __init__(
-        self, device: Device, shapes: Sequence[tuple[tuple[int, ...], Any]], what: str
+        self, device: Device, shapes: Sequence[tuple[tuple[int, ...], npt.DTypeLike]], what: str
     ) -> None:
         self._device = device
         if not device.is_gpu:
@@ -157,12 +159,12 @@ class Ahead:
         self._device.record("copy", event)
 
 
-def pinned(device: Device, shape: tuple[int, ...], dtype: Any = np.uint8) -> np.ndarray:
+def pinned(device: Commands, shape: tuple[int, ...], dtype: npt.DTypeLike = np.uint8) -> np.ndarray:
     """Return a host array in memory that the device reads at full speed: page-locked, if it has
     such."""
     nbytes = int(np.prod(shape)) * np.dtype(dtype).itemsize
     flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.ALLOC_HOST_PTR
     buffer = pyopencl.Buffer(device.context, flags, nbytes)
     mapping: Any = pyopencl.map_flags.READ | pyopencl.map_flags.WRITE
-    array, _ = pyopencl.enqueue_map_buffer(device.queue, buffer, mapping, 0, shape, dtype)
+    array, _ = pyopencl.enqueue_map_buffer(device.queue, buffer, mapping, 0, shape, np.dtype(dtype))
     return array

@@ -16,7 +16,6 @@ from .background.config import TakeConfig as TakeConfig
 from .cameras.camera import Camera as Camera
 from .cameras.camera import CameraRig as CameraRig
 from .presets import preset as preset
-from .reconstructor import ReconstructionConfig as ReconstructionConfig
 from .reconstructor import Reconstructor as Reconstructor
 from .sequence import Frame as Frame
 from .sequence import Sequence as Sequence
@@ -33,6 +32,7 @@ from .voxels.clouds import write_cloud as write_cloud
 from .voxels.config import ColourConfig as ColourConfig
 from .voxels.config import ForegroundJoinConfig as ForegroundJoinConfig
 from .voxels.config import OccupancyConfig as OccupancyConfig
+from .voxels.config import ReconstructionConfig as ReconstructionConfig
 from .voxels.config import VolumeConfig as VolumeConfig
 from .voxels.grid import VoxelCloud as VoxelCloud
 from .voxels.grid import VoxelGrid as VoxelGrid

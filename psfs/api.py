@@ -20,11 +20,11 @@ from psfs.backend import reconstructor_for
 from psfs.common.ranges import check_kind, check_number
 from psfs.diagnostics.examination import examine
 from psfs.footage.settings import Settings
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import Volume, automatic_grid, find_volume
 from psfs.voxels.clouds import without_debris
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud
 from psfs.voxels.limits import DEBRIS_SHARE, VOXEL_EDGES
 

@@ -14,11 +14,12 @@ from cl import Device, NumpyDevice
 from cl.staging import Download
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
-from psfs.reconstructor import ReconstructionConfig, Reconstructor
+from psfs.reconstructor import Reconstructor
 from psfs.reference.reconstructor import NumpyReconstructor, frame_evidence
 from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid
 
 #: What `reconstructor_for` returns.

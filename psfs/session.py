@@ -20,9 +20,10 @@ from cl import Device, InputError, NumpyDevice
 from psfs.backend import AnyReconstructor, evidence_for, reconstructor_for
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
-from psfs.reconstructor import ReconstructionConfig, Reconstructor
+from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.hidden import UNKNOWN
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels

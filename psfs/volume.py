@@ -9,10 +9,9 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import CameraRig
 from psfs.common.ranges import LARGEST
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.session import Session, check_frames
-from psfs.voxels.config import VolumeConfig
+from psfs.voxels.config import ReconstructionConfig, VolumeConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupied_box import (
     default_voxel_size,

@@ -52,7 +52,8 @@ from timings.results import checked_out_commit
 from timings.tables.grid import Grid
 
 from apf.filters.config import TERMS, FilterConfig
-from apf.filters.method import OBJECTIVES, SEARCHES
+from apf.filters.objectives import OBJECTIVES
+from apf.filters.searches import SEARCHES
 from apf.presets import PRESETS, preset
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig

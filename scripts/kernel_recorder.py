@@ -1,5 +1,6 @@
 """A plugin of pytest for check_kernels.py: which parity tests there are, and what they build and
-launch; fills that Oclgrind's detector of uninitialised values sees.
+launch on the first device, which is a GPU if RECORD_AS_GPU is set; fills that Oclgrind's detector
+of uninitialised values sees.
 
 KERNEL_RECORD names the JSON file that is written: {"cases": [[test, [kernel, ...]], ...]} when
 tests are collected only, else {"programs": [[file, source, options], ...], "launched": [...]}.
@@ -18,8 +19,21 @@ import pyopencl
 import pytest
 from helpers import parity
 
-from cl import Device
+from cl import Device, listing
+from cl.probe import Probe
 from cl.program import build_options
+
+_working_devices = listing.working_devices
+listing.working_devices = lambda: _working_devices()[:1]
+if "RECORD_AS_GPU" in os.environ:
+    Device.is_gpu = property(lambda device: True)
+else:  # trying its device takes Oclgrind minutes
+    listing.probe = lambda handle, afresh=False: Probe(None)
+
+
+def pytest_make_parametrize_id(val: Any, argname: str) -> str | None:
+    """Name tests alike on all devices."""
+    return "device" if argname == "device" else None
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:

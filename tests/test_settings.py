@@ -25,7 +25,9 @@ def below(kind: type[Config]) -> set[type[Config]]:
 
 def classes(kind: type[Config] = Config) -> set[type[Config]]:
     """All classes of settings that are part of the programs."""
-    found = {k for k in kind.__subclasses__() if k.__module__.startswith(("psfs.", "apf."))}
+    known = [k for k in kind.__subclasses__() if k.__module__.startswith(("psfs.", "apf."))]
+    # A class that registered parts were added to is not the one that its module has.
+    found = {getattr(sys.modules[k.__module__], k.__name__) for k in known}
     return found.union(*(classes(k) for k in found))
 
 

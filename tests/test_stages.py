@@ -33,3 +33,11 @@ def test_every_stage_names_its_twin(stage: str) -> None:
     assert named, f"{stage}.cl names no twin"
     for path in (name.replace(" ", "") for name in named):
         assert any((ROOT / package / path).is_file() for package in ("", "psfs", "apf")), path
+
+
+def test_helpers_of_kernels_are_static() -> None:
+    """C99's `inline` alone gives no definition where a compiler does not inline."""
+    paths = [path for path in FOLDER.rglob("*") if path.suffix in (".cl", ".h")]
+    texts = {path.name: re.sub(r"//.*", "", path.read_text()) for path in paths}
+    bare = {name for name, text in texts.items() if re.search(r"(?<!static )\binline\b", text)}
+    assert len(texts) > 40 and not bare

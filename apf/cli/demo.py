@@ -12,7 +12,7 @@ import numpy as np
 
 import apf.cli
 import psfs.cli
-from apf.synthetic.scene import SceneConfig
+from apf.synthetic.config import SceneConfig
 from psfs.cli.commandline import stdout
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder

@@ -6,8 +6,8 @@ import argparse
 
 from apf.body.limbs import limb_names
 from apf.cli.takes.opened_track import opened_track
+from apf.tracking.config import SmoothingConfig
 from apf.tracking.motion_files import Export, export
-from apf.tracking.smoothing import SmoothingConfig
 from apf.tracking.track import spans
 from psfs.cli.commandline import stdout
 from psfs.cli.settings import refuse_unused

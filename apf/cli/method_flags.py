@@ -8,7 +8,9 @@ from pydantic.fields import FieldInfo
 
 from apf.cli.shape_flags import SHAPE_FLAGS, add_shape_flags, shape_settings
 from apf.filters.config import TERMS, USUAL_TERMS, likelihood_weights
-from apf.filters.method import OBJECTIVES, SEARCH_DEFAULTS, Method
+from apf.filters.method import Method
+from apf.filters.objectives import OBJECTIVES
+from apf.filters.searches import SEARCHES
 from apf.image_objective.config import ObjectiveConfig
 from apf.settings import Settings
 from cl import InputError
@@ -53,8 +55,8 @@ def add_method_flags(
     group.add_argument(
         "--method",
         default=method,
-        help="apf: annealed particle filter; pso: particle swarm; sir: particle filter"
-        f"{more} (default: {method})",
+        help="; ".join(f"{search.name}: {search.meaning}" for search in SEARCHES.values())
+        + f"{more} (default: {method})",
     )
     group.add_argument(
         "--objective",
@@ -77,7 +79,7 @@ def add_method_flags(
 def _default(path: tuple[str, ...], field: FieldInfo) -> str:
     """Return a default as --help shows it: one value, or one per method if they differ."""
     name = path[-1]
-    others = [f"{v[name]} with {search}" for search, v in SEARCH_DEFAULTS.items() if name in v]
+    others = [f"{s.defaults[name]} with {s.name}" for s in SEARCHES.values() if name in s.defaults]
     if name in _WEIGHTS:
         others.append(f"{getattr(ObjectiveConfig(), name)} with image features")
     return ", ".join([str(field.default), *others])

@@ -6,7 +6,8 @@ import argparse
 
 from apf.cli.takes.opened_track import opened_track
 from apf.cli.track import RESULTS, write_files
-from apf.tracking.smoothing import SmoothingConfig, smoothed
+from apf.tracking.config import SmoothingConfig
+from apf.tracking.smoothing import smoothed
 from cl import InputError
 from psfs.cli.commandline import stdout
 from psfs.cli.settings import write_settings

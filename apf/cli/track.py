@@ -46,9 +46,9 @@ from psfs.cli.settings import refuse_unused, write_settings
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.examination import Examination
 from psfs.output.reconstruction_folder import sequence_facts
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
+from psfs.voxels.config import ReconstructionConfig
 
 #: The files and folders of a take's results.
 RESULTS = (*FILES, SUMMARY, PAGE, PARTS)

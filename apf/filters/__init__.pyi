@@ -10,7 +10,7 @@ from .limb_search import LimbSearch as LimbSearch
 from .method import Method as Method
 from .particle_set import ParticleSet as ParticleSet
 from .refinement import Refinement as Refinement
-from .sir import SirConfig as SirConfig
+from .searches.sir import SirConfig as SirConfig
+from .searches.swarm import SwarmConfig as SwarmConfig
 from .sir import SirParticleFilter as SirParticleFilter
 from .swarm import ParticleSwarm as ParticleSwarm
-from .swarm import SwarmConfig as SwarmConfig

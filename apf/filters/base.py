@@ -16,7 +16,12 @@ from apf.filters.config import FilterConfig
 from apf.filters.limb_search import LimbSearch
 from apf.filters.particle_set import ParticleSet
 from apf.likelihood.base import Likelihood
-from apf.likelihood.observations import PointObservations, with_points
+from apf.likelihood.observations import (
+    Observation,
+    PointObservations,
+    Shown,
+    with_points,
+)
 from apf.scene import Scene
 from cl import Array, InputError, Launch, Step
 from cl.staging import Download
@@ -70,12 +75,12 @@ class Tracker:
         """Put all particles at `pose` (D,). Raises InputError unless it has D finite values."""
         raise NotImplementedError
 
-    def step(self, observation: Any, keypoints: PointObservations | None = None) -> Estimate:
+    def step(self, observation: Shown, keypoints: PointObservations | None = None) -> Estimate:
         """Track one frame further, by voxels or whatever else the likelihood observes, and by
         keypoints where it has a weight for them."""
         raise NotImplementedError
 
-    def stream(self, observations: Iterable[Any]) -> Iterator[Estimate]:
+    def stream(self, observations: Iterable[Shown]) -> Iterator[Estimate]:
         """Yield the estimate for each of `observations`."""
         return map(self.step, observations)
 
@@ -136,16 +141,16 @@ class DeviceTracker(Tracker):
         self.particles.restart(run, checked_pose(self.body, pose))
         self.likelihood.forget(run)
 
-    def step(self, observation: Any, keypoints: PointObservations | None = None) -> Estimate:
+    def step(self, observation: Shown, keypoints: PointObservations | None = None) -> Estimate:
         """Track one frame further and return the first run's estimate."""
         return self.step_runs(with_points(observation, keypoints))[0]
 
-    def step_runs(self, observation: Any) -> list[Estimate]:
+    def step_runs(self, observation: Observation) -> list[Estimate]:
         """Track one frame further and return each run's estimate."""
         self.observe(observation)
         return self.search_runs()
 
-    def stream(self, observations: Iterable[Any]) -> Iterator[Estimate]:
+    def stream(self, observations: Iterable[Observation]) -> Iterator[Estimate]:
         """Yield the first run's estimate for each of `observations`. The next one is taken while
         the device searches; on a GPU it is made in that time, too, by another queue.
 
@@ -155,7 +160,7 @@ class DeviceTracker(Tracker):
         """
         return (estimates[0] for estimates in self.stream_runs(observations))
 
-    def stream_runs(self, observations: Iterable[Any]) -> Iterator[list[Estimate]]:
+    def stream_runs(self, observations: Iterable[Observation]) -> Iterator[list[Estimate]]:
         """Yield each run's estimate for each of `observations`, see `stream`."""
         self._settle()
         queue = self.device.new_queue() if self.device.is_gpu else self.device.queue
@@ -173,7 +178,7 @@ class DeviceTracker(Tracker):
         if under_way is not None:
             yield under_way()
 
-    def observe(self, observation: Any) -> None:
+    def observe(self, observation: Observation) -> None:
         """Enqueue what the likelihood keeps of an observation, the first half of `step`."""
         self._settle()
         self.likelihood.observe(observation)

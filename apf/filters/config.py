@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from pydantic import model_validator
 
 from apf.likelihood.config import KeypointConfig, LikelihoodConfig
+from apf.likelihood.terms import TERMS as REGISTERED
 from cl import InputError
 from psfs.common.config import Config, fields_below, part, setting
 
@@ -341,11 +342,9 @@ class FilterConfig(Config):
     def at_rate(self, fps: float) -> FilterConfig:
         """Return the settings for `fps` frames/s: deviations that are stated for 60 frames/s grow
         with the time between frames."""
-        longer = SIGMA_FPS / fps
-        return self.changed(
-            noise=self.search.noise * longer,
-            motion_prior_scale=self.likelihood.motion_prior.scale * longer,
-        )
+        longer, settings = SIGMA_FPS / fps, self.settings
+        growing = ["noise", *(f"{t.name}_{s}" for t in REGISTERED.values() for s in t.per_interval)]
+        return self.changed(**{name: settings[name] * longer for name in growing})
 
 
 #: Parts whose settings have names of their own; those of all others begin with the part's.
@@ -359,24 +358,34 @@ def _short(path: tuple[str, ...]) -> str:
 #: The names that lead to each single setting, by its own.
 _PATHS = {_short(path): path for path, _ in fields_below(FilterConfig)}
 
-#: Settings that weigh the likelihood's terms: the usual ones, which are on by default,
-_USUAL_TERMS = {
-    "edge": "edge_weight",
-    "silhouette": "silhouette_weight",
-    "surface": "surface_weight",
-    "overlap": "overlap_weight",
-    "posture": "posture_prior_weight",
-    "part_colour": "part_colour_weight",
-    "contour": "contour_weight",
-    "pictures": "foreground_join_on",
-}
-#: and the others with the weight that they have when they are chosen by name. Silhouette recall
-#: weighs as in the limb search; the others by hand.
-_OTHER_TERMS = {
-    "silhouette_recall": ("silhouette_recall_weight", 2.0),
-    "motion_prior": ("motion_prior_weight", 0.01),
-    "keypoints": ("keypoints_weight", 4.0),
-}
+
+def _usual_terms() -> dict[str, str]:
+    """Return the settings that weigh the terms which are on by default, by the term's name."""
+    default = LikelihoodConfig()
+    return {
+        "edge": "edge_weight",
+        "silhouette": "silhouette_weight",
+        "surface": "surface_weight",
+        "overlap": "overlap_weight",
+        "posture": "posture_prior_weight",
+        **{name: f"{name}_weight" for name in default.terms},
+        "pictures": "foreground_join_on",
+    }
+
+
+def _other_terms() -> dict[str, tuple[str, float]]:
+    """Return those of the other terms, with the weight that they have when they are chosen by name.
+    Silhouette recall weighs as in the limb search; keypoints by hand."""
+    usual = LikelihoodConfig().terms
+    others = {t.name: (f"{t.name}_weight", t.chosen_weight) for t in REGISTERED.values()}
+    return {
+        "silhouette_recall": ("silhouette_recall_weight", 2.0),
+        **{name: weighed for name, weighed in others.items() if name not in usual},
+        "keypoints": ("keypoints_weight", 4.0),
+    }
+
+
+_USUAL_TERMS, _OTHER_TERMS = _usual_terms(), _other_terms()
 #: The setting with which keypoints count, where they are chosen in another way.
 KEYPOINTS_ON = dict([_OTHER_TERMS["keypoints"]])
 USUAL_TERMS = tuple(_USUAL_TERMS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from apf.filters.config import FilterConfig
 from apf.filters.particle_set import seed_words
 from apf.filters.refinement import Refinement
 from apf.likelihood.base import Likelihood
-from cl import Array, Device, Launch
+from cl import Array, Device, Launch, Stage
 from cl.workgroups import stated_group
 
 #: Items that choose, and move the poses chosen from.
@@ -30,7 +29,7 @@ def n_near(n: int) -> int:
     return (n + 1) // 2
 
 
-class LimbSearch:
+class LimbSearch(Stage):
     """Ends the search of a frame: refines the particles' mean and, for every limb, the best of many
     poses that differ from the mean in that limb, one of which has it where observed points are, and
     the best of many that have it anywhere within its limits, both found in rounds, each about the
@@ -49,6 +48,8 @@ class LimbSearch:
     looked for. tells_misfits: whether the search fills in the likelihood's `misfits`.
     """
 
+    kernels = "tracking/limb_search"
+
     def __init__(
         self,
         device: Device,
@@ -57,13 +58,18 @@ class LimbSearch:
         config: FilterConfig,
         seeds: Sequence[int] | None = None,
     ) -> None:
-        self.device, self.config, self.likelihood = device, config, likelihood
+        self.config, self.likelihood = config, likelihood
         self.n_dof = n = body.n_dof
         self._n_particles = config.search.n_particles
         limbs = limb_masks(body)
         looked_for = config.searches_limbs and likelihood.refines
         self._n_limbs = len(limbs) if looked_for else 0
         self._per_run = 1 + 2 * self._n_limbs
+        self._group = _GPU_GROUP if device.is_gpu else _CPU_GROUP
+        super().__init__(
+            device, N_DOF=n, N_LIMBS=max(1, self._n_limbs), CANDIDATES=self._per_run,
+            GROUP=self._group,
+        )  # fmt: skip
         seeds = tuple(seeds or [config.search.seed])
         self._n_runs = n_runs = len(seeds)
         n_candidates = n_runs * self._per_run
@@ -82,7 +88,6 @@ class LimbSearch:
         self._all_misfits = None
         if self.tells_misfits:
             self._all_misfits = device.zeros((n_candidates,), np.float32)
-        self._group = _GPU_GROUP if device.is_gpu else _CPU_GROUP
         self._limbs = device.to_device(np.array([*limbs, np.zeros(n, bool)], np.uint8))
         n_poses = n_runs * self._n_particles if self._n_limbs else 1
         self._poses = device.empty((n_poses, n), np.float32, "the limbs' poses")
@@ -134,8 +139,8 @@ class LimbSearch:
 
     def _propose(self, frame: Array, result: Array, poses: Array) -> Launch:
         n = poses.shape[0] // self._n_runs
-        return self.device.launch(
-            self._kernel("propose"),
+        return self.launch(
+            "propose",
             (self.n_dof, n, self._n_runs),
             stated_group(self.device, 32, 8, 1),
             n=n,
@@ -156,8 +161,8 @@ class LimbSearch:
     def _choose(self, frame: Array, round: int) -> Launch:
         """Return what ends a round, and moves the poses on to the next one, if there is one."""
         reaches, following = self.config.limb_search.reaches, round + 1
-        return self.device.launch(
-            self._kernel("choose"),
+        return self.launch(
+            "choose",
             (self._group * self._per_run, self._n_runs),
             (self._group, 1),
             n=self._n_particles,
@@ -175,8 +180,8 @@ class LimbSearch:
         )
 
     def _accept(self, result: Array) -> Launch:
-        return self.device.launch(
-            self._kernel("accept"),
+        return self.launch(
+            "accept",
             (max(self.n_dof, self.information.shape[1]), self._n_runs),
             stated_group(self.device, 64, 1),
             margins=(self.config.limb_search.near_margin, self.config.limb_search.far_margin),
@@ -188,14 +193,4 @@ class LimbSearch:
             result=result,
             shift=self.shift,
             information=self.information,
-        )
-
-    def _kernel(self, name: str) -> Any:
-        return self.device.kernel(
-            "tracking/limb_search",
-            name,
-            N_DOF=self.n_dof,
-            N_LIMBS=max(1, self._n_limbs),
-            CANDIDATES=self._per_run,
-            GROUP=self._group,
         )

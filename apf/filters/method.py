@@ -3,100 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal, get_args
+from itertools import chain
+from typing import Any
 
 from pydantic import model_validator
 
 from apf.filters.config import KEYPOINTS_ON, FilterConfig
-from apf.image_objective.config import OBJECTIVE_KINDS, FeatureConfig, ObjectiveConfig
-from psfs.common.config import Config, part, setting
+from apf.filters.objectives import OBJECTIVES, ObjectiveSpec
+from apf.filters.searches import SEARCHES
+from apf.filters.searches.sir import SirConfig
+from apf.filters.searches.swarm import SwarmConfig
+from apf.image_objective.config import FeatureConfig, ObjectiveConfig
+from psfs.common.config import Config, part, setting, with_parts
 
-Search = Literal["apf", "pso", "sir"]
-Objective = Literal["voxel", "keypoints", "ws", "sp", "aows", "aosp", "posp"]
-SEARCHES: tuple[str, ...] = get_args(Search)
-#: The voxels' likelihood, keypoints alone, and the image objectives of Rymut 2016 eq.
-#: (4.46)-(4.50).
-OBJECTIVES: tuple[str, ...] = get_args(Objective)
-
-#: What a search changes in the defaults of FilterConfig. By hand: a swarm has no annealing, so that
-#: more particles spread wider at once; it compares errors of different iterations, which therefore
-#: look at the same points; and its parent, the best of all, is a poor guide to velocity.
-SEARCH_DEFAULTS: dict[str, dict[str, Any]] = {
-    "apf": {},
-    "pso": {"n_particles": 300, "point_turns": 1, "noise": 0.5, "velocity": 0.0},
-    # Its one layer must reach as far as the others' layers together.
-    "sir": {
-        "n_particles": 3000,
-        "n_layers": 1,
-        "first_survival": 0.02,
-        "noise": 1.0,
-        "velocity": 0.0,
-    },
-}
-
-
-class SwarmConfig(Config):
-    """Factors of a particle swarm, Rymut 2016 eq. (2.27), who does not state his."""
-
-    SOURCE: ClassVar = (
-        "by hand: these contract faster than those that Clerc & Kennedy (2002) derive for long "
-        "searches (0.73, 1.5, 1.5), which ten iterations are not"
+#: Settings that searches and objectives have of their own, by the names that they have in `Method`.
+_OWN_SETTINGS = dict(
+    chain(
+        *(search.settings.items() for search in SEARCHES.values()),
+        *(objective.settings.items() for objective in OBJECTIVES.values()),
     )
-
-    inertia: float = setting(
-        0.6,
-        "Share w of its velocity that a particle keeps.",
-        least=0,
-        below=1,
-        flag="--inertia",
-        flag_help="pso: share of its velocity that a particle keeps",
-    )
-    cognitive: float = setting(
-        1.2,
-        "Pull c1 of a particle's own best.",
-        least=0,
-        flag="--cognitive",
-        flag_help="pso: pull of a particle's own best",
-    )
-    social: float = setting(
-        1.2,
-        "Pull c2 of the best of all.",
-        least=0,
-        flag="--social",
-        flag_help="pso: pull of the best of all",
-    )
+)
 
 
-class SirConfig(Config):
-    """The observation model of a particle filter with resampling, Rymut 2016 eq. (2.42)."""
-
-    sigma_z: float = setting(
-        0.0,
-        "Standard deviation of 1 - f; 0 finds it anew in each frame, such that the effective "
-        "sample size is `SearchConfig.first_survival` of the particles.",
-        "Rymut does not state his",
-        least=0,
-        flag="--sigma-z",
-        flag_help="sir: of Rymut eq. (2.42), 0 for one found in each frame",
-    )
-
-    @property
-    def beta(self) -> float:
-        """The exponent of exp(-(1 - f)^2), 0 for one to be found."""
-        return self.sigma_z**-2 if self.sigma_z > 0 else 0.0
-
-
+@with_parts(_OWN_SETTINGS)
 class Method(Config):
     """A search, an objective and the settings of both; those of others are not looked at."""
 
-    search: Search = setting(
-        "apf", "Search: annealed particle filter, particle swarm or particle filter.", "Song et al."
+    search: str = setting(
+        "apf",
+        "Search: annealed particle filter, particle swarm or particle filter.",
+        "Song et al.",
+        choices=SEARCHES,
     )
-    objective: Objective = setting(
+    objective: str = setting(
         "voxel",
         "What is searched for: the voxels' likelihood, keypoints alone, or a function of image "
         "features (Rymut 2016 eq. 4.46-4.50).",
         "Song et al.",
+        choices=OBJECTIVES,
     )
     recover: bool = setting(
         True,
@@ -126,11 +70,11 @@ class Method(Config):
     def _agree(cls, values: dict[str, Any]) -> dict[str, Any]:
         """Let image objectives be of the kind that the objective names, and keypoints alone have a
         weight."""
-        objective = values.get("objective", "voxel")
-        if objective in OBJECTIVE_KINDS:
+        name = values.get("objective", "voxel")
+        if name in OBJECTIVES and "image" in OBJECTIVES[name].settings:
             image = values.get("image") or ObjectiveConfig()
-            return {**values, "image": image.replace(kind=objective)}
-        if objective == "keypoints":
+            return {**values, "image": image.replace(kind=name)}
+        if name == "keypoints":
             config = values.get("filter") or FilterConfig()
             if not config.keypoints.weight > 0:
                 return {**values, "filter": config.changed(**KEYPOINTS_ON)}
@@ -140,25 +84,31 @@ class Method(Config):
     def of(cls, search: str = "apf", objective: str = "voxel", **settings: Any) -> Method:
         """Return a method with the search's own defaults and single `settings` of its filter, named
         as in `FilterConfig.of`."""
-        config = FilterConfig.of(**{**SEARCH_DEFAULTS.get(search, {}), **settings})
-        return cls().replace(search=search, objective=objective, filter=config)
+        defaults = SEARCHES[search].defaults if search in SEARCHES else {}
+        config = FilterConfig.of(**{**defaults, **settings})
+        return cls(search=search, objective=objective, filter=config)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], where: str = "") -> Method:
-        """Return the inverse of `to_dict`; what is not stated has the search's own default."""
-        search = values.get("search")
+        """Return the inverse of `to_dict`; what is not stated has the search's own
+        default. Arguments and errors as of `overlaid`."""
+        search = values.get("search", "")
         base = cls.of(search) if search in SEARCHES else cls()
         return base.overlaid(values, where)
 
     @property
     def uses_voxels(self) -> bool:
-        """Whether the objective is the voxels' likelihood."""
-        return self.objective == "voxel"
+        """Whether the objective observes voxels."""
+        return self._objective.observes == "voxels"
 
     @property
     def uses_images(self) -> bool:
-        """Whether the objective is one over image features."""
-        return self.objective in OBJECTIVE_KINDS
+        """Whether the objective observes image features."""
+        return self._objective.observes == "images"
+
+    @property
+    def _objective(self) -> ObjectiveSpec:
+        return OBJECTIVES[self.objective]
 
     @property
     def goes_back(self) -> bool:
@@ -184,18 +134,13 @@ class Method(Config):
 
     def described(self) -> dict[str, Any]:
         """Return what was used, for a track's provenance."""
-        used = {
+        own = {**SEARCHES[self.search].settings, **self._objective.settings}
+        return {
             "method": self.search,
             "objective": self.objective,
             "recover": self.recover,
             "both_ways": self.goes_back,
             "runs": self.n_runs,
             "filter": self.filter.settings,
+            **{name: getattr(self, name).to_dict() for name in own},
         }
-        if self.search == "pso":
-            used["swarm"] = self.swarm.to_dict()
-        if self.search == "sir":
-            used["sir"] = self.sir.to_dict()
-        if self.uses_images:
-            used |= {"image": self.image.to_dict(), "features": self.features.to_dict()}
-        return used

@@ -10,7 +10,7 @@ import numpy as np
 from apf.body.model import BodyModel
 from apf.filters.config import SearchConfig
 from apf.filters.layer_noise import layer_sigmas
-from cl import Array, Device, Kernel, Launch
+from cl import Array, Device, Launch, Stage
 from cl.workgroups import pack_defines, stated_group
 
 #: Work-items that anneal all particles of a run: as many as a work-group can have everywhere.
@@ -23,7 +23,7 @@ _BITS = 18
 LOG2_BETA_LIMIT = 20.0
 
 
-class ParticleSet:
+class ParticleSet(Stage):
     """Particles, their weights and parents, all on the device, of R runs with a seed each: `seeds`,
     by default one with that of the config. Runs do not mix: each has n_particles, N in all.
 
@@ -34,6 +34,8 @@ class ParticleSet:
     counts the frames.
     """
 
+    kernels = "tracking/annealing"
+
     def __init__(
         self,
         device: Device,
@@ -41,14 +43,14 @@ class ParticleSet:
         config: SearchConfig,
         seeds: Sequence[int] | None = None,
     ) -> None:
-        self.device = device
+        defines = _defines(device, config.n_particles, body.n_dof)
+        super().__init__(device, **defines, LOG2_BETA_LIMIT=LOG2_BETA_LIMIT)
         self.config = config
         self.n_dof = body.n_dof
         self.seeds = tuple(seeds or [config.seed])
         self.n_runs = n_runs = len(self.seeds)
         n = n_runs * config.n_particles
-        self._defines = _defines(device, config.n_particles, body.n_dof)
-        self._group, self._pack = self._defines["GROUP"], self._defines["PACK"]
+        self._group, self._pack = defines["GROUP"], defines["PACK"]
         self.sets = [device.empty((n, body.n_dof), np.float32, "the particles") for _ in range(2)]
         self.weights = device.empty((n,), np.float32, "the weights")
         self.result = device.zeros((n_runs * (2 * body.n_dof + 3 * config.n_layers),), np.float32)
@@ -106,8 +108,8 @@ class ParticleSet:
         """Return what draws the parents of set `source` and spreads them by the layer's noise into
         the other (Song et al. eq. 11)."""
         n_packs = -(-self.n_dof // self._pack)
-        launch = self.device.launch(
-            self._kernel("diffuse"),
+        launch = self.launch(
+            "diffuse",
             (n_packs, self.config.n_particles, self.n_runs),
             (32, 8, 1) if self.device.is_gpu else (n_packs, _CHILDREN, 1),
             n=self.config.n_particles,
@@ -137,8 +139,8 @@ class ParticleSet:
         Deutscher & Reid 2005), and draws the next parents.
 
         A positive `beta` is the exponent whatever the survival."""
-        return self.device.launch(
-            self._kernel("anneal"),
+        return self.launch(
+            "anneal",
             (self._group * self.n_runs,),
             (self._group,),
             n=self.config.n_particles,
@@ -161,8 +163,8 @@ class ParticleSet:
         n_packs = -(-self.n_dof // self._pack)
         n_groups = min(n * n_packs // self._group, self.device.info.compute_units // self.n_runs)
         share = -(-n // max(1, n_groups))
-        launch = self.device.launch(
-            self._kernel("anneal_diffuse"),
+        launch = self.launch(
+            "anneal_diffuse",
             (-(-n // share) * self._group, self.n_runs),
             (self._group, 1),
             n=n,
@@ -186,8 +188,8 @@ class ParticleSet:
 
     def estimate(self, source: int) -> Launch:
         """Return what takes weighted mean and deviation of set `source` (Song et al. eq. 12)."""
-        return self.device.launch(
-            self._kernel("estimate"),
+        return self.launch(
+            "estimate",
             (self.n_dof * self._group, self.n_runs),
             (self._group, 1),
             n=self.config.n_particles,
@@ -208,8 +210,8 @@ class ParticleSet:
         """Return what ends the frame: the next one's particles move by `shift` (R, D) and the
         motion. `report` (n,) gets all that the host reads: `result`, `information` (R, ..), the
         limb search's `candidates` (R K, D) and their `errors` (R K,), `misfits` (R,)."""
-        return self.device.launch(
-            self._kernel("end_frame"),
+        return self.launch(
+            "end_frame",
             (report.size,),
             stated_group(self.device, 64),
             n_runs=self.n_runs,
@@ -227,11 +229,6 @@ class ParticleSet:
             misfits=misfits,
             motion=self.motion,
             report=report,
-        )
-
-    def _kernel(self, name: str) -> Kernel:
-        return self.device.kernel(
-            "tracking/annealing", name, **self._defines, LOG2_BETA_LIMIT=LOG2_BETA_LIMIT
         )
 
 

@@ -3,8 +3,6 @@ refinement.cl)."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from apf.body.jacobian import bone_moves, cone_moves
@@ -14,6 +12,7 @@ from apf.body.posing import CONE_DEFINES, FRAME_FLOATS, SPAN_FLOATS, body_define
 from apf.filters.config import FilterConfig
 from apf.likelihood.observations import ObservedPoints
 from cl import Array, Device, InputError, Launch
+from cl.signature import Argument
 from cl.workgroups import pack_defines
 from psfs.cameras.camera import CAMERA_FLOATS
 
@@ -143,7 +142,7 @@ class Refinement:
             information=self.information,
         )
 
-    def _evidence(self, points: Array | None, reach: tuple[float, float]) -> dict[str, Any]:
+    def _evidence(self, points: Array | None, reach: tuple[float, float]) -> dict[str, Argument]:
         """Return what the linear system is made of, by the kernels' names."""
         config, observed = self.config, self._observed
         strength, weight = self._voxel_weights
@@ -169,7 +168,7 @@ class Refinement:
         strength = self.config.strength / max(1, self._n_points)
         return strength, strength / self.config.scale**2
 
-    def _taken(self, results: Array, poses: Array, step: int) -> dict[str, Any]:
+    def _taken(self, results: Array, poses: Array, step: int) -> dict[str, Argument]:
         """Return what a step reads and keeps, by the kernels' names."""
         strength, weight = self._voxel_weights
         return {
@@ -187,7 +186,7 @@ class Refinement:
         """Return the global size: a work-group for every part of every pose's evidence."""
         return self._n_parts * self._defines["GROUP"], self.n_poses
 
-    def _launch(self, name: str, size: tuple[int, ...], /, **arguments: Any) -> Launch:
+    def _launch(self, name: str, size: tuple[int, ...], /, **arguments: Argument) -> Launch:
         kernel = self.device.kernel("tracking/refinement", name, **self._defines, **CONE_DEFINES)
         group = (self._defines["GROUP"], *[1] * (len(size) - 1))
         return self.device.launch(kernel, size, group, **arguments)

@@ -7,8 +7,8 @@ import numpy as np
 from apf.body.model import BodyModel
 from apf.filters.base import DeviceTracker
 from apf.filters.config import FilterConfig, SearchConfig
-from apf.filters.method import SwarmConfig
 from apf.filters.particle_set import ParticleSet
+from apf.filters.searches.swarm import SwarmConfig as SwarmConfig
 from apf.likelihood.base import Likelihood
 from apf.scene import Scene
 from cl import Array, Device, Kernel, Launch, Step

@@ -2,35 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Protocol, TypeVar
-
 import numpy as np
 
 from apf.body.mesh import BodyMesh
 from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
 from apf.image_objective.renderer import renderer_for, silhouette_shape
 from apf.likelihood.base import Likelihood
+from apf.likelihood.observations import FeatureMaps
 from apf.scene import Scene
 from cl import Array, Launch
 from cl.launch import Kernel
 from cl.workgroups import row_group
 
 _GROUP = 256
-
-A = TypeVar("A", covariant=True)
-
-
-class FeatureMaps(Protocol[A]):
-    """What an image objective observes: arrays on the device, or NumPy's for the twin."""
-
-    @property
-    def maps(self) -> A:
-        """(V, H, W, 2) uint8 silhouette 0 or 255 and edge proximity 0..255."""
-
-    @property
-    def roi(self) -> A:
-        """(V, 4) int32 first column and row and, excluded, the last; what lies outside counts
-        nowhere."""
 
 
 class ImageObjective(Likelihood):

@@ -11,9 +11,10 @@ from apf.body.stature import stature
 from apf.initialisation.fit_config import KeypointStartConfig
 from apf.initialisation.point_fit import PointFit, PointFitter, PointViews
 from apf.initialisation.start import StartError
+from apf.keypoints.config import TriangulationConfig
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import BodyPoints, locate_points
-from apf.keypoints.triangulation import TriangulationConfig, triangulate
+from apf.keypoints.triangulation import triangulate
 from apf.likelihood.keypoint_model import KeypointModel
 from apf.likelihood.observations import PointObservations
 from psfs.cameras.camera import CameraRig

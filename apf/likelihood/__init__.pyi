@@ -6,6 +6,7 @@ from .config import MotionPriorConfig as MotionPriorConfig
 from .config import PartColourConfig as PartColourConfig
 from .contour import Contours as Contours
 from .motion_prior import MotionPrior as MotionPrior
+from .observations import FeatureMaps as FeatureMaps
 from .part_colour import PartColours as PartColours
 from .silhouette_recall import SilhouetteRecall as SilhouetteRecall
 from .voxel import VoxelLikelihood as VoxelLikelihood

@@ -10,92 +10,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from psfs.common.config import Config, part, setting
+from apf.likelihood.terms import TERMS, TermSettings
+from apf.likelihood.terms.contour import ContourConfig
+from apf.likelihood.terms.motion_prior import MotionPriorConfig
+from apf.likelihood.terms.part_colour import PartColourConfig
+from psfs.common.config import Config, part, setting, with_parts
 from psfs.voxels.config import ForegroundJoinConfig
 
 if TYPE_CHECKING:
     import numpy as np
 
 
-class PartColourConfig(Config):
-    """Whether parts have their colours in the pictures: the mean, over what a camera sees of limbs
-    and head, of how much likelier a colour is there than elsewhere on the person."""
-
-    SOURCE: ClassVar = "by hand"
-
-    weight: float = setting(
-        4.0,
-        "Weight of that mean, as a share of its bound, in one camera's error.",
-        "tuned on the six suite sequences with `surface_weight`: 1 gains half as much, 8 nothing "
-        "more",
-        least=0,
-    )
-    n_colours: int = setting(
-        48,
-        "Number of colours of the palette.",
-        "tuned: a fixed grid of 256 tells skin from a red shirt worse",
-        least=2,
-        most=63,
-    )
-    decay: float = setting(
-        0.97,
-        "Share that histograms keep from frame to frame: about a second at 30 frames/s.",
-        least=0,
-        below=1,
-    )
-    bound: float = setting(
-        2.0,
-        "Bound of log ratios: a colour never seen on a part is not impossible.",
-        unit="nats",
-        above=0,
-    )
-    rare: float = setting(0.004, "Likelihood of a code on a part that never showed it.", above=0)
-    least_samples: float = setting(
-        60.0,
-        "Number of samples from which a part's ratios count in full: of fewer they say little.",
-        above=0,
-    )
-    least_pixels: int = setting(
-        500, "Number of pixels of a person from which a palette is made.", unit="px", above=0
-    )
-
-
-class ContourConfig(Config):
-    """How much the pictures change across the outlines of limbs and head, the mean over what a
-    camera sees of them."""
-
-    weight: float = setting(
-        8.0,
-        "Weight of what that mean lacks of 1 in one camera's error.",
-        "tuned on the six suite sequences: 4 to 12 differ little",
-        least=0,
-    )
-    contrast: float = setting(
-        7.5,
-        "Change of the picture that counts in full.",
-        "tuned: 4 does as well, 12 worse",
-        "grey levels per px",
-        above=0,
-        below=255,
-    )
-
-
-class MotionPriorConfig(Config):
-    """The mean squared change since the last frame, in the body's sigmas."""
-
-    weight: float = setting(
-        0.0,
-        "Weight of that mean in one camera's error.",
-        "off: the particles' noise bounds the change anyway",
-        least=0,
-    )
-    scale: float = setting(
-        1.0,
-        "Change at 60 frames/s that counts as one.",
-        "by definition of the sigmas",
-        "of the body's sigmas",
-        above=0,
-    )
+__all__ = [
+    "ContourConfig",
+    "KeypointConfig",
+    "LikelihoodConfig",
+    "MotionPriorConfig",
+    "PartColourConfig",
+    "ReprojectionConfig",
+    "SurfaceSamplesConfig",
+]
 
 
 class KeypointConfig(Config):
@@ -156,9 +90,11 @@ class SurfaceSamplesConfig(Config):
     )
 
 
+@with_parts({term.name: term.settings for term in TERMS.values()})
 class LikelihoodConfig(Config):
-    """What the voxels' likelihood is made of. All weights but those of edge and silhouette are 0
-    for Song et al.'s likelihood alone."""
+    """What the voxels' likelihood is made of: what is here, and a field for the settings of every
+    registered term, by its name. All weights but those of edge and silhouette are 0 for Song et
+    al.'s likelihood alone."""
 
     edge_weight: float = setting(
         4.0,
@@ -220,9 +156,6 @@ class LikelihoodConfig(Config):
     reprojection: ReprojectionConfig = part(
         ReprojectionConfig, "What the terms of edge and silhouette look at."
     )
-    part_colour: PartColourConfig = part(PartColourConfig, "The parts' colours in the pictures.")
-    contour: ContourConfig = part(ContourConfig, "The parts' contours in the pictures.")
-    motion_prior: MotionPriorConfig = part(MotionPriorConfig, "The change since the last frame.")
 
     @property
     def weights(self) -> np.ndarray:
@@ -234,7 +167,18 @@ class LikelihoodConfig(Config):
             np.float32,
         )
 
+    def of_term(self, name: str) -> TermSettings:
+        """Return the settings of a registered term."""
+        settings: TermSettings = getattr(self, name)
+        return settings
+
     @property
-    def depends_on_track(self) -> bool:
-        """Whether there are terms that depend on the track so far."""
-        return self.motion_prior.weight > 0
+    def terms(self) -> dict[str, TermSettings]:
+        """The settings of the registered terms that have a weight, by name."""
+        every = {name: self.of_term(name) for name in TERMS}
+        return {name: settings for name, settings in every.items() if settings.weight > 0}
+
+    @property
+    def track_terms(self) -> list[str]:
+        """Names of the terms with a weight that depend on the track so far."""
+        return [name for name in self.terms if TERMS[name].depends_on_track]

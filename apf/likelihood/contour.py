@@ -7,14 +7,14 @@ outline's normal (Isard & Blake 1998, section 4), the largest within a few pixel
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from apf.likelihood.config import ContourConfig
-from cl import Array, Device, Launch
+from apf.likelihood.term import Shared, Term
+from apf.likelihood.terms.contour import ContourConfig
+from cl import Array, Launch
+from cl.signature import Argument
 from cl.workgroups import row_group
-from psfs.cameras.camera import CameraRig
+from psfs.voxels.device_voxels import Voxels
 
 #: Normals that contours are looked for along: (1, 0), (1, 1), (0, 1) and (-1, 1).
 N_NORMALS = 4
@@ -35,26 +35,32 @@ def contrast_of(config: ContourConfig) -> int:
     return max(1, round(config.contrast * SOBEL_GAIN))
 
 
-class Contours:
-    """The contours of the pictures that `maps` (V, H, W, 2) are silhouettes of.
+class Contours(Term):
+    """The contours of the pictures that the maps (V, H, W, 2) are silhouettes of.
 
     `contours` (V, 4, H, W) uint8, zero before, become those of the latest frame, along each normal;
     `known` tells whether it had pictures. Twin: reference/likelihood/contour.py.
     """
 
-    def __init__(
-        self, device: Device, rig: CameraRig, maps: Array, contours: Array, config: ContourConfig
-    ) -> None:
-        self.device, self._rig, self._maps, self._config = device, rig, maps, config
-        views, *size = len(rig), rig.height, rig.width
-        self.contours = contours  # whose borders stay 0
+    kernels = "tracking/contour"
+    uses_pictures = True
+
+    def __init__(self, shared: Shared, settings: ContourConfig) -> None:
+        device = shared.scene.opencl
+        super().__init__(
+            device, REACH=REACH, DIAGONAL_REACH=DIAGONAL_REACH, HIDDEN=HIDDEN, MARGIN=MARGIN,
+            OUTER_MARGIN=OUTER_MARGIN, STRIP=_STRIP, **({} if device.is_gpu else {"ANYWHERE": 1}),
+        )  # fmt: skip
+        self._rig, self._maps, self._settings = shared.scene.rig, shared.maps, settings
+        views, *size = len(self._rig), self._rig.height, self._rig.width
+        self.contours = shared.seen["contours"][0]  # whose borders stay 0
         self._gradients = device.zeros((views, 2, *size), np.int16, "the pictures' gradients")
         self.known = False
         self._has_room = min(size) >= 2 * OUTER_MARGIN + _STRIP
         self._pictures: Array | None = None
         self._launches: list[Launch] = []
 
-    def observe(self, pictures: Array | None) -> None:
+    def observe(self, voxels: Voxels, pictures: Array | None) -> None:
         """Enqueue the contours of a frame's pictures (V, H, W, 3), whose maps are made."""
         self.known = pictures is not None and self._has_room
         if pictures is None or not self._has_room:
@@ -64,17 +70,20 @@ class Contours:
         for launch in self._launches:
             launch()
 
+    def score_weights(self) -> dict[str, float]:
+        return {"contour_weight": self._settings.weight if self.known else 0.0}
+
     def _finding(self, pictures: Array) -> list[Launch]:
         rig = self._rig
-        shape = {"width": rig.width, "height": rig.height, "maps": self._maps}
+        shape: dict[str, Argument] = {"width": rig.width, "height": rig.height, "maps": self._maps}
         return [
-            self.device.launch(
-                self._kernel("differentiate"), self._size(MARGIN), self._group(MARGIN), **shape,
+            self.launch(
+                "differentiate", self._size(MARGIN), self._group(MARGIN), **shape,
                 pictures=pictures, gradients=self._gradients,
             ),
-            self.device.launch(
-                self._kernel("find_contours"), self._size(OUTER_MARGIN),
-                self._group(OUTER_MARGIN), **shape, contrast=contrast_of(self._config),
+            self.launch(
+                "find_contours", self._size(OUTER_MARGIN),
+                self._group(OUTER_MARGIN), **shape, contrast=contrast_of(self._settings),
                 gradients=self._gradients, contours=self.contours,
             ),
         ]  # fmt: skip
@@ -88,10 +97,3 @@ class Contours:
         """Return a CPU's work-group, a row of strips: of those that PoCL chooses by itself
         `find_contours` takes twice as long."""
         return None if self.device.is_gpu else row_group(self.device, self._size(margin)[0])
-
-    def _kernel(self, name: str) -> Any:
-        return self.device.kernel(
-            "tracking/contour", name, REACH=REACH, DIAGONAL_REACH=DIAGONAL_REACH, HIDDEN=HIDDEN,
-            MARGIN=MARGIN, OUTER_MARGIN=OUTER_MARGIN, STRIP=_STRIP,
-            **({} if self.device.is_gpu else {"ANYWHERE": 1}),
-        )  # fmt: skip

@@ -4,7 +4,6 @@ keypoints.cl)."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, body_defines, pack_body
 from apf.likelihood.base import Likelihood
 from apf.likelihood.config import KeypointConfig
-from apf.likelihood.observations import ObservedPoints, no_observations, parted
+from apf.likelihood.observations import Observation, ObservedPoints, no_observations, parted
 from apf.likelihood.voxel import posture_prior
 from apf.scene import Scene
 from cl import Array, Launch, Step
@@ -58,11 +57,11 @@ class KeypointLikelihood(Likelihood):
         # Without launches of its own, where the other takes the term into its own.
         self._is_taken = base is not None and base.take_points(self._seen, config)
 
-    def observe(self, observation: Any) -> None:
+    def observe(self, observation: Observation) -> None:
         """Enqueue the preparation of a frame."""
         self.prepare(observation)()
 
-    def prepare(self, observation: Any) -> Callable[[], None]:
+    def prepare(self, observation: Observation) -> Callable[[], None]:
         """Enqueue the other likelihood's preparation of a frame; return what enqueues the rest."""
         shown, points = parted(observation)
         rest = self.base.prepare(shown) if self.base is not None else None

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from apf.body.model import BodyModel
-from apf.likelihood.config import MotionPriorConfig
-from cl import Array, Device, Launch
+from apf.likelihood.term import Shared, Term
+from apf.likelihood.terms.motion_prior import MotionPriorConfig
+from cl import Array, Launch
 
 
-class MotionPrior:
+class MotionPrior(Term):
     """A prior on the change from frame to frame: its mean squared length in the body's sigmas.
 
     It is counted from the last estimate or, with a `velocity`, from where the pose is expected
@@ -19,21 +18,22 @@ class MotionPrior:
     there is an estimate, which costs nothing. Twin: reference/likelihood/motion_prior.py.
     """
 
-    def __init__(
-        self, device: Device, body: BodyModel, config: MotionPriorConfig, velocity: float
-    ) -> None:
-        self.device, self.config, self._velocity = device, config, velocity
-        self._n_dof = body.n_dof
-        factors = change_factors(body, config).astype(np.float32)
-        self._factors = device.to_device(factors, "the motion's factors")
-        self.motion = device.empty((body.n_dof, 2), np.float32, "the expected pose")
+    kernels = "tracking/motion_prior"
+
+    def __init__(self, shared: Shared, settings: MotionPriorConfig) -> None:
+        body = shared.scene.body
+        super().__init__(shared.scene.opencl, N_DOF=body.n_dof)
+        self.settings, self._velocity, self._n_dof = settings, shared.velocity, body.n_dof
+        factors = change_factors(body, settings).astype(np.float32)
+        self._factors = self.device.to_device(factors, "the motion's factors")
+        self.motion = self.device.empty((body.n_dof, 2), np.float32, "the expected pose")
         self.forget()
 
     def change_body(self, body: BodyModel) -> None:
         """Count changes in the sigmas of `body` from now on."""
-        self._factors.set(change_factors(body, self.config).astype(np.float32))
+        self._factors.set(change_factors(body, self.settings).astype(np.float32))
 
-    def forget(self) -> None:
+    def forget(self, run: int | None = None) -> None:
         """Expect nothing: a new track begins."""
         self.motion.fill(np.nan)
 
@@ -41,10 +41,9 @@ class MotionPrior:
         """Return the launches that add to `errors` (n,) of `poses` (n, D) `weight` times the mean
         over their degrees of freedom of the squared change, in sigmas."""
         return [
-            self.device.launch(
-                self._kernel("add_motion_errors"),
+            self.launch(
+                "add_motion_errors",
                 (poses.shape[0],),
-                None,
                 n=poses.shape[0],
                 weight=weight,
                 factors=self._factors,
@@ -57,18 +56,14 @@ class MotionPrior:
     def learning_launcher(self, pose: Array) -> list[Launch]:
         """Return the launches that take the first of `pose` (.., D) for the frame's."""
         return [
-            self.device.launch(
-                self._kernel("expect_motion"),
+            self.launch(
+                "expect_motion",
                 (self._n_dof,),
-                None,
                 velocity=self._velocity,
                 pose=pose,
                 motion=self.motion,
             )
         ]
-
-    def _kernel(self, name: str) -> Any:
-        return self.device.kernel("tracking/motion_prior", name, N_DOF=self._n_dof)
 
 
 def change_factors(body: BodyModel, config: MotionPriorConfig) -> np.ndarray:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
 from apf.body.model import BodyModel
 from apf.scene import Scene
-from cl import InputError
+from cl import Array, InputError
 from cl.staging import Upload
 from psfs.cameras.camera import CameraRig
+from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.host_voxels import HostVoxels
 
 #: Numbers of a row of the packed table, see observed.h.
 OBSERVED_FLOATS = 12
@@ -122,6 +124,26 @@ def joined(parts: Sequence[PointObservations]) -> PointObservations:
     )  # fmt: skip
 
 
+A = TypeVar("A", covariant=True)
+
+
+class FeatureMaps(Protocol[A]):
+    """Image features of a frame: arrays on the device, or NumPy's for the twin."""
+
+    @property
+    def maps(self) -> A:
+        """(V, H, W, 2) uint8 silhouette 0 or 255 and edge proximity 0..255."""
+
+    @property
+    def roi(self) -> A:
+        """(V, 4) int32 first column and row and, excluded, the last; what lies outside counts
+        nowhere."""
+
+
+#: What is made of a frame's pictures for a tracker; None where it looks at keypoints alone.
+Shown: TypeAlias = Voxels | HostVoxels | FeatureMaps[Array] | FeatureMaps[np.ndarray] | None
+
+
 class Observed(NamedTuple):
     """What a tracker with keypoints is shown of a frame: voxels or image features, None where it
     looks at keypoints alone; and points of the body, None where nothing is known of them."""
@@ -130,12 +152,16 @@ class Observed(NamedTuple):
     points: PointObservations | None
 
 
+#: What a tracker observes of a frame.
+Observation: TypeAlias = Shown | Observed
+
+
 def with_points(observation: Any, points: PointObservations | None) -> Any:
     """Return an observation with `points`, if there are any."""
     return observation if points is None else Observed(observation, points)
 
 
-def parted(observation: Any) -> Observed:
+def parted(observation: Observation) -> Observed:
     """Return an observation, of whatever kind, as the two parts of `Observed`."""
     return observation if isinstance(observation, Observed) else Observed(observation, None)
 

@@ -8,8 +8,6 @@ likelier it is on the part than on the mean part.
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
 from scipy.cluster.vq import kmeans2
@@ -17,10 +15,12 @@ from scipy.cluster.vq import kmeans2
 from apf.body.limbs import trunk_bones
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, body_defines, pack_body
-from apf.likelihood.config import PartColourConfig
-from cl import Array, Device, Launch
+from apf.likelihood.term import Shared, Term
+from apf.likelihood.terms.part_colour import PartColourConfig
+from cl import Array, Launch
+from cl.signature import Argument
 from cl.workgroups import pack_defines
-from psfs.cameras.camera import CameraRig
+from psfs.voxels.device_voxels import Voxels
 
 #: Items that a GPU takes for a camera: there are few, each has a multiprocessor to itself.
 _GROUP = 512
@@ -117,8 +117,8 @@ def _lab(colours: np.ndarray) -> np.ndarray:
     return lab.astype(np.float32) * np.array([0.5, 1, 1], np.float32)
 
 
-class PartColours:
-    """The colours of a body's parts in the pictures that `maps` (V, H, W, 2) are silhouettes of.
+class PartColours(Term):
+    """The colours of a body's parts in the pictures that the maps (V, H, W, 2) are silhouettes of.
 
     `codes` (V, H, W) uint8 become those of the latest frame, the first of two arrays; it is learnt
     from the second, which may be the same, see `Ahead`. `ratios` (R, P, N_CODES) int8 of R runs,
@@ -127,31 +127,29 @@ class PartColours:
     without a person, have none. Twin: reference/likelihood/part_colour.py.
     """
 
-    def __init__(
-        self,
-        device: Device,
-        rig: CameraRig,
-        body: BodyModel,
-        cameras: Array,
-        maps: Array,
-        codes: tuple[Array, Array],
-        config: PartColourConfig,
-        n_runs: int = 1,
-    ) -> None:
-        self.device, self.config, self._maps, self._rig = device, config, maps, rig
-        self._cameras, self._n_parts = cameras, len(part_names(body))
-        self._group = pack_defines(device, _GROUP)["GROUP"]
-        self.codes, self._learnt_from = codes
-        for each in codes:
+    kernels = "tracking/part_colour"
+    uses_pictures = True
+
+    def __init__(self, shared: Shared, settings: PartColourConfig) -> None:
+        device, body, rig = shared.scene.opencl, shared.scene.body, shared.scene.rig
+        n_parts, self._group = len(part_names(body)), pack_defines(device, _GROUP)["GROUP"]
+        super().__init__(
+            device, PACK=1, GROUP=self._group, N_CODES=N_CODES, **body_defines(body),
+            N_PARTS=n_parts, ROWS=ROWS, COLUMNS=COLUMNS, RATIO_STEPS=RATIO_STEPS, **rig.defines,
+            **CONE_DEFINES,
+        )  # fmt: skip
+        self.settings, self._maps, self._rig = settings, shared.maps, rig
+        self._cameras = shared.cameras
+        self.codes, self._learnt_from = shared.seen["codes"]
+        for each in shared.seen["codes"]:
             each.fill(N_CODES - 1)
         self._palette = device.empty((N_COLOURS,), np.uint8)
         self.known = self._has_palette = False
-        histograms = n_runs, self._n_parts, N_CODES
+        histograms = shared.n_runs, n_parts, N_CODES
         self.histograms = device.zeros(histograms, np.float32)
         self.ratios = device.zeros(histograms, np.int8)
         self._counts = device.zeros(histograms, np.int32)
         self._rows = device.to_device(learnt_parts(body))
-        self._defines = body_defines(body)
         self._body = device.to_device(pack_body(body), "the body model")
         self._pictures: Array | None = None
 
@@ -167,7 +165,7 @@ class PartColours:
             kept[slice(None) if run is None else run] = 0
             array.set(kept)
 
-    def observe(self, pictures: Array | None) -> None:
+    def observe(self, voxels: Voxels, pictures: Array | None) -> None:
         """Enqueue the codes of a frame's pictures (V, H, W, 3), whose maps are made. The first
         person seen makes the palette, which waits for the device."""
         if pictures is None:
@@ -178,7 +176,7 @@ class PartColours:
         if pictures is not self._pictures:
             self._pictures, self._encode = pictures, self._encoding(pictures)
         if not self._has_palette:
-            palette = palette_of(pictures.get(), self._maps.get()[..., 0], self.config)
+            palette = palette_of(pictures.get(), self._maps.get()[..., 0], self.settings)
             if palette is None:
                 return
             self._palette.set(palette)
@@ -188,8 +186,8 @@ class PartColours:
 
     def _encoding(self, pictures: Array) -> Launch:
         n_pixels = int(np.prod(self.codes.shape))
-        return self.device.launch(
-            self._kernel("encode_colours"),
+        return self.launch(
+            "encode_colours",
             (n_pixels,),
             (256 if self.device.is_gpu else 64,),
             n_pixels=n_pixels,
@@ -202,10 +200,10 @@ class PartColours:
     def learning_launcher(self, pose: Array) -> list[Launch]:
         """Return the launches that learn from the frame whose runs' estimates are the first R of
         `pose` (.., D)."""
-        config = self.config
+        settings = self.settings
         return [
-            self.device.launch(
-                self._kernel("count_colours"),
+            self.launch(
+                "count_colours",
                 (self._group * len(self._rig), self.ratios.shape[0]),
                 (self._group, 1),
                 width=self._rig.width,
@@ -217,32 +215,22 @@ class PartColours:
                 codes=self._learnt_from,
                 counts=self._counts,
             ),
-            self.device.launch(
-                self._kernel("learn_colours"),
+            self.launch(
+                "learn_colours",
                 (N_CODES * self.ratios.shape[0],),
                 (N_CODES,),
-                decay=config.decay,
-                rare=config.rare,
-                bound=config.bound,
-                least=config.least_samples,
+                decay=settings.decay,
+                rare=settings.rare,
+                bound=settings.bound,
+                least=settings.least_samples,
                 counts=self._counts,
                 histograms=self.histograms,
                 ratios=self.ratios,
             ),
         ]
 
-    def _kernel(self, name: str) -> Any:
-        return self.device.kernel(
-            "tracking/part_colour",
-            name,
-            PACK=1,
-            GROUP=self._group,
-            N_CODES=N_CODES,
-            **self._defines,
-            N_PARTS=self._n_parts,
-            ROWS=ROWS,
-            COLUMNS=COLUMNS,
-            RATIO_STEPS=RATIO_STEPS,
-            **self._rig.defines,
-            **CONE_DEFINES,
-        )
+    def score_arguments(self) -> dict[str, Argument]:
+        return {"ratios": self.ratios, "table_size": int(np.prod(self.ratios.shape[1:]))}
+
+    def score_weights(self) -> dict[str, float]:
+        return {"colour_weight": self.settings.weight if self.known else 0.0}

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from apf.body.kinematics import CONE_FLOATS
 from apf.body.posing import CONE_DEFINES
 from apf.likelihood.base import PointSubset
 from apf.scene import Scene
-from cl import Array, Launch
+from cl import Array, Kernel, Launch
 from cl.workgroups import pack_defines, stated_group
 
 #: Items that a GPU takes for a pose: mostly few are judged, each has a multiprocessor to itself.
@@ -80,7 +78,7 @@ class SilhouetteRecall:
             errors=errors,
         )
 
-    def _kernel(self, name: str) -> Any:
+    def _kernel(self, name: str) -> Kernel:
         return self.device.kernel(
             "tracking/silhouette_recall", name, **self._defines, **CONE_DEFINES
         )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pyopencl
@@ -14,22 +13,18 @@ from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, FRAME_FLOATS, SPAN_FLOATS, body_defines, pack_body
 from apf.likelihood.base import Likelihood, PointSubset
 from apf.likelihood.config import KeypointConfig, LikelihoodConfig
-from apf.likelihood.contour import N_NORMALS, Contours
-from apf.likelihood.motion_prior import MotionPrior
+from apf.likelihood.contour import N_NORMALS
 from apf.likelihood.observations import ObservedPoints
-from apf.likelihood.part_colour import (
-    N_CODES,
-    RATIO_STEPS,
-    PartColours,
-    scored_parts,
-    trunk_cone,
-)
+from apf.likelihood.part_colour import N_CODES, RATIO_STEPS, scored_parts, trunk_cone
 from apf.likelihood.silhouette_recall import SilhouetteRecall
+from apf.likelihood.term import Shared, made_terms
 from apf.scene import Scene
-from cl import Array, InputError, Launch
+from cl import Array, InputError, Kernel, Launch
+from cl.signature import Argument
 from cl.staging import Ahead
 from cl.workgroups import pack_defines, pack_size, stated_group
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.names import listed
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection
@@ -73,13 +68,16 @@ def posture_prior(body: BodyModel) -> np.ndarray:
     return np.stack([body.rest_pose, 1 / body.posture_sigma], -1).astype(np.float32)
 
 
-def _observed_shapes(rig: CameraRig, config: LikelihoodConfig) -> list[tuple[tuple[int, ...], Any]]:
+def _observed_shapes(
+    rig: CameraRig, config: LikelihoodConfig
+) -> list[tuple[tuple[int, ...], type[np.generic]]]:
     """Return shapes and types of what is made of a frame: maps, contours and codes of colours, 1
     number of those that are not looked for, surface samples, and their pixels."""
     views, *size = len(rig), rig.height, rig.width
     n_points = config.samples.n_points
-    contours = (views, N_NORMALS, *size) if config.contour.weight > 0 else (1,)
-    codes = (views, *size) if config.part_colour.weight > 0 else (1,)
+    contours = (views, N_NORMALS, *size) if "contour" in config.terms else (1,)
+    codes = (views, *size) if "part_colour" in config.terms else (1,)
+    bytes_: list[tuple[tuple[int, ...], type[np.generic]]]
     bytes_ = [((views, *size, 2), np.uint8), (contours, np.uint8), (codes, np.uint8)]
     return [*bytes_, ((n_points, 4), np.float32), ((views, n_points, 2), np.float32)]
 
@@ -108,10 +106,10 @@ class VoxelLikelihood(Likelihood):
         n_runs: int = 1,
         velocity: float = 0.0,
     ) -> None:
-        if n_runs > 1 and config.depends_on_track:
+        if n_runs > 1 and config.track_terms:
             raise InputError(
-                f"{n_runs} runs at once: the likelihood's term motion_prior depends on the track "
-                "so far; expected none"
+                f"{n_runs} runs at once: the likelihood's term {listed(config.track_terms)} "
+                "depends on the track so far; expected none"
             )
         device, body, rig = scene.opencl, scene.body, scene.rig
         self.device, self.rig, self.config, self._scene = device, rig, config, scene
@@ -142,24 +140,22 @@ class VoxelLikelihood(Likelihood):
         self._recall: SilhouetteRecall | None = None
         if config.silhouette_recall_weight > 0:
             self._recall = self._silhouette_recall()
-        self.part_colours: PartColours | None = None
-        self.contours: Contours | None = None
-        self._no_ratios = device.zeros((1,), np.int8)
         self._row_parts = device.to_device(scored_parts(body, rows))
-        self._point_arguments: dict[str, Any] = {
+        self._point_arguments: dict[str, Argument] = {
             "observed": None, "point_weight": 0.0, "point_reach": 1.0, "exchange": 0.0
         }  # fmt: skip
-        self._by_pictures: list[Launch] = []
-        self._picture_weights = {"colour_weight": 0.0, "contour_weight": 0.0}
-        if config.contour.weight > 0:
-            self.contours = Contours(device, rig, maps[0], contours[0], config.contour)
-        if config.part_colour.weight > 0:
-            self.part_colours = PartColours(
-                device, rig, body, self._cameras, maps[0], codes, config.part_colour, n_runs
-            )
-        self.motion_prior: MotionPrior | None = None
-        if config.motion_prior.weight > 0:
-            self.motion_prior = MotionPrior(device, body, config.motion_prior, velocity)
+        seen = {"contours": contours, "codes": codes}
+        shared = Shared(scene, n_runs, velocity, self._cameras, maps[0], seen)
+        self.terms = made_terms(shared, config.terms)
+        self._uses_pictures = any(term.uses_pictures for term in self.terms.values())
+        self._arguments: dict[str, Argument] = {
+            "ratios": device.zeros((1,), np.int8),
+            "table_size": 0,
+        }
+        self._weights = {"colour_weight": 0.0, "contour_weight": 0.0}
+        for term in self.terms.values():
+            self._arguments |= term.score_arguments()
+        self._weighed: list[Launch] = []
 
     def change_body(self, body: BodyModel) -> None:
         """Score poses of `body`, which differs from the scene's in numbers alone, from now on."""
@@ -169,27 +165,20 @@ class VoxelLikelihood(Likelihood):
         rows = sample_rows(cone_sampling(body, self.config.reprojection.sample_spacing))
         self._rows = self.device.to_device(rows, "the cones' samples")
         self._row_parts = self.device.to_device(scored_parts(body, rows))
-        if self.part_colours is not None:
-            self.part_colours.change_body(body)
         for launch in self._scores:
             launch.set(**self._row_arguments())
-        if self.motion_prior is not None:
-            self.motion_prior.change_body(body)
+        for term in self.terms.values():
+            term.change_body(body)
 
     def forget(self, run: int | None = None) -> None:
-        """Forget colours and the expected pose, of one run or of all: a new track begins."""
-        if self.part_colours is not None:
-            self.part_colours.forget(run)
-        if self.motion_prior is not None:
-            self.motion_prior.forget()
+        """Forget what the terms learnt, of one run or of all: a new track begins."""
+        for term in self.terms.values():
+            term.forget(run)
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
         """Return the launches that learn from a frame whose estimate is the first of `pose`
         (.., D)."""
-        terms = (self.part_colours, self.motion_prior)
-        return [
-            launch for term in terms if term is not None for launch in term.learning_launcher(pose)
-        ]
+        return [launch for term in self.terms.values() for launch in term.learning_launcher(pose)]
 
     def observe(self, voxels: Voxels) -> None:
         """Enqueue the maps of `voxels` and the choice of the surface voxels to look at."""
@@ -214,18 +203,14 @@ class VoxelLikelihood(Likelihood):
         self._sample_surface()
         if self._recall is not None:
             self._recall.observe()
-        pictures, weights = None, {}
-        if self.part_colours is not None or self.contours is not None:
-            pictures = voxels.pictures()
-        terms = {"colour": (self.part_colours, self.config.part_colour.weight),
-                 "contour": (self.contours, self.config.contour.weight)}  # fmt: skip
-        for name, (term, weight) in terms.items():
-            if term is not None:
-                term.observe(pictures)
-            weights[f"{name}_weight"] = weight if term is not None and term.known else 0.0
-        if weights != self._picture_weights:
-            self._picture_weights = weights
-            for launch in self._by_pictures:
+        pictures = voxels.pictures() if self._uses_pictures else None
+        weights: dict[str, float] = {}
+        for term in self.terms.values():
+            term.observe(voxels, pictures)
+            weights |= term.score_weights()
+        if weights != self._weights:
+            self._weights = weights
+            for launch in self._weighed:
                 launch.set(**weights)
         return self.show
 
@@ -278,18 +263,16 @@ class VoxelLikelihood(Likelihood):
         points = self._point_arguments
         n = poses.shape[0]
         score = self._launch(n, poses, subset, *weights, errors, points, misfits)
-        self._by_pictures.append(score)
-        score.set(**self._picture_weights)
+        self._weighed.append(score)
+        score.set(**self._weights)
         launches = [score]
         if recall_weight > 0:
             if self._recall is None:  # for rescoring alone; before the first frame
                 self._recall = self._silhouette_recall()
             score.set(posed=self._recall.cones_of(n))
             launches.append(self._recall.launch(subset, recall_weight, errors))
-        n_views = len(self.rig)
-        if self.motion_prior is not None:
-            weight = n_views * config.motion_prior.weight
-            launches += self.motion_prior.launcher(poses, weight, errors)
+        for name, term in self.terms.items():
+            launches += term.launcher(poses, len(self.rig) * config.terms[name].weight, errors)
         return launches
 
     def misfit_launcher(self, poses: Array) -> list[Launch]:
@@ -308,12 +291,12 @@ class VoxelLikelihood(Likelihood):
         weights: np.ndarray,
         posture_weight: float,
         errors: Array,
-        points: dict[str, Any],
+        points: dict[str, Argument],
         misfits: Array | None = None,
     ) -> Launch:
         """Return the launch that scores the first `n` of `poses` by a subset of the samples and by
         the term of observed points."""
-        config, colours = self.config, self.part_colours
+        config = self.config
         launch = self.device.launch(
             self._kernel("score_poses"),
             pack_size(n, self._defines),
@@ -337,9 +320,8 @@ class VoxelLikelihood(Likelihood):
             posture=self._posture,
             weights=weights,
             posture_weight=posture_weight,
-            ratios=colours.ratios if colours is not None else self._no_ratios,
             n_per_run=max(1, n // self.misfits.size),
-            table_size=0 if colours is None else int(np.prod(colours.ratios.shape[1:])),
+            **self._arguments,
             colour_weight=0.0,
             contour_weight=0.0,
             **points,
@@ -350,7 +332,7 @@ class VoxelLikelihood(Likelihood):
         self._scores.append(launch)
         return launch
 
-    def _row_arguments(self) -> dict[str, Any]:
+    def _row_arguments(self) -> dict[str, Argument]:
         """Return the arguments of score_poses that depend on the number of sample rows."""
         room = pyopencl.LocalMemory(self._rows.nbytes)
         return {
@@ -402,5 +384,5 @@ class VoxelLikelihood(Likelihood):
     def _silhouette_recall(self) -> SilhouetteRecall:
         return SilhouetteRecall(self._scene, self._cameras, self._sampled, self._pixels)
 
-    def _kernel(self, name: str) -> Any:
+    def _kernel(self, name: str) -> Kernel:
         return self.device.kernel("tracking/likelihood", name, **self._defines, **CONE_DEFINES)

@@ -16,8 +16,8 @@ from cl import Device, NumpyDevice
 from psfs.common.files import read_text, write_json
 from psfs.common.versions import versions
 from psfs.output.reconstruction_folder import device_facts
-from psfs.reconstructor import ReconstructionConfig
 from psfs.session import Session
+from psfs.voxels.config import ReconstructionConfig
 
 OVERLAY = "overlay.mp4"
 #: Files of a track besides summary and page, as the summary lists them.

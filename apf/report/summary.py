@@ -18,8 +18,8 @@ from cl import InputError
 from psfs.common.files import read_json
 from psfs.common.schema import Positive, Table, Vector, checked
 from psfs.output.reconstruction_folder import SequenceFacts, reopen_sequence
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid, check_size
 
 SUMMARY = "summary.json"

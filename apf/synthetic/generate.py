@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 
 from apf.formats.trc import JointSeries, write_trc
+from apf.synthetic.config import SceneConfig
 from apf.synthetic.render import SyntheticScene
-from apf.synthetic.scene import SceneConfig
 from cl import Device, InputError, NumpyDevice
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.common.files import write_picture

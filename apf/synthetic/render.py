@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 
 from apf.synthetic.body import PRIMITIVE_FLOATS, PersonSurface
+from apf.synthetic.config import SceneConfig
 from apf.synthetic.gait import Gait
-from apf.synthetic.scene import ROOM, Furniture, SceneConfig, make_furniture, make_rig
+from apf.synthetic.scene import ROOM, Furniture, make_furniture, make_rig
 from apf.synthetic.skeleton import Motion
 from cl import Array, Device, InputError, NumpyDevice
 from psfs.cameras.camera import CameraRig

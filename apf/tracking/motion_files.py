@@ -8,9 +8,10 @@ from pathlib import Path
 
 from apf.formats import write_angle_csv, write_c3d
 from apf.formats.c3d import C3dEvent
+from apf.tracking.config import SmoothingConfig
 from apf.tracking.exports import EXPORTS, OF_POINTS
 from apf.tracking.gait import Gait, gait_of
-from apf.tracking.smoothing import SmoothingConfig, smoothed
+from apf.tracking.smoothing import smoothed
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.names import listed

@@ -14,7 +14,8 @@ from apf.initialisation.from_keypoints import pose_of_points
 from apf.initialisation.kept_voxels import stored
 from apf.likelihood.observations import parted
 from apf.scene import Scene
-from apf.tracking.recovery import RecoveryConfig, SeparateRuns, Watched, WatchedRuns
+from apf.tracking.config import RecoveryConfig
+from apf.tracking.recovery import SeparateRuns, Watched, WatchedRuns
 
 #: Settings of the global search for a lost person: one attempt, because it is repeated soon.
 _ONE_ATTEMPT = StartConfig(acceptance=AcceptanceConfig(n_attempts=1))

@@ -106,7 +106,7 @@ class _Problem:
         self._assign_columns(len(frames))
         self.views = [self._view(of) for of in group_by_view(sightings, views)]
         self.start = self._pack_scene(self.first)
-        self._known: tuple[bytes, np.ndarray, list] | None = None
+        self._known: tuple[bytes, np.ndarray, list[Any]] | None = None
 
     def _assign_columns(self, frames: int) -> None:
         """Compute the columns of each camera's pose and lens and of each target pose."""
@@ -229,7 +229,7 @@ class _Problem:
         height = len(residuals)
         return coo_matrix((values, (rows, columns)), shape=(height, self.size)).tocsr()
 
-    def _evaluate(self, x: np.ndarray) -> tuple[np.ndarray, list]:
+    def _evaluate(self, x: np.ndarray) -> tuple[np.ndarray, list[Any]]:
         key = x.tobytes()
         if self._known is None or self._known[0] != key:
             scene = self.scene(x)
@@ -270,7 +270,7 @@ class _Problem:
         return poses[:, :3, :3], poses[:, :3, 3], slopes
 
     def _evaluate_view(
-        self, view: int, camera: Camera, vector: np.ndarray, turns: tuple, height: int
+        self, view: int, camera: Camera, vector: np.ndarray, turns: tuple[Any, ...], height: int
     ) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
         """Return a camera's residuals (2 N,) and its entries of the Jacobian.
 

@@ -34,11 +34,11 @@ from psfs.diagnostics.reprojection_iou import (
 )
 from psfs.output import reconstruction_folder
 from psfs.output.preview import draw_preview
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid, expected_person, find_volume
 from psfs.voxels.clouds import without_debris, write_cloud
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.occupied_box import finest_pixel
 

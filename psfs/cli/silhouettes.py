@@ -20,9 +20,9 @@ from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.examination import synchronise
 from psfs.diagnostics.silhouette_mosaic import mosaic
 from psfs.diagnostics.silhouette_scores import DEFINITION, score_silhouettes, truth_frames
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
+from psfs.voxels.config import ReconstructionConfig
 
 _FIGURES = ("iou", "missed", "extra", "foreground")
 

@@ -3,14 +3,23 @@ their range and where their defaults come from."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    create_model,
+    field_validator,
+)
 from pydantic.fields import FieldInfo
+from pydantic_core import PydanticCustomError
 
 from cl import InputError
 from psfs.common.names import escape_unprintable
@@ -53,9 +62,11 @@ class Config(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _plain(cls, value: Any, info: ValidationInfo) -> Any:
-        if isinstance(value, list) and Any not in field_kinds(
-            cls.model_fields[str(info.field_name)]
-        ):
+        field = cls.model_fields[str(info.field_name)]
+        registered = _registered(field)
+        if registered and value not in registered:
+            raise PydanticCustomError("registered", "one of those that are registered")
+        if isinstance(value, list) and Any not in field_kinds(field):
             return tuple(value)
         return value.item() if getattr(value, "ndim", None) == 0 else value
 
@@ -97,14 +108,16 @@ def setting(
     least: float | None = None,
     below: float | None = None,
     most: float | None = None,
+    choices: Iterable[str] = (),
     flag: str = "",
     flag_help: str = "",
 ) -> Any:
     """Return a field: its default, what it is, where the default comes from and its unit.
 
     above, below: bounds that are left out; least, most: bounds that are allowed. No number may be
-    beyond 1e9 without a bound of its own, nor within 1e-12 of one that is left out. flag: of the
-    command line, and its help, where that says less than `description`.
+    beyond 1e9 without a bound of its own, nor within 1e-12 of one that is left out. choices: names
+    of what is registered, of which the setting is one. flag: of the command line, and its help,
+    where that says less than `description`.
     """
     bounds: dict[str, Any] = {"gt": above, "ge": least, "lt": below, "le": most}
     if isinstance(default, (int, float)) and not isinstance(default, bool):
@@ -114,11 +127,12 @@ def setting(
             bounds["le"] = LARGEST
         if above is not None and isinstance(default, float):
             bounds["ge"] = above + SMALLEST
-    extra = {"unit": unit, "source": source, "flag": flag, "flag_help": flag_help}
+    extra: dict[str, Any] = {"unit": unit, "source": source, "flag": flag, "flag_help": flag_help}
+    extra["enum"] = [*choices]
     return Field(
         default,
         description=description,
-        json_schema_extra={name: text for name, text in extra.items() if text},
+        json_schema_extra={name: value for name, value in extra.items() if value},
         **{name: bound for name, bound in bounds.items() if bound is not None},
     )
 
@@ -126,6 +140,25 @@ def setting(
 def part(kind: type[Config], description: str, **defaults: Any) -> Any:
     """Return a field that holds settings of class `kind`, with other `defaults` of some."""
     return Field(default_factory=partial(kind, **defaults), description=description)
+
+
+def with_parts(parts: Mapping[str, type[Any]]) -> Callable[[type[C]], type[C]]:
+    """Return a decorator that gives a class of settings a field for each of `parts` that it does
+    not have: settings of a class, with its defaults."""
+
+    def extended(kind: type[C]) -> type[C]:
+        fields: dict[str, Any] = {
+            name: (inner, part(inner, " ".join((inner.__doc__ or "").split())))
+            for name, inner in parts.items()
+            if name not in kind.model_fields
+        }
+        if not fields:
+            return kind
+        return create_model(
+            kind.__name__, __base__=kind, __module__=kind.__module__, __doc__=kind.__doc__, **fields
+        )
+
+    return extended
 
 
 def about(field: FieldInfo, name: str) -> str:
@@ -143,7 +176,13 @@ def field_kinds(field: FieldInfo) -> tuple[Any, ...]:
 def field_choices(field: FieldInfo) -> tuple[Any, ...]:
     """Return the values among which a field chooses; none where it takes others."""
     kinds = [kind for kind in field_kinds(field) if get_origin(kind) is Literal]
-    return tuple(value for kind in kinds for value in get_args(kind))
+    return _registered(field) or tuple(value for kind in kinds for value in get_args(kind))
+
+
+def _registered(field: FieldInfo) -> tuple[Any, ...]:
+    extra = field.json_schema_extra
+    found = extra.get("enum") if isinstance(extra, dict) else None
+    return tuple(found) if isinstance(found, list) else ()
 
 
 def part_kind(field: FieldInfo) -> type[Config] | None:

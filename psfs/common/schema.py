@@ -75,7 +75,7 @@ Name = Annotated[str, AfterValidator(_named)]
 
 
 @cache
-def _adapter(kind: Any) -> TypeAdapter:
+def _adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 

@@ -30,7 +30,9 @@ class Threads:
 
     def __init__(self, count: int) -> None:
         self._count = count
-        self._work: queue.SimpleQueue[tuple[Future, Callable, tuple] | None] = queue.SimpleQueue()
+        self._work: queue.SimpleQueue[
+            tuple[Future[Any], Callable[..., Any], tuple[Any, ...]] | None
+        ] = queue.SimpleQueue()
 
     def __enter__(self) -> Threads:
         for number in range(self._count):

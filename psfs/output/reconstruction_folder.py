@@ -16,9 +16,9 @@ from psfs.cameras.names import listed
 from psfs.common.files import name_file_in_errors, read_json
 from psfs.common.outputs import find_unfinished_command
 from psfs.common.schema import Name, Number, Positive, Table, Vector, checked
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.voxels.clouds import read_cloud
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid, check_size
 
 SUMMARY = "summary.json"

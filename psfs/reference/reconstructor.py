@@ -11,7 +11,6 @@ from psfs.background.chroma_key import ChromaKey
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.common.system import physical_memory
-from psfs.reconstructor import ReconstructionConfig
 from psfs.reference.adaptation import NumpyAdaptation
 from psfs.reference.appearance import NumpyForeground
 from psfs.reference.colour import surface_colour
@@ -23,6 +22,7 @@ from psfs.reference.surface import smooth, surface_voxels
 from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.appearance import follows
 from psfs.silhouettes.config import SilhouetteConfig
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid, check_size
 from psfs.voxels.host_voxels import HostVoxels
 

@@ -46,7 +46,7 @@ class Silhouette:
         background: Background | None,
         config: SilhouetteConfig | None = None,
     ) -> None:
-        self._device, self._config = device, config or SilhouetteConfig()
+        self.device, self._config = device, config or SilhouetteConfig()
         self.rig, self.background = rig, background
         self._shown: Array | None = None
         self.foreground: Foreground | None = None
@@ -93,7 +93,7 @@ class Silhouette:
             self.adaptation.restart(background_planes(self.background, self._config.background))
 
     def _from_pictures(self, background: Background) -> list[Launch]:
-        device, rig, config = self._device, self.rig, self._config
+        device, rig, config = self.device, self.rig, self._config
         bordered = (len(rig), rig.height + 2, rig.width + 2)
         ratios = device.zeros(bordered, np.int8, "the likelihood ratios")
         scene: dict[str, Array] = {}
@@ -118,7 +118,7 @@ class Silhouette:
         """Return the launches from pictures to log ratios of scene over foreground; and what the
         scene looks like, the person's colours and the location prior, which the ratios of mixed
         pixels are made of."""
-        device, rig, config = self._device, self.rig, self._config
+        device, rig, config = self.device, self.rig, self._config
         rows, columns = cells(rig)
         planes = background_planes(background, config.background)
         scene = device.to_device(planes, "the background")
@@ -162,7 +162,7 @@ class Silhouette:
     def _learn_into(self, colours: Array, location: Array, scene: Array, light: Array) -> None:
         """Make what learns from one frame for the next: the person's colours and location, and the
         background's drift."""
-        device, rig, config, shown = self._device, self.rig, self._config, self.input
+        device, rig, config, shown = self.device, self.rig, self._config, self.input
         self.foreground = Foreground(device, rig, shown, self.evidence, colours, location, config)
         if config.adaptation.rate:
             frame = (shown, self.evidence, self.foreground.marks, self._sizes)
@@ -174,8 +174,8 @@ class Silhouette:
         the evidence once more, smoothed."""
         rows, _ = cells(self.rig)
         shape = (len(self.rig), rows + 2, -(-self.rig.width // SPAN) + 2)
-        self._shown = self._device.zeros(shape, np.uint8, "the foreground's spans")
-        columns = -(-self.rig.width // max(CELL, pixel_pack(self._device, self.rig.width)))
+        self._shown = self.device.zeros(shape, np.uint8, "the foreground's spans")
+        columns = -(-self.rig.width // max(CELL, pixel_pack(self.device, self.rig.width)))
         luma = scene.pop("luma")
         both = {"shown": self._shown, "evidence": self.evidence}
         rim = {**scene, **both, "ratios": mapped["ratios"]}
@@ -193,7 +193,7 @@ class Silhouette:
 
     def _packs(self) -> tuple[int, int]:
         """Return the numbers of packs of pixels along a row, and of rows."""
-        return -(-self.rig.width // pixel_pack(self._device, self.rig.width)), self.rig.height
+        return -(-self.rig.width // pixel_pack(self.device, self.rig.width)), self.rig.height
 
     def _defines(self) -> dict[str, int | float]:
         config, (rows, columns) = self._config, cells(self.rig)
@@ -232,7 +232,7 @@ class Silhouette:
     def _launch(
         self, stage: str, name: str, size: tuple[int, int], /, **arguments: Array
     ) -> Launch:
-        device, defines = self._device, self._defines()
+        device, defines = self.device, self._defines()
         if stage == "silhouette":
             defines["PACK"] = pixel_pack(device, self.rig.width)
         kernel = device.kernel(f"reconstruction/{stage}", name, **defines)

@@ -40,7 +40,7 @@ class Voxels:
         self._surface, self._silhouette, self._config = surface, silhouette, config
         self.evidence: Array | None = silhouette.evidence
         self._colour: SurfaceColour | None = None
-        self._project_points: Array | None = None
+        self._images: Array | None = None
 
     @property
     def probability(self) -> Array:
@@ -58,7 +58,7 @@ class Voxels:
         if self._colour is None:
             rig, evidence = self._silhouette.rig, self._silhouette.evidence
             self._colour = SurfaceColour(
-                evidence.device, rig, self.grid, self._surface.list, evidence, self._config
+                self._silhouette.device, rig, self.grid, self._surface.list, evidence, self._config
             )
         return self._colour(self.grid, pictures)
 
@@ -70,10 +70,10 @@ class Voxels:
             return None
         if self._silhouette.background is not None:
             return self._silhouette.input
-        if self._project_points is None:
-            self._project_points = self.count.device.empty(images.shape, np.uint8, "the pictures")
-        self._project_points.set(images)
-        return self._project_points
+        if self._images is None:
+            self._images = self._silhouette.device.empty(images.shape, np.uint8, "the pictures")
+        self._images.set(images)
+        return self._images
 
     def cloud(self, colour: bool = False) -> VoxelCloud:
         """Download the surface voxels (waits for the device), with `colour` in RGB.

@@ -27,6 +27,7 @@ class SurfaceList:
         size = math.prod(shape)
         self._device = device
         self._gather: Launch | None = None
+        self._gathered: Array
         self.capacity = min(size, max(_ROOM, size // 16))
         self.indices = device.empty(self.capacity, np.int32, f"the surface of {size:,} voxels")
         self.count = device.zeros(1, np.int32, "the number of surface voxels")
@@ -58,13 +59,13 @@ class SurfaceList:
     def gathered(self, count: int, kernel: Kernel, **source: Array) -> np.ndarray:
         """Return the `count` float32 that `kernel`, always the same, takes from its `source` at the
         surface voxels, downloaded."""
-        if self._gather is None or self._gather.arguments["out"].size < count:
-            out = self._device.empty(max(1, 2 * count), np.float32, "the surface's probability")
+        if self._gather is None or self._gathered.size < count:
+            what = "the surface's probability"
+            self._gathered = out = self._device.empty(max(1, 2 * count), np.float32, what)
             listed = {"indices": self.indices, "n_surface": self.count}
             self._gather = self._device.launch(kernel, (4096,), (64,), **source, **listed, out=out)
         self._gather()
-        found: np.ndarray = self._gather.arguments["out"].get(count)
-        return found
+        return self._gathered.get(count)
 
     def check_room(self) -> None:
         """Raise InputError if the surface has more voxels than the list has room for (waits)."""

@@ -19,7 +19,8 @@ from apf.backend import (
 from apf.body.mesh import cone_mesh
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.base import DeviceTracker, Tracker
-from apf.filters.method import SEARCHES, Method
+from apf.filters.method import Method
+from apf.filters.searches import SEARCHES
 from apf.filters.sir import SirParticleFilter
 from apf.filters.swarm import ParticleSwarm
 from apf.image_objective.features import Features

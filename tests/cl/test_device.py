@@ -11,8 +11,8 @@ import numpy as np
 import pyopencl
 import pytest
 
-import cl.array
 import cl.device
+import cl.fill
 import cl.listing
 import cl.program
 from cl import Device, DeviceError, NumpyDevice, list_devices, select_device
@@ -62,7 +62,7 @@ __kernel void sizes(__global int *out)
 def test_large_arrays_are_filled_by_all_cores(
     device: Device, dtype: type, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cl.array, "_MANY", 1)
+    monkeypatch.setattr(cl.fill, "_MANY", 1)
     if device.is_gpu:
         pytest.skip("a GPU fills by OpenCL's own command")
     array = device.zeros((1_000_003,), dtype)

@@ -22,7 +22,7 @@ typedef struct { float x; } Own;
 // __kernel void commented(int a) {}
 /* __kernel void
    also_commented(int a) {} */
-inline int helper(int a) { return a; }
+static inline int helper(int a) { return a; }
 __kernel __attribute__((reqd_work_group_size(1, 1, 1)))
 void gather(const int n, uchar flag, float scale, // the scale, of all
             float4 shift, uint2 key, float3 axis, __global const float4 *restrict points,

@@ -37,7 +37,8 @@ class World:
     def pose(self, frame: int) -> np.ndarray:
         pose = self.body.rest_pose.copy()
         for name, speed in (("pelvis.tx", 0.012), ("l_upper_arm.ry", 0.04), ("r_thigh.ry", 0.03)):
-            pose[self.body.dof_names.index(name)] += speed * frame
+            if name in self.body.dof_names:
+                pose[self.body.dof_names.index(name)] += speed * frame
         return pose
 
     def twin(self, frame: int) -> HostVoxels:

@@ -30,9 +30,9 @@ from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice
 from psfs.cli.sequence_flags import examine_footage, open_sequence, selected_frames
 from psfs.diagnostics.examination import Examination
-from psfs.reconstructor import ReconstructionConfig
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid, find_volume
+from psfs.voxels.config import ReconstructionConfig
 
 #: The folder in OUT for takes that are tracked in chunks.
 PARTS = "parts"

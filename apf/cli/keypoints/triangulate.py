@@ -11,8 +11,9 @@ from apf.cli.flags.shared import TRIANGULATE
 from apf.cli.keypoints.flags import keypoints_of
 from apf.cli.method_flags import METHOD_FLAGS
 from apf.report.overlay import write_overlay
+from apf.tracking.config import TriangulatedConfig
 from apf.tracking.track import Track
-from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
+from apf.tracking.triangulated import triangulated_track
 from cl import InputError, UserError
 from psfs.cameras.names import listed
 from psfs.cli.commandline import progress_bar, stdout

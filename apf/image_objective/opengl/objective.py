@@ -7,10 +7,10 @@ import numpy as np
 from apf.body.mesh import BodyMesh
 from apf.body.posing import Kinematics
 from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
-from apf.image_objective.objective import FeatureMaps
 from apf.image_objective.opengl.context import Compute
 from apf.image_objective.opengl.renderer import OpenGLRenderer
 from apf.likelihood.base import Likelihood
+from apf.likelihood.observations import FeatureMaps
 from apf.scene import Scene
 from cl import Array, Step
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from apf.body.mesh import BodyMesh
 from apf.image_objective.config import ObjectiveConfig
-from apf.image_objective.objective import FeatureMaps
+from apf.likelihood.observations import FeatureMaps
 from apf.reference.image_objective.render import Picture, draw_hypotheses
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.scene import Scene

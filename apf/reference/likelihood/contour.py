@@ -8,9 +8,21 @@ from scipy import ndimage
 
 from apf.body.cones import project_outlines
 from apf.body.model import BodyModel
-from apf.likelihood.contour import DIAGONAL_REACH, HIDDEN, MARGIN, N_NORMALS, OUTER_MARGIN, REACH
+from apf.likelihood.contour import (
+    DIAGONAL_REACH,
+    HIDDEN,
+    MARGIN,
+    N_NORMALS,
+    OUTER_MARGIN,
+    REACH,
+    contrast_of,
+)
+from apf.likelihood.part_colour import scored_parts
+from apf.likelihood.term import SharedTwin, TermTwin
+from apf.likelihood.terms.contour import ContourConfig
 from apf.reference.likelihood.part_colour import hidden_by_trunk, looked_up
 from psfs.cameras.camera import Camera
+from psfs.voxels.host_voxels import HostVoxels
 
 _SMOOTH, _DERIVE = np.array([1, 4, 6, 4, 1]), np.array([-1, -2, 0, 2, 1])
 #: Blue, green and red in grey, in 256ths (ITU-R BT.601).
@@ -101,3 +113,25 @@ def _normals(lines: np.ndarray) -> np.ndarray:
     diagonal = np.where(x * y < 0, 1, 3)
     level = np.where(np.abs(x) > _STEEP * np.abs(y), 2, diagonal)
     return np.where(np.abs(y) > _STEEP * np.abs(x), 0, level)
+
+
+class NumpyContours(TermTwin):
+    """The term in NumPy; `contours` (V, 4, H, W) of the latest frame, None without pictures."""
+
+    def __init__(self, shared: SharedTwin, settings: ContourConfig) -> None:
+        self._scene, self._settings, self._rows = shared.scene, settings, shared.rows
+        self._row_parts = scored_parts(shared.scene.body, shared.rows)
+        self.contours: np.ndarray | None = None
+
+    def observe(self, voxels: HostVoxels, maps: np.ndarray) -> None:
+        self.contours = None
+        if voxels.pictures is not None:
+            gradients = gradients_of(voxels.pictures, maps)
+            self.contours = contours_of(gradients, maps, contrast_of(self._settings))
+
+    def view_errors(self, view: int, cones: np.ndarray) -> np.ndarray | None:
+        if self.contours is None:
+            return None
+        camera, body, own = self._scene.rig[view], self._scene.body, self.contours[view]
+        found = contour_means(camera, body, cones, own, self._row_parts, self._rows)
+        return self._settings.weight * (1 - found)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from apf.body.kinematics import bone_matrices
 from apf.body.model import BodyModel
 from apf.likelihood.config import KeypointConfig
-from apf.likelihood.observations import PointObservations, no_observations, parted
+from apf.likelihood.observations import (
+    Observation,
+    PointObservations,
+    no_observations,
+    parted,
+)
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.reference.likelihood.voxel import posture_errors
 from apf.scene import Scene
@@ -94,7 +97,7 @@ class NumpyKeypointLikelihood(NumpyLikelihood):
         """What a term of weight 1 counts."""
         return self.base.unit if self.base is not None else float(len(self.rig))
 
-    def observe(self, observation: Any) -> None:
+    def observe(self, observation: Observation) -> None:
         """Take an `Observed`."""
         shown, points = parted(observation)
         if self.base is not None:

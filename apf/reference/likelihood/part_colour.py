@@ -8,17 +8,21 @@ import numpy as np
 from apf.body.cones import project_outlines
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
-from apf.likelihood.config import PartColourConfig
 from apf.likelihood.part_colour import (
     COLUMNS,
     N_CODES,
     RATIO_STEPS,
     ROWS,
     learnt_parts,
+    palette_of,
     part_names,
+    scored_parts,
     trunk_cone,
 )
+from apf.likelihood.term import SharedTwin, TermTwin
+from apf.likelihood.terms.part_colour import PartColourConfig
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.voxels.host_voxels import HostVoxels
 
 _NO_CODE = N_CODES - 1
 
@@ -144,3 +148,41 @@ def colour_means(
         counts += seen.sum(1)
     means: np.ndarray = sums / (RATIO_STEPS * np.maximum(counts, 1))
     return means
+
+
+class NumpyPartColours(TermTwin):
+    """The term in NumPy; `codes` (V, H, W) of the latest frame, None where nothing is known;
+    `ratios` (P, N_CODES) int8 that were learnt."""
+
+    def __init__(self, shared: SharedTwin, settings: PartColourConfig) -> None:
+        self._scene, self._settings, self._rows = shared.scene, settings, shared.rows
+        self._row_parts = scored_parts(shared.scene.body, shared.rows)
+        self.codes: np.ndarray | None = None
+        self._palette: np.ndarray | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        self.histograms = np.zeros((len(part_names(self._scene.body)), N_CODES))
+        self.ratios = np.zeros(self.histograms.shape, np.int8)
+
+    def learn(self, pose: np.ndarray) -> None:
+        if self.codes is not None:
+            counts = counted(self._scene.rig, self._scene.body, pose, self.codes)
+            self.histograms = self._settings.decay * self.histograms + counts
+            self.ratios = ratios_of(self.histograms, self._settings)
+
+    def observe(self, voxels: HostVoxels, maps: np.ndarray) -> None:
+        self.codes, pictures, silhouettes = None, voxels.pictures, maps[..., 0]
+        if pictures is None:
+            return
+        if self._palette is None:
+            self._palette = palette_of(pictures, silhouettes, self._settings)
+        if self._palette is not None:
+            self.codes = encoded(pictures, silhouettes, self._palette)
+
+    def view_errors(self, view: int, cones: np.ndarray) -> np.ndarray | None:
+        if self.codes is None:
+            return None
+        camera, body, codes = self._scene.rig[view], self._scene.body, self.codes[view]
+        look = self.ratios, self._row_parts, self._rows
+        return -self._settings.weight * colour_means(camera, body, cones, codes, *look)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pkgutil import resolve_name
 
 import numpy as np
 
@@ -10,13 +11,10 @@ from apf.body.cones import cone_distances, overlap_errors, project_outlines
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.likelihood.config import LikelihoodConfig
-from apf.likelihood.contour import contrast_of
-from apf.likelihood.part_colour import N_CODES, palette_of, part_names, scored_parts
+from apf.likelihood.term import SharedTwin, TermTwin
+from apf.likelihood.terms import TERMS
 from apf.likelihood.voxel import cone_sampling, sample_rows
 from apf.reference.likelihood.base import NumpyLikelihood
-from apf.reference.likelihood.contour import contour_means, contours_of, gradients_of
-from apf.reference.likelihood.motion_prior import expectation, motion_errors
-from apf.reference.likelihood.part_colour import colour_means, counted, encoded, ratios_of
 from apf.reference.likelihood.silhouette_recall import uncovered_errors
 from apf.scene import Scene
 from cl import NumpyDevice
@@ -130,51 +128,35 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
     which looks at subset number `turn` of the surface samples."""
 
     def __init__(self, scene: Scene, config: LikelihoodConfig, velocity: float = 0.0) -> None:
-        self.body, self.rig, self.config, self._velocity = scene.body, scene.rig, config, velocity
+        self.body, self.rig, self.config = scene.body, scene.rig, config
         self.unit = float(len(scene.rig))
         self._reprojection = NumpyReprojection(
             NumpyDevice(), scene.rig, scene.voxel_grid, join=config.reprojection.foreground_join
         )
         self._sampling = cone_sampling(scene.body, config.reprojection.sample_spacing)
         self.points: np.ndarray = np.empty((0, 3))
-        self._rows = sample_rows(self._sampling)
-        self._row_parts = scored_parts(scene.body, self._rows)
-        self.codes: np.ndarray | None = None
-        self.contours: np.ndarray | None = None
-        self._palette: np.ndarray | None = None
-        self.forget()
+        shared = SharedTwin(scene, velocity, sample_rows(self._sampling))
+        self.terms: dict[str, TermTwin] = {
+            name: resolve_name(TERMS[name].twin)(shared, settings)
+            for name, settings in config.terms.items()
+        }
 
     def forget(self) -> None:
-        """Forget colours and the expected pose: a new track begins."""
-        self.histograms = np.zeros((len(part_names(self.body)), N_CODES))
-        self.ratios = np.zeros(self.histograms.shape, np.int8)
-        self.motion = np.full((self.body.n_dof, 2), np.nan)
+        """Forget what the terms learnt: a new track begins."""
+        for term in self.terms.values():
+            term.forget()
 
     def learn(self, pose: np.ndarray) -> None:
         """Learn from a frame whose estimate is `pose` (D,)."""
-        self.motion = expectation(self.motion, pose, self._velocity)
-        config = self.config.part_colour
-        if config.weight > 0 and self.codes is not None:
-            counts = counted(self.rig, self.body, pose, self.codes)
-            self.histograms = config.decay * self.histograms + counts
-            self.ratios = ratios_of(self.histograms, config)
+        for term in self.terms.values():
+            term.learn(pose)
 
     def observe(self, voxels: HostVoxels) -> None:
         """Take the voxels of a frame."""
         self._maps = self._reprojection(voxels)
         self.points = sampled_surface(voxels.cloud().centres, self.config.samples.n_points)
-        self.codes = self.contours = None
-        if self.config.contour.weight > 0 and voxels.pictures is not None:
-            gradients = gradients_of(voxels.pictures, self._maps)
-            contrast = contrast_of(self.config.contour)
-            self.contours = contours_of(gradients, self._maps, contrast)
-        if self.config.part_colour.weight > 0 and voxels.pictures is not None:
-            silhouettes = self._maps[..., 0]
-            if self._palette is None:
-                pictures = voxels.pictures
-                self._palette = palette_of(pictures, silhouettes, self.config.part_colour)
-            if self._palette is not None:
-                self.codes = encoded(voxels.pictures, silhouettes, self._palette)
+        for term in self.terms.values():
+            term.observe(voxels, self._maps)
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
         """Return the errors (N,) of poses (N, D)."""
@@ -193,27 +175,20 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         cones, seen = posed_cones(body, poses), subset(self.points, turn, turns)
         errors = total_errors(rig, cones, self._maps, seen, self._sampling, body.apart, config)
         errors = errors + len(rig) * config.posture_prior_weight * posture_errors(body, poses)
-        errors = errors + self._picture_errors(cones, config)
-        if config.motion_prior.weight > 0:
-            found = motion_errors(body, poses, self.motion[:, 1], config.motion_prior)
-            errors = errors + len(rig) * config.motion_prior.weight * found
+        errors = errors + self._picture_errors(cones)
+        for name, term in self.terms.items():
+            errors = errors + len(rig) * config.terms[name].weight * term.errors(poses)
         return errors
 
-    def _picture_errors(self, cones: np.ndarray, config: LikelihoodConfig) -> np.ndarray:
-        """(N,) what contours lack and colours gain, the mean over the cameras that see the body,
+    def _picture_errors(self, cones: np.ndarray) -> np.ndarray:
+        """(N,) what the terms say of each camera, the mean over the cameras that see the body,
         times the number of cameras."""
         errors, seeing = np.zeros(len(cones)), np.zeros(len(cones))
-        look = self._row_parts, self._rows
         for v, camera in enumerate(self.rig):
             sums = image_errors(camera, cones, self._maps[v], self._sampling).sum(1)
             seen = (sums[:, 1] > 0) & (sums[:, 3] > 0)
-            error = np.zeros(len(cones))
-            if config.part_colour.weight > 0 and self.codes is not None:
-                gain = colour_means(camera, self.body, cones, self.codes[v], self.ratios, *look)
-                error -= config.part_colour.weight * gain
-            if config.contour.weight > 0 and self.contours is not None:
-                found = contour_means(camera, self.body, cones, self.contours[v], *look)
-                error += config.contour.weight * (1 - found)
+            found = [term.view_errors(v, cones) for term in self.terms.values()]
+            error = sum((each for each in found if each is not None), np.zeros(len(cones)))
             errors += np.where(seen, error, 0.0)
             seeing += seen
         return len(self.rig) * errors / np.maximum(seeing, 1)

@@ -227,7 +227,9 @@ def mix(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
     return mixed
 
 
-def chosen(*cases: tuple[np.ndarray | bool, np.ndarray | tuple], like: np.ndarray) -> np.ndarray:
+def chosen(
+    *cases: tuple[np.ndarray | bool, np.ndarray | tuple[float, ...]], like: np.ndarray
+) -> np.ndarray:
     """Return (N, 3): for each the colour of the first case that is true."""
     masks = [np.broadcast_to(mask, like.shape)[:, None] for mask, _ in cases]
     colours = [np.broadcast_to(np.asarray(colour), (len(like), 3)) for _, colour in cases]

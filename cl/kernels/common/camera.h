@@ -7,7 +7,7 @@
 
 // Distorted over undistorted radius of Tsai's lens: the root of stretch s^3 + s - 1, by Newton's
 // method; stretch is kappa times the squared undistorted radius.
-inline vfloat tsai_share(vfloat stretch)
+static inline vfloat tsai_share(vfloat stretch)
 {
     vfloat s = 1.0f / (1.0f + stretch);
 #pragma unroll
@@ -20,8 +20,8 @@ inline vfloat tsai_share(vfloat stretch)
 // when the point has no image (behind the camera, or beyond the radius where the distortion turns
 // back). Selections instead of branches, and operators instead of fmin, rint and the like, which
 // PoCL does not inline: so loops around it become vector code (occupancy: 330 ms -> 60 ms).
-inline vfloat camera_project_pack(__global const float *camera, vfloat x, vfloat y, vfloat z,
-                                  vfloat *px, vfloat *py)
+static inline vfloat camera_project_pack(__global const float *camera, vfloat x, vfloat y, vfloat z,
+                                         vfloat *px, vfloat *py)
 {
     const vfloat cx = camera[0] * x + camera[1] * y + camera[2] * z + camera[9];
     const vfloat cy = camera[3] * x + camera[4] * y + camera[5] * z + camera[10];
@@ -56,8 +56,8 @@ inline vfloat camera_project_pack(__global const float *camera, vfloat x, vfloat
 
 #if PACK == 1
 // The same for a single point.
-inline float camera_project(__global const float *camera, float x, float y, float z,
-                            float2 *pixel)
+static inline float camera_project(__global const float *camera, float x, float y, float z,
+                                   float2 *pixel)
 {
     float px, py;
     const float depth = camera_project_pack(camera, x, y, z, &px, &py);
@@ -68,7 +68,7 @@ inline float camera_project(__global const float *camera, float x, float y, floa
 
 // Offset y * width + x of the integer pixel nearest to `pixel` in an image whose rows are `width`
 // pixels apart, or -1 if it lies outside the camera's image.
-inline int camera_offset(__global const float *camera, float2 pixel, int width)
+static inline int camera_offset(__global const float *camera, float2 pixel, int width)
 {
     const float x = pixel.x + 0.5f, y = pixel.y + 0.5f;
     const int inside = (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);

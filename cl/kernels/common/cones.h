@@ -4,7 +4,7 @@
 
 // Corners A + s, A - s, B - s, B + s of the trapezoid that the cone shows to `eye`
 // (Kwolek & Rymut 2016, section 3).
-inline void cone_corners(float16 cone, float3 eye, float3 corners[4])
+static inline void cone_corners(float16 cone, float3 eye, float3 corners[4])
 {
     const float3 a = cone.s012, b = cone.s456, x = cone.s89a, y = cone.scde;
     float ex = dot(eye - a, x), ey = dot(eye - a, y);

@@ -9,6 +9,7 @@
     !defined(TILE_ROWS) || !defined(WIDTH)
 #error "common/distance.h needs GROUP, LOT, REACH, TILE, TILE_ROWS and WIDTH"
 #endif
+#include "common/inlined.h"
 
 // The squared distance of an edge by the squares of its distances along the columns and rows.
 #if CHESSBOARD
@@ -67,7 +68,7 @@ typedef LOT_OF(uint) lot;
 #endif
 #define N_SQUARES 1
 #define SQUARES(squares, distances, at) squared_gaps((distances) + (at))
-inline lot squared_gaps(__local const gap_type *place)
+INLINED lot squared_gaps(__local const gap_type *place)
 {
     const lot gap = WIDE(*(__local const gaps_anywhere *)place);
     return gap * gap;
@@ -77,7 +78,7 @@ inline lot squared_gaps(__local const gap_type *place)
 // A lot of columns from x on in a picture: which are its first and last, which below `end`.
 typedef struct { int x; bytes first, last, below; } columns;
 
-inline columns columns_from(int x, int width, int end)
+static inline columns columns_from(int x, int width, int end)
 {
     const columns found = {x, IN_BYTES(COLUMNS(x) == 0), IN_BYTES(COLUMNS(x) == width - 1),
                            IN_BYTES(COLUMNS(x) < end)};
@@ -85,14 +86,14 @@ inline columns columns_from(int x, int width, int end)
 }
 
 // 255 where there is an edge in these columns of row y, which may lie outside of the picture.
-inline bytes edges_of(const edge_source *source, columns at, int y);
+static inline bytes edges_of(const edge_source *source, columns at, int y);
 
 // STRIP rows from y on, up (step -1) or down (1), along columns x0 to x1: distances to the last
 // edge met, REACH + 1 if it is out of reach. The rows' gaps, from `gap` on, become the less of what
 // they were and these; a null pointer stands for rows outside of the tile. Beyond x1 a lot looks at
 // another row's gaps, and leaves them as they are.
-inline void pass_strip(const edge_source *source, int width, int x0, int x1, int y, int step,
-                       __local gap_type *distance, __local gap_type *gap)
+INLINED void pass_strip(const edge_source *source, int width, int x0, int x1, int y, int step,
+                        __local gap_type *distance, __local gap_type *gap)
 {
     for (int c = get_local_id(0) * LOT; c < x1 - x0; c += GROUP * LOT) {
         const columns at = columns_from(x0 + c, width, x1);
@@ -118,9 +119,9 @@ inline void pass_strip(const edge_source *source, int width, int x0, int x1, int
 // The gaps of the tile from (left, top) on, TILE_ROWS x SPAN, and, where there is room, their
 // squares: from the edges in columns x0 to x1 of a picture of this width; nothing where these are
 // the same. distance: SPAN. All arrays have room for a LOT more.
-inline void find_gaps(const edge_source *source, int width, int left, int top, int x0, int x1,
-                      __local gap_type *distance, __local gap_type *gap,
-                      __local square_type *squares)
+INLINED void find_gaps(const edge_source *source, int width, int left, int top, int x0,
+                       int x1, __local gap_type *distance, __local gap_type *gap,
+                       __local square_type *squares)
 {
     const int lane = get_local_id(0), n = x1 > x0 ? TILE_ROWS * SPAN : 0;
     __local gap_type *seen = gap + x0 - (left - REACH);
@@ -145,8 +146,8 @@ inline void find_gaps(const edge_source *source, int width, int left, int top, i
 
 // Squared distances of the LOT pixels from (x, y) of the tile on, REACH^2 + 1 out of reach. Beyond
 // the tile's end a lot looks at another row's gaps, and says nothing.
-inline lot least_squares(__local const gap_type *gap, __local const square_type *squares, int x,
-                         int y)
+INLINED lot least_squares(__local const gap_type *gap, __local const square_type *squares,
+                          int x, int y)
 {
     lot least = REACH * REACH + 1;
 #if REACH <= 180

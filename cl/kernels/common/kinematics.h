@@ -18,7 +18,7 @@
 
 // Copies the body's table to local memory, all of it at once: what follows reads it in many small
 // steps of which each waits for the one before.
-inline void take_body(__global const float *table, __local float *body)
+INLINED void take_body(__global const float *table, __local float *body)
 {
     for (int i = get_local_id(0); i < BODY_FLOATS; i += GROUP) body[i] = table[i];
     barrier(CLK_LOCAL_MEM_FENCE);
@@ -26,8 +26,8 @@ inline void take_body(__global const float *table, __local float *body)
 
 // Signed value of every axis, or sine and cosine of its angle: turns, N_DOF x 2. The poses are
 // those of particles first, first + 1, ...; beyond the last the last is taken again.
-inline void take_pose(__global const float *poses, int first, int n_particles,
-                      __local const float *body, __local vfloat *turns)
+INLINED void take_pose(__global const float *poses, int first, int n_particles,
+                       __local const float *body, __local vfloat *turns)
 {
     for (int a = get_local_id(0); a < N_DOF; a += GROUP) {
         __local const float *axis = body + BODY_AXES + a * AXIS_FLOATS;
@@ -46,7 +46,7 @@ typedef struct { vfloat x, y, z, origin; } frame_row;
 
 // The row after an axis of the kind along or about k = 0, 1, 2: a slide by turn[0], or a turn with
 // that sine and the cosine turn[1], which mixes the two other columns.
-inline frame_row moved(frame_row row, bool slides, int k, __local const vfloat *turn)
+INLINED frame_row moved(frame_row row, bool slides, int k, __local const vfloat *turn)
 {
     const vfloat s = turn[0], c = turn[1];
     const vfloat u = k == 0 ? row.y : k == 1 ? row.z : row.x;
@@ -64,8 +64,8 @@ inline frame_row moved(frame_row row, bool slides, int k, __local const vfloat *
 // Frames of all bones in their parents', N_BONES x FRAME_FLOATS: three rows of the rotation, each
 // with the origin's coordinate behind it. One item per row: axes keep rows apart. hinges: see
 // pose_bones; here they are in the parents' frames.
-inline void turn_bones(__local const vfloat *turns, __local const float *body,
-                       __local vfloat *frames, __local vfloat *hinges)
+INLINED void turn_bones(__local const vfloat *turns, __local const float *body,
+                        __local vfloat *frames, __local vfloat *hinges)
 {
     for (int item = get_local_id(0); item < 3 * N_BONES; item += GROUP) {
         const int b = item / 3, i = item % 3;
@@ -95,7 +95,8 @@ inline void turn_bones(__local const vfloat *turns, __local const float *body,
 
 // Turns the `step`-th numbers of a column, in a bone's frame, into the world's; a place, not a
 // direction, has the origin added.
-inline void to_world(__local const vfloat *frame, bool place, int step, __local vfloat *column)
+INLINED void to_world(__local const vfloat *frame, bool place, int step,
+                      __local vfloat *column)
 {
     const vfloat x = column[0], y = column[step], z = column[2 * step];
     for (int i = 0; i < 3; ++i) {
@@ -109,8 +110,8 @@ inline void to_world(__local const vfloat *frame, bool place, int step, __local 
 // per column, which needs no other of its bone.
 // Where `hinges` is not null it gets, per degree of freedom, the axis in the world (with its sign)
 // and a point on it, 6 numbers.
-inline void pose_bones(__local const vfloat *turns, __local const float *body,
-                       __local vfloat *frames, __local vfloat *hinges)
+INLINED void pose_bones(__local const vfloat *turns, __local const float *body,
+                        __local vfloat *frames, __local vfloat *hinges)
 {
     turn_bones(turns, body, frames, hinges);
     for (int level = 1; level < N_LEVELS; ++level) {
@@ -132,8 +133,8 @@ inline void pose_bones(__local const vfloat *turns, __local const float *body,
 }
 
 // The cones in the world, N_CONES x CONE_FLOATS as cones.h has them, from what pose_bones gave.
-inline void place_cones(__local const float *body, __local const vfloat *frames,
-                        __local vfloat *posed)
+INLINED void place_cones(__local const float *body, __local const vfloat *frames,
+                         __local vfloat *posed)
 {
     for (int item = get_local_id(0); item < 4 * N_CONES; item += GROUP) {
         const int n = item / 4, part = item % 4;  // end centres and section axes
@@ -152,8 +153,8 @@ inline void place_cones(__local const float *body, __local const vfloat *frames,
 }
 
 // Writes the posed cones of the particles from `first` on, N_CONES x CONE_FLOATS each.
-inline void store_cones(__local const vfloat *cones, int first, int n_particles,
-                        __global float *posed)
+INLINED void store_cones(__local const vfloat *cones, int first, int n_particles,
+                         __global float *posed)
 {
     for (int i = get_local_id(0); i < N_CONES * CONE_FLOATS; i += GROUP) {
         float lanes[PACK];

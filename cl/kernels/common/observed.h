@@ -9,11 +9,11 @@
 
 typedef struct { float4 own, other, seen; } observation;
 
-inline int observed_count(__global const float4 *observed) { return (int)observed[0].x; }
+static inline int observed_count(__global const float4 *observed) { return (int)observed[0].x; }
 
-inline float observed_most(__global const float4 *observed) { return observed[0].y; }
+static inline float observed_most(__global const float4 *observed) { return observed[0].y; }
 
-inline observation observed_at(__global const float4 *observed, int k)
+static inline observation observed_at(__global const float4 *observed, int k)
 {
     __global const float4 *row = observed + 1 + 3 * k;
     return (observation){row[0], row[1], row[2]};
@@ -21,8 +21,8 @@ inline observation observed_at(__global const float4 *observed, int k)
 
 // The share d^2 / (d^2 + reach^2) of the distance, in deviations, of the point `on` (bone, x, y, z)
 // from where a camera saw it; 1 behind the camera. No camera.h: pixels have no distortion any more.
-inline vfloat missed(float4 on, float4 seen, float reach, __global const float *cameras,
-                     __local const vfloat *frames)
+INLINED vfloat missed(float4 on, float4 seen, float reach, __global const float *cameras,
+                      __local const vfloat *frames)
 {
     __global const float *camera = cameras + (int)seen.w * CAMERA_FLOATS;
     __local const vfloat *frame = frames + (int)on.x * FRAME_FLOATS;
@@ -41,8 +41,9 @@ inline vfloat missed(float4 on, float4 seen, float reach, __global const float *
 
 // Sum of what the observations of a frame miss, each at most 1, of every GROUP-th from number `lane`
 // on. exchange: what it costs that a point is taken for its partner.
-inline vfloat missed_by_all(int lane, float reach, float exchange, __global const float *cameras,
-                            __global const float4 *observed, __local const vfloat *frames)
+INLINED vfloat missed_by_all(int lane, float reach, float exchange,
+                             __global const float *cameras, __global const float4 *observed,
+                             __local const vfloat *frames)
 {
     const int n = observed_count(observed);
     vfloat sum = 0.0f;

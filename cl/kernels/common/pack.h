@@ -2,6 +2,7 @@
 // GPU. A work-group of GROUP items works on one pack of particles: on a GPU many items on one
 // particle, on a CPU one item on PACK particles. The text of the kernels is the same for both.
 // Define: PACK, 1 (also where it is not defined), 8 or 16.
+#include "common/inlined.h"
 #ifndef PACK
 #define PACK 1
 #endif
@@ -63,33 +64,33 @@ typedef PACKED(uchar) bytes_anywhere __attribute__((aligned(1)));
 #define LANE_NUMBER(l) 0x##l
 #define LANE_NUMBERS PACK_OF(vint, LANE_NUMBER)
 
-inline float pack_sum4(float4 v) { return (v.x + v.y) + (v.z + v.w); }
-inline int pack_any4(int4 v) { return v.x | v.y | v.z | v.w; }
+static inline float pack_sum4(float4 v) { return (v.x + v.y) + (v.z + v.w); }
+static inline int pack_any4(int4 v) { return v.x | v.y | v.z | v.w; }
 
 // Operators instead of min, fmin, clamp and the like: PoCL does not inline those.
 
 // Which of `n` things lane `lane` of the pack that begins with the `first` works on; lanes beyond
 // the end repeat the last one.
-inline int lane_index(int first, int lane, int n)
+static inline int lane_index(int first, int lane, int n)
 {
     return first + lane < n ? first + lane : n - 1;
 }
 
-inline vfloat least(vfloat a, vfloat b) { return a < b ? a : b; }
-inline vfloat most(vfloat a, vfloat b) { return a > b ? a : b; }
-inline vfloat within(vfloat a, vfloat low, vfloat high) { return least(most(a, low), high); }
+static inline vfloat least(vfloat a, vfloat b) { return a < b ? a : b; }
+static inline vfloat most(vfloat a, vfloat b) { return a > b ? a : b; }
+static inline vfloat within(vfloat a, vfloat low, vfloat high) { return least(most(a, low), high); }
 
 typedef struct { vfloat x, y, z; } vpoint;
 
-inline vfloat inner(vpoint a, vpoint b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+static inline vfloat inner(vpoint a, vpoint b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
 // a . b + c, in as few steps as can be.
-inline vfloat inner_plus(vpoint a, vpoint b, vfloat c)
+static inline vfloat inner_plus(vpoint a, vpoint b, vfloat c)
 {
     return a.x * b.x + (a.y * b.y + (a.z * b.z + c));
 }
 
-inline vpoint load_point(__local const vfloat *place)
+INLINED vpoint load_point(__local const vfloat *place)
 {
     return (vpoint){place[0], place[1], place[2]};
 }

@@ -8,7 +8,7 @@
 
 // What distances need beside the cone, SPAN_FLOATS numbers: (axis, -axis . A) / axis . axis, whose
 // product with a point says how far along it is; axis . axis; growth of the radius; -X . A; -Y . A.
-inline void cone_span(__local const vfloat *cone, __local vfloat *span)
+INLINED void cone_span(__local const vfloat *cone, __local vfloat *span)
 {
     const vpoint a = load_point(cone), b = load_point(cone + 4);
     const vpoint axis = {b.x - a.x, b.y - a.y, b.z - a.z};
@@ -24,9 +24,9 @@ inline void cone_span(__local const vfloat *cone, __local vfloat *span)
 }
 
 // The cones of the particles from `first` on in the world, and their spans.
-inline void take_cones(__global const float *table, __global const float *poses, int first,
-                       int n_particles, __local float *body, __local vfloat *turns,
-                       __local vfloat *frames, __local vfloat *cones, __local vfloat *spans)
+INLINED void take_cones(__global const float *table, __global const float *poses, int first,
+                        int n_particles, __local float *body, __local vfloat *turns,
+                        __local vfloat *frames, __local vfloat *cones, __local vfloat *spans)
 {
     take_body(table, body);
     take_pose(poses, first, n_particles, body, turns);
@@ -38,8 +38,8 @@ inline void take_cones(__global const float *table, __global const float *poses,
 }
 
 // Signed distance from `point` to the cone's surface, negative inside; the ends are rounded.
-inline vfloat packed_distance(__local const vfloat *cone, __local const vfloat *span,
-                              vpoint point)
+INLINED vfloat packed_distance(__local const vfloat *cone, __local const vfloat *span,
+                               vpoint point)
 {
     const vfloat along = inner_plus(load_point(span), point, span[3]);
     const vfloat t = within(along, 0.0f, 1.0f), beyond = along - t;
@@ -52,8 +52,8 @@ inline vfloat packed_distance(__local const vfloat *cone, __local const vfloat *
 // camera (Kwolek & Rymut 2016, section 3): x and y of each; NOWHERE if one of them has no image.
 #define NOWHERE -1e6f
 
-inline void cone_outline(__local const vfloat *cone, __global const float *camera,
-                         __local vfloat *corners)
+INLINED void cone_outline(__local const vfloat *cone, __global const float *camera,
+                          __local vfloat *corners)
 {
     const vpoint a = load_point(cone), b = load_point(cone + 4);
     const vpoint x = load_point(cone + 8), y = load_point(cone + 12);

@@ -3,7 +3,7 @@
 #include "common/pack.h"
 
 #define PHILOX(name, words, word) \
-    inline words name(words counter, uint2 key) \
+    static inline words name(words counter, uint2 key) \
     { \
         for (int round = 0; round < 10; ++round) { \
             const word x = counter.x, z = counter.z; \
@@ -22,11 +22,11 @@ PHILOX(philox4x32, uint4, uint)
 PHILOX(philox_pack, vwords, vuint)
 
 // Uniform in the open interval (0, 1): 23 bits and a half, so that it is exact in float.
-inline float uniform01(uint word) { return ((word >> 9) + 0.5f) * 0x1p-23f; }
-inline vfloat uniform01_pack(vuint word) { return (TO_FLOAT(word >> 9) + 0.5f) * 0x1p-23f; }
+static inline float uniform01(uint word) { return ((word >> 9) + 0.5f) * 0x1p-23f; }
+static inline vfloat uniform01_pack(vuint word) { return (TO_FLOAT(word >> 9) + 0.5f) * 0x1p-23f; }
 
 // Standard normal numbers (Box-Muller).
-inline vfloat normal_pack(vwords counter, uint2 key)
+static inline vfloat normal_pack(vwords counter, uint2 key)
 {
     const vwords words = philox_pack(counter, key);
     return sqrt(-2.0f * log(uniform01_pack(words.x))) * cospi(2.0f * uniform01_pack(words.y));

@@ -7,7 +7,7 @@
 // Sum of `value` over the items, which all of them get; in two steps, since barriers are what it
 // costs. scratch: room for GROUP.
 #define GROUP_SUM(name, type)                                                            \
-    inline type name(__local type *scratch, type value)                                  \
+    INLINED type name(__local type *scratch, type value)                                 \
     {                                                                                    \
         const int lane = get_local_id(0), left = GROUP < 16 ? GROUP : 16;                \
         scratch[lane] = value;                                                           \

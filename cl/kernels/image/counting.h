@@ -41,16 +41,16 @@ typedef struct {
     int near_edge;
 } Counts;
 
-inline vint popcounts(vuint bits) { return TO_INT(popcount(bits)); }
+static inline vint popcounts(vuint bits) { return TO_INT(popcount(bits)); }
 
-inline void no_counts(Counts *counts)
+static inline void no_counts(Counts *counts)
 {
     counts->edges = counts->area = counts->overlap = 0;
     counts->near_edge = 0;
 }
 
 // Put the spans of part `number` behind those that are nearer, unless there is none.
-inline void add_spans(Rows *rows, vint all, vint inside, int number)
+INLINED void add_spans(Rows *rows, vint all, vint inside, int number)
 {
     const int at = rows->n * GROUP + get_local_id(0);
     const vint first = all & 0xffff, end = all >> 16;
@@ -64,7 +64,7 @@ inline void add_spans(Rows *rows, vint all, vint inside, int number)
 }
 
 // Count the PACK rows from `row` on.
-inline void count_rows(const Picture *picture, const Rows *rows, int row, Counts *counts)
+INLINED void count_rows(const Picture *picture, const Rows *rows, int row, Counts *counts)
 {
     const int lane = get_local_id(0), view = picture->view, height = picture->height;
     int firsts[PACK], ends[PACK];
@@ -109,7 +109,7 @@ inline void count_rows(const Picture *picture, const Rows *rows, int row, Counts
     }
 }
 
-inline int lane_sum(vint pack)
+static inline int lane_sum(vint pack)
 {
     int lanes[PACK], sum = 0;
     STORE_PACK(pack, lanes);
@@ -118,8 +118,8 @@ inline int lane_sum(vint pack)
 }
 
 // Add up what the work-items counted.
-inline void write_counts(const Picture *picture, int n_particles, const Counts *counts,
-                         __local int *totals)
+INLINED void write_counts(const Picture *picture, int n_particles, const Counts *counts,
+                          __local int *totals)
 {
     const int lane = get_local_id(0);
     for (int i = lane; i < N_COUNTS; i += GROUP) totals[i] = 0;

@@ -11,7 +11,7 @@
 typedef struct { __global const uchar *edges; int4 region; int n_bytes; } edge_source;
 #include "common/distance.h"
 
-inline bytes edges_of(const edge_source *source, columns at, int y)
+static inline bytes edges_of(const edge_source *source, columns at, int y)
 {
     const int place = y * WIDTH + at.x;
     if (y < source->region.y || y >= source->region.w) return (bytes)0;

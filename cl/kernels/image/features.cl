@@ -8,6 +8,7 @@
     !defined(THRESHOLD2) || !defined(WIDTH)
 #error "image/features.cl needs BLOBS, CELL, DILATION, FILLED, GROUP, HEIGHT, MARGIN, PITCH, STRIP, THRESHOLD2 and WIDTH"
 #endif
+#include "common/inlined.h"
 
 // Pixels of a row that one work-item of the costly kernels makes. Vectors are explicit: PoCL makes
 // none of loops whose lengths are known to the device only.
@@ -15,7 +16,7 @@
 #error "features.cl: a strip is a vector of 8 numbers"
 #endif
 
-inline int4 joined(int4 a, int4 b)
+static inline int4 joined(int4 a, int4 b)
 {
     return (int4)(min(a.xy, b.xy), max(a.zw, b.zw));
 }
@@ -24,14 +25,14 @@ inline int4 joined(int4 a, int4 b)
 #define ROWS ((HEIGHT + CELL - 1) / CELL)
 
 // The pixels of a cell (x0, y0, x1, y1), the ends excluded.
-inline int4 cell_box(int cell)
+static inline int4 cell_box(int cell)
 {
     const int x = cell % COLUMNS * CELL, y = cell / COLUMNS * CELL;
     return (int4)(x, y, min(x + CELL, WIDTH), min(y + CELL, HEIGHT));
 }
 
 // How many of them are of the view's silhouette.
-inline int silhouette_pixels(__global const char *evidence, int view, int4 box)
+static inline int silhouette_pixels(__global const char *evidence, int view, int4 box)
 {
     int count = 0;
     for (int y = box.y; y < box.w; ++y)
@@ -42,7 +43,7 @@ inline int silhouette_pixels(__global const char *evidence, int view, int4 box)
 
 // The region of a view whose items have these boxes: what they enclose, MARGIN pixels larger within
 // the picture; all 0 if there is none.
-inline void enclose(int4 box, __local int4 *scratch, int2 size, __global int4 *region)
+INLINED void enclose(int4 box, __local int4 *scratch, int2 size, __global int4 *region)
 {
     const int lane = get_local_id(0);
     scratch[lane] = box;
@@ -76,7 +77,7 @@ void region(__global const char *restrict evidence, __global const int2 *restric
 }
 
 // The first cell of the blob that a cell is known to belong to.
-inline int first_of(volatile __global const int *blobs, int cell)
+static inline int first_of(volatile __global const int *blobs, int cell)
 {
     int next = blobs[cell];
     while (next != cell) {
@@ -87,7 +88,7 @@ inline int first_of(volatile __global const int *blobs, int cell)
 }
 
 // Makes one blob of those of two cells (union by the lower number: Komura 2015).
-inline void unite(volatile __global int *blobs, int a, int b)
+static inline void unite(volatile __global int *blobs, int a, int b)
 {
     a = first_of(blobs, a);
     b = first_of(blobs, b);
@@ -157,7 +158,7 @@ void blob_region(__global const char *restrict evidence, __global const int2 *re
     enclose(box, scratch, sizes[view], regions + view);
 }
 
-inline int grey(__global const uchar *colour)
+static inline int grey(__global const uchar *colour)
 {
     return (29 * colour[0] + 150 * colour[1] + 77 * colour[2] + 128) >> 8;
 }
@@ -189,8 +190,8 @@ __kernel void gradient_rows(__global const uchar *restrict images,
 }
 
 // Is there silhouette within DILATION pixels along x and y?
-inline bool near_silhouette(__global const char *restrict evidence, int2 size, int view, int x,
-                            int y)
+static inline bool near_silhouette(__global const char *restrict evidence, int2 size, int view,
+                                   int x, int y)
 {
     int found = 0;
     for (int v = max(y - DILATION, 0); v <= min(y + DILATION, size.y - 1); ++v)

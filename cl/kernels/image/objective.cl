@@ -46,10 +46,10 @@ void silhouette_areas(int n_words, __global const uint *silhouettes, __global in
     if (lane == 0) areas[get_group_id(0)] = total;
 }
 
-inline float ratio(float part, float whole) { return whole > 0.0f ? part / whole : 0.0f; }
+static inline float ratio(float part, float whole) { return whole > 0.0f ? part / whole : 0.0f; }
 
 // Eq. (4.46)-(4.50) for one camera or, with sums over the cameras, for all. weights: b, w1, w2.
-inline float joined(float f1, float f2, float4 weights)
+static inline float joined(float f1, float f2, float4 weights)
 {
 #if KIND == 0 || KIND == 2
     return weights.y * f1 + weights.z * f2;

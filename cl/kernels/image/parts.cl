@@ -12,7 +12,7 @@
 // Lines flatter than this, px from end to end, are tilted so much.
 #define FLAT 1e-4f
 
-inline Side side_between(float2 p, float2 q, float turn)
+static inline Side side_between(float2 p, float2 q, float turn)
 {
     const float2 along = q - p;
     const float rise = fabs(along.y) >= FLAT ? along.y : along.y < 0.0f ? -FLAT : FLAT;
@@ -20,7 +20,7 @@ inline Side side_between(float2 p, float2 q, float turn)
     return side;
 }
 
-inline float cross2(float2 a, float2 b) { return a.x * b.y - a.y * b.x; }
+static inline float cross2(float2 a, float2 b) { return a.x * b.y - a.y * b.x; }
 
 // parts: (V, N, N_PARTS) of cones (N, N_PARTS, CONE_FLOATS). edged: (N_PARTS,), whether it has
 // edges, and which of its ends are free (bits 0 and 1).

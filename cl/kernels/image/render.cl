@@ -15,7 +15,7 @@ typedef struct {
 } Shape;
 
 // The pixels within [low, high] and columns limits.x..limits.y.
-inline Shape shape_of(vfloat low, vfloat high, float2 limits)
+static inline Shape shape_of(vfloat low, vfloat high, float2 limits)
 {
     // Beyond the limits integers would overflow.
     low = within(low, limits.x, limits.y + 1.0f);
@@ -24,7 +24,7 @@ inline Shape shape_of(vfloat low, vfloat high, float2 limits)
 }
 
 // From the first pixel of both to the last.
-inline Shape joined(Shape a, Shape b)
+static inline Shape joined(Shape a, Shape b)
 {
     const vint no_a = a.first > a.last, some_b = b.first <= b.last;
     return (Shape){(no_a | (some_b & (b.first < a.first))) ? b.first : a.first,
@@ -33,8 +33,8 @@ inline Shape joined(Shape a, Shape b)
 
 // The spans of `part` in `rows` up to `bottom`: all its pixels, and those of them that are no edge,
 // within columns limits.x..limits.y.
-inline void rows_of(__local const Part *part, vint rows, float2 limits, int bottom, vint *all,
-                    vint *inside)
+INLINED void rows_of(__local const Part *part, vint rows, float2 limits, int bottom,
+                     vint *all, vint *inside)
 {
     const vfloat y = TO_FLOAT(rows);
     vfloat low = limits.x, high = limits.y, inner_low = low, inner_high = high;

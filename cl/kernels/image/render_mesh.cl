@@ -29,14 +29,14 @@
     }
 #endif
 
-inline float side_of(float2 a, float2 b, float2 p)
+static inline float side_of(float2 a, float2 b, float2 p)
 {
     return (b.x - a.x) * (p.y - a.y) - (b.y - a.y) * (p.x - a.x);
 }
 
 // Whether the line between two triangles, a to b, may bound the part: where both are seen, their
 // third corners lie on one side of it.
-inline bool is_contour(__global const float2 *pixels, int4 line)
+static inline bool is_contour(__global const float2 *pixels, int4 line)
 {
     const float2 a = pixels[line.x], b = pixels[line.y];
     if (a.x == FAR_OUT || b.x == FAR_OUT) return false;
@@ -47,8 +47,8 @@ inline bool is_contour(__global const float2 *pixels, int4 line)
 
 // Widen a part's spans to the line in the rows `top`..`bottom`, whose first are *first and *last;
 // columns within limits.x..limits.y.
-inline void draw_line(float2 p, float2 q, int top, int bottom, int2 limits, __local int *first,
-                      __local int *last)
+INLINED void draw_line(float2 p, float2 q, int top, int bottom, int2 limits,
+                       __local int *first, __local int *last)
 {
     const float high = p.y < q.y ? p.y : q.y, low = p.y < q.y ? q.y : p.y;
     if (high == low || low < top || high > bottom) return;
@@ -63,8 +63,8 @@ inline void draw_line(float2 p, float2 q, int top, int bottom, int2 limits, __lo
     }
 }
 
-inline vint larger(vint a, vint b) { return a > b ? a : b; }
-inline vint smaller(vint a, vint b) { return a < b ? a : b; }
+static inline vint larger(vint a, vint b) { return a > b ? a : b; }
+static inline vint smaller(vint a, vint b) { return a < b ? a : b; }
 
 // Counts the meshes whose vertices are all_pixels (V, N, N_CORNERS), see counting.h. lines:
 // (N_LINES,) ends, and the third corners of the triangles on both sides or -1; owners: their parts.

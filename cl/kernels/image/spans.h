@@ -18,25 +18,25 @@
 #define LANE_NUMBERS PACK_OF(vint, LANE_NUMBER)
 
 // The bits from `first` on, counted from the word's own first pixel.
-inline vuint bits_from(vint first)
+static inline vuint bits_from(vint first)
 {
     const vuint bits = (vuint)(0xffffffffu) << TO_UINT(first & 31);
     return first <= 0 ? (vuint)(0xffffffffu) : first >= 32 ? (vuint)(0) : bits;
 }
 
 // The bits of the pixels from `first` to before `end` that lie in word `word`.
-inline vuint bits_between(vint first, vint end, int word)
+static inline vuint bits_between(vint first, vint end, int word)
 {
     return bits_from(first - 32 * word) & ~bits_from(end - 32 * word);
 }
 
-inline vuint span_bits(vint span, int word)
+static inline vuint span_bits(vint span, int word)
 {
     return bits_between(span & 0xffff, span >> 16, word);
 }
 
 // The least integer from `x` >= 0 on. Operators instead of ceil, which PoCL does not inline.
-inline vint first_from(vfloat x)
+static inline vint first_from(vfloat x)
 {
     const vint before = TO_INT(x);
     return x > TO_FLOAT(before) ? before + 1 : before;

@@ -18,7 +18,8 @@
 #define BLOCKS_X ((WIDTH + BLOCK - 1) / BLOCK)
 
 // Does a voxel show in the cells around, or foreground in the cell?
-inline int is_person(__global const uchar *marks, __global const char *evidence, int x, int y)
+static inline int is_person(__global const uchar *marks, __global const char *evidence, int x,
+                            int y)
 {
     int found = 0;
     for (int row = 0; row <= 2 * REACH; ++row)
@@ -32,7 +33,7 @@ inline int is_person(__global const uchar *marks, __global const char *evidence,
 }
 
 // Stores the pixels that are this work-item's `own`; of a `whole` pack all are.
-inline void store_own(vfloat values, vint own, bool whole, __global float *plane)
+static inline void store_own(vfloat values, vint own, bool whole, __global float *plane)
 {
     if (whole) {
         STORE_PACK(values, plane);
@@ -48,7 +49,7 @@ inline void store_own(vfloat values, vint own, bool whole, __global float *plane
 
 // A channel of a pixel that looks like the background, `d` brighter than it: its new mean and
 // variance.
-inline vfloat follow(vfloat d, vfloat weight, vfloat *mean)
+static inline vfloat follow(vfloat d, vfloat weight, vfloat *mean)
 {
     const vfloat before = 1.0f / weight;
     *mean += MEAN_RATE * d;

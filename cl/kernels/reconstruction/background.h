@@ -9,7 +9,7 @@
 
 typedef struct { vfloat b, g, r; } Colour;
 
-inline Colour colour_of(__global const uchar *pixel)
+static inline Colour colour_of(__global const uchar *pixel)
 {
 #if PACK == 1
     return (Colour){pixel[0], pixel[1], pixel[2]};
@@ -23,7 +23,7 @@ inline Colour colour_of(__global const uchar *pixel)
 }
 
 // The pixels' mean, or their 1 / sigma^2, in the background's planes from `first` on.
-inline Colour planes_of(__global const float *plane, int first)
+static inline Colour planes_of(__global const float *plane, int first)
 {
     plane += first * PIXELS;
     return (Colour){LOAD_PACK(plane), LOAD_PACK(plane + PIXELS), LOAD_PACK(plane + 2 * PIXELS)};
@@ -34,25 +34,25 @@ inline Colour planes_of(__global const float *plane, int first)
 // (x, y), which is the pack's first.
 #define LIGHT_FLOATS 12
 
-inline vfloat field_of(__global const float *light, int x, int y)
+static inline vfloat field_of(__global const float *light, int x, int y)
 {
     return light[6] + light[8] * y + light[7] * TO_FLOAT(x + LANE_NUMBERS);
 }
 
-inline Colour lit(__global const float *light, vfloat field, Colour mean)
+static inline Colour lit(__global const float *light, vfloat field, Colour mean)
 {
     return (Colour){least(light[0] * (mean.b * field) + light[3], 255.0f),
                     least(light[1] * (mean.g * field) + light[4], 255.0f),
                     least(light[2] * (mean.r * field) + light[5], 255.0f)};
 }
 
-inline Colour lit_planes(__global const float *light, __global const float *plane, int x, int y)
+static inline Colour lit_planes(__global const float *light, __global const float *plane, int x, int y)
 {
     return lit(light, field_of(light, x, y), planes_of(plane, 0));
 }
 
 // Colours of a picture as they are in the background's own light.
-inline Colour unlit(__global const float *light, Colour shown, int x, int y)
+static inline Colour unlit(__global const float *light, Colour shown, int x, int y)
 {
     const vfloat field = field_of(light, x, y);
     return (Colour){(shown.b - light[3]) / (light[0] * field),
@@ -61,29 +61,29 @@ inline Colour unlit(__global const float *light, Colour shown, int x, int y)
 }
 
 // 1 / sigma^2 in that light.
-inline Colour weight_in(__global const float *light, Colour w)
+static inline Colour weight_in(__global const float *light, Colour w)
 {
     return (Colour){light[9] * w.b, light[9] * w.g, light[9] * w.r};
 }
 
 // Sum of w x y over the channels.
-inline vfloat weighed(Colour w, Colour x, Colour y)
+static inline vfloat weighed(Colour w, Colour x, Colour y)
 {
     return w.b * x.b * y.b + w.g * x.g * y.g + w.r * x.r * y.r;
 }
 
-inline Colour less(Colour x, vfloat factor, Colour y)
+static inline Colour less(Colour x, vfloat factor, Colour y)
 {
     return (Colour){x.b - factor * y.b, x.g - factor * y.g, x.r - factor * y.r};
 }
 
 // The factor that takes y nearest to x, and the squared distance that a factor leaves.
-inline vfloat fitting(Colour w, Colour x, Colour y)
+static inline vfloat fitting(Colour w, Colour x, Colour y)
 {
     return weighed(w, x, y) / (weighed(w, y, y) + 1e-6f);
 }
 
-inline vfloat distance_left(Colour w, Colour x, vfloat factor, Colour y)
+static inline vfloat distance_left(Colour w, Colour x, vfloat factor, Colour y)
 {
     const Colour rest = less(x, factor, y);
     return weighed(w, rest, rest);

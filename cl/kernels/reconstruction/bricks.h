@@ -25,7 +25,7 @@
 // none of its points, 1 by some, 2 by all.
 typedef struct { int low, high, seen; } EvidenceRange;
 
-inline EvidenceRange range_of(int low, int high, int seen)
+static inline EvidenceRange range_of(int low, int high, int seen)
 {
     EvidenceRange range;
     range.low = low;
@@ -35,7 +35,8 @@ inline EvidenceRange range_of(int low, int high, int seen)
 }
 
 // Half the extent along camera axis `row` - s * (optical axis) of a box with half edges h.
-inline float support(__global const float *row, __global const float *optical, float s, float3 h)
+static inline float support(__global const float *row, __global const float *optical, float s,
+                            float3 h)
 {
     return fabs(row[0] - s * optical[0]) * h.x + fabs(row[1] - s * optical[1]) * h.y +
            fabs(row[2] - s * optical[2]) * h.z;
@@ -43,8 +44,9 @@ inline float support(__global const float *row, __global const float *optical, f
 
 // A box projects into a rectangle around its centre's pixel: the perspective division is bounded
 // exactly per image axis, the lens by the largest derivatives of its distortion.
-inline EvidenceRange evidence_range(__global const float *camera, __global const float *reach,
-                                    __global const char2 *tiles, float3 centre, float3 h)
+static inline EvidenceRange evidence_range(__global const float *camera,
+                                           __global const float *reach,
+                                           __global const char2 *tiles, float3 centre, float3 h)
 {
     const EvidenceRange none = range_of(0, 0, 0), unknown = range_of(-127, 127, 1);
     const float cz = camera[6] * centre.x + camera[7] * centre.y + camera[8] * centre.z +

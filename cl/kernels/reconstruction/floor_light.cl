@@ -12,8 +12,8 @@
 
 // Light factor that explains the colour of a pixel of the background best, and in *left the squared
 // distance that it leaves. `images`, `background` and `light` are those of all views.
-inline float light_factor(__global const uchar *images, __global const float *background,
-                          __global const float *light, int view, int pixel, float *left)
+static inline float light_factor(__global const uchar *images, __global const float *background,
+                                 __global const float *light, int view, int pixel, float *left)
 {
     __global const float *plane = background + (size_t)view * 8 * PIXELS + pixel;
     __global const float *own = light + LIGHT_FLOATS * view;

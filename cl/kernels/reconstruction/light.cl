@@ -23,7 +23,7 @@
 #define PITCH (GROUP + ADDERS)
 
 // totals[k] = sum of sums[k] over all lanes and items.
-inline void add_up(const vfloat *sums, __local float *scratch, __local float *totals)
+INLINED void add_up(const vfloat *sums, __local float *scratch, __local float *totals)
 {
 #if GROUP == 1
     for (int k = 0; k < SUMS; ++k) totals[k] = PACK_SUM(sums[k]);

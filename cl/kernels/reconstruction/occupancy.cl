@@ -86,18 +86,18 @@ __kernel void evidence_tiles(__global const char *restrict evidence, __global ch
 }
 
 // World coordinate of the centre of padded voxel i along an axis (the padding shifts by one).
-inline float centre_of(__global const float *geometry, int axis, float i)
+static inline float centre_of(__global const float *geometry, int axis, float i)
 {
     return geometry[axis] + (i - 0.5f) * geometry[3];
 }
 
 // Evidence of all cameras for the voxels of a brick whose first padded voxel is (x0, y0, z0).
-inline void sum_evidence(__global const float *restrict cameras,
-                         __global const float *restrict reach,
-                         __global const char2 *restrict tiles,
-                         __global const char *restrict evidence,
-                         __global const float *restrict geometry, int x0, int y0, int z0,
-                         SCRATCH int *sums, SCRATCH int *fixed, SCRATCH int *open)
+static inline void sum_evidence(__global const float *restrict cameras,
+                                __global const float *restrict reach,
+                                __global const char2 *restrict tiles,
+                                __global const char *restrict evidence,
+                                __global const float *restrict geometry, int x0, int y0, int z0,
+                                SCRATCH int *sums, SCRATCH int *fixed, SCRATCH int *open)
 {
     const int lane = get_local_id(0);
     const float3 centre = (float3)(centre_of(geometry, 0, x0 + 0.5f * (DX - 1)),
@@ -128,14 +128,15 @@ inline void sum_evidence(__global const float *restrict cameras,
                 camera_project(camera, px, py, centre_of(geometry, 2, z0 + z), &pixel);
                 const int at = camera_offset(camera, pixel, WIDTH);
                 const int counts = map[at >= 0 ? at : 0];
-                sums[row * DZ + z] += (at >= 0) & (counts != UNKNOWN) ? counts + SEEN : 0;
+                const bool seen = at >= 0 && counts != UNKNOWN;
+                sums[row * DZ + z] += seen ? counts + SEEN : 0;
             }
         }
     }
 }
 
 // P(V = 1) by a voxel's sum.
-inline float occupancy_of(__global const float *restrict table, int packed)
+static inline float occupancy_of(__global const float *restrict table, int packed)
 {
     const int seeing = (packed + SEEN / 2) / SEEN;
     const float seen = table[packed - seeing * SEEN + 127 * N_CAMERAS];
@@ -174,9 +175,9 @@ __kernel void occupancy(__global const float *restrict cameras,
 
 // Can a voxel of the box be occupied, or smoothed into being so? Padded voxel (x0, y0, z0) is its
 // first, `n` its number of voxels along the axes.
-inline int may_hold(__global const float *cameras, __global const float *reach,
-                    __global const char2 *tiles, __global const float *table,
-                    __global const float *geometry, int3 first, int3 n)
+static inline int may_hold(__global const float *cameras, __global const float *reach,
+                           __global const char2 *tiles, __global const float *table,
+                           __global const float *geometry, int3 first, int3 n)
 {
     const float3 centre = (float3)(centre_of(geometry, 0, first.x + 0.5f * (n.x - 1)),
                                    centre_of(geometry, 1, first.y + 0.5f * (n.y - 1)),

@@ -21,14 +21,14 @@ typedef struct { __global const uchar *map; int height; } edge_source;
 #include "common/distance.h"
 
 // Whole numbers at or below; operators only, see pack.h.
-inline vfloat whole_below(vfloat value)
+static inline vfloat whole_below(vfloat value)
 {
     const vfloat whole = TO_FLOAT(TO_INT(value));
     return whole > value ? whole - 1.0f : whole;
 }
 
 // Covers the box of a voxel in a map, and marks it.
-inline void cover(int x0, int y0, int x1, int y1, __global uchar *map, __global uchar *marks)
+static inline void cover(int x0, int y0, int x1, int y1, __global uchar *map, __global uchar *marks)
 {
     for (int y = y0; y <= y1; ++y)
         for (int x = x0; x <= x1; ++x) map[y * WIDTH + x] = 255;
@@ -73,7 +73,7 @@ __kernel void splat(__global const float *restrict cameras, __global const float
 }
 
 // Does the silhouette touch anything that the pixels of the tile from (left, top) on can see?
-inline bool near_silhouette(int left, int top, __global const uchar *marks)
+static inline bool near_silhouette(int left, int top, __global const uchar *marks)
 {
     const int x0 = max(left - REACH, 0) / MARK, y0 = max(top - REACH, 0) / MARK;
     const int x1 = min(left + TILE - 1 + REACH, WIDTH - 1) / MARK;
@@ -86,7 +86,7 @@ inline bool near_silhouette(int left, int top, __global const uchar *marks)
 
 // The boundary lies inside the silhouette, with a 4-neighbour outside; the border of the picture is
 // no boundary: nothing is known beyond it.
-inline bytes edges_of(const edge_source *source, columns at, int y)
+static inline bytes edges_of(const edge_source *source, columns at, int y)
 {
     const int height = source->height, row = y < 0 ? 0 : y < height ? y : height - 1;
     __global const uchar *here = source->map + row * WIDTH + at.x;

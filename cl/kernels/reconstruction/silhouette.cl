@@ -21,7 +21,7 @@
 #define PACK_BEGIN(index) ((index) * PACK < WIDTH - PACK ? (index) * PACK : WIDTH - PACK)
 
 // Are the pixels inside the picture of their view, which may be smaller than the stack of views?
-inline vint in_picture(__global const int2 *sizes, int view, int x, int y)
+static inline vint in_picture(__global const int2 *sizes, int view, int x, int y)
 {
     const int2 size = sizes[view];
     return x + LANE_NUMBERS < (y < size.y ? size.x : 0);
@@ -32,7 +32,7 @@ inline vint in_picture(__global const int2 *sizes, int view, int x, int y)
 #define PACK_MIDDLES ((2 * PACK + 2 * CELL - 3) / (2 * CELL) + 2)
 
 // What a row of cells has for the pixels from column x on.
-inline vint by_cell(__global const char *cells, int x)
+static inline vint by_cell(__global const char *cells, int x)
 {
     const vint cell = (x % CELL + LANE_NUMBERS) / CELL;
     vint values = 0;
@@ -46,7 +46,7 @@ inline vint by_cell(__global const char *cells, int x)
 
 // What a map of cells has for the pixels from (x, y) on, linearly between the cells' middles, times
 // (2 * CELL)^2. `cells` has a border of one cell; the lowest bit of its values is left out.
-inline vint between_cells(__global const uchar *cells, int x, int y)
+static inline vint between_cells(__global const uchar *cells, int x, int y)
 {
     const int u = 2 * x - (CELL - 1) + 2 * CELL, v = 2 * y - (CELL - 1) + 2 * CELL;
     const int column = u / (2 * CELL), below = v % (2 * CELL);
@@ -65,7 +65,7 @@ inline vint between_cells(__global const uchar *cells, int x, int y)
 }
 
 // What a table has for the pixels' colours.
-inline vint by_colour(__global const char *table, __global const uchar *pixel)
+static inline vint by_colour(__global const char *table, __global const uchar *pixel)
 {
 #define BIN(value) ((value) * BINS >> 8)
 #define ENTRY(l) \
@@ -75,7 +75,7 @@ inline vint by_colour(__global const char *table, __global const uchar *pixel)
 #undef ENTRY
 }
 
-inline vfloat luma_of(Colour c) { return 0.114f * c.b + 0.587f * c.g + 0.299f * c.r; }
+static inline vfloat luma_of(Colour c) { return 0.114f * c.b + 0.587f * c.g + 0.299f * c.r; }
 
 // Log of the background's density over the foreground's, in counts of 1 / STEPS nats.
 // `background` holds, per view, planes of floats: mean of the channels (3), 1 / sigma^2 of the
@@ -132,8 +132,8 @@ __kernel void log_ratio(__global const uchar *restrict images,
 
 // Evidence, by `table`, of voxels that project to the pixels: of the ratios of 3x3 pixels each, or
 // of nine times the pixel's own.
-inline vchar evidence_of(__global const char *ratios, __global const int2 *sizes,
-                         __global const char *table, int view, int x, int y)
+static inline vchar evidence_of(__global const char *ratios, __global const int2 *sizes,
+                                __global const char *table, int view, int x, int y)
 {
     __global const char *middle = ratios + ratio_place(view, x, y);
     vint sum = -9 * LOWEST;
@@ -160,7 +160,7 @@ __kernel void silhouette(__global const char *restrict ratios, __global const in
 // Luma and, beside it, the chroma of a difference of colours.
 typedef struct { vfloat y, b, r; } Chroma;
 
-inline Chroma chroma_of(Colour c)
+static inline Chroma chroma_of(Colour c)
 {
     const vfloat y = luma_of(c);
     return (Chroma){y, c.b - y, c.r - y};
@@ -171,8 +171,8 @@ inline Chroma chroma_of(Colour c)
 // explains the pixel. The person is two pixels ahead, in one of eight directions, and the background
 // as far behind, as `person`, the evidence at the pixel, has it. Less than LOWEST, if no direction
 // is so. All pointers point to the pixel (x, y), but for that to the view's `light`.
-inline vfloat mixed(__global const uchar *colour, __global const float *plane,
-                    __global const char *person, __global const float *light, int x, int y)
+static inline vfloat mixed(__global const uchar *colour, __global const float *plane,
+                           __global const char *person, __global const float *light, int x, int y)
 {
     const vfloat weight = light[9] * LOAD_PACK(plane + 4 * PIXELS);
     const Chroma here = chroma_of(less(colour_of(colour), 1.0f, lit_planes(light, plane, x, y)));
@@ -206,7 +206,7 @@ inline vfloat mixed(__global const uchar *colour, __global const float *plane,
 #define BLOCKS_X ((WIDTH + BLOCK - 1) / BLOCK)
 
 // Where the span that has a pixel lies in the maps of spans.
-inline int span_place(int view, int x, int y)
+static inline int span_place(int view, int x, int y)
 {
     return (view * (CELLS_Y + 2) + y / CELL + 1) * (SPANS_X + 2) + x / SPAN + 1;
 }
@@ -255,7 +255,7 @@ __kernel void rim(__global const uchar *restrict images, __global const float *r
 }
 
 // Does the span of a pixel or one of its neighbours show foreground?
-inline int near_foreground(__global const uchar *shown, int view, int x, int y)
+static inline int near_foreground(__global const uchar *shown, int view, int x, int y)
 {
     __global const uchar *corner = shown + span_place(view, x, y) - (SPANS_X + 2) - 1;
     int near = 0;

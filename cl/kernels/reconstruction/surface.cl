@@ -46,7 +46,7 @@ __kernel void threshold(__global const float *restrict probability, __global ush
 }
 
 // The occupied voxels of a word that have an empty 6-neighbour or lie on the grid's border.
-inline uint surface_bits(__global const ushort *restrict bits, int x, int y, int word)
+static inline uint surface_bits(__global const ushort *restrict bits, int x, int y, int word)
 {
     const int at = (x * NY + y) * WORDS + word;
     const uint here = bits[at];

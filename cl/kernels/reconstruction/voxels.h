@@ -3,7 +3,7 @@
 #error "reconstruction/voxels.h needs NY and NZ"
 #endif
 
-inline float3 voxel_centre(__global const float *geometry, int voxel)
+static inline float3 voxel_centre(__global const float *geometry, int voxel)
 {
     const int x = voxel / (NY * NZ), y = voxel / NZ % NY, z = voxel % NZ;
     return (float3)(geometry[0] + (x + 0.5f) * geometry[3], geometry[1] + (y + 0.5f) * geometry[3],

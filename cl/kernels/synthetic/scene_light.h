@@ -1,5 +1,5 @@
 // Light of the synthetic scene, display-linear, and what a camera makes of it.
-#include "synthetic/inlined.h"
+#include "common/inlined.h"
 
 // Where the two lamps hang and how strong they are (display-linear units).
 __constant float LAMPS[8] = {1.6f, -1.9f, 4.6f, 0.56f, -2.1f, 1.4f, 4.3f, 0.36f};

@@ -1,5 +1,5 @@
 // Noise and colours of the synthetic scene.
-#include "synthetic/inlined.h"
+#include "common/inlined.h"
 
 static inline float hash(int x, int y, int z)
 {

@@ -15,7 +15,7 @@
 // Effective sample sizes (sum w)^2 / sum w^2 at N_BETAS exponents are found together.
 #define SUMS (2 * N_BETAS)
 
-inline float group_min(__local float *scratch, float value)
+INLINED float group_min(__local float *scratch, float value)
 {
     const int lane = get_local_id(0);
     scratch[lane] = value;
@@ -31,7 +31,7 @@ inline float group_min(__local float *scratch, float value)
 
 // Replaces SUMS values of every item by their sums over the group; eight at a time, since
 // barriers are what it costs. scratch: SUMS x GROUP.
-inline void group_sums(__local float *scratch, float values[SUMS])
+INLINED void group_sums(__local float *scratch, float values[SUMS])
 {
     const int lane = get_local_id(0);
     for (int v = 0; v < SUMS; ++v) scratch[v * GROUP + lane] = values[v];
@@ -56,7 +56,7 @@ inline void group_sums(__local float *scratch, float values[SUMS])
 }
 
 // Adds up w = exp(-beta excess) and w^2 of this item's packs.
-inline void weigh(const vfloat excess[RUN], float beta, float *sum, float *squares)
+static inline void weigh(const vfloat excess[RUN], float beta, float *sum, float *squares)
 {
     vfloat total = 0.0f, total2 = 0.0f;
     for (int k = 0; k < RUN; ++k) {
@@ -70,7 +70,7 @@ inline void weigh(const vfloat excess[RUN], float beta, float *sum, float *squar
 
 // The logarithm of beta whose effective sample size is `wanted`: the interval shrinks to the part
 // between two of N_BETAS exponents in it, ROUNDS times.
-inline float find_exponent(__local float *scratch, const vfloat excess[RUN], float wanted)
+INLINED float find_exponent(__local float *scratch, const vfloat excess[RUN], float wanted)
 {
     float low = -LOG2_BETA_LIMIT, width = 2.0f * LOG2_BETA_LIMIT;
     for (int round = 0; round < ROUNDS; ++round) {
@@ -88,7 +88,7 @@ inline float find_exponent(__local float *scratch, const vfloat excess[RUN], flo
 }
 
 // Sum of `value` over the items before this one; *through gets it with its own.
-inline float sum_before(__local float *scratch, float value, float *through)
+INLINED float sum_before(__local float *scratch, float value, float *through)
 {
     const int lane = get_local_id(0);
     scratch[lane] = value;
@@ -104,7 +104,7 @@ inline float sum_before(__local float *scratch, float value, float *through)
 }
 
 // The first child at or behind `share` of the total weight: children stand at (i + offset) / n.
-inline int first_child(float share, float offset, int n)
+static inline int first_child(float share, float offset, int n)
 {
     const int child = (int)ceil(share * n - offset);
     return child < 0 ? 0 : child < n ? child : n;
@@ -118,10 +118,10 @@ typedef struct { int n, layer; uint frame; uint2 seed; } layer_state;
 // a run's particles, an item those of RUN packs that follow each other, and writes `weights` of the
 // particles and `parents` of the children from number `begin` up to `end`. diagnostics: effective
 // sample size, beta, least error, written by the group that begins with 0.
-inline void find_parents(layer_state state, float survival_rate, float given_beta, int begin,
-                         int end, __local float *scratch, __global const float *errors,
-                         __global float *weights, __global int *parents,
-                         __global float *diagnostics)
+INLINED void find_parents(layer_state state, float survival_rate, float given_beta, int begin,
+                          int end, __local float *scratch, __global const float *errors,
+                          __global float *weights, __global int *parents,
+                          __global float *diagnostics)
 {
     const int n = state.n, lane = get_local_id(0), mine = lane * RUN * PACK;
     vfloat excess[RUN];
@@ -207,9 +207,9 @@ void anneal(int n, int layer, int last, float survival_rate, float given_beta,
 
 // Song et al. eq. (11): a child is its parent plus Gaussian noise and `change`, reflected at the
 // limits. A pack of its degrees of freedom, from number `first` on.
-inline void make_child(layer_state state, int particle, int first, vfloat deviation,
-                       vfloat change, __global const float2 *limits,
-                       __global const float *parent, __global float *child)
+static inline void make_child(layer_state state, int particle, int first, vfloat deviation,
+                              vfloat change, __global const float2 *limits,
+                              __global const float *parent, __global float *child)
 {
     const vuint whole = 0;
     const vwords counter = {whole + state.frame, whole + (uint)state.layer,

@@ -31,20 +31,20 @@ typedef short8 short8_anywhere __attribute__((aligned(2)));
 #define ROW (STRIP + 4)
 
 // Which pixels of a strip of maps (.., 2) are hidden, see hidden.cl: -1, else 0.
-inline short8 hidden_in(__global const uchar *maps, size_t at)
+static inline short8 hidden_in(__global const uchar *maps, size_t at)
 {
     const uchar8 silhouette = LOAD_UCHAR16(maps + 2 * at).even;
     return convert_short8(((silhouette ^ silhouette >> (uchar8)7) & (uchar8)1) != (uchar8)0);
 }
 
 // The first pixel of this item's strip; the last one of a row overlaps the one before.
-inline int strip_of(int width, int margin)
+static inline int strip_of(int width, int margin)
 {
     return min(margin + STRIP * (int)get_global_id(0), width - margin - STRIP);
 }
 
 // Which pixels of a strip of maps (.., 2) show a silhouette or its edge: -1, else 0.
-inline short8 shown_in(__global const uchar *maps, size_t at)
+static inline short8 shown_in(__global const uchar *maps, size_t at)
 {
     const uchar16 both = LOAD_UCHAR16(maps + 2 * at);
     return convert_short8((both.even | both.odd) != (uchar8)0);

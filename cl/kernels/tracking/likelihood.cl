@@ -22,7 +22,7 @@
 
 // The number of an item that begins to count `begin` eighths of the group further on: what needs
 // few items is done beside what others do.
-inline int lane_from(int begin)
+static inline int lane_from(int begin)
 {
     return (get_local_id(0) + GROUP - begin * GROUP / 8) % GROUP;
 }
@@ -45,7 +45,7 @@ __kernel void sample_surface(int n_points, __global const int *count,
 }
 
 // Sums of a view's items, in `partial`, N_SUMS x APART, and what ADDERS of them add up, behind that.
-inline void store_samples(samples sums, __local vint *partial)
+INLINED void store_samples(samples sums, __local vint *partial)
 {
     __local vint *own = partial + get_local_id(0);
     own[0] = sums.edge;
@@ -60,7 +60,8 @@ inline void store_samples(samples sums, __local vint *partial)
 }
 
 // Adds up what the items of each view stored: totals (VIEWS, N_SUMS).
-inline void add_samples(__local const vint *partial, __local vint *added, __local vint *totals)
+INLINED void add_samples(__local const vint *partial, __local vint *added,
+                         __local vint *totals)
 {
     for (int item = get_local_id(0); item < VIEWS * N_SUMS * ADDERS; item += GROUP) {
         const int adder = item % ADDERS, sum = item / ADDERS;
@@ -81,7 +82,7 @@ inline void add_samples(__local const vint *partial, __local vint *added, __loca
 // What a view's sums say: its error, whether it counts, and its silhouette error alone.
 typedef struct { vfloat error, seeing, inside; } view_error;
 
-inline view_error error_of(__local const vint *totals, float2 weights, picture_cues cues)
+INLINED view_error error_of(__local const vint *totals, float2 weights, picture_cues cues)
 {
     const vint seen = (totals[1] > 0) & (totals[3] > 0);
     const vfloat edge = TO_FLOAT(totals[0]) / (255.0f * TO_FLOAT(totals[1]));
@@ -101,11 +102,12 @@ inline view_error error_of(__local const vint *totals, float2 weights, picture_c
 // silhouette, else 0 and 0; the first item adds them to its `sum`. The error has, times their
 // weights, what the contours that the camera sees along outlines lack of 1 on average, less the mean
 // log ratio of the colours that it sees, as a share of its bound.
-inline void score_views(int first_view, int n_views, int width, int height,
-                        __global const float *cameras, __global const uchar *maps,
-                        int n_rows, __local const float4 *rows, float2 weights,
-                        picture_cues cues, __local const vfloat *cones, __local vfloat *outlines,
-                        __local vint *partial, __local view_error *views, view_error *sum)
+INLINED void score_views(int first_view, int n_views, int width, int height,
+                         __global const float *cameras, __global const uchar *maps,
+                         int n_rows, __local const float4 *rows, float2 weights,
+                         picture_cues cues, __local const vfloat *cones,
+                         __local vfloat *outlines, __local vint *partial,
+                         __local view_error *views, view_error *sum)
 {
     const int lane = get_local_id(0), here = min(VIEWS, n_views - first_view);
     for (int item = lane; item < here * N_CONES; item += GROUP)
@@ -151,9 +153,9 @@ inline void score_views(int first_view, int n_views, int width, int height,
 // Sum over this item's share of `n` surface voxels, every `stride`-th from `first` on, after the
 // last the first again, of d^2 / (d^2 + scale^2), d the distance to the nearest cone's surface
 // (Geman & McClure 1987).
-inline vfloat unexplained(int n_points, int first, int stride, int n, float scale,
-                          __global const float4 *points, __local const vfloat *cones,
-                          __local const vfloat *spans)
+INLINED vfloat unexplained(int n_points, int first, int stride, int n, float scale,
+                           __global const float4 *points, __local const vfloat *cones,
+                           __local const vfloat *spans)
 {
     vfloat sum = 0.0f;
     for (int k = lane_from(2); k < n; k += GROUP) {
@@ -174,8 +176,8 @@ inline vfloat unexplained(int n_points, int first, int stride, int n, float scal
 
 // Sum over this item's share of `pairs` (first, second cone) and three points of the first's axis
 // of (overlap / radius)^2, at most 1 each: how deep parts that must not meet lie in each other.
-inline vfloat overlap(int n_pairs, __global const int2 *pairs, __local const vfloat *cones,
-                      __local const vfloat *spans)
+INLINED vfloat overlap(int n_pairs, __global const int2 *pairs, __local const vfloat *cones,
+                       __local const vfloat *spans)
 {
     vfloat sum = 0.0f;
     for (int item = lane_from(6); item < 3 * n_pairs; item += GROUP) {
@@ -196,8 +198,8 @@ inline vfloat overlap(int n_pairs, __global const int2 *pairs, __local const vfl
 
 // Sum over this item's share of the degrees of freedom of the squared distance from rest, in the
 // posture's sigmas: posture has (rest, 1 / sigma), the latter 0 where all values are as likely.
-inline vfloat posture_error(__global const float2 *posture, __global const float *poses, int first,
-                     int n_particles)
+static inline vfloat posture_error(__global const float2 *posture, __global const float *poses,
+                                   int first, int n_particles)
 {
     vfloat sum = 0.0f;
     for (int dof = lane_from(7); dof < N_DOF; dof += GROUP) {

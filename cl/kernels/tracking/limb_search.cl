@@ -7,7 +7,7 @@
 #include "common/philox.h"
 
 // A degree of freedom's `value`, reflected at its limits.
-inline float reflected(float value, float2 limit)
+static inline float reflected(float value, float2 limit)
 {
     value = value < limit.x ? 2.0f * limit.x - value : value;
     value = value > limit.y ? 2.0f * limit.y - value : value;
@@ -15,7 +15,7 @@ inline float reflected(float value, float2 limit)
 }
 
 // The normal number that a round, told by `layer`, has for a particle's degree of freedom.
-inline float noise_of(uint frame, int layer, int particle, int dof, uint2 seed)
+static inline float noise_of(uint frame, int layer, int particle, int dof, uint2 seed)
 {
     const vwords counters = {frame, layer, particle, dof};
     return LANE_OF(normal_pack(counters, seed), 0);

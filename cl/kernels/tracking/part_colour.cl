@@ -28,13 +28,13 @@ __kernel void encode_colours(int n_pixels, __global const uchar *maps,
 }
 
 // Signs by which a point tells which side of the line from `a` to `b` it is on.
-inline float side_of(float2 a, float2 b, float2 point)
+static inline float side_of(float2 a, float2 b, float2 point)
 {
     return (b.x - a.x) * (point.y - a.y) - (b.y - a.y) * (point.x - a.x);
 }
 
 // Whether a pixel lies in the trapezoid with these corners; an outline without image has none.
-inline bool within_corners(__local const float2 *corners, float2 pixel)
+INLINED bool within_corners(__local const float2 *corners, float2 pixel)
 {
     if (!(corners[0].x > -FAR_OUT)) return false;
     float low = 0.0f, high = 0.0f;
@@ -99,7 +99,7 @@ void count_colours(int width, int height, __global const float *cameras,
 }
 
 // Sum of `value` over the work-group's N_CODES items.
-inline float total(float value, __local float *sums)
+INLINED float total(float value, __local float *sums)
 {
     const int lane = get_local_id(0);
     sums[lane] = value;

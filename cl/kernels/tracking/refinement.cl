@@ -52,12 +52,12 @@ typedef struct {
 } workspace;
 
 // A number that is the same in all lanes.
-inline float single(__local const vfloat *pack) { return *(__local const float *)pack; }
+INLINED float single(__local const vfloat *pack) { return *(__local const float *)pack; }
 
 // Motion of the body by every degree of freedom as its moment and velocity, 6 x ROW: a point p
 // with normal n moves by moment . (p x n) + velocity . n along the normal.
-inline void find_twists(__local const float *body, __local const vfloat *hinges,
-                        __local float *twists)
+INLINED void find_twists(__local const float *body, __local const vfloat *hinges,
+                         __local float *twists)
 {
     for (int i = get_local_id(0); i < 6 * ROW; i += GROUP) twists[i] = 0.0f;
     barrier(CLK_LOCAL_MEM_FENCE);
@@ -80,9 +80,9 @@ inline void find_twists(__local const float *body, __local const vfloat *hinges,
 
 // What the linear system needs of a voxel, see VOXEL_FLOATS: its normal is the unit gradient of the
 // distance; along the side the radius changes.
-inline void describe(float4 point, float distance, float root, int nearest,
-                     __local const vfloat *posed, __local const vfloat *spans,
-                     __local float *voxel)
+INLINED void describe(float4 point, float distance, float root, int nearest,
+                      __local const vfloat *posed, __local const vfloat *spans,
+                      __local float *voxel)
 {
     __local const vfloat *cone = posed + nearest * CONE_FLOATS;
     __local const vfloat *span = spans + nearest * SPAN_FLOATS;
@@ -113,9 +113,9 @@ inline void describe(float4 point, float distance, float root, int nearest,
 
 // Looks at a pack of the `n` voxels; returns the shares that they leave unexplained. The weight of
 // no distance is 1 (Geman & McClure 1987).
-inline float look_at(__global const float4 *points, int first, int n, float scale, float reach,
-                     __local const vfloat *posed, __local const vfloat *spans,
-                     __local float *voxels)
+INLINED float look_at(__global const float4 *points, int first, int n, float scale,
+                      float reach, __local const vfloat *posed, __local const vfloat *spans,
+                      __local float *voxels)
 {
 #define POINT(l) points[lane_index(first, 0x##l, n)]
 #define X(l) POINT(l).x
@@ -150,8 +150,8 @@ inline float look_at(__global const float4 *points, int first, int n, float scal
 // place; false where it has no image.
 typedef struct { float3 at, by[2]; float off[2]; } sighting;
 
-inline bool look_from(float4 on, float4 seen, __global const float *cameras,
-                      __local const vfloat *frames, sighting *found)
+INLINED bool look_from(float4 on, float4 seen, __global const float *cameras,
+                       __local const vfloat *frames, sighting *found)
 {
     __global const float *camera = cameras + (int)seen.w * CAMERA_FLOATS;
     __local const vfloat *frame = frames + (int)on.x * FRAME_FLOATS;
@@ -175,7 +175,7 @@ inline bool look_from(float4 on, float4 seen, __global const float *cameras,
     return true;
 }
 
-inline float share_missed(bool in_front, const sighting *found, float scale)
+static inline float share_missed(bool in_front, const sighting *found, float scale)
 {
     const float u = found->off[0] / scale, v = found->off[1] / scale, square = u * u + v * v;
     return in_front ? square / (1.0f + square) : 1.0f;
@@ -183,8 +183,8 @@ inline float share_missed(bool in_front, const sighting *found, float scale)
 
 // Looks at observation k, as the point's own or, where that misses less, as its partner's; returns
 // the share of its cost.
-inline float look_at_point(const evidence *e, int k, __local const vfloat *frames,
-                           __local float *rows)
+INLINED float look_at_point(const evidence *e, int k, __local const vfloat *frames,
+                            __local float *rows)
 {
     const observation one = observed_at(e->observed, k);
     sighting found, as_other;
@@ -221,7 +221,7 @@ inline float look_at_point(const evidence *e, int k, __local const vfloat *frame
 
 // What the work-group adds to the rows in w->voxels: of BLOCK voxels, or of BLOCK / 2 points;
 // returns how many rows these are, and their share of the cost.
-inline int take_rows(const evidence *e, __local workspace *w, float *cost)
+INLINED int take_rows(const evidence *e, __local workspace *w, float *cost)
 {
     const int lane = get_local_id(0), part = get_group_id(0);
     float sum = 0.0f;
@@ -247,8 +247,9 @@ inline int take_rows(const evidence *e, __local workspace *w, float *cost)
 
 // Linear system of the work-group's share of the evidence at `pose`, and its share of the cost, as
 // a `part`. moves: (N_CONES + N_BONES) x ROW, 1 where a degree of freedom moves a cone or a bone.
-inline void add_up(const evidence *e, __global const float *pose, __global const float *table,
-                   __global const vfloat *moves, __local workspace *w, __global vfloat *part)
+INLINED void add_up(const evidence *e, __global const float *pose,
+                    __global const float *table, __global const vfloat *moves,
+                    __local workspace *w, __global vfloat *part)
 {
     __local float *numbers = (__local float *)w->rows;
     const int lane = get_local_id(0);
@@ -289,9 +290,9 @@ inline void add_up(const evidence *e, __global const float *pose, __global const
 
 // Adds the parts up to the linear system, its upper triangle and right side alone, with those of
 // the prior. weight: of one voxel.
-inline void sum_parts(int n_parts, float weight, __global const vfloat *parts,
-                      __global const float *sigma, __global const float *pose,
-                      __global const float *mean, __local vfloat *system)
+INLINED void sum_parts(int n_parts, float weight, __global const vfloat *parts,
+                       __global const float *sigma, __global const float *pose,
+                       __global const float *mean, __local vfloat *system)
 {
     __local float *numbers = (__local float *)system;
     for (int first = get_local_id(0); first < N_DOF * ROW_PACKS; first += LINES * GROUP) {
@@ -328,7 +329,7 @@ inline void sum_parts(int n_parts, float weight, __global const vfloat *parts,
 #define ROWS (GROUP / COLUMNS)
 #define OWN_ROWS ((N_DOF + ROWS - 1) / ROWS)
 #define OWN_COLUMNS ((ROW + COLUMNS - 1) / COLUMNS)
-inline void solve(__local vfloat *system, __local float *lines)
+INLINED void solve(__local vfloat *system, __local float *lines)
 {
     __local float *numbers = (__local float *)system;
     const int left = get_local_id(0) % COLUMNS, top = get_local_id(0) / COLUMNS;
@@ -374,7 +375,7 @@ inline void solve(__local vfloat *system, __local float *lines)
 }
 #else
 // What is left of the matrix stays symmetric, so that the upper triangle suffices.
-inline void solve(__local vfloat *system, __local float *lines)
+INLINED void solve(__local vfloat *system, __local float *lines)
 {
     __local float *numbers = (__local float *)system;
     for (int k = 0; k < N_DOF; ++k) {
@@ -392,10 +393,10 @@ inline void solve(__local vfloat *system, __local float *lines)
 // Keeps the best pose met, which may be this one: its difference from the `mean`, `shift`, and its
 // cost, `least`. Where several groups are at the same pose, one of them `tells`.
 // strength: that of the voxels' mean.
-inline void keep_best(bool first, bool tells, int n_parts, float strength,
-                      __global const vfloat *parts, __global const float *sigma,
-                      __global const float *pose, __global const float *mean,
-                      __local float *scratch, __global float *least, __global float *shift)
+INLINED void keep_best(bool first, bool tells, int n_parts, float strength,
+                       __global const vfloat *parts, __global const float *sigma,
+                       __global const float *pose, __global const float *mean,
+                       __local float *scratch, __global float *least, __global float *shift)
 {
     const int lane = get_local_id(0);
     float cost = 0.0f;
@@ -414,8 +415,9 @@ inline void keep_best(bool first, bool tells, int n_parts, float strength,
 }
 
 // The pose behind the step that the linear system says.
-inline void move_on(__local vfloat *system, __local float *lines, __global const float2 *limits,
-                    __global const float *pose, __global float *next)
+INLINED void move_on(__local vfloat *system, __local float *lines,
+                     __global const float2 *limits, __global const float *pose,
+                     __global float *next)
 {
     __local const float *numbers = (__local const float *)system;
     solve(system, lines);

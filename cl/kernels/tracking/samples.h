@@ -33,8 +33,8 @@ typedef struct {
 } picture_cues;
 
 // Adds the sample at pixel (x, y), whose half is added already, of one channel of a map.
-inline void take_sample(__global const float *camera, __global const uchar *channel, int width,
-                        vfloat x, vfloat y, vint *error, vint *count)
+static inline void take_sample(__global const float *camera, __global const uchar *channel,
+                               int width, vfloat x, vfloat y, vint *error, vint *count)
 {
     const vint inside = (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
     const vint pixel = inside ? 2 * (TO_INT(y) * width + TO_INT(x)) : 0;
@@ -47,7 +47,8 @@ inline void take_sample(__global const float *camera, __global const uchar *chan
 
 // Whether a row of a cone, `row` as in take_row, lies further from the camera than the trunk's
 // middle: what it shows inside the trunk's outline is hidden.
-inline vint behind_trunk(__global const float *camera, __local const vfloat *cones, float4 row)
+INLINED vint behind_trunk(__global const float *camera, __local const vfloat *cones,
+                          float4 row)
 {
 #if TRUNK < 0
     return (vint)0;
@@ -63,7 +64,7 @@ inline vint behind_trunk(__global const float *camera, __local const vfloat *con
 }
 
 // Whether pixel (x, y) lies in the trapezoid with these corners; never in one that is NOWHERE.
-inline vint in_outline(__local const vfloat *corners, vfloat x, vfloat y)
+INLINED vint in_outline(__local const vfloat *corners, vfloat x, vfloat y)
 {
     vint left = corners[0] > NOWHERE, right = left;
     for (int i = 0; i < 4; ++i) {
@@ -79,9 +80,9 @@ inline vint in_outline(__local const vfloat *corners, vfloat x, vfloat y)
 // Adds the sample at pixel (x, y), whose half is added already, of the picture's codes, which say both
 // where the silhouette is, as the map's first channel does, and, where it is `visible`, the log ratio
 // of its colour; table: where the part's ratios begin.
-inline void take_colour(__global const float *camera, __global const uchar *codes,
-                        __global const char *ratios, vint table, int width, vfloat x, vfloat y,
-                        vint visible, samples *sums)
+static inline void take_colour(__global const float *camera, __global const uchar *codes,
+                               __global const char *ratios, vint table, int width, vfloat x,
+                               vfloat y, vint visible, samples *sums)
 {
     const vint inside = (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
     const vint pixel = inside ? TO_INT(y) * width + TO_INT(x) : 0;
@@ -98,7 +99,7 @@ inline void take_colour(__global const float *camera, __global const uchar *code
 }
 
 // The normal, of contour.cl's four, of a line in direction (x, y).
-inline vint normal_of(vfloat x, vfloat y)
+static inline vint normal_of(vfloat x, vfloat y)
 {
     const vfloat across = most(x, -x), down = most(y, -y);
     const vint diagonal = x * y < 0.0f ? (vint)1 : (vint)3;
@@ -107,8 +108,8 @@ inline vint normal_of(vfloat x, vfloat y)
 
 // Adds what the sample at pixel (x, y), whose half is added already, of an outline with this normal
 // finds of contours.
-inline void take_contour(__global const float *camera, picture_cues cues, vint normal, int width,
-                         vfloat x, vfloat y, vint visible, samples *sums)
+static inline void take_contour(__global const float *camera, picture_cues cues, vint normal,
+                                int width, vfloat x, vfloat y, vint visible, samples *sums)
 {
     const vint inside =
         visible & (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
@@ -122,7 +123,7 @@ inline void take_contour(__global const float *camera, picture_cues cues, vint n
 
 // Whether a sample at pixel (x, y), whose half is added already, is seen: unless the row is `hidden`
 // where the trunk's outline covers it.
-inline vint seen_sample(__local const vfloat *outlines, vfloat x, vfloat y, vint hidden)
+INLINED vint seen_sample(__local const vfloat *outlines, vfloat x, vfloat y, vint hidden)
 {
 #if TRUNK < 0
     return (vint)-1;
@@ -135,9 +136,9 @@ inline vint seen_sample(__local const vfloat *outlines, vfloat x, vfloat y, vint
 // evenly between them, w = 1 / z; of these every SHARES-th from number `share` on.
 // Where its part is looked for in the pictures, `part` is not negative and `hidden` says whether it
 // lies behind the trunk. cues: of this camera.
-inline void take_row(__global const float *camera, __global const uchar *map, int width,
-                     __local const vfloat *outlines, float4 row, int share, int part,
-                     picture_cues cues, vint hidden, samples *sums)
+INLINED void take_row(__global const float *camera, __global const uchar *map, int width,
+                      __local const vfloat *outlines, float4 row, int share, int part,
+                      picture_cues cues, vint hidden, samples *sums)
 {
     __local const vfloat *corner = outlines + (int)row.x * OUTLINE_FLOATS;
     const vfloat left_x = corner[0] + row.y * (corner[6] - corner[0]) + 0.5f;

@@ -45,8 +45,8 @@ __kernel void project_points(int n_points, int n_views, __global const float4 *p
 // The edges of the trapezoid that a cone shows to a camera: three times four numbers a, b, c, of
 // which a x + b y + c tells the side of each edge that a pixel is on, positive for the inner one
 // whichever way round the corners go; 0 if a corner is unseen.
-inline void cone_edges(__global const float *cone, __global const float *camera,
-                       __local float4 *edges)
+INLINED void cone_edges(__global const float *cone, __global const float *camera,
+                        __local float4 *edges)
 {
     float3 corners[4];
     cone_corners(vload16(0, cone), vload3(0, camera + 25), corners);
@@ -77,7 +77,7 @@ inline void cone_edges(__global const float *cone, __global const float *camera,
 }
 
 // Positive for the pixels that lie within a trapezoid.
-inline vfloat within_edges(__local const float4 *edges, vfloat x, vfloat y)
+INLINED vfloat within_edges(__local const float4 *edges, vfloat x, vfloat y)
 {
     const float4 a = edges[0], b = edges[1], c = edges[2];
     const vfloat first = a.x * x + (b.x * y + c.x), second = a.y * x + (b.y * y + c.y);

@@ -55,7 +55,7 @@ def _list_pictures(folder: Path, cameras: Sequence[str]) -> dict[str, dict[str, 
 
 def _assign_all_pictures(
     folder: Path, cameras: Sequence[str]
-) -> tuple[dict[str, dict], str | None]:
+) -> tuple[dict[str, dict[str, Any]], str | None]:
     """Return `_list_pictures` and a remark.
 
     If no name contains a camera's, but there are as many pictures or videos as cameras, they are

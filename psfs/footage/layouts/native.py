@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from cl import InputError, MissingFileError
 from psfs.cameras.calibration import find_calibration
@@ -41,7 +42,7 @@ def _read(folder: Path, settings: Settings) -> Footage:
     if not found.get(primary):
         raise InputError(f"{folder}: no pictures in videos/, images/<camera>/ or masks/<camera>/")
     rig = read_rig(calibration, settings, found[primary], folders[primary])
-    media: dict[str, tuple] = {}
+    media: dict[str, tuple[Any, ...]] = {}
     notes = list(rig.notes)
     if all(found.get(name) for name in _IMAGES):
         notes.append(f"{folder}: {_IMAGES[0]}/ is used; {_IMAGES[1]}/ is ignored")

@@ -90,15 +90,15 @@ def test_contours_are_those_of_the_twin(device: Device) -> None:
     config = FilterConfig.of(part_colour_weight=0.0).likelihood
     here = VoxelLikelihood(Scene(device, rig, grid, SONG), config, 37)
     here.observe(Reconstructor(device, rig, grid, None)(picture))
-    assert here.contours is not None and here.contours.known
-    found, maps = here.contours.contours.get(), here.reprojection.maps.get()
+    term = here.terms["contour"]
+    assert isinstance(term, Contours) and term.known
+    found, maps = term.contours.get(), here.reprojection.maps.get()
     gradients = gradients_of(images, maps)
     np.testing.assert_array_equal(found, contours_of(gradients, maps, contrast_of(CONFIG)))
     assert np.abs(gradients).max() > 1000 and 0.02 < (found > 0).mean() < 0.98
     twin = NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, SONG), config)
     twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
-    assert twin.contours is not None
-    assert ((found > 0) == (twin.contours > 0)).mean() > 0.98
+    assert ((found > 0) == (twin.terms["contour"].contours > 0)).mean() > 0.98
 
 
 @pytest.mark.parity("tracking/likelihood.score_poses")
@@ -112,7 +112,7 @@ def test_the_term_agrees_with_the_twin(device: Device, name: str, kind: str) -> 
     config = only("none").changed(part_colour_weight=0.0, contour_weight=1.5)
     setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
     likelihood = setup.likelihood
-    assert isinstance(likelihood.contours, Contours)
+    assert isinstance(likelihood.terms["contour"], Contours)
     both = [smooth_maps(rig, seed) for seed in (1, 2)]
     contours = np.ascontiguousarray(np.moveaxis(np.concatenate(both, -1), -1, 1))
     assert contours.shape[1] == N_NORMALS
@@ -135,6 +135,6 @@ def test_the_term_agrees_with_the_twin(device: Device, name: str, kind: str) -> 
 
 
 def test_without_pictures_contours_cost_nothing(device: Device) -> None:
-    with pytest.raises(InputError, match=r"contour_contrast is 0"):
+    with pytest.raises(InputError, match=r"contour\.contrast is 0"):
         FilterConfig.of(contour_contrast=0.0)
     assert_cost_nothing(device, contour_weight=4.0)

@@ -15,8 +15,10 @@ from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.config import FilterConfig
 from apf.likelihood.config import MotionPriorConfig
 from apf.likelihood.motion_prior import MotionPrior
+from apf.likelihood.term import Shared
 from apf.reference.filters.annealed import NumpyAnnealedParticleFilter
 from apf.reference.likelihood.motion_prior import expectation, motion_errors
+from apf.scene import Scene
 from cl import Device, NumpyDevice
 
 SONG = bodies.named("song31")
@@ -44,7 +46,9 @@ def test_the_cost_is_the_mean_squared_change_in_sigmas() -> None:
 def test_kernels_agree_with_the_twin(device: Device, name: str, n: int) -> None:
     body = bodies.named(name)
     poses = bodies.random_poses(body, n, wild=True).astype(np.float32)
-    term = MotionPrior(device, body, CONFIG, VELOCITY)
+    scene = Scene(device, scenes.ring(2), None, body)
+    cameras = device.to_device(scene.rig.packed())
+    term = MotionPrior(Shared(scene, 1, VELOCITY, cameras, cameras), CONFIG)
     errors, on_device = device.zeros((n,), np.float32), device.to_device(poses)
     motion = np.full((body.n_dof, 2), np.nan)
     score, learn = term.launcher(on_device, 0.25, errors), term.learning_launcher(on_device)
@@ -116,8 +120,10 @@ def test_trackers_let_the_term_learn_their_estimates(device: Device) -> None:
         found, expected = tracker.step(world.voxels(frame)), twin.step(world.twin(frame))
         assert np.all(np.abs(found.pose - expected.pose) <= 0.7 * SONG.sigma)
         np.testing.assert_allclose(found.least_error, expected.least_error, rtol=0.05)
-        motion = tracker.likelihood.motion_prior.motion.get()
+        motion = tracker.likelihood.terms["motion_prior"].motion.get()
         np.testing.assert_allclose(motion[:, 0], found.pose, atol=1e-6)
-        np.testing.assert_allclose(twin.likelihood.motion[:, 0], expected.pose)
+        np.testing.assert_allclose(
+            twin.likelihood.terms["motion_prior"].motion[:, 0], expected.pose
+        )
     tracker.start(world.pose(0))
-    assert np.isnan(tracker.likelihood.motion_prior.motion.get()).all()
+    assert np.isnan(tracker.likelihood.terms["motion_prior"].motion.get()).all()

@@ -21,6 +21,7 @@ from apf.likelihood.part_colour import (
     N_CODES,
     N_COLOURS,
     RATIO_STEPS,
+    PartColours,
     learnt_parts,
     palette_of,
     part_names,
@@ -143,12 +144,13 @@ def test_codes_agree_with_the_twin(device: Device) -> None:
     here.observe(Reconstructor(device, rig, grid, None)(picture))
     twin = NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, SONG), config)
     twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
-    assert here.part_colours is not None and here.part_colours.known and twin.codes is not None
-    found, maps = here.part_colours.codes.get(), here.reprojection.maps.get()[..., 0]
+    colours, codes = here.terms["part_colour"], twin.terms["part_colour"].codes
+    assert isinstance(colours, PartColours) and colours.known and codes is not None
+    found, maps = colours.codes.get(), here.reprojection.maps.get()[..., 0]
     palette = palette_of(images, maps, config.part_colour)
     assert palette is not None
     np.testing.assert_array_equal(found, encoded(images, maps, palette))
-    assert ((found == NOTHING) == (twin.codes == NOTHING)).mean() > 0.99
+    assert ((found == NOTHING) == (codes == NOTHING)).mean() > 0.99
     assert 0.02 < (found != NOTHING).mean() < 0.9
 
 
@@ -167,8 +169,8 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, kind: str) -> No
     poses = bodies.random_poses(body, 37)
     config = only("none").changed(part_colour_weight=1.5)
     setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
-    likelihood, colours = setup.likelihood, setup.likelihood.part_colours
-    assert colours is not None
+    likelihood, colours = setup.likelihood, setup.likelihood.terms["part_colour"]
+    assert isinstance(colours, PartColours)
     histograms = np.zeros((len(part_names(body)), N_CODES))
     rows = sample_rows(cone_sampling(body, config.likelihood.reprojection.sample_spacing))
     cones = posed_cones(body, setup.poses)
@@ -240,7 +242,7 @@ def test_trackers_learn_at_their_estimates(device: Device) -> None:
     images = random.integers(0, 256, (len(rig), rig.height, rig.width, 3)).astype(np.uint8)
     pictures = device.to_device(images)
     tracker.start(world.pose(0))
-    colours = tracker.likelihood.part_colours
+    colours = tracker.likelihood.terms["part_colour"]
     expected = np.zeros(colours.histograms.shape[1:])
     for frame in range(2):
         voxels: Any = world.voxels(frame)
@@ -256,7 +258,7 @@ def test_trackers_learn_at_their_estimates(device: Device) -> None:
 
 
 def test_without_pictures_colours_cost_nothing(device: Device) -> None:
-    with pytest.raises(InputError, match=r"part_colour_decay is 1\.5"):
+    with pytest.raises(InputError, match=r"part_colour\.decay is 1\.5"):
         FilterConfig.of(part_colour_decay=1.5)
     assert_cost_nothing(device, part_colour_weight=4.0)
 

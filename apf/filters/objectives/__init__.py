@@ -1,0 +1,39 @@
+"""The objectives that are registered: what a search judges poses by.
+
+Every module here registers some, and packages register others by the entry point
+psfs_apf.objectives. Likelihoods and twins are named, not imported: settings are read without
+OpenCL.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from psfs.common.registry import Registry
+
+#: What an objective observes of a frame beside keypoints.
+Observes = Literal["voxels", "images", "nothing"]
+
+
+@dataclass(frozen=True)
+class ObjectiveSpec:
+    """An objective as it is registered: in `OBJECTIVES`, or by an entry point of a package.
+
+    name: by which --objective chooses it. likelihood, twin: functions (scene, method, number of
+    runs) that return a `Likelihood` and a `NumpyLikelihood`, as "package.module:function"; they are
+    imported when they are used. settings: classes of the objective's own, each a part of `Method`
+    by that name. shares_launches: whether the likelihood has room for several runs.
+    """
+
+    name: str
+    observes: Observes
+    likelihood: str
+    twin: str
+    settings: Mapping[str, type] = field(default_factory=dict)
+    shares_launches: bool = False
+
+
+#: Every registered objective.
+OBJECTIVES = Registry(ObjectiveSpec, "apf.filters.objectives", "OBJECTIVE", "psfs_apf.objectives")

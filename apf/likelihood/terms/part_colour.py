@@ -1,0 +1,68 @@
+"""The term part_colour: the colours of the body's parts."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from apf.likelihood.terms import Parity, TermSpec
+from psfs.common.config import Config, setting
+
+
+class PartColourConfig(Config):
+    """Whether parts have their colours in the pictures: the mean, over what a camera sees of limbs
+    and head, of how much likelier a colour is there than elsewhere on the person."""
+
+    SOURCE: ClassVar = "by hand"
+
+    weight: float = setting(
+        4.0,
+        "Weight of that mean, as a share of its bound, in one camera's error.",
+        "tuned on the six suite sequences with `surface_weight`: 1 gains half as much, 8 nothing "
+        "more",
+        least=0,
+    )
+    n_colours: int = setting(
+        48,
+        "Number of colours of the palette.",
+        "tuned: a fixed grid of 256 tells skin from a red shirt worse",
+        least=2,
+        most=63,
+    )
+    decay: float = setting(
+        0.97,
+        "Share that histograms keep from frame to frame: about a second at 30 frames/s.",
+        least=0,
+        below=1,
+    )
+    bound: float = setting(
+        2.0,
+        "Bound of log ratios: a colour never seen on a part is not impossible.",
+        unit="nats",
+        above=0,
+    )
+    rare: float = setting(0.004, "Likelihood of a code on a part that never showed it.", above=0)
+    least_samples: float = setting(
+        60.0,
+        "Number of samples from which a part's ratios count in full: of fewer they say little.",
+        above=0,
+    )
+    least_pixels: int = setting(
+        500, "Number of pixels of a person from which a palette is made.", unit="px", above=0
+    )
+
+
+TERM = TermSpec(
+    "part_colour",
+    PartColourConfig,
+    launcher="apf.likelihood.part_colour:PartColours",
+    twin="apf.reference.likelihood.part_colour:NumpyPartColours",
+    parity=Parity(
+        {"weight": 1.5},
+        (
+            "tracking/part_colour.encode_colours",
+            "tracking/part_colour.count_colours",
+            "tracking/part_colour.learn_colours",
+        ),
+        atol=0.02,  # of each camera: rounding moves a sample to the next pixel
+    ),
+)

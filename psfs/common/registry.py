@@ -1,0 +1,74 @@
+"""What may be chosen by name: this program's own entries, and those of other installed packages."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pkgutil import iter_modules, resolve_name
+from typing import Protocol, TypeVar
+
+log = logging.getLogger(__name__)
+
+
+class Named(Protocol):
+    """An entry; it knows the name that it is chosen by."""
+
+    @property
+    def name(self) -> str: ...
+
+
+T = TypeVar("T", bound=Named)
+
+
+class Registry(Mapping[str, T]):
+    """The entries of one `kind` by name, in the order of registration, this program's own first.
+
+    package: whose modules register this program's own, each by an object of the name `attribute`,
+    an entry or a tuple of entries. group: of entry points, by which another package registers such
+    an object. They are loaded when the first entry is asked for. An entry point that fails, or has
+    a name that is taken, is left out with a warning.
+    """
+
+    def __init__(self, kind: type[T], package: str, attribute: str, group: str) -> None:
+        self._kind, self._package, self._attribute = kind, package, attribute
+        self.group = group
+
+    @cached_property
+    def _entries(self) -> dict[str, T]:
+        found: dict[str, T] = {}
+        spec = find_spec(self._package)
+        assert spec is not None
+        for module in iter_modules(spec.submodule_search_locations):
+            path = f"{self._package}.{module.name}:{self._attribute}"
+            self._add(found, resolve_name(path))
+        for point in sorted(entry_points(group=self.group), key=lambda point: point.name):
+            try:
+                self._add(found, point.load())
+            except Exception as error:  # whatever another package does
+                log.warning("%s is left out: %s", _described(point), error)
+        return found
+
+    def _add(self, found: dict[str, T], loaded: object) -> None:
+        for entry in loaded if isinstance(loaded, tuple) else (loaded,):
+            if not isinstance(entry, self._kind):
+                raise TypeError(f"it is {entry!r}; expected a {self._kind.__name__}")
+            if entry.name in found:
+                raise ValueError(f"there is a {self._kind.__name__} {entry.name!r} already")
+            found[entry.name] = entry
+
+    def __getitem__(self, name: str) -> T:
+        return self._entries[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._entries)
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+
+def _described(point: EntryPoint) -> str:
+    package = "" if point.dist is None else f" of the package {point.dist.name}"
+    return f"the entry point {point.name} = {point.value} ({point.group}){package}"

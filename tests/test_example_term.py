@@ -1,0 +1,60 @@
+"""A term of the likelihood in a package of its own, docs/add_a_stage.md, is installed and used."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from apf.cli import main
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "tests" / "example_term"
+TERMS = "edge,silhouette,surface,overlap,posture,near_limits=0.7"
+TRACK = ["--frames", "0:3", "--one-way", "--no-overlay", "--no-report", "--likelihood", TERMS]
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The environment of a process that has the package installed."""
+    source, site = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("site")
+    shutil.copytree(PACKAGE, source / "package", ignore=shutil.ignore_patterns("__pycache__"))
+    build = ["build_py", "--build-lib", str(site), "egg_info", "--egg-base", str(site)]
+    setup = [sys.executable, "-c", "import setuptools; setuptools.setup()", "-q", *build]
+    subprocess.run(setup, cwd=source / "package", check=True)  # pip would need the package wheel
+    paths = [str(site), str(ROOT), os.environ.get("PYTHONPATH", "")]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+
+
+def test_a_term_takes_four_files_at_most() -> None:
+    files = [path for path in PACKAGE.rglob("*") if path.suffix in (".py", ".toml", ".cl")]
+    assert 0 < len(files) <= 4
+
+
+def test_a_tracker_uses_the_term(walk: Path, tmp_path: Path, installed: dict[str, str]) -> None:
+    command = ["track", str(walk), "-o", str(tmp_path / "out"), *TRACK]
+    subprocess.run([sys.executable, "-m", "apf.cli", *command], env=installed, check=True)
+    track = np.load(tmp_path / "out" / "track.npz")
+    settings = json.loads(str(track["provenance"]))["filter"]
+    assert settings["near_limits_weight"] == 0.7 and settings["near_limits_free"] == 0.8
+    assert np.isfinite(track["poses"]).all()
+
+
+def test_the_parity_test_has_the_terms_row(installed: dict[str, str]) -> None:
+    tests = ["tests/apf/likelihood/test_terms.py", "-k", "near_limits", "-n", "0"]
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *tests]
+    ran = subprocess.run(command, cwd=ROOT, env=installed, capture_output=True, text=True)
+    assert ran.returncode == 0 and "passed" in ran.stdout, ran.stdout
+
+
+def test_without_the_package_there_is_no_such_term(
+    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["track", str(walk), "-o", str(tmp_path / "out"), *TRACK]) == 2
+    assert "no term 'near_limits'" in capsys.readouterr().err
