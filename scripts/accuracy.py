@@ -11,8 +11,8 @@
 tracks every sequence with truth.npz in FOLDER, from nothing but its pictures and from the true
 first joints: OUT/suite.md, suite.csv, suite.png, runs.csv, results.json. The others write
 OUT/results.json (all runs), runs.csv, tables.csv, tables.md (or thesis.md) and accuracy.png,
-and print tables. Without folders they film walks of its own. A second call with the same OUT goes
-on where the first stopped.
+and print tables. Without folders they generate their own walks. A second call with the same OUT
+continues where the first stopped.
 """
 
 from __future__ import annotations
@@ -346,8 +346,7 @@ def do_runs(
     results: Results,
     args: argparse.Namespace,
 ) -> None:
-    """Do all runs that the results lack, those of one recording together, seed by seed, until the
-    time limit."""
+    """Do the missing runs, those of one recording together, seed by seed, up to the time limit."""
     end = time.monotonic() + (args.seconds or math.inf)
     todo = lacking(device, plan, results, args.seeds)
     with progress_bar() as bar:

@@ -6,8 +6,8 @@
 takes folders of `apf track` (not smoothed, made with the constants in use) and prints the scale and
 the floors with which the stated 95 % ellipsoids hold the truth in 95 % of the joint-frames, and in
 how many of those held out, per joint; also of every walk (all tracks with the same truth) by a fit
-to the other walks. Joints that were lost (as `apf evaluate` says of limbs) do not count for the
-fit: a limb taken for another is not a matter of millimetres; the last columns count them.
+to the other walks. Lost joints (by the rule of `apf evaluate` for limbs) are left out of the fit,
+because a limb mistaken for another is no matter of millimetres; the last columns include them.
 """
 
 from __future__ import annotations

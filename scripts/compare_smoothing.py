@@ -4,8 +4,8 @@
     scripts/compare_smoothing.py OUT/a=a/truth.npz OUT/b=b/truth.trc --convention pose2sim
 
 takes folders of `apf track`, not smoothed, and prints of each, as tracked, smoothed, and smoothed
-with feet held: the mean error, mm; the wrists' mean second difference, mm/frame^2; and the farthest
-that an ankle gets along the floor in any stance, mm. Stances are those of the truth where it has
+with feet held: the mean error, mm; the wrists' mean second difference, mm/frame^2; and the greatest
+distance, mm, that an ankle moves along the floor in any stance. Stances are those of the truth where it has
 ankles and toes: frames in which both of a foot are slower than 0.3 m/s and its ankle is low; else
 those that smoothing found.
 """

@@ -1,13 +1,13 @@
 """`compare_timings.py batch`: takes per minute by workers, and where a take's time goes.
 
-Takes are filmed first, then done by the very tasks of `apf batch` on clusters of this machine:
-workers on one GPU, on two, or on shares of the CPU's cores. Starting a cluster is no part of it,
-nor is compiling, which is done once before and kept on disk by the drivers; nor are the first takes
-and the last. Takes that are begun all at once and are of one length would look at their footage all
-at once, with the GPU idle, and then wait for each other's tracking; a lab's are not. So workers
-begin one after another, and what counts are takes that end while all workers are busy. `--start
-found` looks for the person in every take, as users do; by default the true first pose is given, so
-that it is tracking that is timed.
+Takes are generated first, then processed by the tasks of `apf batch` on clusters of this machine:
+workers on one GPU, on two, or on shares of the CPU's cores. The figures exclude the start of the
+cluster, compilation, which is done once before and cached on disk by the drivers, and the first and
+the last takes. Takes of one length that begin together would all read their footage at the same
+time, with the GPU idle, and then wait for each other's tracking; takes of a lab do not. So workers
+begin one after another, and only takes that end while all workers are busy count. With `--start
+found`, the person is searched for in every take, as users do; by default the true first pose is
+given, so that tracking alone is timed.
 """
 
 from __future__ import annotations
