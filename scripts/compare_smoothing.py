@@ -5,9 +5,9 @@
 
 takes folders of `apf track`, not smoothed, and prints of each, as tracked, smoothed, and smoothed
 with feet held: the mean error, mm; the wrists' mean second difference, mm/frame^2; and the greatest
-distance, mm, that an ankle moves along the floor in any stance. Stances are those of the truth where it has
-ankles and toes: frames in which both of a foot are slower than 0.3 m/s and its ankle is low; else
-those that smoothing found.
+distance, mm, that an ankle moves along the floor in any stance. Stances are those of the truth
+where it has ankles and toes: frames in which both of a foot are slower than 0.3 m/s and its ankle
+is low; else those that smoothing found.
 """
 
 from __future__ import annotations
