@@ -18,20 +18,31 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("cl", "psfs", "apf", "scripts")
-#: Rooms and files whose language was not revised yet. The list only gets shorter.
+#: Rooms and files whose language was not revised yet, or whose public names are still to change.
+#: The list only gets shorter.
 TO_DO = {
     "apf/__init__.py",
     "apf/api.py",
     "apf/backend.py",
-    "apf/cli",
-    "apf/evaluation",
+    "apf/cli/batch/chunks.py",
+    "apf/cli/batch/command.py",
+    "apf/cli/keypoints/flags.py",
+    "apf/cli/keypoints/triangulate.py",
+    "apf/cli/takes/take_report.py",
+    "apf/cli/track.py",
+    "apf/evaluation/evaluate.py",
+    "apf/evaluation/flags.py",
     "apf/filters",
     "apf/image_objective",
-    "apf/initialisation",
+    "apf/initialisation/config.py",
     "apf/likelihood",
-    "apf/live",
+    "apf/live/captures.py",
     "apf/reference",
-    "apf/tracking",
+    "apf/tracking/gait.py",
+    "apf/tracking/pipeline.py",
+    "apf/tracking/recovery.py",
+    "apf/tracking/trackers.py",
+    "apf/tracking/two_way.py",
     "cl/launch.py",
     "cl/listing.py",
     "cl/probe.py",
@@ -50,14 +61,17 @@ TO_DO = {
     "psfs/voxels/bricks.py",
     "psfs/voxels/grid.py",
     "psfs/voxels/normals.py",
-    "scripts/accuracy",
-    "scripts/accuracy.py",
-    "scripts/calibrate_uncertainty.py",
-    "scripts/kill_runs.py",
-    "scripts/measure_memory.py",
-    "scripts/report_timings.py",
-    "scripts/spoil_keypoints.py",
-    "scripts/timings",
+    "scripts/accuracy/ablation.py",
+    "scripts/accuracy/processes.py",
+    "scripts/accuracy/published.py",
+    "scripts/accuracy/runs.py",
+    "scripts/accuracy/settings.py",
+    "scripts/accuracy/suite.py",
+    "scripts/accuracy/suite_report.py",
+    "scripts/timings/bench_scene.py",
+    "scripts/timings/stages.py",
+    "scripts/timings/streamed_cues.py",
+    "scripts/timings/tables/batch.py",
 }
 
 #: Verbs that end like a third person, a participle or a gerund.
