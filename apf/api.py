@@ -1,4 +1,4 @@
-"""What a user of the library calls first: a skeleton per frame of a sequence."""
+"""The library's main entry point: estimate a skeleton per frame of a sequence."""
 
 from __future__ import annotations
 
@@ -53,24 +53,24 @@ def track(
 ) -> Track:
     """Find the person in the chosen frames of `sequence` and track them, as `apf track` does.
 
-    Looks for position, heading, size and first pose, follows frame by frame, and finds again whom
-    it lost (Song et al. 2.3).
+    Estimates position, heading, size and first pose, tracks frame by frame, and finds a lost person
+    again (Song et al. 2.3).
 
     device: where to compute, or its name as of `cl.select_device`; by default the fastest one.
     body: a model, the name of a shipped one or a TOML file; by default the sequence's own, else
-    song31. Its size is found in the first voxels, unless it comes from a file. init: the first pose
-    instead of one found: (D,) rad and m, a text file of them, or joints (npz, TRC) that body and
-    pose are fitted to. method: the search and its settings, see `Method.of`. frames: all by
+    song31. Its size is estimated from the first voxels, unless it comes from a file. init: the
+    first pose, if it is known: (D,) rad and m, a text file of them, or joints (npz, TRC) to which
+    body and pose are fitted. method: the search and its settings, see `Method.of`. frames: all by
     default. height: stature of the person, m, if it is known. voxel_size: edge of a voxel, m.
     all_cameras: keep cameras that disagree with the others, see `psfs.reconstruct`. progress:
     called with the name of each stage, and with "tracking" after each frame. keypoints: of a pose
-    network, or the path of some (see `Keypoints.open`), that are looked at beside the voxels; alone
-    with `Method.of(objective="keypoints")`, which needs no background. reconstruction: settings of
+    network, or the path of some (see `Keypoints.open`), used beside the voxels; alone with
+    `Method.of(objective="keypoints")`, which needs no background. reconstruction: settings of
     silhouettes and voxels.
 
-    A KeyboardInterrupt ends the track after the last whole frame. Doubts about the start are logged
-    as warnings. Raises InputError where nobody is found or a file is not what it should be,
-    DeviceError where the device cannot be used.
+    A KeyboardInterrupt ends the track after the last complete frame. Doubts about the start are
+    logged as warnings. Raises InputError if nobody is found or a file is invalid, DeviceError if
+    the device cannot be used.
     """
     check_sequence(sequence, frames)
     kinds = {"method": method, "body": body, "init": init, "keypoints": keypoints}
@@ -97,7 +97,8 @@ def track(
 
 
 def _whole_track(take: Take) -> Track:
-    """Return the only track of a take; log doubts about its start. Raises what ended it early."""
+    """Return the only track of a take, and log doubts about its start. Raises the error that ended
+    it early."""
     for doubt in take.start.doubts if take.start is not None else ():
         log.warning("%s: %s", take.sequence.name, doubt)
     if take.error is not None:
@@ -106,8 +107,7 @@ def _whole_track(take: Take) -> Track:
 
 
 def _check_arguments(height: float | None, **arguments: object) -> None:
-    """Raise InputError for a height, m, that nobody has, or an argument of `track` that is not of
-    its kind."""
+    """Raise InputError for an impossible height, m, or an argument of `track` of the wrong type."""
     if height is not None:
         check_number("height, m,", height, 0.5, 2.5)
     kinds: dict[str, tuple[type, ...]] = {
@@ -132,7 +132,8 @@ def _opened(keypoints: Keypoints | str | Path | None, sequence: Sequence) -> Key
 
 
 def template_of(body: BodyModel | str | Path | None) -> tuple[BodyModel, bool]:
-    """Return the body to start with, and whether it, being a file, has the person's own shape."""
+    """Return the body to start with, and whether it comes from a file and so has the person's own
+    shape."""
     if isinstance(body, BodyModel):
         return body, False
     return load_body(body or DEFAULT_BODY), body is not None and Path(body).suffix == ".toml"
@@ -147,7 +148,7 @@ def given_start(
 ) -> tuple[BodyModel, np.ndarray] | None:
     """Return the body and its pose (D,) in `frame`, the first to be tracked; None if none is given.
 
-    Without `body` the sequence's own is taken, where its `folder` has one, with its own first pose.
+    Without `body`, the sequence's own is used if its `folder` has one, with its own first pose.
     body, init: as of `track`. convention: axes of a TRC. Raises InputError.
     """
     own = body is None and is_bodytrack(folder)

@@ -11,8 +11,8 @@
 tracks every sequence with truth.npz in FOLDER, from nothing but its pictures and from the true
 first joints: OUT/suite.md, suite.csv, suite.png, runs.csv, results.json. The others write
 OUT/results.json (all runs), runs.csv, tables.csv, tables.md (or thesis.md) and accuracy.png,
-and print tables. Without folders they film walks of its own. A second call with the same OUT goes
-on where the first stopped.
+and print tables. Without folders they generate their own walks. A second call with the same OUT
+continues where the first stopped.
 """
 
 from __future__ import annotations
@@ -64,13 +64,13 @@ from psfs.cli.program import run_command
 from psfs.sequence import Sequence
 
 _ROOT = Path(__file__).resolve().parent.parent
-#: The walks that are filmed when no folder is given: seed and stature, m.
+#: The walks that are generated when no folder is given: seed and stature, m.
 _WALKS = ((1, 1.76), (2, 1.62))
 _WALK_CAMERAS, _WALK_FRAMES, _WALK_FPS = 8, 120, 60.0
 
 
 def numbers(text: str) -> list[int]:
-    """`8,4,3` as [8, 4, 3] (argparse type)."""
+    """Parse `8,4,3` to [8, 4, 3] (argparse type)."""
     try:
         values = [int(part) for part in text.split(",")]
         if min(values) < 1:
@@ -81,7 +81,7 @@ def numbers(text: str) -> list[int]:
 
 
 def names(text: str) -> list[str]:
-    """`a,b` as ["a", "b"] (argparse type)."""
+    """Parse `a,b` to ["a", "b"] (argparse type)."""
     return list(dict.fromkeys(text.split(",")))
 
 
@@ -190,7 +190,7 @@ def _run(args: argparse.Namespace) -> None:
     by_name = {folder.name: folder for folder in folders}
     try:
         do_runs(device, by_name, plan, results, args)
-    finally:  # what there is, also when interrupted
+    finally:  # write the results so far, also after an interrupt
         if results.runs:
             results.write_csv(args.out / "runs.csv")
             write_summary(args.out / "tables.csv", plan, results)
@@ -206,7 +206,7 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def _conditions(args: argparse.Namespace, device: Device, folders: list[Path]) -> dict[str, Any]:
-    """What runs depend on besides their settings."""
+    """Return the conditions of the runs besides their settings."""
     return {
         "version": version("psfs-apf"),
         "commit": args.commit or checked_out_commit(),
@@ -226,7 +226,7 @@ def _check_suite(args: argparse.Namespace) -> None:
 
 
 def _run_suite(args: argparse.Namespace, device: Device) -> None:
-    """All runs of the suite that OUT lacks, then its reports, also when interrupted."""
+    """Do all runs of the suite that OUT lacks, then write its reports, also after an interrupt."""
     folders = suite_folders(args.suite)
     varied = ("method", "objective", "particles", "layers")
     first = {name: getattr(args, name)[0] for name in varied}
@@ -276,13 +276,13 @@ def _run_suite(args: argparse.Namespace, device: Device) -> None:
 
 
 def _shown(plan: dict[Table, list[Setting]], results: Results) -> list[Grid]:
-    """The tables, and of every sequence the joints in its first setting."""
+    """Print the tables, and for every sequence the joints in its first setting."""
     firsts = [s for s in _first_settings(plan) if results.of(s)]
     return [*grids(plan, results), *(joints(s, results.of(s)) for s in firsts)]
 
 
 def _update_readme(args: argparse.Namespace) -> None:
-    """Write README's table from a suite, the Markdown and docs/accuracy.md's from other runs."""
+    """Write README's table from a suite, or the tables of docs/accuracy.md from other runs."""
     results = Results.read(args.out / "results.json")
     if args.thesis is not None:
         publish_thesis(_ROOT, results)
@@ -301,7 +301,7 @@ def _update_readme(args: argparse.Namespace) -> None:
 
 
 def _own_walks(out: Path, device: Device) -> list[Path]:
-    """Sequences of this script's own, filmed unless they are there already."""
+    """Return the script's own sequences, generated unless they exist."""
     folders = []
     for seed, height in _WALKS:
         folder = out.resolve() / "scenes" / f"walk{seed}"
@@ -316,7 +316,7 @@ def _own_walks(out: Path, device: Device) -> list[Path]:
 def _plan(
     folders: list[Path], tables: list[Table], values: dict[str, list[Any]]
 ) -> dict[Table, list[Setting]]:
-    """The settings of each table. Sequences leave out numbers of cameras that they lack."""
+    """Return the settings of each table. Numbers of cameras that a sequence lacks are left out."""
     if len({folder.name for folder in folders}) < len(folders):
         raise InputError("two folders have the same name; expected different ones")
     plan: dict[Table, list[Setting]] = {table: [] for table in tables}
@@ -331,7 +331,7 @@ def _plan(
 
 
 def _first_settings(plan: dict[Table, list[Setting]]) -> list[Setting]:
-    """Each sequence's setting with all dimensions at their first value."""
+    """Return each sequence's setting with all dimensions at their first value."""
     first: dict[str, Setting] = {}
     for settings in plan.values():
         for setting in settings:
@@ -346,8 +346,7 @@ def do_runs(
     results: Results,
     args: argparse.Namespace,
 ) -> None:
-    """All runs that the results lack, those of one recording together, seed by seed, until the
-    seconds are over."""
+    """Do the missing runs, those of one recording together, seed by seed, up to the time limit."""
     end = time.monotonic() + (args.seconds or math.inf)
     todo = lacking(device, plan, results, args.seeds)
     with progress_bar() as bar:
@@ -357,7 +356,7 @@ def do_runs(
         for setting, part in todo:
             if time.monotonic() > end:
                 return
-            wanted = _recording_of(setting)
+            wanted = _recording_key(setting)
             if recording is None or wanted != shown:
                 of = silhouettes_name(setting.sequence, setting.preset)
                 name = f"{of}_{setting.cameras}cam_step{setting.step}.npz"
@@ -378,14 +377,14 @@ def do_runs(
 def lacking(
     device: Device, plan: dict[Table, list[Setting]], results: Results, seeds: int
 ) -> list[tuple[Setting, list[int]]]:
-    """Settings with the seeds that are tracked at once, in the order of the runs."""
+    """Return the missing settings with the seeds to track at once, in the order of the runs."""
     settings = dict.fromkeys(setting for part in plan.values() for setting in part)
     left = {s: [k for k in range(seeds) if results.lacks(s, k)] for s in settings}
     todo = [(s, part) for s, rest in left.items() for part in together(device, s, rest) if part]
-    return sorted(todo, key=lambda item: (_recording_of(item[0]), item[1][0]))
+    return sorted(todo, key=lambda item: (_recording_key(item[0]), item[1][0]))
 
 
-def _recording_of(setting: Setting) -> tuple[str, int, int, str]:
+def _recording_key(setting: Setting) -> tuple[str, int, int, str]:
     return setting.sequence, setting.cameras, setting.step, setting.preset
 
 

@@ -6,8 +6,8 @@
 takes folders of `apf track` (not smoothed, made with the constants in use) and prints the scale and
 the floors with which the stated 95 % ellipsoids hold the truth in 95 % of the joint-frames, and in
 how many of those held out, per joint; also of every walk (all tracks with the same truth) by a fit
-to the other walks. Joints that were lost (as `apf evaluate` says of limbs) do not count for the
-fit: a limb taken for another is not a matter of millimetres; the last columns count them.
+to the other walks. Lost joints (by the rule of `apf evaluate` for limbs) are left out of the fit,
+because a limb mistaken for another is no matter of millimetres; the last columns include them.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from cl import InputError
 from psfs.cli.commandline import add_message_flags, stdout
 from psfs.cli.program import run_command
 
-#: Scales that are tried, and the floors' bounds, m: the voxels' resolution at least.
+#: Scales that are tried, and bounds of the floors, m: at least the voxels' resolution.
 _SCALES = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
 _LEAST_FLOOR, _MOST_FLOOR, _SHARE = 0.008, 0.3, 0.95
-#: Mean radius, as a factor of the least, up to which a larger scale is preferred: it tells frames
-#: in which a joint is held firmly from others, the floors do not.
+#: Largest mean radius, as a factor of the least, at which a larger scale is preferred: the scale
+#: distinguishes frames in which a joint is well constrained from others, and the floors do not.
 _SLACK = 1.03
 
 
@@ -44,19 +44,19 @@ class Sample:
     raw: np.ndarray
 
     def kept(self) -> Sample:
-        """Without the joints that were lost."""
+        """Return the sample without the lost joints."""
         near = np.linalg.norm(self.offsets, axis=-1) <= LOST_LIMB
         return Sample(self.offsets[near], self.raw[near])
 
     def share(self, scale: float, floor: float) -> float:
-        """How many lie inside their ellipsoids."""
+        """Return the share of offsets inside their ellipsoids."""
         return float(inside(self.offsets, self.covariance(scale, floor), _SHARE).mean())
 
     def covariance(self, scale: float, floor: float) -> np.ndarray:
         return scale**2 * self.raw + floor**2 * np.eye(3)
 
     def floor(self, scale: float) -> float:
-        """The least floor with which enough do."""
+        """Return the least floor with which enough offsets are inside."""
         low, high = _LEAST_FLOOR, _MOST_FLOOR
         if self.share(scale, low) >= _SHARE:
             return low
@@ -108,7 +108,7 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def _tell_left_out(walks: dict[str, dict[str, Sample]]) -> None:
-    """Print how often the truth of each walk lies inside by a fit to the others."""
+    """Print for each walk how often its truth lies inside, with a fit to the other walks."""
     if len(walks) < 2:
         return
     shares = []
@@ -120,7 +120,7 @@ def _tell_left_out(walks: dict[str, dict[str, Sample]]) -> None:
 
 
 def samples_by_walk(pairs: list[str]) -> dict[str, dict[str, Sample]]:
-    """By the truth's file, then by joint. Raises InputError."""
+    """Return samples by the truth's file, then by joint. Raises InputError."""
     walks: dict[str, list[str]] = {}
     for pair in pairs:
         walks.setdefault(pair.partition("=")[2], []).append(pair)
@@ -128,7 +128,7 @@ def samples_by_walk(pairs: list[str]) -> dict[str, dict[str, Sample]]:
 
 
 def pooled(walks: list[dict[str, Sample]]) -> dict[str, Sample]:
-    """The samples of several walks, by joint."""
+    """Return the samples of several walks, by joint."""
     names = dict.fromkeys(name for walk in walks for name in walk)
     parts = {name: [walk[name] for walk in walks if name in walk] for name in names}
     return {
@@ -138,7 +138,7 @@ def pooled(walks: list[dict[str, Sample]]) -> dict[str, Sample]:
 
 
 def load_samples(pairs: list[str]) -> dict[str, Sample]:
-    """By joint, without its side. Raises InputError."""
+    """Return samples by joint, without its side. Raises InputError."""
     parts: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for pair in pairs:
         track, _, truth = pair.partition("=")
@@ -159,8 +159,11 @@ def load_samples(pairs: list[str]) -> dict[str, Sample]:
 
 
 def fitted(samples: dict[str, Sample]) -> Calibration:
-    """Of the calibrations by which enough of every joint's offsets lie inside, the one with the
-    largest scale among those whose ellipsoids are about as small as any's, see `_SLACK`."""
+    """Return a calibration with which enough offsets of every joint are inside.
+
+    Of those whose ellipsoids are about as small as the smallest, see `_SLACK`, it has the largest
+    scale.
+    """
     radii: list[tuple[float, Calibration]] = []
     for scale in _SCALES:
         floors = {name: sample.floor(scale) for name, sample in samples.items()}

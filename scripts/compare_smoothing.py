@@ -4,10 +4,10 @@
     scripts/compare_smoothing.py OUT/a=a/truth.npz OUT/b=b/truth.trc --convention pose2sim
 
 takes folders of `apf track`, not smoothed, and prints of each, as tracked, smoothed, and smoothed
-with feet held: the mean error, mm; the wrists' mean second difference, mm/frame^2; and the farthest
-that an ankle gets along the floor in any stance, mm. Stances are those of the truth where it has
-ankles and toes: frames in which both of a foot are slower than 0.3 m/s and its ankle is low; else
-those that smoothing found.
+with feet held: the mean error, mm; the wrists' mean second difference, mm/frame^2; and the greatest
+distance, mm, that an ankle moves along the floor in any stance. Stances are those of the truth
+where it has ankles and toes: frames in which both of a foot are slower than 0.3 m/s and its ankle
+is low; else those that smoothing found.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ from cl import InputError
 from psfs.cli.commandline import add_message_flags, stdout
 from psfs.cli.program import run_command
 
-#: m/s and m: a true foot that is slower and no higher over its lowest stands; frames of a stance.
+#: A true foot stands if it is slower than this, m/s, and not higher, m, above its lowest position;
+#: least number of frames of a stance.
 _STILL, _LOW, _SHORTEST = 0.3, 0.04, 6
 _SIDES = ("l", "r")
 
@@ -82,7 +83,7 @@ def jitter(track: Track) -> float:
 
 
 def true_stances(truth: JointSeries, track: Track) -> np.ndarray | None:
-    """Return (F, 2) bool, where the true feet stand in the frames of `track`; None where the truth
+    """Return (F, 2) bool: where the true feet stand in the frames of `track`; None if the truth
     lacks ankles or toes."""
     names = list(truth.joint_names)
     if not {f"{side}_{joint}" for side in _SIDES for joint in ("ankle", "toe")} <= set(names):
@@ -100,8 +101,8 @@ def true_stances(truth: JointSeries, track: Track) -> np.ndarray | None:
 
 
 def slides(track: Track, stands: np.ndarray) -> tuple[int, float]:
-    """Return the number of stances and the farthest, mm, that two places of an ankle in one of them
-    lie apart along the floor."""
+    """Return the number of stances, and the greatest distance, mm, along the floor between two
+    positions of an ankle in one stance."""
     travels = [0.0]
     for foot, side in enumerate(_SIDES):
         ankle = track.joints[:, track.joint_names.index(f"{side}_ankle"), :2]

@@ -47,7 +47,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _recorded() -> Iterator[None]:
-    """Write down the programs and the launches of the session."""
+    """Write the programs and the launches of the session to the file."""
     programs: set[tuple[str, str, str]] = set()
     compiled = Device.compiled
 
@@ -63,7 +63,8 @@ def _recorded() -> Iterator[None]:
 
 
 def fill_by_copy(queue: Any, buffer: Any, pattern: Any, offset: int, size: int) -> Any:
-    """Fill from the host: Oclgrind takes what OpenCL's own command fills for uninitialised."""
+    """Fill from the host, because Oclgrind reports memory filled by OpenCL's own command as
+    uninitialised."""
     host = np.tile(np.atleast_1d(pattern), size // np.asarray(pattern).nbytes)
     return pyopencl.enqueue_copy(queue, buffer, host, dst_offset=offset)
 

@@ -84,9 +84,9 @@ def done(words: list[str]) -> float:
     """Run to the end and return the seconds that it took."""
     began = time.perf_counter()
     process = started(words)
-    _, said = process.communicate()
+    _, stdout = process.communicate()
     if process.returncode:
-        raise SystemExit(f"{' '.join(words)}: exit code {process.returncode}: {said.decode()}")
+        raise SystemExit(f"{' '.join(words)}: exit code {process.returncode}: {stdout.decode()}")
     return time.perf_counter() - began
 
 

@@ -27,7 +27,7 @@ _CAMERAS = 4
 
 
 def sequence(folder: Path, frames: int) -> None:
-    """A block that stands and sways, as videos of masks from four sides."""
+    """Write a block that stands and sways, as videos of masks from four sides."""
     tables = {}
     (folder / "masks").mkdir(parents=True)
     for view in range(_CAMERAS):
@@ -64,7 +64,7 @@ def handles(process: int) -> int:
 
 
 def reached(out: Path, command: str) -> int:
-    """Return the frame that a run has come to."""
+    """Return the frame that a run has reached."""
     if command == "reconstruct":
         try:
             return sum(entry.name.endswith(".npz") for entry in os.scandir(out / "clouds"))
@@ -100,7 +100,7 @@ def main() -> None:
         began, peak = time.perf_counter(), 0.0
         while process.poll() is None:
             time.sleep(0.5)
-            with suppress(OSError, IndexError):  # it has just ended
+            with suppress(OSError, IndexError):  # the process has just ended
                 peak = max(peak, resident(process.pid))
             frame = reached(work / "out", args.command)
             if marks and frame >= marks[0]:

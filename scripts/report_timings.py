@@ -4,7 +4,7 @@
     scripts/report_timings.py [FOLDER ...] [-o OUT] [--readme]
 
 makes OUT/report.md, OUT/report.html (one file, figures inside) and OUT/figures/ from folders of
-results, one per machine: all of scripts/results/ unless told otherwise. With --readme also the
+results, one per machine: by default all in scripts/results/. With --readme also the
 README's table between its marks, and its picture docs/timings.png.
 """
 

@@ -27,12 +27,12 @@ default's kind.
 
 
 def page() -> str:
-    """Return the page."""
+    """Return the text of the page."""
     return "\n".join([_HEAD, *_sections(Settings(), "", {})])
 
 
 def _sections(config: Config, where: str, shown: dict[type[Config], str]) -> Iterator[str]:
-    """Yield a section for each part of `config`; classes that are `shown` are not shown again."""
+    """Yield a section for each part of `config`; classes in `shown` are not shown again."""
     for name, field in type(config).model_fields.items():
         kind, inner = part_kind(field), getattr(config, name)
         if kind is None:
@@ -52,7 +52,7 @@ def _sections(config: Config, where: str, shown: dict[type[Config], str]) -> Ite
 
 
 def _again(config: Config, before: str) -> str:
-    """Return a section of a class that has one `before`, with what differs."""
+    """Return a section for a class that already has one in `before`, with the differences."""
     others = []
     for path, _ in fields_below(type(config)):
         own, usual = (reduce(getattr, path, of) for of in (config, type(config)()))

@@ -90,7 +90,7 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def _limb_error(track: Track, truth: JointSeries) -> float:
-    """mm, mean over frames and the joints that keypoints have, too."""
+    """Return the mean error, mm, over frames and the joints that keypoints have, too."""
     found = evaluate(track, truth)
     limbs = [k for k, name in enumerate(found.joint_names) if name[2:] in _LIMBS]
     return 1000 * float(np.nanmean(found.errors[:, limbs]))

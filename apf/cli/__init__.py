@@ -1,4 +1,4 @@
-"""The command `apf`."""
+"""The command line of `apf`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from psfs.cli.starting import started
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the command with these arguments, the process's own by default; return its exit code."""
+    """Run the command with these arguments, by default those of the process; return its exit
+    code."""
 
     def run() -> int:
         from apf.cli.commands import COMMANDS

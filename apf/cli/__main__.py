@@ -1,4 +1,4 @@
-"""`python -m apf.cli`."""
+"""Entry point of `python -m apf.cli`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""`apf demo`: the whole way on data it makes itself."""
+"""`apf demo`: the whole pipeline on synthetic data that it generates."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from psfs.common.ranges import check_number
 
 def run(args: argparse.Namespace) -> None:
     out = args.output
-    check_number("--cameras", args.cameras, 2, 64)  # a hull needs two
-    SceneConfig(cameras=args.cameras, frames=args.frames)  # which complains
+    check_number("--cameras", args.cameras, 2, 64)  # a visual hull needs two
+    SceneConfig(cameras=args.cameras, frames=args.frames)  # raises if they are invalid
     with output_folder(out, args.parser.prog) as opened:
-        opened.begin()  # the summary of an earlier demo does not stand beside new results
+        opened.begin()  # remove the summary of an earlier demo before new results are written
         _demonstrate(args, out)
 
 
@@ -49,11 +49,11 @@ def _step(program: str, main: Callable[[list[str]], int], argv: list[str]) -> No
     stdout.print(f"$ {program} {shlex.join(argv)}", style="bold", soft_wrap=True)
     code = main(argv)
     if code:
-        raise SystemExit(code)  # the command has printed what is wrong
+        raise SystemExit(code)  # the command has printed the error
 
 
 def _summary(out: Path) -> dict[str, object]:
-    """The demo's figures, from the files that its commands wrote."""
+    """Return the demo's figures, from the files that its commands wrote."""
     voxels = json.loads((out / "voxels" / "summary.json").read_text())
     check = json.loads((out / "voxels" / "check.json").read_text())
     evaluation = json.loads((out / "track" / "evaluation.json").read_text())

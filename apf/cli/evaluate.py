@@ -1,4 +1,4 @@
-"""`apf evaluate`: a track against the truth."""
+"""`apf evaluate`: compare a track with the truth."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _truth(args: argparse.Namespace, fps: float) -> tuple[JointSeries, str]:
         return truth.resample(fps, args.truth_start), args.convention or "z-up"
     if kind != ".trc":
         refuse_unused(args, ["convention"], f"is of a TRC or C3D; {args.truth} has Z up")
-    # An npz has the world's own axes.
+    # An npz is in world axes.
     convention = (args.convention or "y-up") if kind == ".trc" else "z-up"
     truth = load_truth(args.truth, convention)
     if args.truth_start is not None:
@@ -92,7 +92,7 @@ def _written(
 
 
 def print_evaluation(evaluation: Evaluation) -> None:
-    """The table of joints and the figures of the whole, on standard output."""
+    """Print the table of joints and the overall figures to standard output."""
     summary = evaluation.summary()
     table = Table(title="Distance to the truth, mm", title_justify="left")
     table.add_column("joint")
@@ -118,9 +118,9 @@ def print_evaluation(evaluation: Evaluation) -> None:
         f"or at the end): {', '.join(summary['lost_limbs']) or 'none'}",
     ]
     if summary["limbs_said_to_be_lost"]:
-        said = ", ".join(f"{n} {s:.1%}" for n, s in summary["limbs_said_to_be_lost"].items())
+        shares = ", ".join(f"{n} {s:.1%}" for n, s in summary["limbs_said_to_be_lost"].items())
         lines.append(
-            f"frames in which the track says that a limb is lost: {said}; of limbs beyond "
+            f"frames in which the track says that a limb is lost: {shares}; of limbs beyond "
             f"{1000 * LOST_LIMB:.0f} mm {_share(summary['limbs_beyond_200_mm_flagged'])}, of those "
             f"within {1000 * LOST_JOINT:.0f} mm {_share(summary['limbs_within_150_mm_flagged'])}; "
             f"in 95 %, of joints without: {_share(summary['inside_95_unflagged'])}"

@@ -1,4 +1,4 @@
-"""`apf export`: files of motion that other programs open."""
+"""`apf export`: write motion files that other programs read."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def print_export(written: Export, gait_wanted: bool) -> None:
-    """Say what is in the files, what is missing from them, and where they are."""
+    """Print what the files contain, what is missing from them, and where they are."""
     track = written.track
     if track.smoothing is None:
         stdout.print(f"{len(track)} frames as they were tracked, not smoothed")

@@ -1,4 +1,4 @@
-"""Where a command's tracking starts: from what the flags state, else from what is found."""
+"""The start of a command's tracking: stated by the flags, or else found automatically."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from psfs.session import Session
 
 
 def check_start(args: argparse.Namespace) -> None:
-    """Raise InputError for a --height that nobody has, and for flags that nothing takes."""
+    """Raise InputError for an impossible --height, and for flags that have no effect."""
     if args.init is not None:
         refuse_unused(args, ["height"], "is of a start that is found; expected none with --init")
     joints = [path for path in (args.init, getattr(args, "truth", None)) if path is not None]
@@ -47,7 +47,7 @@ def found_start(
 
 @contextmanager
 def naming_init(sequence: Sequence) -> Iterator[None]:
-    """Add to the error of a start that was not found the sequence, and the flags that mend it."""
+    """Add to the error of a failed start the name of the sequence, and the flags that help."""
     try:
         yield
     except StartError as error:
@@ -58,6 +58,6 @@ def naming_init(sequence: Sequence) -> Iterator[None]:
 
 
 def warn_of_doubts(sequence: Sequence, start: Start) -> None:
-    """Warn of what speaks against the start that was found."""
+    """Log the doubts about an automatic start as warnings."""
     for doubt in start.doubts:
         warn(f"{sequence.name}: {doubt}; look at the overlay, or give --init")

@@ -1,4 +1,4 @@
-"""`apf live`: a skeleton while it happens, from cameras or a recording played at its own rate."""
+"""`apf live`: track a person live, from cameras or a recording played at its own rate."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> None:
     check_start(args)
     _check_ranges(args)
     method = chosen_method(args)
-    # Frames are not equally far apart, and `Live` itself expects what moves to move on.
+    # The frames are not evenly spaced, and `Live` predicts the motion itself.
     config = args.configs.get("live") or LiveConfig()
     noise = method.filter.search.noise
     if method.uses_voxels and args.noise is None and "method" not in args.configs:
@@ -137,7 +137,7 @@ def _check_ranges(args: argparse.Namespace) -> None:
 
 
 def _replay(args: argparse.Namespace, method: Method, device: Device) -> tuple[Source, LiveStart]:
-    """Return a recorded sequence, where voxels are needed their grid, body and first pose."""
+    """Return a recorded sequence, its grid if voxels are needed, body and first pose."""
     sequence = open_sequence(args)
     frames = selected_frames(args, sequence)
     settings = SessionSettings(selection=args.frames or slice(None), voxel_size=args.voxel_size)
@@ -152,8 +152,8 @@ def _replay(args: argparse.Namespace, method: Method, device: Device) -> tuple[S
 
 
 def _captures(args: argparse.Namespace, method: Method) -> tuple[Source, LiveStart]:
-    """Return cameras, where voxels are needed the grid of --volume or one around the first pose,
-    body and first pose."""
+    """Return cameras, the grid of --volume or one around the first pose if voxels are needed, body
+    and first pose."""
     start = given_start(Path(args.folder), 0, args.body, args.init, args.convention)
     if start is None:
         raise InputError("cameras have no first pose; expected --init with a pose file or joints")
@@ -169,7 +169,8 @@ def _captures(args: argparse.Namespace, method: Method) -> tuple[Source, LiveSta
 def _track(
     body: BodyModel, source: Source, result: LiveResult, provenance: dict[str, Any]
 ) -> Track:
-    """The track of what was found. Searches differ in their layers: those that lack are NaN."""
+    """Return the track of the results. The searches differ in their numbers of layers: missing
+    layers are NaN."""
     most = max(len(estimate.ess) for estimate in result.estimates)
 
     def padded(values: np.ndarray) -> np.ndarray:
@@ -183,7 +184,7 @@ def _track(
 
 
 def _print_summary(summary: dict[str, Any], folder: Path) -> None:
-    """The figures of a run, on standard output."""
+    """Print the figures of a run to standard output."""
     latency = summary["latency_ms"]
     dropped = ", ".join(f"{count} before {stage}" for stage, count in summary["dropped"].items())
     stdout.print(f"{summary['results']} poses, {summary['fps']} per second; dropped: {dropped}")

@@ -17,11 +17,11 @@ from cl import InputError
 from psfs.cli.setting_flags import add_setting_flags, flagged, with_flags
 from psfs.cli.settings import add_configs, refuse_unused
 
-#: The destinations of the flags of single settings, by the names that lead to those.
+#: The destinations of the flags of single settings, by the path of the setting.
 _FLAGS = {path: path[-1] for path, _ in flagged(Method)}
-#: Weights that the voxels' likelihood and the image objectives have both.
+#: Weights that both the voxels' likelihood and the image objectives have.
 _WEIGHTS = ("edge_weight", "silhouette_weight")
-#: Flags that one method alone has a use for.
+#: Flags that apply to one method only.
 _OWNERS = {
     ("trunk_layers",): "apf",
     tuple(flag for path, flag in _FLAGS.items() if path[0] == "swarm"): "pso",
@@ -29,7 +29,7 @@ _OWNERS = {
     ("low_pass", "max_error", "longest_gap"): "triangulate",
 }
 
-#: Flags that image objectives alone, the voxels' likelihood alone, and both have a use for.
+#: Flags that apply only to image objectives, only to the voxels' likelihood, and to both.
 _OF_IMAGES = (
     *(f for p, f in _FLAGS.items() if p[0] in ("image", "features") and f not in _WEIGHTS),
     *SHAPE_FLAGS,
@@ -37,7 +37,7 @@ _OF_IMAGES = (
 _OF_VOXELS = ("likelihood", "surface_weight")
 _OF_PICTURES = (*_WEIGHTS, "voxel_size", "all_cameras")
 
-#: Flags of which a table [method] says all.
+#: Flags that a table [method] replaces.
 METHOD_FLAGS = (
     *("method", "objective", "likelihood", "one_way"),
     *dict.fromkeys(_FLAGS.values()),
@@ -48,8 +48,8 @@ METHOD_FLAGS = (
 def add_method_flags(
     parser: argparse.ArgumentParser, method: str = "apf", objective: str = "voxel", more: str = ""
 ) -> None:
-    """--method and --objective with their defaults, and the flags of their settings. more: what
-    the command knows beside the searches, for --help."""
+    """Add --method and --objective with their defaults, and the flags of their settings. more:
+    further methods of the command, for --help."""
     add_configs(parser, Settings, "method")
     group = parser.add_argument_group("search", "what is searched with, and by what it is judged")
     group.add_argument(
@@ -77,7 +77,7 @@ def add_method_flags(
 
 
 def _default(path: tuple[str, ...], field: FieldInfo) -> str:
-    """Return a default as --help shows it: where methods differ, with theirs."""
+    """Return a default as --help shows it: one value, or one per method if they differ."""
     name = path[-1]
     others = [f"{s.defaults[name]} with {s.name}" for s in SEARCHES.values() if name in s.defaults]
     if name in _WEIGHTS:
@@ -86,7 +86,8 @@ def _default(path: tuple[str, ...], field: FieldInfo) -> str:
 
 
 def chosen_method(args: argparse.Namespace) -> Method:
-    """Return what the flags of `add_method_flags` and --config choose. Raises InputError."""
+    """Return the method that --config and the flags of `add_method_flags` select. Raises
+    InputError."""
     method = _base(args)
     _refuse_others(args, method)
     shape = shape_settings(args)
@@ -100,7 +101,7 @@ def chosen_method(args: argparse.Namespace) -> Method:
 
 
 def _refuse_others(args: argparse.Namespace, base: Method) -> None:
-    """Raise InputError for a flag that the method has no use for."""
+    """Raise InputError for a flag that does not apply to the method."""
     for flags, owner in _OWNERS.items():
         if base.search != owner:
             refuse_unused(args, flags, f"is of --method {owner}; this one is {base.search}")
@@ -114,8 +115,8 @@ def _refuse_others(args: argparse.Namespace, base: Method) -> None:
 
 
 def _terms(text: str) -> dict[str, float]:
-    """The weights of --likelihood. Raises InputError where it names a term twice, or no term has a
-    weight."""
+    """Parse the weights of --likelihood. Raises InputError if it names a term twice, or if no term
+    has a weight."""
     terms = likelihood_weights(text)
     names = [part.partition("=")[0].strip() for part in text.split(",")]
     twice = next((name for name in names if names.count(name) > 1), None)
@@ -127,8 +128,8 @@ def _terms(text: str) -> dict[str, float]:
 
 
 def _base(args: argparse.Namespace) -> Method:
-    """The method whose settings the flags change: that of --config, unless a flag states another
-    one, else the chosen one's defaults."""
+    """Return the method whose settings the flags change: that of --config, unless a flag names
+    another one, else the defaults of the selected one."""
     base: Method | None = args.configs.get("method")
     if base is None:
         return Method.of(args.method, args.objective)
@@ -136,7 +137,7 @@ def _base(args: argparse.Namespace) -> Method:
     objective = stated.get("objective", base.objective)
     if stated.get("method", base.search) == base.search:
         return base.replace(objective=objective)
-    if args.config is None:  # a preset, which says no more than it means
+    if args.config is None:  # a preset changes only the settings that it names
         own = {"search": args.method, "objective": objective}
         return Method.from_dict({**args.preset_tables["method"], **own}, "method")
     return Method.of(args.method, objective)

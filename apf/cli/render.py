@@ -1,4 +1,4 @@
-"""`apf render`: what image objectives compare with the pictures, for the eye."""
+"""`apf render`: pictures of what the image objectives compare with the images."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from psfs.common.files import write_picture
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.output.preview import crop_view
 
-#: What is written of every picture, each into a folder of its own.
+#: The kinds of pictures, each in its own folder.
 KINDS = ("silhouettes", "edges", "overlay")
 _WHITE, _TINT = (255, 255, 255), 0.45
 
@@ -86,14 +86,14 @@ def _drawn(
     mesh: BodyMesh | None,
     round_ends: bool,
 ) -> np.ndarray:
-    """(V, H, W, 2) uint8 part and edge of `pose` (D,); without a device by OpenGL."""
+    """Render parts and edges (V, H, W, 2) uint8 of `pose` (D,); without a device by OpenGL."""
     if device is None:
         return draw_by_opengl(body, rig, pose[None], mesh)[0]
     return pictures_for(Scene(device, rig, None, body), pose[None], mesh, round_ends)[0]
 
 
 def tinted(picture: np.ndarray, parts: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """`picture` (h, w, 3) with each part in a colour of its own and edges in white."""
+    """Return a copy of `picture` (h, w, 3) with a colour for each part, and white edges."""
     hues = [colorsys.hsv_to_rgb((0.13 + 0.381966 * k) % 1, 0.75, 1.0) for k in range(256)]
     colours = np.rint(255 * np.array(hues)).astype(np.uint8)[parts]
     mixed = cv2.addWeighted(picture, 1 - _TINT, colours, _TINT, 0)

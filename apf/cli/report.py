@@ -1,4 +1,4 @@
-"""`apf report`: how good a track is, on a page with a player, the video and curves."""
+"""`apf report`: report the quality of a track on a page with a player, the video and curves."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> None:
     )
     session = Session(sequence, select_device(args.device), SessionSettings(config))
     draw = not args.no_overlay and not (folder / OVERLAY).exists()
-    # The folder of a seed belongs to that of all.
+    # The folder of one seed belongs to the folder of all seeds.
     owner = folder if (folder / MANIFEST).exists() else folder.parent
     with output_folder(owner, args.parser.prog, addition=True, replaces=True), ExitStack() as stack:
         bar = progress_bar()

@@ -1,4 +1,4 @@
-"""Flags that say how the body looks in pictures: trapezoids, frusta, or a mesh of the person."""
+"""Flags for the body's shape in images: trapezoids, frusta, or a mesh of the person."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from cl import InputError
 from psfs.cli.commandline import path_or_name
 from psfs.common.config import field_choices
 
-#: Of these flags, the settings of `ObjectiveConfig`.
+#: The settings of `ObjectiveConfig` among these flags.
 SHAPE_FLAGS = ("shape", "shape_weights", "shape_pose", "round_ends")
 
 
 def add_shape_flags(parser: argparse.ArgumentParser) -> None:
-    """--shape, --shape-weights, --shape-pose and --round-ends."""
+    """Add --shape, --shape-weights, --shape-pose and --round-ends."""
     group = parser.add_argument_group("shape", "how the body looks in pictures")
     _, *frusta = field_choices(ObjectiveConfig.model_fields["vertices_per_part"])
     known = ", ".join(map(str, frusta))
@@ -48,7 +48,7 @@ def add_shape_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def shape_settings(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the settings of an ObjectiveConfig that the flags state. Raises InputError."""
+    """Return the settings of an ObjectiveConfig that the flags set. Raises InputError."""
     settings: dict[str, Any] = {}
     if args.shape is not None and args.shape.isdigit():
         settings |= {"vertices_per_part": int(args.shape), "mesh_file": ""}

@@ -1,4 +1,4 @@
-"""`apf smooth`: a track without jitter."""
+"""`apf smooth`: remove jitter from a track."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`apf synth`: a synthetic walker in a room, with exact truth."""
+"""`apf synth`: generate a synthetic walker in a room, with exact truth."""
 
 from __future__ import annotations
 

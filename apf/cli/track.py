@@ -1,4 +1,4 @@
-"""`apf track`: a skeleton per frame."""
+"""`apf track`: estimate a skeleton per frame."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.voxels.config import ReconstructionConfig
 
-#: What a take is written to.
+#: The files and folders of a take's results.
 RESULTS = (*FILES, SUMMARY, PAGE, PARTS)
 
 
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> None:
         return
     device = select_device(args.device)
     check_renderer(device, method)
-    bar = progress_bar()  # which the first frame starts
+    bar = progress_bar()  # started by the first frame
 
     def stop() -> None:
         if bar.live.is_started:  # stopping prints a line
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> None:
 
 @dataclass(frozen=True, eq=False)
 class FinishedTake:
-    """A tracked take with what is said of each seed's track."""
+    """A tracked take with the judgement of each seed's track."""
 
     take: Take
     judgements: list[Judgement]
@@ -93,10 +93,10 @@ def track_one(
     line: Line,
     before_words: Callable[[], object] = lambda: None,
 ) -> Take:
-    """Track the one take that the flags name on `device`, write its files and print what was found.
+    """Track one take, named by the flags, on `device`; write its files and print the results.
 
-    before_words: called when the line has ended and nothing is printed yet. Raises UserError, and
-    KeyboardInterrupt after writing what is tracked where `line` raised one.
+    before_words: called after the line has ended, before anything is printed. Raises UserError;
+    raises KeyboardInterrupt after writing the track so far, if `line` raised one.
     """
     job = TrackJob.of(args, device, folder=args.folders[0])
     with output_folder(args.output, args.parser.prog, job.inputs, RESULTS) as out:
@@ -115,8 +115,8 @@ def track_one(
 
 
 def _run_many(args: argparse.Namespace, method: Method) -> None:
-    """Every folder into its own, some at once; a table of all, also of interrupted ones. Raises
-    InputError if one failed."""
+    """Track every folder into its own, several at a time; print a table of all, also of interrupted
+    ones. Raises InputError if one failed."""
     if args.init is not None:
         raise InputError("--init is the first pose of one take; expected none with several")
     names = take_names([Path(folder) for folder in args.folders])
@@ -146,7 +146,7 @@ def _run_many(args: argparse.Namespace, method: Method) -> None:
             bar,
             closing(at_once(device, work, len(names), args.at_once)) as outcomes,
         ):
-            outer.begin()  # what one take left here is no result of these
+            outer.begin()  # remove the results of an earlier single take
             for number, outcome in outcomes:
                 if isinstance(outcome, UserError):
                     report.failed(names[number], outcome)
@@ -166,9 +166,9 @@ def _tracked_and_judged(out: OutputFolder, job: TrackJob, line: Line) -> Finishe
     given = given_start(opened.folder, first, args.body, args.init, args.convention)
     if job.method.uses_voxels:
         check_cameras(opened)
-    # What flags name is read by now: looking at the pictures takes seconds.
-    examination = _examined(job, opened)
-    del opened  # whose frames are in memory: other ones where cameras were left out
+    # All files that flags name are read by now, before the diagnosis, which takes seconds.
+    examination = _examine(job, opened)
+    del opened  # free its frames: the examined sequence may have other cameras
     session = examination.session
     line.n_frames = len(selected_frames(args, session.sequence))
     if job.method.uses_voxels and not args.no_report:
@@ -178,17 +178,17 @@ def _tracked_and_judged(out: OutputFolder, job: TrackJob, line: Line) -> Finishe
 
 
 def _opened(out: OutputFolder, job: TrackJob) -> Sequence:
-    """Return the take's sequence, which keeps its frames where there is room for them."""
+    """Return the take's sequence, which keeps its frames in memory if they fit."""
     if job.method.uses_images:
-        job.method.image.mesh(template_of(job.args.body)[0])  # that its files are what they should
+        job.method.image.mesh(template_of(job.args.body)[0])  # check the mesh files early
     sequence = open_sequence(job.args)
     sequence.keep_frames()
     out.check_inputs(sequence.inputs)
     return sequence
 
 
-def _examined(job: TrackJob, opened: Sequence) -> Examination:
-    """Look for what is wrong with the footage, unless keypoints alone are looked at."""
+def _examine(job: TrackJob, opened: Sequence) -> Examination:
+    """Diagnose the footage, unless only keypoints are used."""
     args = job.args
     settings = SessionSettings(_config(args), args.frames or slice(None), args.voxel_size)
     session = Session(opened, job.device, settings)
@@ -200,7 +200,7 @@ def _examined(job: TrackJob, opened: Sequence) -> Examination:
 def _tracked(
     job: TrackJob, session: Session, given: tuple[BodyModel, np.ndarray] | None, line: Line
 ) -> Take:
-    """Track a take and write the files of each seed's track but for those of `finish_take`."""
+    """Track a take, and write the files of each seed's track, except those of `finish_take`."""
     args, sequence = job.args, session.sequence
     template, keep_shape = template_of(args.body)
     settings = TakeSettings(
@@ -225,7 +225,7 @@ def _tracked(
 
 
 def _raise_error(take: Take, n_frames: int, folder: Path) -> None:
-    """Raise what ended the tracks early, if anything did."""
+    """Raise the error that ended the tracks early, if there is one."""
     if take.error is not None:
         raise InputError(
             f"{take.error}; {len(take.tracks[0])} of {n_frames} frames are in {folder}"
@@ -233,9 +233,8 @@ def _raise_error(take: Take, n_frames: int, folder: Path) -> None:
 
 
 def finish_take(job: TrackJob, examination: Examination, take: Take, line: Line) -> list[Judgement]:
-    """Write overlay.mp4, summary.json and report.html beside the other files of every seed, as the
-    flags say. A track that was interrupted gets a summary only, without being compared with the
-    silhouettes."""
+    """Write overlay.mp4, summary.json and report.html for every seed, as the flags say. An
+    interrupted track gets only a summary, and is not compared with the silhouettes."""
     args, n_done = job.args, len(take.tracks[0])
     whole = not was_interrupted(take.tracks[0], line.n_frames)
     if whole:
@@ -270,7 +269,7 @@ def write_track_settings(args: argparse.Namespace, method: Method) -> None:
 
 
 def _draw_overlays(job: TrackJob, take: Take, line: Line) -> None:
-    """overlay.mp4 beside the other files of every seed, unless the flags say none."""
+    """Write overlay.mp4 for every seed, unless the flags disable it."""
     if job.args.no_overlay:
         return
     for track, folder in zip(take.tracks, job.folders, strict=True):
@@ -281,8 +280,8 @@ def _draw_overlays(job: TrackJob, take: Take, line: Line) -> None:
 
 
 def print_outcome(judgement: Judgement, n_frames: int) -> None:
-    """Print what became of `n_frames` that were to be tracked: how good the track is, what to look
-    at, and which files were written."""
+    """Print the result of a track of which `n_frames` were requested: its quality, the frames to
+    check, and the files that were written."""
     track, folder = judgement.quality.track, judgement.folder
     if was_interrupted(track, n_frames):
         stderr.print(f"{len(track)} of {n_frames} frames are in {folder}")
@@ -296,7 +295,7 @@ def print_outcome(judgement: Judgement, n_frames: int) -> None:
 
 
 def spread_of(take: Take) -> list[str]:
-    """Describe how far several runs differ and, where the truth is known, how far they err."""
+    """Describe the differences between several runs and, if the truth is known, their errors."""
     tracks = take.tracks
     if len(tracks) == 1:
         return []

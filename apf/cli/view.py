@@ -1,4 +1,4 @@
-"""`apf view OUT TRACK`: voxels and the tracked body in one window."""
+"""`apf view OUT TRACK`: show voxels and the tracked body in one window."""
 
 from __future__ import annotations
 

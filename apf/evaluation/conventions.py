@@ -1,4 +1,4 @@
-"""Which axes and unit a truth has, where those that were stated cannot be right."""
+"""Detection of wrong axes or a wrong unit of the truth."""
 
 from __future__ import annotations
 
@@ -12,28 +12,32 @@ from apf.evaluation.evaluate import Evaluation, evaluate
 from apf.formats.trc import CONVENTIONS, JointSeries
 from apf.tracking.track import Track
 
-#: m, mean error that no track of the same take has; and that of one whose axes are right, at most
-#: also such a share of the error with the stated ones.
+#: Mean error, m, that no track of the same take has; greatest mean error, m, with the right axes,
+#: and its greatest share of the error with the stated ones.
 _ABSURD, _FITS, _SHARE = 0.4, 0.25, 0.4
-#: Units that files are written in for others: mm, cm, m and dm among each other.
+#: Factors between the units in common use: mm, cm, dm and m.
 _SCALES = (1.0, 1e-3, 1e-2, 1e-1, 1e1, 1e2, 1e3)
 
 
 def axes_that_fit(
     track: Track, truth: JointSeries, evaluation: Evaluation, convention: str
 ) -> str | None:
-    """Return what to tell where the truth, read after `convention`, is absurdly far from the track
-    but near in other axes or another unit; None where it is not, or where nothing fits."""
+    """Return a message if the truth, read after `convention`, is absurdly far from the track; else
+    None.
+
+    The message names the axes and the unit with which the truth is near, or says that there are
+    none.
+    """
     error = evaluation.mean_error
     if error < _ABSURD:
         return None
-    read = truth.joints @ CONVENTIONS[convention]  # as the file has them
+    read = truth.joints @ CONVENTIONS[convention]  # in the axes of the file
     best: tuple[float, str] = (np.inf, "")
     for words, matrix in _candidates():
         for scale in _SCALES:
             other = replace(truth, joints=scale * read @ matrix.T)
             found = evaluate(track, other).mean_error
-            if found < 0.95 * best[0]:  # the first of those that are alike
+            if found < 0.95 * best[0]:  # prefer the first of several that are about equal
                 best = found, words + ("" if scale == 1 else f" and coordinates times {scale:g}")
         if best[0] < _FITS:
             break
@@ -49,8 +53,8 @@ def axes_that_fit(
 
 
 def _candidates() -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the axes that a file may have, likely ones first: how to name them, and the matrix that
-    takes them to the world's."""
+    """Yield the axes that a file may have, likely ones first: their description, and the matrix
+    that rotates them to the world's."""
     for name, matrix in CONVENTIONS.items():
         yield f"--convention {name}", matrix
     mirrored: list[tuple[str, np.ndarray]] = []

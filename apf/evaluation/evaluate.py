@@ -1,4 +1,4 @@
-"""How far a track lies from the truth, joint by joint and frame by frame."""
+"""Errors of a track against the truth, joint by joint and frame by frame."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from cl import InputError
 from psfs.common.files import write_json, written_whole
 from psfs.common.npz import Values, get_scalar, read_npz
 
-#: A joint farther than this from the truth counts as lost in that frame, m.
+#: A joint farther than this from the truth, m, counts as lost in that frame.
 LOST_JOINT = 0.150
-#: A limb is lost when its end is farther than this, m, for more than so many frames on end, or
-#: in the last frame.
+#: A limb counts as lost if its end is farther than this, m, from the truth in more than so many
+#: consecutive frames, or in the last frame.
 LOST_LIMB = 0.200
 LOST_FRAMES = 10
 
 
-#: What an npz of true joints holds; m, NaN where missing.
+#: The content of an npz of true joints; m, NaN where missing.
 _TRUTH = {
     "joint_names": Values(("J",), "text"),
     "joints": Values(("F", "J", 3), finite=False, low=-1e6, high=1e6),
@@ -40,17 +40,17 @@ _TRUTH = {
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Distances of a track to the truth.
+    """Errors of a track against the truth.
 
-    joint_names: (J,) compared ones, out of EVALUATED_JOINTS. frames: (F,) compared indices.
-    fps: of the track. offsets: (F, J, 3) m, track minus truth in the world, NaN where the truth
-    is missing. body_frames: (F, 3, 3) columns forward, left, up of the true body, NaN without
-    hips and neck; or (F, J, 3, 3) axes of what carries each point. covariance: (F, J, 3, 3) m^2
-    that the track states, NaN where it states none. lost: (F,) frames that the track says to have
-    lost the person in; they count as all others. unmatched_track, unmatched_truth: names not
-    compared. n_ignored: joint-frames without truth. warnings: what the reader of the figures should
-    know. said_lost: share of the frames in which the track says of a limb that it is lost, by name;
-    flagged: (F, J) bool, joints that it moves in those; they count as all others.
+    joint_names: (J,) compared ones, out of EVALUATED_JOINTS. frames: (F,) compared indices. fps: of
+    the track. offsets: (F, J, 3) m, track minus truth in the world, NaN where the truth is missing.
+    body_frames: (F, 3, 3) columns forward, left, up of the true body, NaN without hips and neck; or
+    (F, J, 3, 3) axes of the bone that carries each point. covariance: (F, J, 3, 3) m^2 reported by
+    the track, else NaN. lost: (F,) frames that the track reports as lost; they count like all
+    others. unmatched_track, unmatched_truth: names not compared. n_ignored: joint-frames without
+    truth. warnings: for the reader of the figures. said_lost: share of the frames in which the
+    track reports a limb as lost, by name; flagged: (F, J) bool, joints of such limbs in these
+    frames; they count like all others.
     """
 
     joint_names: tuple[str, ...]
@@ -69,12 +69,12 @@ class Evaluation:
 
     @cached_property
     def errors(self) -> np.ndarray:
-        """(F, J) distances, m; NaN where the truth is missing."""
+        """Distances (F, J), m; NaN where the truth is missing."""
         return np.linalg.norm(self.offsets, axis=-1)
 
     @cached_property
     def frame_errors(self) -> np.ndarray:
-        """(F,) mean distance over the joints, m."""
+        """Mean distance (F,) over the joints, m."""
         return np.nanmean(self.errors, axis=1)
 
     @property
@@ -89,18 +89,18 @@ class Evaluation:
 
     @cached_property
     def constant_and_rest(self) -> tuple[np.ndarray, np.ndarray]:
-        """(J,) and (J,) m: the error that is the same in all frames, and the mean of the rest.
+        """Constant part (J,) m of the error, and mean (J,) m of the rest.
 
-        The constant part is the norm of the median offset in the body's own frame (forward,
-        left, up from hips and neck): a joint placed elsewhere in the body, which no better
-        tracking mends. The rest is the mean distance once that offset is taken away. NaN where
-        hips or neck are not known.
+        The constant part is the norm of the median offset in the body's own frame (forward, left,
+        up from hips and neck): the joint is defined elsewhere in the body, which no better tracking
+        can change. The rest is the mean distance after that offset is subtracted. NaN if hips or
+        neck are not known.
         """
         axes = self.body_frames if self.body_frames.ndim == 4 else self.body_frames[:, None]
         local = np.einsum(
             "fkij,fki->fkj", np.broadcast_to(axes, (*self.offsets.shape, 3)), self.offsets
         )
-        with warnings.catch_warnings():  # joints that are NaN throughout stay NaN
+        with warnings.catch_warnings():  # joints that are NaN in all frames stay NaN
             warnings.simplefilter("ignore", RuntimeWarning)
             constant = np.nanmedian(local, axis=0)
             rest = np.nanmean(np.linalg.norm(local - constant, axis=-1), axis=0)
@@ -108,8 +108,8 @@ class Evaluation:
 
     @cached_property
     def inside(self) -> np.ndarray:
-        """(F, J) 1 where the truth lies inside the ellipsoid that should hold 95 % of them, 0
-        where not, NaN where the track states none."""
+        """Indicator (F, J): 1 where the truth lies inside the 95 % ellipsoid, 0 where not, NaN
+        where the track reports no covariance."""
         found = np.full(self.errors.shape, np.nan)
         known = np.isfinite(self.covariance).all((-2, -1)) & np.isfinite(self.errors)
         found[known] = inside(self.offsets[known], self.covariance[known])
@@ -117,14 +117,14 @@ class Evaluation:
 
     @cached_property
     def inside_unflagged(self) -> float:
-        """The share of joint-frames within their 95 % ellipsoids, of those whose limb the track
-        does not say to be lost; NaN where it states none."""
+        """Share of joint-frames within their 95 % ellipsoids, of those whose limb the track does
+        not report as lost; NaN if it reports no covariance."""
         known = np.isfinite(self.inside) & ~self.flagged & ~self.lost[:, None]
         return float(self.inside[known].mean()) if known.any() else float("nan")
 
     @cached_property
     def flags(self) -> FlagCounts:
-        """How often the track is right about its limbs."""
+        """Counts of limbs that the track reports as lost, rightly and wrongly."""
         limbs = [end for limb, end in LIMB_ENDS.items() if limb != "head"]
         ends = [self.joint_names.index(end) for end in limbs if end in self.joint_names]
         errors, flagged = self.errors[:, ends], (self.flagged | self.lost[:, None])[:, ends]
@@ -134,7 +134,7 @@ class Evaluation:
 
     @cached_property
     def lost_limbs(self) -> dict[str, bool]:
-        """Whether each limb whose end is compared got lost; see LOST_LIMB."""
+        """Lost limbs by name, of those whose end is compared; see LOST_LIMB."""
         return {
             limb: _is_lost(self.errors[:, self.joint_names.index(end)])
             for limb, end in LIMB_ENDS.items()
@@ -142,8 +142,8 @@ class Evaluation:
         }
 
     def joint_table(self) -> list[dict[str, Any]]:
-        """Per joint: its name, mean, median, max, constant and rest error in mm, and the share of
-        frames in which it lies inside its 95 % ellipsoid."""
+        """Return a row per joint: its name, mean, median, max, constant and rest error in mm, and
+        the share of frames in which it lies inside its 95 % ellipsoid."""
         constant, rest = self.constant_and_rest
         columns = {
             "mean_mm": np.nanmean(self.errors, axis=0),
@@ -160,7 +160,7 @@ class Evaluation:
         ]
 
     def summary(self) -> dict[str, Any]:
-        """All figures, ready for JSON; errors in mm, None where not known."""
+        """Return all figures, ready for JSON; errors in mm, None where not known."""
         constant, rest = self.constant_and_rest
         return {
             "mean_error_mm": _millimetres(self.mean_error),
@@ -191,7 +191,7 @@ class Evaluation:
         write_json(Path(path), self.summary())
 
     def write_csv(self, path: str | Path) -> None:
-        """One row per frame: frame, time_s, mean_mm, then <joint>_mm, blank without truth."""
+        """Write one row per frame: frame, time_s, mean_mm, then <joint>_mm, blank without truth."""
         header = ["frame", "time_s", "mean_mm", *(f"{name}_mm" for name in self.joint_names)]
         with written_whole(path) as temporary, temporary.open("w", newline="") as file:
             file.write(",".join(header) + "\n")
@@ -201,11 +201,11 @@ class Evaluation:
 
 
 def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
-    """True joints or markers of a .trc (axes after `convention`), a .c3d or an npz.
+    """Read true joints or markers from a .trc (axes after `convention`), a .c3d or an npz.
 
-    A C3D says itself which axis is up, and has its own rate and numbers of frames. The npz holds
-    joint_names (J,), joints (F, J, 3) m, Z up, fps, and may hold frames (F,), the indices in the
-    sequence (0, 1, ... without them). Raises InputError.
+    A C3D states its vertical axis, its rate and its frame numbers. The npz holds joint_names (J,),
+    joints (F, J, 3) m, Z up, fps, and may hold frames (F,), the indices in the sequence (default:
+    0, 1, ...). Raises InputError.
     """
     path = Path(path)
     if path.suffix.lower() == ".c3d":
@@ -228,7 +228,7 @@ def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
 def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
     """Compare a track with the truth: frames matched by index, joints by name.
 
-    Raises InputError when they have no frame or no joint in common.
+    Raises InputError if they have no frame or no joint in common.
     """
     ours, our_names, our_unused = evaluated_joints(track.joint_names, track.joints)
     true, true_names, true_unused = evaluated_joints(truth.joint_names, truth.joints)
@@ -256,7 +256,8 @@ def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
 def common_frames(
     track: Track | JointSeries, truth: JointSeries
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the frames (F,) of both, and their rows in either. Raises InputError if none is."""
+    """Return the common frames (F,), and their rows in track and truth. Raises InputError if there
+    are none."""
     frames, rows, true_rows = np.intersect1d(track.frames, truth.frames, return_indices=True)
     if not frames.size:
         raise InputError(
@@ -276,9 +277,11 @@ def evaluation_of(
     *,
     covariance: np.ndarray | None = None,
 ) -> Evaluation:
-    """Return the evaluation of points `names` with these offsets (F, J, 3), m, in common frames,
-    which are given with their rows of the track; points and frames without truth left out. axes:
-    the `body_frames`. covariance: (F, J, 3, 3) m^2. Raises InputError where none has truth."""
+    """Return the evaluation of points `names` with offsets (F, J, 3), m, in the common frames.
+
+    common: the frames, and their rows in the track. Points and frames without truth are left out.
+    axes: the `body_frames`. covariance: (F, J, 3, 3) m^2. Raises InputError if nothing has truth.
+    """
     frames, rows = common
     missing = ~np.isfinite(offsets).all(axis=-1)
     offsets = np.where(missing[..., None], np.nan, offsets)
@@ -305,7 +308,7 @@ def evaluation_of(
 
 
 def _stated(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
-    """(F, J, 3, 3) m^2 covariance that the track states for these of EVALUATED_JOINTS."""
+    """Return the covariance (F, J, 3, 3), m^2, that the track reports for these joints."""
     columns = match_joints(track.joint_names)
     found = np.full((len(track.frames), len(names), 3, 3), np.nan)
     if isinstance(track, Track):
@@ -316,12 +319,13 @@ def _stated(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
 
 
 def _lost(track: Track | JointSeries) -> np.ndarray:
-    """(F,) frames that the track says to have lost the person in."""
+    """Return the frames (F,) that the track reports as lost."""
     return track.lost if isinstance(track, Track) else np.zeros(len(track.frames), bool)
 
 
 def _body_frames(joints: np.ndarray) -> np.ndarray:
-    """(F, 3, 3) columns forward, left, up of joints (F, 15, 3), from the hips and the neck."""
+    """Return axes (F, 3, 3), columns forward, left, up, of joints (F, 15, 3), from the hips and the
+    neck."""
     l_hip, r_hip, neck = (
         joints[:, EVALUATED_JOINTS.index(name)] for name in ("l_hip", "r_hip", "neck")
     )
@@ -333,7 +337,8 @@ def _body_frames(joints: np.ndarray) -> np.ndarray:
 
 
 def _is_lost(errors: np.ndarray) -> bool:
-    """Whether a limb's end with these errors (F,) m was lost; frames without truth are left out."""
+    """Return whether a limb whose end has these errors (F,), m, was lost; frames without truth are
+    ignored."""
     far = errors[np.isfinite(errors)] > LOST_LIMB
     longest = run = 0
     for is_far in far:

@@ -1,4 +1,4 @@
-"""The picture of an `Evaluation`: error over time, and per joint."""
+"""The plot of an `Evaluation`: error over time, and per joint."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from psfs.common.files import written_whole
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: Left limbs, right limbs, trunk and head: the colours of the overlay too. Told apart by the
-#: colour-blind as well (Okabe and Ito's blue, vermilion and green).
+#: Colours of left limbs, right limbs, trunk and head, also used by the overlay: the blue, vermilion
+#: and green of Okabe and Ito, which colour-blind readers can distinguish.
 SIDE_COLOURS = {"left": "#0072B2", "right": "#D55E00", "middle": "#009E73"}
 _INK, _FAINT = "#222222", "#8A8A8A"
 _STYLE: dict[Any, Any] = {
@@ -32,7 +32,8 @@ _STYLE: dict[Any, Any] = {
 
 
 def write_plot(path: str | Path, evaluation: Evaluation, title: str = "") -> None:
-    """Write a PNG: mean error per frame over the joints' own lines, and a bar per joint, mm."""
+    """Write a PNG with the mean error per frame, the errors of single joints, and a bar per joint,
+    mm."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -57,7 +58,7 @@ def _plot_frames(axes: Axes, evaluation: Evaluation) -> None:
         colour = SIDE_COLOURS[find_side(name)]
         axes.plot(frames, values, color=colour, lw=0.7, alpha=0.45, marker=marker, ms=2)
     axes.plot(frames, mean, color=_INK, lw=2.2, marker=marker, ms=4, zorder=5)
-    # The scale follows the joints, but one wild joint must not flatten all the others.
+    # The scale follows the joints, but one outlier must not flatten all the others.
     top = max(np.nanpercentile(errors, 99.5) * 1.2, 1.6 * mean.max(), 10.0)
     axes.set_ylim(0, top)
     _mark_lost(axes, top)
@@ -76,7 +77,7 @@ def _plot_frames(axes: Axes, evaluation: Evaluation) -> None:
 
 
 def _name_lost(axes: Axes, evaluation: Evaluation, top: float) -> None:
-    """The joint's name at the worst frame of each joint that was lost."""
+    """Write the name of each lost joint at its worst frame."""
     for name, errors in zip(evaluation.joint_names, 1000 * evaluation.errors.T, strict=True):
         worst = int(np.nanargmax(errors))
         if errors[worst] > 1000 * LOST_JOINT:
@@ -124,7 +125,8 @@ def _mark_lost(axes: Axes, top: float) -> None:
 
 
 def _plot_joints(axes: Axes, evaluation: Evaluation) -> None:
-    """A bar per joint: its mean, the constant part as a tick, the 95th percentile as a whisker."""
+    """Plot a bar per joint: its mean, the constant part as a tick, the 95th percentile as a
+    whisker."""
     names = evaluation.joint_names
     x = np.arange(len(names))
     mean = 1000 * np.nanmean(evaluation.errors, axis=0)

@@ -1,4 +1,4 @@
-"""What a track says of its own limbs, beside the truth."""
+"""Comparison of the limbs that a track reports as lost with the truth."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from apf.tracking.track import Track
 
 
 class FlagCounts(NamedTuple):
-    """Limb-frames beyond 200 mm that are said to be lost, and all beyond it; within 150 mm that are
-    said to be lost, and all within it."""
+    """Numbers of limb-frames: reported as lost and all, of those with an error above 200 mm;
+    reported as lost and all, of those with an error below 150 mm."""
 
     far_flagged: int
     far: int
@@ -23,18 +23,18 @@ class FlagCounts(NamedTuple):
 
     @property
     def found(self) -> float:
-        """Share of those far that are flagged; NaN without any."""
+        """Share of the wrong limb-frames that are reported; NaN if there are none."""
         return self.far_flagged / self.far if self.far else float("nan")
 
     @property
     def falsely(self) -> float:
-        """Share of those near that are flagged; NaN without any."""
+        """Share of the right limb-frames that are reported; NaN if there are none."""
         return self.near_flagged / self.near if self.near else float("nan")
 
 
 def flagged_joints(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
-    """(F, J) bool, which of the joints of these names are of limbs that the track says to be lost;
-    other points are of none."""
+    """Return (F, J) bool: which joints belong to limbs that the track reports as lost. Points that
+    are no joints of the track belong to none."""
     found = np.zeros((len(track.frames), len(names)), bool)
     if isinstance(track, Track) and track.body is not None:
         columns, gone = match_joints(track.joint_names), track.lost_limbs @ limb_joints(track.body)
@@ -45,8 +45,8 @@ def flagged_joints(track: Track | JointSeries, names: tuple[str, ...]) -> np.nda
 
 
 def said_lost(track: Track | JointSeries, rows: np.ndarray) -> dict[str, float]:
-    """The share of rows in which the track says that a limb is lost, by limb; those never lost are
-    left out."""
+    """Return the share of `rows` in which the track reports a limb as lost, by limb; limbs that are
+    never lost are left out."""
     if not isinstance(track, Track) or track.body is None:
         return {}
     shares = track.lost_limbs[rows].mean(axis=0)

@@ -1,4 +1,4 @@
-"""Finding the joints that `apf evaluate` compares among the names other programs use."""
+"""Match joint names of other programs to the joints that `apf evaluate` compares."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ EVALUATED_JOINTS = (
     "l_hip", "l_knee", "l_ankle", "r_hip", "r_knee", "r_ankle",
 )  # fmt: skip
 
-#: Names per joint, best first, lower case and without separators. Pose2Sim's, OpenPose's and
-#: MediaPipe's are the plain English ones; BVH files name the bone that starts at the joint.
+#: Names per joint, best first, in lower case and without separators. Pose2Sim, OpenPose and
+#: MediaPipe use plain English names; BVH files name the bone that starts at the joint.
 _MIDDLE = {
     "pelvis": ("pelvis", "midhip", "hipcenter", "hipcentre", "hips", "root"),
     "neck": ("neck", "neckbase", "c7"),
-    # Pose2Sim's Head is the top of the head; where a head_top exists, head is something else.
+    # Pose2Sim's Head is the top of the head; beside a head_top, head means another point.
     "head_top": ("headtop", "topofhead", "headend", "vertex", "head"),
 }
 _SIDED = {
@@ -48,7 +48,8 @@ ALIASES = _aliases()
 
 
 def match_joints(names: Sequence[str]) -> dict[str, int]:
-    """Return the index in `names` of each of EVALUATED_JOINTS there, under whatever name."""
+    """Return the index in `names` of each of EVALUATED_JOINTS that is there under any of its
+    names."""
     plain = [re.sub(r"[^a-z0-9]", "", name.split(":")[-1].lower()) for name in names]
     found = {}
     for joint in EVALUATED_JOINTS:
@@ -61,10 +62,10 @@ def match_joints(names: Sequence[str]) -> dict[str, int]:
 def evaluated_joints(
     names: Sequence[str], joints: np.ndarray
 ) -> tuple[np.ndarray, list[str], list[str]]:
-    """EVALUATED_JOINTS (F, 15, 3) out of joints (F, J, 3) named `names`; NaN where absent.
+    """Select EVALUATED_JOINTS (F, 15, 3) from joints (F, J, 3) named `names`; NaN if absent.
 
-    Also which of the 15 were found (the pelvis is the middle of the hips where it is not given
-    itself) and which of `names` correspond to none.
+    Also return which of the 15 were found (a missing pelvis is the middle of the hips) and which of
+    `names` match none.
     """
     found = match_joints(names)
     out = np.full((len(joints), len(EVALUATED_JOINTS), 3), np.nan)

@@ -1,5 +1,5 @@
-"""Markers of motion capture as truth: where they are on the body, and how far a track's lie away
-(Rymut 2016, 6.1)."""
+"""Motion-capture markers as truth: their places on the body, and the errors of a track's virtual
+markers (Rymut 2016, 6.1)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ from psfs.common.toml import read_toml
 
 @dataclass(frozen=True, eq=False)
 class MarkerSet:
-    """Points of the body that markers are fixed to. stature: m, of whom their offsets are."""
+    """Points of the body that carry markers. stature: m, of the person whose offsets the set
+    holds."""
 
     name: str
     markers: tuple[Landmark, ...]
@@ -31,7 +32,7 @@ class MarkerSet:
 
 def load_markers(source: str | Path) -> MarkerSet:
     """Read a marker set: the name of a shipped one, or a TOML file with [[marker]] tables, whose
-    keys are those of `landmarks.toml`, and perhaps `stature`. Raises InputError."""
+    keys are those of `landmarks.toml`, and optionally `stature`. Raises InputError."""
     path = FOLDER / f"{source}.toml" if str(source) in SHIPPED else Path(source)
     if path.suffix.lower() != ".toml":
         raise InputError(f"markers {source}: expected a TOML file or one of {listed(SHIPPED)}")
@@ -42,16 +43,19 @@ def load_markers(source: str | Path) -> MarkerSet:
         found = listed(values) if values else "another kind of value"
         raise InputError(f"{path}: {found}; expected [[marker]] tables, and perhaps stature, m")
     check_number(f"{path}: stature, m,", float(stature), 0.3, 3)
-    # How surely a marker sits there is not asked for: nothing is learnt from it.
+    # The spread of a marker is not needed here, because nothing is fitted to it.
     spread = {"spread": 0.01}
     tables = [spread | entry if isinstance(entry, dict) else entry for entry in entries]
     return MarkerSet(path.stem, parse_landmarks(tables, path, "marker"), float(stature))
 
 
 def evaluate_markers(track: Track, markers: MarkerSet, truth: JointSeries) -> Evaluation:
-    """Return how far the virtual markers on a track's body are from the physical ones, eq. (6.1):
-    its means over frames and markers are eq. (6.2) and (6.3). Labels may have the subject's name
-    before a colon. Raises InputError where no frame or no marker is common."""
+    """Return the distances of the virtual markers on a track's body from the physical ones, eq.
+    (6.1); their means over frames and markers are eq. (6.2) and (6.3).
+
+    Labels may be prefixed with the subject's name and a colon. Raises InputError if there is no
+    common frame or marker.
+    """
     body = track.its_body
     labels = [name.split(":")[-1] for name in truth.joint_names]
     try:

@@ -1,4 +1,4 @@
-"""The automatic start: a person's body and first pose from the first voxel clouds alone."""
+"""The automatic start: body and first pose of a person from the first voxel clouds."""
 
 import lazy_loader as _lazy
 

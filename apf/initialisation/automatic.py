@@ -1,4 +1,4 @@
-"""From stored voxels of the first frames to a body of the person's size and its first pose."""
+"""Estimate the person's body size and first pose from the stored voxels of the first frames."""
 
 from __future__ import annotations
 
@@ -34,24 +34,25 @@ def find_start(
     every: int = 1,
     config: StartConfig | None = None,
 ) -> Start:
-    """Find a person of the scene's body, the template, in the `voxels` (see `stored`) of the first
+    """Fit the template, the scene's body, to the person in the `voxels` (see `stored`) of the first
     frames.
 
-    Every `every`-th frame is fitted; those between only lead from one to the next. In the first of
-    these, the last and some in between a search over all headings; from the frame where it fits
-    best the body is tracked to both ends, and its shape fitted to all. Then once more from the
-    frame that fits best, with that shape. All that several times, while it does not fit well.
+    Every `every`-th frame is fitted; the frames between them only lead from one to the next. In the
+    first, the last and some middle ones of the fitted frames, search over all headings. From the
+    frame with the best fit, track the body to both ends, and fit its shape to all frames. Repeat
+    once from the frame that now fits best, with that shape. Repeat everything with other random
+    numbers while the fit is poor.
 
     noise: of a tracker from one of `voxels` to the next, see `SearchConfig`. height: known stature,
     m. keep_shape: the template is the person's own body. progress: called every now and then.
 
-    A body without head or feet is looked for in that part of the voxels that it is a model of.
-    Frames from which the person has left are passed over. Raises StartError if the first frame
-    shows nobody or the body cannot be stood by itself.
+    A body without head or feet is fitted to the part of the voxels that it models. Frames after the
+    person has left are ignored. Raises StartError if the first frame shows nobody or the body has
+    no automatic start.
     """
     config = config or StartConfig()
     check_startable(scene.body)
-    shown, clouds = _looked_at(scene, voxels, every, config)
+    shown, clouds = _select_observations(scene, voxels, every, config)
     way = (np.median(clouds[-1].points, 0) - np.median(clouds[0].points, 0))[:2]
     found: list[Attempt] = []
     good, n_attempts = config.acceptance.good, config.acceptance.n_attempts
@@ -61,7 +62,8 @@ def find_start(
         search = PoseSearch(scene, task, config)
         tracking = config.filter.changed(noise=noise, seed=other)
         fitting = _Fitting(search, shown, every, clouds, tracking, progress)
-        with threadpool_limits(1, "blas"):  # small products: threads that wait for each other
+        # the products are small: BLAS threads would only wait for each other
+        with threadpool_limits(1, "blas"):
             found.append(attempt(fitting))
     best = min(found, key=lambda one: one.fit.cost)
     if best.registration_error > config.acceptance.hopeless:
@@ -69,10 +71,10 @@ def find_start(
             "no standing or walking person was found in the first frames (registration error "
             f"{best.registration_error:.2f}; expected less than {config.acceptance.hopeless})"
         )
-    return _start_of(best, scene.body, clouds, config)
+    return _build_start(best, scene.body, clouds, config)
 
 
-def _start_of(
+def _build_start(
     best: Attempt, template: BodyModel, clouds: Sequence[Cloud], config: StartConfig
 ) -> Start:
     seen = float(np.median([np.ptp(cloud.heights) for cloud in clouds]))
@@ -82,11 +84,12 @@ def _start_of(
     return Start(body, poses[0], poses, best.registration_error, best.rival, seen, girth, config)
 
 
-def _looked_at(
+def _select_observations(
     scene: Scene, voxels: Sequence[Any], every: int, config: StartConfig
 ) -> tuple[Sequence[Any], list[Cloud]]:
-    """The voxels that trackers are shown, until the person leaves, and the person's points in every
-    `every`-th; of both only the part of the person that the scene's body is a model of."""
+    """Return the voxels for the trackers, up to the frame in which the person leaves, and the
+    person's points in every `every`-th of them; both restricted to the part of the person that the
+    scene's body models."""
     people = _people(voxels[::every], config)
     voxels = voxels[: (len(people) - 1) * every + 1]
     margin = config.search.part_margin
@@ -104,21 +107,21 @@ def _looked_at(
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Hypotheses of one shape in all frames fitted; cost: their mean, more if the person does not
-    look where he goes."""
+    """Hypotheses of one shape in all fitted frames. cost: their mean, higher if the person does not
+    look in the direction of motion."""
 
     found: list[Hypothesis]
     cost: float
 
     @property
     def poses(self) -> np.ndarray:
-        """(M, D)"""
+        """Poses (M, D) of the hypotheses."""
         return np.array([h.pose for h in self.found])
 
 
 class _Fitting:
-    """`fitting(hypothesis, anchor)`: what becomes of a hypothesis in frame `anchor` of those fitted
-    when the body is tracked to both ends and its shape fitted to all frames."""
+    """`fitting(hypothesis, anchor)`: tracks the body from a hypothesis in the fitted frame `anchor`
+    to both ends, and fits its shape to all frames."""
 
     def __init__(
         self,
@@ -148,7 +151,7 @@ class _Fitting:
         return self._near(*fitted)
 
     def _near(self, shape: np.ndarray, poses: np.ndarray) -> Fit:
-        """Poses near these, and what they cost."""
+        """Return poses near these, and their costs."""
         search, found = self.search, []
         for pose, voxels, cloud in zip(poses, self.fitted, self.clouds, strict=True):
             self._progress()
@@ -158,7 +161,7 @@ class _Fitting:
         return Fit(found, float(np.mean([h.cost for h in found])) * ahead)
 
     def _followed(self, body: BodyModel, pose: np.ndarray, anchor: int) -> np.ndarray:
-        """Poses (M, D) from the one in frame `anchor` to both ends."""
+        """Return poses (M, D), tracked from the one in frame `anchor` to both ends."""
         search, every = self.search, self._every
         poses = np.tile(pose, (len(self._voxels), 1))
         for order in (range(anchor * every, len(poses)), range(anchor * every, -1, -1)):
@@ -172,7 +175,7 @@ class _Fitting:
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """What a search led to; rival: see `Start`."""
+    """The result of one attempt; rival: see `Start`."""
 
     fit: Fit
     rival: float
@@ -191,15 +194,15 @@ def attempt(fitting: _Fitting) -> Attempt:
     costs = [h.cost for h in fits[0].found]
     best = int(np.argmin(costs))
     again = fitting(fitting.limbs(fits[0].found[best], best), best)  # the body is known better now
-    if len(fits) > 1:  # some may look the same way by now
+    if len(fits) > 1:  # some may have reached the same heading
         found = search.distinct([replace(fit.found[0], cost=fit.cost) for fit in fits], 2)
     rival = found[1].cost / found[0].cost if len(found) > 1 else np.inf
     return Attempt(min(again, fits[0], key=lambda fit: fit.cost), rival)
 
 
 def _people(voxels: Sequence[Any], config: StartConfig) -> list[np.ndarray]:
-    """The person's points (N, 3) m in each frame, until one shows nobody. Raises StartError if the
-    first does."""
+    """Return the person's points (N, 3) m in each frame, up to the first frame without a person.
+    Raises StartError if that is the first one."""
     least = config.frames.min_voxels
     people = [person_points(v.grid, v.cloud().indices, config.frames) for v in voxels]
     shown = [len(points) >= least for points in people]
@@ -215,7 +218,7 @@ def _people(voxels: Sequence[Any], config: StartConfig) -> list[np.ndarray]:
 def _best_frame(
     search: PoseSearch, voxels: Sequence[Any], clouds: Sequence[Cloud]
 ) -> tuple[int, list[Hypothesis]]:
-    """The frame in which the search fits best, and its hypotheses."""
+    """Return the frame in which the search fits best, and its hypotheses."""
     n_searched = search.config.frames.n_searched
     tried = sorted({round(k) for k in np.linspace(0, len(clouds) - 1, n_searched)})
     found = {k: search(voxels[k], clouds[k]) for k in tried}

@@ -1,4 +1,4 @@
-"""Settings of the automatic start, in parts."""
+"""Settings of the automatic start, by stage."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from pydantic import Field
 from apf.filters.config import FilterConfig
 from psfs.common.config import Config, part, setting
 
-#: Where the defaults come from that name no other source.
+#: The source of defaults that name no other source.
 TUNED = "tuned on the starts of synth_walk_4cam, synth_walk_8cam, synth_box_4cam and bodytrack_walk"
 
 
 class FrameChoice(Config):
-    """Which frames a start looks at, and what is a person in them."""
+    """Choice of the frames for a start, and definition of a person in them."""
 
     SOURCE: ClassVar = TUNED
 
@@ -70,7 +70,7 @@ class FrameChoice(Config):
 
 
 class HeadingConfig(Config):
-    """Which directions a person may look in, and which of them are followed up."""
+    """Headings to try, and those to pursue."""
 
     SOURCE: ClassVar = TUNED
 
@@ -107,7 +107,7 @@ class HeadingConfig(Config):
 
 
 class SpreadConfig(Config):
-    """Standard deviations of the searches that know no pose, in their first layer."""
+    """Standard deviations, in their first layer, of the searches without a known pose."""
 
     SOURCE: ClassVar = TUNED
 
@@ -200,7 +200,7 @@ class PoseSearchConfig(Config):
 
 
 class CostConfig(Config):
-    """What hypotheses are compared by: likelihood error times registration error to a power."""
+    """Cost of a hypothesis: likelihood error times a power of the registration error."""
 
     SOURCE: ClassVar = TUNED
 
@@ -222,12 +222,12 @@ class CostConfig(Config):
     )
 
     def of(self, error: float, registration_error: float) -> float:
-        """Return the cost; the less the better."""
+        """Return the cost; lower is better."""
         return error * registration_error**self.registration_exponent
 
 
 class ShapePrior(Config):
-    """Standard deviations around the template, of logs of scales where no unit is named."""
+    """Standard deviations around the template; of logs of scales unless a unit is named."""
 
     SOURCE: ClassVar = TUNED
 
@@ -260,8 +260,8 @@ class ShapePrior(Config):
 
 
 class StandingConfig(Config):
-    """The feet stand on the floor, of which silhouettes say little: shoes look like floor, and
-    shadows like shoes."""
+    """The prior that the feet stand on the floor. Silhouettes say little about it: shoes look like
+    floor, and shadows like shoes."""
 
     SOURCE: ClassVar = TUNED
 
@@ -295,7 +295,7 @@ class StandingConfig(Config):
     )
 
     def stands(self, lowest: float) -> bool:
-        """Return whether a person with the lowest voxels at z = `lowest` m stands on the floor."""
+        """Return whether a person whose lowest voxels are at z = `lowest` m stands on the floor."""
         return self.reach > 0 and -self.below < lowest - self.height < self.reach
 
 
@@ -336,7 +336,7 @@ class ShapeFitConfig(Config):
 
 
 class AcceptanceConfig(Config):
-    """When a start is good enough, and what speaks against one."""
+    """Conditions for a good start, and thresholds of its warnings."""
 
     SOURCE: ClassVar = TUNED
 
@@ -374,7 +374,7 @@ class AcceptanceConfig(Config):
 
 
 class StartConfig(Config):
-    """Everything that the automatic start goes by."""
+    """All settings of the automatic start."""
 
     frames: FrameChoice = part(FrameChoice, "Which frames it looks at.")
     headings: HeadingConfig = part(HeadingConfig, "Which directions a person may look in.")
@@ -389,7 +389,7 @@ class StartConfig(Config):
             surface_weight=1.0,
             silhouette_recall_weight=2.0,
             contour_weight=4.0,
-            part_colour_weight=0.0,  # nothing is learnt yet
+            part_colour_weight=0.0,  # the colours of the parts are not estimated yet
         ),
         description="Search and likelihood. Hulls of few cameras are thicker than the person, and "
         "a body turned or bent wrongly fills them as well; what it covers in the pictures, and "

@@ -44,7 +44,7 @@ class JointFitConfig(Config):
 
 
 class PointFitConfig(Config):
-    """The fit of body and poses to points of the body that cameras see."""
+    """The fit of body and poses to points of the body in the cameras' images."""
 
     SOURCE: ClassVar = "by hand"
 
@@ -105,7 +105,7 @@ class PointFitConfig(Config):
 
 
 class KeypointStartConfig(Config):
-    """How body and points are learnt from keypoints."""
+    """The estimation of body and points from keypoints."""
 
     SOURCE: ClassVar = "by hand"
 

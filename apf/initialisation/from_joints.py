@@ -1,4 +1,4 @@
-"""The first pose, fitted to 3-D joints."""
+"""Fit the first pose to 3-D joints."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from apf.initialisation.fit_config import JointFitConfig
 from cl import InputError
 from psfs.cameras.names import listed
 
-#: Of the differences that give derivatives, rad, m or log of a scale: about the root of float64's
+#: Step of the forward differences, rad, m or log of a scale: about the square root of float64's
 #: resolution.
 _STEP = 1e-7
-#: m that the joints of a person to start from span at least.
+#: Least extent, m, of the joints of a person to start from.
 LEAST_EXTENT = 0.1
 
 
 def fit_to_joints(
     body: BodyModel, joints: Mapping[str, np.ndarray], config: JointFitConfig | None = None
 ) -> tuple[BodyModel, np.ndarray, float]:
-    """Fit body and pose to `joints` (name -> (3,) m): the body with bone lengths scaled, its pose
-    (D,), rms error m.
+    """Fit body and pose to `joints` (name -> (3,) m). Return the body with scaled bone lengths, its
+    pose (D,) and the rms error, m.
 
-    Least squares over pose and one scale per bone (left and right share one), from the best of
-    four headings. Radii grow with the mean length. Raises InputError if fewer than 8 known joints,
-    or not all of a body with fewer, are given.
+    Least squares over the pose and one scale per bone (shared by left and right), from the best of
+    four headings. Radii are scaled by the mean length. Raises InputError if fewer than 8 known
+    joints are given, or, for a body with fewer joints, not all of them.
     """
     config = config or JointFitConfig()
     names = _known(body, joints, config)
@@ -54,17 +54,17 @@ def fit_to_joints(
 
 
 class _JointFit:
-    """The least squares of `fit_to_joints`: unknowns x are the pose (D,), then a log of a scale for
-    each group of bones. chosen: indices of the joints at `target` (J, 3) m."""
+    """The least-squares problem of `fit_to_joints`. The unknowns x are the pose (D,), then the log
+    of a scale for each group of bones. chosen: indices of the joints at `target` (J, 3) m."""
 
     def __init__(
         self, body: BodyModel, chosen: list[int], target: np.ndarray, config: JointFitConfig
     ) -> None:
         self.body, self.chosen, self.target, self.config = body, chosen, target, config
         self.groups = body.scale_groups
-        self._bones = replace(body, cones=())  # which joints do not depend on
+        self._bones = replace(body, cones=())  # joints do not depend on the cones
         self.n = body.n_dof + len(self.groups)
-        # Of what does not depend on the joints.
+        # Derivatives of the residuals that do not depend on the joints.
         identity = np.eye(self.n)
         self._priors = [
             identity[body.n_dof :] / config.scale,
@@ -77,7 +77,7 @@ class _JointFit:
         return dict(zip(self.groups, scales, strict=True)), x[: self.body.n_dof]
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        """Return all residuals, in deviations."""
+        """Return all residuals, divided by their standard deviations."""
         body, config = self.body, self.config
         scales, pose = self.split(x)
         reached = posed_joints(self._bones.scaled(scales), pose[None])[0, self.chosen]
@@ -90,7 +90,7 @@ class _JointFit:
         )
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Return the derivatives by differences, those of the pose all at once."""
+        """Return the derivatives by finite differences, those of the pose in one batch."""
         body, n = self.body, self.n
         scales, pose = self.split(x)
         poses = np.vstack([pose, pose + _STEP * np.eye(body.n_dof)])
@@ -103,11 +103,11 @@ class _JointFit:
         return np.concatenate([moves.reshape(n, -1).T / self.config.joint, *self._priors])
 
     def solved(self) -> np.ndarray:
-        """Return the unknowns that fit best, from the best of several headings."""
+        """Return the best unknowns over several initial headings."""
         body, config = self.body, self.config
         free = np.clip(body.rest_pose, body.lower, body.upper)
         angles = [k * 2 * np.pi / config.n_headings for k in range(config.n_headings)]
-        poses = [_root_at(body, free, self.target.mean(0), angle) for angle in angles]
+        poses = [_place_root(body, free, self.target.mean(0), angle) for angle in angles]
         zeros = np.zeros(len(self.groups))
         tried = [self._solution(np.concatenate([p, zeros]), config.n_trial) for p in poses]
         best = min(tried, key=lambda solution: solution.cost)
@@ -124,7 +124,7 @@ class _JointFit:
 
 
 def _known(body: BodyModel, joints: Mapping[str, np.ndarray], config: JointFitConfig) -> list[str]:
-    """The body's joints that are given. Raises InputError if they are too few."""
+    """Return the body's joints that are given. Raises InputError if there are too few."""
     least = min(config.min_joints, len(body.joints))
     names = [n for n in body.joint_names if n in joints and np.isfinite(joints[n]).all()]
     if len(names) < least:
@@ -135,8 +135,11 @@ def _known(body: BodyModel, joints: Mapping[str, np.ndarray], config: JointFitCo
     return names
 
 
-def _root_at(body: BodyModel, pose: np.ndarray, centre: np.ndarray, heading: float) -> np.ndarray:
-    """`pose` moved so that its joints' mean is `centre` and turned by `heading` about z."""
+def _place_root(
+    body: BodyModel, pose: np.ndarray, centre: np.ndarray, heading: float
+) -> np.ndarray:
+    """Return `pose`, moved so that the mean of its joints is `centre`, and turned by `heading`
+    about z."""
     pose = pose.copy()
     root = {axis.kind: axis for axis in body.bones[0].axes}
     if "rz" in root:

@@ -1,4 +1,4 @@
-"""A person's body, poses and points on the body from keypoints of many frames."""
+"""Estimate a person's body, poses and points on the body from the keypoints of many frames."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from apf.likelihood.keypoint_model import KeypointModel
 from apf.likelihood.observations import PointObservations
 from psfs.cameras.camera import CameraRig
 
-#: Median length of a vector of two normal coordinates of deviation 1.
+#: Median length of a 2-D vector with independent standard normal coordinates (Rayleigh).
 _RAYLEIGH = 1.1774
 
 
 @dataclass(frozen=True, eq=False)
 class KeypointStart:
-    """What keypoints say of a person.
+    """Body, poses and points of a person, fitted to keypoints.
 
-    body: the template in the person's lengths. frames: (M,) that were looked at. poses: (M, D).
-    anchor: the first of them with about as many keypoints, as well explained, as usual.
-    model: where the keypoints lie on the body, and their errors. keypoints: of all frames,
+    body: the template in the person's lengths. frames: (M,) that were fitted. poses: (M, D).
+    anchor: the first of them with about the usual number of keypoints and about the usual error.
+    model: positions of the keypoints on the body, and their errors. keypoints: of all frames,
     undistorted.
     """
 
@@ -41,7 +41,7 @@ class KeypointStart:
     keypoints: Keypoints
 
     def observations(self, frame: int) -> PointObservations:
-        """Return what the keypoints of a frame say of the body."""
+        """Return the observed points of a frame."""
         return self.model.observations(self.keypoints.points[:, frame])
 
     @property
@@ -60,11 +60,11 @@ def start_from_keypoints(
     keep_shape: bool = False,
     config: KeypointStartConfig | None = None,
 ) -> KeypointStart:
-    """Learn a person's body, poses and points on it from the `keypoints` of `frames`.
+    """Fit a person's body, poses and points on it to the `keypoints` of `frames`.
 
-    The first of the frames that shows enough is among those looked at. height: known stature, m.
-    keep_shape: the template is the person's own body. Raises StartError where too few points can
-    be triangulated.
+    The first frame with enough keypoints is among those that are fitted. height: known stature, m.
+    keep_shape: the template is the person's own body. Raises StartError if too few points can be
+    triangulated.
     """
     config = config or KeypointStartConfig()
     keypoints = keypoints.undistort(rig)
@@ -102,8 +102,8 @@ def pose_of_points(
     observations: PointObservations,
     config: KeypointStartConfig | None = None,
 ) -> np.ndarray | None:
-    """Return the pose (D,) of `body` that fits the points observed in a frame best, whatever it was
-    before; None where too few can be triangulated."""
+    """Return the pose (D,) of `body` that best fits the points observed in one frame, without an
+    initial pose; None if too few can be triangulated."""
     config = config or KeypointStartConfig()
     n_points, own = len(observations.bone), np.arange(len(observations.bone))
     seen = np.full((len(rig), 1, n_points, 3), np.nan)
@@ -136,9 +136,11 @@ def pose_of_points(
 def unexchanged(
     rig: CameraRig, seen: np.ndarray, found: np.ndarray, points: BodyPoints, near: float
 ) -> np.ndarray:
-    """Return keypoints (V, M, P, 3) with left and right put right where they were exchanged: where
-    both of a pair lie `near`, px, to the other's triangulated point (M, P, 3) and further from
-    their own."""
+    """Return keypoints (V, M, P, 3) with exchanged left and right corrected.
+
+    A pair counts as exchanged if both lie within `near` px of each other's triangulated point (M,
+    P, 3) and farther from their own.
+    """
     other = points.partners
     off = np.full((2, *seen.shape[:3]), np.inf)
     for view, camera in enumerate(rig):
@@ -154,8 +156,8 @@ def unexchanged(
 
 
 def _anchor(fitter: PointFitter, fit: PointFit) -> int:
-    """The first frame with at least three quarters of the usual keypoints, which it does not miss
-    by more than usual."""
+    """Return the first frame with at least three quarters of the usual number of keypoints and
+    about the usual error."""
     missed, seen = fitter.missed(fit), (fitter.views.inverse_scale > 0).sum((0, 2))
     sound = missed <= fitter.config.suspect * np.median(missed)
     sound &= seen >= 0.75 * np.median(seen)
@@ -163,7 +165,7 @@ def _anchor(fitter: PointFitter, fit: PointFit) -> int:
 
 
 def _evenly(n: int, most: int) -> np.ndarray:
-    """At most so many of n numbers, evenly, the first among them."""
+    """Return at most `most` of n indices, evenly spaced, with the first among them."""
     return np.unique(np.round(np.linspace(0, n - 1, min(n, most))).astype(int))
 
 
@@ -171,7 +173,7 @@ def _views(
     seen: np.ndarray, found: np.ndarray, points: BodyPoints, error: float | np.ndarray
 ) -> PointViews:
     known = np.isfinite(seen).all(-1) & (np.nan_to_num(seen[..., 2]) > 0)
-    if np.ndim(error) == 0:  # nothing is known yet: a confidence counts as it is
+    if np.ndim(error) == 0:  # without an error model, a low confidence counts as a large error
         error = error / np.sqrt(np.maximum(np.nan_to_num(seen[..., 2]), 1e-3))
     return PointViews(
         bone=points.bones,
@@ -192,10 +194,11 @@ def _calibrated(
     config: KeypointStartConfig,
     pixel: float,
 ) -> tuple[PointViews, KeypointModel]:
-    """The views with the errors that a fit shows, by confidence and point, and their model."""
+    """Return the views with errors by confidence and point that are estimated from the residuals of
+    a fit, and the model with them."""
     views = fitter.views
     off = np.linalg.norm(fitter.residuals(fit), axis=-1) / _RAYLEIGH
-    # Three of a point's coordinates are fitted.
+    # The fit uses up three coordinates of each point.
     n_views = np.maximum((views.inverse_scale > 0).sum(0), 2)
     off *= np.sqrt(2 * n_views / np.maximum(2 * n_views - 3, 1))
     known = views.inverse_scale > 0
@@ -204,7 +207,8 @@ def _calibrated(
     parts = np.array_split(order, min(config.n_levels, len(order)))
     levels = np.array([np.median(confidence[part]) for part in parts])
     errors = np.array([np.median(of[part]) for part in parts])
-    errors = np.maximum.accumulate(errors[::-1])[::-1]  # the surer, the better
+    # the error must not rise with the confidence
+    errors = np.maximum.accumulate(errors[::-1])[::-1]
     errors = np.maximum(errors, config.least_error * pixel)
     ratio = np.where(known, off / np.interp(np.nan_to_num(seen[..., 2]), levels, errors), np.nan)
     with np.errstate(invalid="ignore"):
@@ -230,7 +234,7 @@ def _calibrated(
 def _of_height(
     fitter: PointFitter, fit: PointFit, height: float, rig: CameraRig
 ) -> tuple[PointFit, PointFitter]:
-    """The fit with the body scaled to a known stature, and what fits a body of that shape."""
+    """Return the fit with the body scaled to a known stature, and the rest fitted to that body."""
     factor = np.log(height / stature(fitter.body(fit.log_lengths)))
     fitter = PointFitter(fitter.template, rig, fitter.views, fitter.config, keep_shape=True)
     return fitter.refined(replace(fit, log_lengths=fit.log_lengths + factor)), fitter

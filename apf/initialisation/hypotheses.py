@@ -1,4 +1,4 @@
-"""Hypotheses of a start, and how they compare."""
+"""Hypotheses of a start, and their comparison."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from apf.initialisation.shape_model import inner_axes, surface_samples
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A pose (D,) of the template scaled by `shape` (S,), its error by the likelihood, its
-    `registration_error`, and what hypotheses are compared by, the less the better."""
+    """A pose (D,) of the template scaled by `shape` (S,), its likelihood error, its
+    `registration_error`, and the cost by which hypotheses are compared; lower is better."""
 
     shape: np.ndarray
     pose: np.ndarray
@@ -41,10 +41,11 @@ def registration_error(
     config: CostConfig | None = None,
     fit: ShapeFitConfig | None = None,
 ) -> float:
-    """Return the share of the cloud, and of the body's surface, that the other leaves unexplained
-    (0 to 1); more for parts that lie in each other and for contortions.
+    """Return the share (0 to 1) of the cloud and of the body's surface that the other does not
+    explain; higher for parts that intersect and for contorted poses.
 
-    Unlike a likelihood's misfit it needs no silhouettes, and asks that the whole body be seen.
+    Unlike the misfit of a likelihood, it needs no silhouettes, and expects the whole body to be
+    visible.
     """
     config, fit = config or CostConfig(), fit or ShapeFitConfig()
     cones = posed_cones(body, pose[None])[0]
@@ -61,8 +62,8 @@ def registration_error(
 def standing_pose(
     body: BodyModel, cloud: Cloud, heading: float, config: PoseSearchConfig | None = None
 ) -> np.ndarray:
-    """Return the rest pose (D,) on the cloud: the trunk amid its middle, the feet at its lowest;
-    of a body without feet the highest point at its highest."""
+    """Return the rest pose (D,) on the cloud: the trunk in the middle of the cloud, the feet at its
+    lowest point; for a body without feet the highest points coincide."""
     config = config or PoseSearchConfig()
     points, (low, high) = cloud.tree.data, cloud.heights
     share = (points[:, 2] - low) / (high - low)
@@ -86,8 +87,8 @@ def highest_point(cones: np.ndarray) -> float:
 def search_body(
     body: BodyModel, limb: int | None = None, spread: SpreadConfig | None = None
 ) -> BodyModel:
-    """Return `body` with the deviations of a search that knows no pose: of everything, or of the
-    bones of the limb whose upper bone is `limb`."""
+    """Return `body` with the standard deviations of a search without a known pose: for all axes, or
+    only for the bones of the limb whose upper bone is `limb`."""
     spread = spread or SpreadConfig()
     moving = {limb}
     sigma = np.zeros(body.n_dof)
@@ -108,8 +109,8 @@ def search_body(
 def distinct(
     template: BodyModel, hypotheses: Sequence[Hypothesis], n: int, separation: float
 ) -> list[Hypothesis]:
-    """Return the best `n` hypotheses, best first, that look more than `separation`, rad, away from
-    each other."""
+    """Return the best `n` hypotheses, best first, whose headings differ by more than `separation`,
+    rad."""
     kept: list[Hypothesis] = []
     for hypothesis in sorted(hypotheses, key=lambda h: h.cost):
         ahead = forward(template, hypothesis.pose)
@@ -119,7 +120,7 @@ def distinct(
 
 
 def close(hypotheses: Sequence[Hypothesis], max_ratio: float) -> list[Hypothesis]:
-    """Return those whose cost is at most `max_ratio` times the least one."""
+    """Return those whose cost is at most `max_ratio` times the lowest."""
     least = min(h.cost for h in hypotheses)
     return [h for h in hypotheses if h.cost <= max_ratio * least]
 
@@ -133,8 +134,8 @@ def forward(body: BodyModel, pose: np.ndarray) -> np.ndarray:
 def walking_factor(
     body: BodyModel, poses: np.ndarray, way: np.ndarray, config: HeadingConfig | None = None
 ) -> float:
-    """Return the factor of the cost of poses (M, D) of a person who moves by `way` (2,) m: people
-    look where they go; 1 where they do or hardly move, more where they go sideways or backwards."""
+    """Return the cost factor of poses (M, D) of a person who moves by `way` (2,) m: 1 if the person
+    faces the direction of motion or hardly moves, higher if they move sideways or backwards."""
     config = config or HeadingConfig()
     length = float(np.linalg.norm(way))
     if length < config.min_way:

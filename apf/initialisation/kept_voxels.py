@@ -1,4 +1,4 @@
-"""Voxels that stay while later frames are reconstructed."""
+"""Copies of a frame's voxels that stay valid while later frames are reconstructed."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ from psfs.voxels.host_voxels import HostVoxels
 
 class StoredVoxels:
     """A copy of one frame's surface voxels, of the evidence maps (V, H, W) int8 that they were
-    carved with, and of the pictures (V, H, W, 3) uint8 BGR, which trackers can be shown like
-    `Voxels`."""
+    carved with, and of the images (V, H, W, 3) uint8 BGR. Trackers accept it like `Voxels`."""
 
     stays = True
 
@@ -40,16 +39,17 @@ class StoredVoxels:
         self.count = device.to_device(np.array([len(cloud.indices)], np.int32))
 
     def pictures(self) -> Array | None:
-        """The frame's pictures, if it has any."""
+        """Return the frame's images, if it has any."""
         return self._pictures
 
     def cloud(self) -> VoxelCloud:
-        """The surface voxels on the host."""
+        """Return the surface voxels on the host."""
         return self._cloud
 
 
 def stored(device: Device | NumpyDevice, voxels: Voxels | HostVoxels) -> StoredVoxels | HostVoxels:
-    """What remains of `voxels` when their reconstructor goes on to the next frame."""
+    """Return a copy of `voxels` that stays valid when their reconstructor goes on to the next
+    frame."""
     if isinstance(device, NumpyDevice):
         assert isinstance(voxels, HostVoxels)
         return replace(voxels, colours=None)
@@ -61,21 +61,22 @@ def stored(device: Device | NumpyDevice, voxels: Voxels | HostVoxels) -> StoredV
     return StoredVoxels(device, voxels.cloud(), kept(voxels.evidence), kept(voxels.pictures()))
 
 
-#: Pixels about the foreground that are kept, share of the pictures' larger side: farther away no
-#: body is looked for that fits.
+#: Margin around the foreground that is kept, as share of the images' larger side; a body that fits
+#: does not reach farther.
 _MARGIN = 0.05
-#: Items of a GPU for a row of a picture.
+#: Work-items of a GPU for one image row.
 _LANES = 64
 
 
 @dataclass(frozen=True, eq=False)
 class CroppedVoxels:
-    """A frame's surface voxels on the host, with the part of its evidence maps and pictures about
-    the foreground, of each camera: for many frames that are held at once, a fifth of the memory.
+    """A frame's surface voxels on the host, with its evidence maps and images cropped to the
+    foreground in each camera. It takes a fifth of the memory, for many frames that are held at
+    once.
 
-    shape: (H, W) of the pictures. parts: (V, 5) int32, first row and column, rows and columns, and
-    where the part begins in `pixels` (n,) uint8: its evidence (h, w) int8 and behind it, where
-    frames have `pictures`, its picture (h, w, 3).
+    shape: (H, W) of the images. parts: (V, 5) int32: first row and column, numbers of rows and
+    columns, and the offset in `pixels` (n,) uint8. There lies the evidence (h, w) int8, followed,
+    if the frames have `pictures`, by the image (h, w, 3).
     """
 
     cloud: VoxelCloud
@@ -86,15 +87,15 @@ class CroppedVoxels:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of maps and pictures."""
+        """Size of maps and images, bytes."""
         return self.pixels.nbytes
 
 
 def cropped(
     device: Device | NumpyDevice, voxels: Voxels | HostVoxels
 ) -> CroppedVoxels | StoredVoxels | HostVoxels:
-    """What remains of `voxels` in little memory when their reconstructor goes on to the next frame;
-    those of NumPy, and those carved without maps, as `stored` has them."""
+    """Return a cropped copy of `voxels` that stays valid when their reconstructor goes on to the
+    next frame. Voxels in NumPy, and those carved without maps, are copied by `stored` instead."""
     if isinstance(voxels, HostVoxels) or voxels.evidence is None:
         return stored(device, voxels)
     evidence = voxels.evidence.get()
@@ -103,7 +104,7 @@ def cropped(
     margin = round(_MARGIN * max(height, width))
     parts, kept, place = [], list[np.ndarray](), 0
     for view, of in enumerate(evidence):
-        # Nobody: a corner says what all of it is.
+        # Without foreground one pixel stands for the whole map.
         rows, columns = bounding_box(of > 0) or (slice(0, 1), slice(0, 1))
         top, left = max(0, rows.start - margin), max(0, columns.start - margin)
         part = slice(top, rows.stop + margin), slice(left, columns.stop + margin)
@@ -117,12 +118,11 @@ def cropped(
 
 
 class RestoredVoxels:
-    """One of the frames that were kept at a time, on the device, where trackers can be shown it
-    like `Voxels`; the next one overwrites it. There is room for any of `frames`.
+    """One kept frame at a time, restored on the device. Trackers accept it like `Voxels`; the next
+    frame overwrites it. Its buffers are large enough for any of `frames`.
 
-    `show(frame)` enqueues what makes it of the kept parts. Away from the foreground maps and
-    pictures go on as they are at the rim of what was kept. Kernel: common/uncrop.cl; twin:
-    reference/kept_voxels.py.
+    `show(frame)` enqueues the kernel that restores the frame from its crops. Outside a crop, maps
+    and images repeat its border pixels. Kernel: common/uncrop.cl; twin: reference/kept_voxels.py.
     """
 
     stays = False
@@ -147,7 +147,7 @@ class RestoredVoxels:
             self._launches.append(self._launch(self._pictures, 3))
 
     def show(self, frame: CroppedVoxels) -> RestoredVoxels:
-        """Enqueue what makes these the voxels of `frame`."""
+        """Enqueue the restoration of `frame`."""
         self._cloud, self.grid = frame.cloud, frame.cloud.grid
         self._parts.set(frame.parts)
         self.count.set(np.array([len(frame.cloud)], np.int32))
@@ -159,11 +159,11 @@ class RestoredVoxels:
         return self
 
     def pictures(self) -> Array | None:
-        """The frame's pictures, if it has any."""
+        """Return the frame's images, if it has any."""
         return self._pictures
 
     def cloud(self) -> VoxelCloud:
-        """The surface voxels on the host."""
+        """Return the surface voxels on the host."""
         return self._cloud
 
     def _launch(self, whole: Array, channels: int) -> Launch:
@@ -179,7 +179,7 @@ class RestoredVoxels:
 def between(
     device: Device | NumpyDevice, voxels: StoredVoxels | HostVoxels, low: float, high: float
 ) -> StoredVoxels | HostVoxels:
-    """Return those of the surface voxels whose z lies between `low` and `high`, m."""
+    """Return the surface voxels with z between `low` and `high`, m."""
     cloud = voxels.cloud()
     kept = (cloud.centres[:, 2] >= low) & (cloud.centres[:, 2] <= high)
     if not isinstance(voxels, StoredVoxels):
@@ -192,8 +192,9 @@ def between(
 def person_points(
     grid: VoxelGrid, indices: np.ndarray, config: FrameChoice | None = None
 ) -> np.ndarray:
-    """Return the centres (N, 3) m of the voxels of the largest connected part, of others that are
-    no debris, and of smaller ones close to these: a head of which the pictures lost the neck."""
+    """Return the centres (N, 3) m of the person's voxels: the largest connected component, other
+    components too large to be debris, and smaller ones close to these, such as a head whose neck is
+    missing in the silhouettes."""
     config = config or FrameChoice()
     filled = np.zeros(grid.shape, bool)
     filled.ravel()[indices] = True

@@ -1,8 +1,8 @@
-"""Body and poses by least squares on points of the body that cameras see: a bundle adjustment.
+"""Fit body and poses to image points of the body by least squares: a bundle adjustment.
 
-Unknown are the pose of every frame, the body's lengths, and where the points lie on it. Lengths and
-places are shared by all frames, from whose systems the poses are eliminated (Schur's complement),
-as in `shape_fit`.
+The unknowns are the pose of every frame, the body's lengths, and the positions of the points on it.
+Lengths and positions are shared by all frames. The poses are eliminated from the normal equations
+(Schur complement), as in `shape_fit`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from apf.initialisation.fit_config import PointFitConfig
 from apf.initialisation.shape_model import inner_axes
 from psfs.cameras.camera import CameraRig
 
-#: Difference of a log of a length for derivatives.
+#: Step of the differences of a log of a length.
 _STEP = 1e-5
 
 
@@ -29,10 +29,10 @@ class PointViews:
     """P points of the body in M frames and V cameras.
 
     bone: (P,) that each is fixed to. position: (P, 3) m on it, in the template's size. spread: (P,)
-    m, deviation of each coordinate of that. partner: (P,) number of the same point of the other
-    side, the own in the middle; the two lie at mirrored places. pixels: (V, M, P, 2), undistorted;
-    inverse_scale: (V, M, P) 1 / px, 0 where a point is not seen. triangulated: (M, P, 3) m, NaN
-    where unknown.
+    m, standard deviation of each coordinate of the position. partner: (P,) index of the same point
+    on the other side, or its own index on the midline; partners lie at mirrored positions. pixels:
+    (V, M, P, 2), undistorted. inverse_scale: (V, M, P) 1 / px, 0 where a point is not seen.
+    triangulated: (M, P, 3) m, NaN where unknown.
     """
 
     bone: np.ndarray
@@ -44,7 +44,7 @@ class PointViews:
     triangulated: np.ndarray
 
     def of_frames(self, chosen: np.ndarray) -> PointViews:
-        """Return those of the frames numbered `chosen`."""
+        """Return the views of the frames numbered `chosen`."""
         return replace(
             self, pixels=self.pixels[:, chosen], inverse_scale=self.inverse_scale[:, chosen],
             triangulated=self.triangulated[chosen],
@@ -52,8 +52,8 @@ class PointViews:
 
     @cached_property
     def by_place(self) -> np.ndarray:
-        """(P, Q, 3): 1 where a point lies at the unknown place q, -1 along y where that is the
-        other side's, else 0."""
+        """Mirroring (P, Q, 3) of unknown positions to points: 1 where point p has the position q,
+        with -1 along y if p is on the other side, else 0."""
         own = np.arange(len(self.bone))
         first = np.minimum(own, self.partner)
         places, place = np.unique(first, return_inverse=True)
@@ -65,8 +65,8 @@ class PointViews:
 
 @dataclass(frozen=True, eq=False)
 class PointFit:
-    """What was fitted. log_lengths: (G,) of the template's scale groups. offset: (Q, 3) m of the
-    points' places, see `PointViews.by_place`. poses: (M, D)."""
+    """The result of a fit. log_lengths: (G,) of the template's scale groups. offset: (Q, 3) m of
+    the points' positions, see `PointViews.by_place`. poses: (M, D)."""
 
     log_lengths: np.ndarray
     offset: np.ndarray
@@ -74,7 +74,7 @@ class PointFit:
 
 
 class PointFitter:
-    """Fits a template body to points that cameras see. keep_shape: its lengths stay."""
+    """Fits a template body to image points. keep_shape: the body's lengths stay fixed."""
 
     def __init__(
         self,
@@ -94,19 +94,19 @@ class PointFitter:
         self._pose_prior = np.where(inner_axes(template), self.config.angle**-2, 1e-6)
 
     def body(self, log_lengths: np.ndarray) -> BodyModel:
-        """Return the template with these lengths (G,); girths go with their mean."""
+        """Return the template with these log lengths (G,); radii are scaled by their mean."""
         scales = np.exp(log_lengths)
         girth = float(np.exp(log_lengths.mean()))
         return self.template.scaled(dict(zip(self.groups, scales, strict=True)), girth)
 
     def positions(self, log_lengths: np.ndarray, offset: np.ndarray) -> np.ndarray:
-        """Return (P, 3) m where the points lie on their bones."""
+        """Return the positions (P, 3) m of the points on their bones."""
         factor = np.exp(log_lengths)[self._group[self.views.bone]]
         placed: np.ndarray = self.views.position * factor[:, None]
         return placed + np.einsum("pqi,qi->pi", self.views.by_place, offset)
 
     def points(self, log_lengths: np.ndarray, offset: np.ndarray, poses: np.ndarray) -> np.ndarray:
-        """Return (M, P, 3) m of the points in the world."""
+        """Return the points (M, P, 3) m in the world."""
         rotations, origins = bone_matrices(self.body(log_lengths), poses)
         bone, local = self.views.bone, self.positions(log_lengths, offset)
         turned = np.einsum("mpij,pj->mpi", rotations[:, bone], local)
@@ -114,28 +114,30 @@ class PointFitter:
         return placed
 
     def residuals(self, fit: PointFit) -> np.ndarray:
-        """Return (V, M, P, 2) px of the points in the pictures beside where they were seen."""
+        """Return the reprojection residuals (V, M, P, 2), px."""
         pixels, _ = self._projected(self.points(fit.log_lengths, fit.offset, fit.poses))
         difference: np.ndarray = pixels - self.views.pixels
         return difference
 
     def begun(self) -> PointFit:
-        """Return a body of about the right size, its poses at the triangulated points."""
+        """Return the initial fit: a body of about the right size, and its poses at the triangulated
+        points."""
         size = 0.0 if self.keep_shape else self._first_size()
         lengths = np.full(len(self.groups), size)
         offset = np.zeros((self.views.by_place.shape[1], 3))
         return self.brought_near(PointFit(lengths, offset, self._first_poses(lengths, offset)))
 
     def refined(self, fit: PointFit, poses_alone: bool = False) -> PointFit:
-        """Return the fit after steps by what the cameras see; of the poses alone, if so."""
+        """Return the fit after Gauss-Newton steps on the reprojection error; over the poses alone
+        if `poses_alone`."""
         config = self.config
         for reach in np.geomspace(config.first_reach, config.last_reach, config.n_steps):
             fit = self._step(fit, float(reach), poses_alone)
         return fit
 
     def searched_again(self, fit: PointFit) -> PointFit:
-        """Return the fit with the poses of suspect frames looked for from those of the nearest
-        other frames, and turned round, where these miss less."""
+        """Return the fit with suspect frames fitted again, from the poses of the nearest other
+        frames and from turned poses, where that lowers the error."""
         missed = self.missed(fit)
         suspect = np.flatnonzero(missed > self.config.suspect * np.median(missed))
         sound = np.setdiff1d(np.arange(len(missed)), suspect)
@@ -161,7 +163,8 @@ class PointFitter:
         return replace(fit, poses=poses)
 
     def missed(self, fit: PointFit) -> np.ndarray:
-        """Return (M,) the mean share of what is seen that the poses miss (Geman & McClure 1987)."""
+        """Return the mean robust loss (M,) of the poses: the share of the observations that they
+        miss (Geman & McClure 1987)."""
         square = np.sum(self.residuals(fit) ** 2, -1) * self.views.inverse_scale**2
         share = square / (square + self.config.first_reach**2)
         seen = np.maximum((self.views.inverse_scale > 0).sum((0, 2)), 1)
@@ -169,7 +172,7 @@ class PointFitter:
         return mean
 
     def turned(self, poses: np.ndarray) -> np.ndarray:
-        """Return poses (M, D) with the root turned round."""
+        """Return poses (M, D) with the root turned by half a turn."""
         out = poses.copy()
         for axis in self.template.bones[0].axes:
             if axis.kind == "rz":
@@ -177,7 +180,8 @@ class PointFitter:
         return out
 
     def brought_near(self, fit: PointFit) -> PointFit:
-        """Return the fit with poses at the triangulated points, each by Levenberg's method."""
+        """Return the fit with poses fitted to the triangulated points, each by the
+        Levenberg-Marquardt method."""
         config, poses = self.config, fit.poses
         damping = np.full(len(poses), 1e-2)
         gap, cost = self._gaps(fit, poses)
@@ -205,8 +209,12 @@ class PointFitter:
         return replace(fit, poses=poses)
 
     def _first_size(self) -> float:
-        """The log of the body's size by distances between triangulated points on the trunk and
-        along limbs, which posture changes little: the median over pairs on neighbouring bones."""
+        """Return the log of the body's size.
+
+        It is the median, over pairs of points on neighbouring bones, of the ratio of the
+        triangulated distance to the template's. Points on the trunk and along limbs are used,
+        because posture changes their distances little.
+        """
         body, views = self.template, self.views
         rest = self.points(np.zeros(len(self.groups)), np.zeros_like(views.by_place[0]),
                            body.rest_pose[None])[0]  # fmt: skip
@@ -215,7 +223,7 @@ class PointFitter:
             for b in range(a):
                 related = {views.bone[a], views.bone[b]}
                 if len({self._group[bone] for bone in related}) == 1 and len(related) == 1:
-                    continue  # on one bone: too near each other
+                    continue  # points on one bone are too close to each other
                 apart = np.linalg.norm(rest[a] - rest[b])
                 if apart < 0.2 or not _neighbours(body, views.bone[a], views.bone[b]):
                     continue
@@ -225,8 +233,8 @@ class PointFitter:
         return float(np.median(logs)) if logs else 0.0
 
     def _first_poses(self, log_lengths: np.ndarray, offset: np.ndarray) -> np.ndarray:
-        """Rest poses (M, D) turned and moved to the triangulated points of the trunk; where these
-        are too few, as in a frame before."""
+        """Return rest poses (M, D), turned and moved to the triangulated points of the trunk. A
+        frame with too few of them gets the pose of an earlier frame."""
         body = self.template
         swinging = [bone for chain in limb_chains(body) for bone in chain[-2:]]
         trunk = ~np.isin(self.views.bone, swinging)
@@ -249,8 +257,8 @@ class PointFitter:
         return poses
 
     def _gaps(self, fit: PointFit, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(M, P, 3) m from the triangulated points to those of poses, 0 where there is none, and
-        the cost (M,) of the poses."""
+        """Return the vectors (M, P, 3) m from the triangulated points to those of the poses, 0 for
+        missing points, and the cost (M,) of the poses."""
         gap = self.points(fit.log_lengths, fit.offset, poses) - self.views.triangulated
         gap = np.where(np.isfinite(gap), gap, 0.0)
         square = np.sum(gap**2, -1)
@@ -265,7 +273,8 @@ class PointFitter:
         return np.where(known, self.config.noise**-2 / (1 + square) ** 2, 0.0)
 
     def _projected(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(V, M, P, 2) px of points (M, P, 3) m, and their derivatives (V, M, P, 2, 3)."""
+        """Project points (M, P, 3) m. Return pixels (V, M, P, 2) and their derivatives (V, M, P, 2,
+        3)."""
         seen = np.einsum("vij,mpj->vmpi", self._R, points) + self._t[:, None, None]
         depth = np.maximum(seen[..., 2:], 0.05)
         plane = seen[..., :2] / depth
@@ -276,8 +285,8 @@ class PointFitter:
         return pixels + self._K[:, None, None, :2, 2], slopes
 
     def _step(self, fit: PointFit, reach: float, poses_alone: bool) -> PointFit:
-        """Return the fit after one Gauss-Newton step; reach: deviations at which a point counts a
-        quarter."""
+        """Return the fit after one Gauss-Newton step. reach: distance, in standard deviations, at
+        which the weight of a point falls to a quarter."""
         views, config = self.views, self.config
         points = self.points(fit.log_lengths, fit.offset, fit.poses)
         pixels, slopes = self._projected(points)
@@ -285,7 +294,7 @@ class PointFitter:
         off = np.where(seen[..., None], pixels - views.pixels, 0.0)
         scaled = np.sum(off**2, -1) * views.inverse_scale**2
         weight = views.inverse_scale**2 / (1 + scaled / reach**2) ** 2
-        # What all cameras say of a point: information (M, P, 3, 3) and gradient (M, P, 3).
+        # Sum over the cameras, for each point: information (M, P, 3, 3) and gradient (M, P, 3).
         weighted_slopes = slopes * weight[..., None, None]
         matrix = np.einsum("vmpai,vmpaj->mpij", weighted_slopes, slopes)
         vector = np.einsum("vmpai,vmpa->mpi", weighted_slopes, off)
@@ -319,7 +328,8 @@ class PointFitter:
         )
 
     def _by_shared(self, fit: PointFit, points: np.ndarray) -> np.ndarray:
-        """(M, P, S, 3) how points move with the logs of lengths, then the coordinates of places."""
+        """Return the derivatives (M, P, S, 3) of the points with respect to the logs of lengths,
+        then the coordinates of positions."""
         views, n = self.views, len(self.groups)
         by_length = np.zeros((*points.shape[:2], n, 3))
         if not self.keep_shape:
@@ -332,7 +342,8 @@ class PointFitter:
         return np.concatenate([by_length, by_place], 2)
 
     def _shared_prior(self, fit: PointFit) -> tuple[np.ndarray, np.ndarray]:
-        """Inverse covariance (S, S) of what frames share, and its product with the deviation."""
+        """Return the inverse covariance (S, S) of the shared unknowns, and its product with their
+        deviation from the prior."""
         config, n = self.config, len(self.groups)
         lengths = np.diag(np.full(n, config.length**2)) + config.size**2
         spread = np.array([
@@ -348,17 +359,18 @@ class PointFitter:
 
 
 def _rows(slopes: np.ndarray) -> np.ndarray:
-    """Slopes (M, P, S, 3) as matrices (M, S, 3 P)."""
+    """Reshape slopes (M, P, S, 3) to matrices (M, S, 3 P)."""
     return slopes.swapaxes(1, 2).reshape(len(slopes), slopes.shape[2], -1)
 
 
 def _heading(points: np.ndarray, turned: np.ndarray) -> float:
-    """The angle, rad, by which points (K, 3) are turned about z to lie as (K, 3) others do."""
+    """Return the angle, rad, of the rotation about z that best maps points (K, 3) to the points
+    `turned` (K, 3)."""
     a, b = (p[:, :2] - p[:, :2].mean(0) for p in (points, turned))
     return float(np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b)))
 
 
 def _neighbours(body: BodyModel, a: int, b: int) -> bool:
-    """Whether bone a is b's parent or the other way round, or both have one parent."""
+    """Return whether one of the bones is the other's parent, or both have the same parent."""
     parents = body.bones[a].parent, body.bones[b].parent
     return a == parents[1] or b == parents[0] or parents[0] == parents[1]

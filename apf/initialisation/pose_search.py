@@ -1,4 +1,4 @@
-"""The global search in one frame: where a person stands, which way, how tall, in what pose."""
+"""The global search in one frame: position, heading, size and pose of a person."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ from apf.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class SearchTask:
-    """Whom to search for. height: known stature, m. keep_shape: the scene's body is the person's
-    own. seed: of all random numbers. way: (2,) m, by how much the person moves over the first
-    frames."""
+    """Prior knowledge for the search. height: known stature, m. keep_shape: the scene's body is the
+    person's own. seed: of all random numbers. way: (2,) m, displacement of the person over the
+    first frames."""
 
     height: float | None
     keep_shape: bool
@@ -39,10 +39,8 @@ class SearchTask:
 
 
 class PoseSearch:
-    """Searches single frames for a person of unknown size and pose: `search(voxels, cloud)`.
-
-    The scene's body is the template.
-    """
+    """Search of single frames for a person of unknown size and pose: `search(voxels, cloud)`. The
+    template is the scene's body."""
 
     def __init__(self, scene: Scene, task: SearchTask, config: StartConfig) -> None:
         self.scene, self.task, self.config, self.template = scene, task, config, scene.body
@@ -55,12 +53,12 @@ class PoseSearch:
             n_particles=search.n_particles_near, noise=search.near_noise, trunk_layers=0,
             limb_search_reach=0.0, seed=task.seed,
         )  # fmt: skip
-        self._near: tuple[np.ndarray, BodyModel] | None = None  # a shape and its body
+        self._near: tuple[np.ndarray, BodyModel] | None = None  # the last shape and its body
 
     def __call__(self, voxels: Any, cloud: Cloud) -> list[Hypothesis]:
-        """Return the best hypotheses that look in different directions, best first.
+        """Return the best hypotheses with different headings, best first.
 
-        voxels: what a tracker observes; cloud: the person's points among them.
+        voxels: the observation for a tracker. cloud: the person's points in them.
         """
         headings = self.config.headings
         shape = np.zeros(len(self.model.deviation))
@@ -87,7 +85,7 @@ class PoseSearch:
         best = self.near(voxels, cloud, hypothesis.shape, hypothesis.pose)
         for limb in swinging_bones(body):
             loose = search_body(body, limb, self.config.spread)
-            # Its own search for limbs would look where these starts do.
+            # The tracker's own limb search would try the same starts.
             tracker = self._searcher(
                 loose, self.config.search.n_particles_limb, limb_search_reach=0.0
             )
@@ -95,12 +93,12 @@ class PoseSearch:
                 self.near(voxels, cloud, best.shape, _searched(tracker, start, voxels)[0])
                 for start in self._limb_starts(best.pose, loose.sigma > 0)
             ]
-            # Limbs in the air cost pictures little: where they are voxels know better.
+            # A limb in the air costs little in the images; the voxels show better where it is.
             best = min([best, *found], key=lambda h: h.cost * h.registration_error)
         return self._sized(voxels, cloud, best)
 
     def near(self, voxels: Any, cloud: Cloud, shape: np.ndarray, pose: np.ndarray) -> Hypothesis:
-        """Return the best hypothesis of that shape near that pose."""
+        """Return the best hypothesis with this shape near this pose."""
         if self._near is None or np.any(self._near[0] != shape):
             self._near = shape, self.model.body(shape)
         tracker = self.trackers(self._near[1], self._near_config)
@@ -108,15 +106,15 @@ class PoseSearch:
         return self._hypothesis(shape, pose, error, tracker.body, cloud)
 
     def close(self, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
-        """Return those that are nearly as good as the best."""
+        """Return the hypotheses that are nearly as good as the best."""
         return close(hypotheses, self.config.headings.max_cost_ratio)
 
     def distinct(self, hypotheses: list[Hypothesis], n: int) -> list[Hypothesis]:
-        """Return the best `n` that look in different directions, best first."""
+        """Return the best `n` hypotheses with different headings, best first."""
         return distinct(self.template, hypotheses, n, self.config.headings.separation)
 
     def walking_factor(self, body: BodyModel, poses: np.ndarray) -> float:
-        """Return the factor of the cost of poses (M, D), see `hypotheses.walking_factor`."""
+        """Return the cost factor of poses (M, D), see `hypotheses.walking_factor`."""
         return walking_factor(body, poses, self.task.way, self.config.headings)
 
     def _hypothesis(
@@ -128,13 +126,14 @@ class PoseSearch:
         )
 
     def _going_ahead(self, found: Hypothesis) -> Hypothesis:
-        """The hypothesis with an error that is larger if the person goes backwards."""
+        """Return the hypothesis with a higher error if the person moves backwards."""
         error = found.error * self.walking_factor(self.template, found.pose[None])
         cost = self.config.cost.of(error, found.registration_error)
         return replace(found, error=error, cost=cost)
 
     def _sized(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
-        """With the size and girth that bring the body onto the cloud, if that lowers the cost."""
+        """Fit size and girth to the cloud; return the hypothesis with them if that lowers its
+        cost."""
         shape, poses = fit_shape(
             self.template, [cloud], hypothesis.shape, hypothesis.pose[None], self.task.height,
             config=self.config.shape, n_steps=self.config.search.n_size_steps, free=self.free,
@@ -151,7 +150,8 @@ class PoseSearch:
         return self.trackers(body, config)
 
     def _limb_starts(self, pose: np.ndarray, moving: np.ndarray) -> list[np.ndarray]:
-        """Poses whose `moving` part is as it was, at rest, and anywhere else."""
+        """Return start poses whose `moving` part is unchanged, at rest, and random, halfway between
+        rest and a uniform sample within its limits."""
         rest = self.template.rest_pose
         low, high = self.template.lower[moving], self.template.upper[moving]
         low = np.where(np.isfinite(low), low, -np.pi)
@@ -166,7 +166,8 @@ class PoseSearch:
 
 
 def _searched(tracker: Any, start: np.ndarray, voxels: Any) -> tuple[np.ndarray, float]:
-    """The pose (D,) that `tracker` finds from `start`, and the error of its best particle."""
+    """Return the pose (D,) that `tracker` finds from `start`, and the error of the best
+    particle."""
     tracker.start(start)
     estimate = tracker.step(voxels)
     return estimate.pose, float(estimate.least_error[-1])

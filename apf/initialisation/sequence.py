@@ -1,4 +1,4 @@
-"""The stage `initialise`: body and first pose, found in the first of a session's frames."""
+"""The stage `initialise`: estimate body and first pose from the first of a session's frames."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from psfs.voxels.host_voxels import HostVoxels
 
 log = logging.getLogger(__name__)
 
-#: Frames per second from which on a person can be followed.
+#: Least frame rate, frames/s, at which a person can be tracked.
 SLOWEST = 1.0
 
 
@@ -45,11 +45,11 @@ def initialise(
 ) -> Start:
     """Find the person in the first of the session's frames; see `find_start`.
 
-    Where another hypothesis fits nearly as well, more frames are looked at: in a skirt, or with
-    arms before the trunk, a second tells little of which way somebody looks.
+    If another hypothesis fits nearly as well, more frames are used: if the person wears a skirt, or
+    holds the arms in front of the trunk, one second of footage hardly shows the heading.
 
-    Who stoops or crouches there, and stands taller in a later frame, has the body that is found
-    around that one: how long bent limbs are, a hull does not show.
+    If the person stoops or crouches there and stands taller in a later frame, the body is fitted
+    around that frame, because a visual hull does not show the length of bent limbs.
     """
     config = config or StartConfig()
 
@@ -85,8 +85,8 @@ def _find(
     seed: int,
     progress: Callable[[], object] | None,
 ) -> Start:
-    """Find the person by looks of these settings."""
-    check_startable(template)  # before the voxels are made
+    """Find the person with these settings."""
+    check_startable(template)  # before the voxels are carved
     sequence, device, chosen = session.sequence, session.device, session.frames
     check_rate(sequence, chosen.step)
     grid = automatic_grid(session)
@@ -134,8 +134,9 @@ def _find(
 def _tallest(
     sequence: Sequence, frames: range, tall: Callable[[Frame], float], least: float, n_looks: int
 ) -> int | None:
-    """The one of `n_looks` of the `frames`, evenly spread, that is `tall`est; None if none is as
-    tall as `least`. One that cannot be read ends the looks: that is the tracking's to say."""
+    """Return the frame with the greatest height `tall` out of `n_looks` evenly spaced `frames`;
+    None if none reaches `least`. A frame that cannot be read ends the search; tracking reports the
+    error."""
     n = min(n_looks, len(frames))
     picked = [frames[round(k)] for k in np.linspace(0, len(frames) - 1, n)]
     heights = dict[int, float]()
@@ -147,7 +148,7 @@ def _tallest(
 
 
 def seen_height(voxels: Voxels | StoredVoxels | HostVoxels, config: StartConfig) -> float:
-    """Return how high what is seen of the person is, m; 0 for nobody."""
+    """Return the height, m, of the visible part of the person; 0 if nobody is there."""
     points = person_points(voxels.grid, voxels.cloud().indices, config.frames)
     if len(points) < config.frames.min_voxels:
         return 0.0
@@ -156,7 +157,7 @@ def seen_height(voxels: Voxels | StoredVoxels | HostVoxels, config: StartConfig)
 
 
 def check_rate(sequence: Sequence, step: int) -> None:
-    """Raise InputError if every `step`-th frame of a sequence is too seldom to follow somebody."""
+    """Raise InputError if every `step`-th frame of a sequence is too few to track a person."""
     fps = sequence.fps / abs(step)
     if fps < SLOWEST:
         raise InputError(
@@ -166,8 +167,8 @@ def check_rate(sequence: Sequence, step: int) -> None:
 
 
 def frames_to_fit(chosen: range, fps: float, config: FrameChoice) -> tuple[range, int]:
-    """Return the first of the chosen frames of a sequence that a start reconstructs, and every
-    how many-th of them it fits the body to."""
+    """Return the first of the chosen frames that a start reconstructs, and the step between those
+    that the body is fitted to."""
     apart = config.duration / config.n_fitted * fps / abs(chosen.step)
     skip = max(1, round(apart / (1 + config.n_between)))
     every = math.ceil(apart / skip)

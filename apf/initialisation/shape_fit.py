@@ -1,4 +1,5 @@
-"""The body's shape by least squares: bone lengths and radii shared over several frames' clouds."""
+"""Fit the body's shape by least squares: bone lengths and radii shared by the clouds of several
+frames."""
 
 from __future__ import annotations
 
@@ -22,14 +23,15 @@ from apf.initialisation.shape_model import (
     surface_samples,
 )
 
-#: Difference of a log of a scale for derivatives: small beside any scale, large beside float64.
+#: Step of the differences of a log of a scale: small against any scale, large against float64's
+#: resolution.
 _STEP = 1e-5
 
 
 def seen_heights(points: np.ndarray, config: ShapeFitConfig) -> tuple[bool, tuple[float, float]]:
     """Return whether the person of `points` (N, 3) m stands on the floor, and the z, m, of the
-    lowest and the highest point but for strays; the floor's instead of the lowest where he does,
-    see `StandingConfig`."""
+    lowest and the highest point without outliers. If the person stands, the floor replaces the
+    lowest point, see `StandingConfig`."""
     low, high = np.quantile(points[:, 2], (config.stray, 1 - config.stray))
     on_floor = config.standing.stands(float(low))
     return on_floor, (float(config.standing.height if on_floor else low), float(high))
@@ -38,8 +40,8 @@ def seen_heights(points: np.ndarray, config: ShapeFitConfig) -> tuple[bool, tupl
 class Cloud:
     """Points (N, 3) m of one frame's surface, evenly thinned, and a search tree of all.
 
-    points: (n, 3) the thinned ones. on_floor, heights: see `seen_heights`; they are the whole
-    person's. part: shares of the height between which points are kept, for a body that is only that
+    points: (n, 3) the thinned ones. on_floor, heights: see `seen_heights`; of the whole person.
+    part: the range of heights, as shares, whose points are kept, for a body that models only that
     part of the person.
     """
 
@@ -61,11 +63,11 @@ class Cloud:
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Points fixed to cones' surfaces and where they should be.
+    """Pairs of points on the cones' surfaces and their targets.
 
     cone: (K,) indices. coordinates: (K, 4) on it, see `points_on`. target: (K, 3) m. normal: (K, 3)
-    unit. share: (K,) of the cloud's or the body's surface that each stands for. weight: (K,) the
-    share, less with distance.
+    unit. share: (K,) of the cloud's or the body's surface that each represents. weight: (K,) the
+    share, reduced with distance.
     """
 
     cone: np.ndarray
@@ -79,11 +81,11 @@ class Contacts:
 def contacts(
     cloud: Cloud, cones: np.ndarray, samples: tuple[np.ndarray, np.ndarray], reach: float
 ) -> Contacts:
-    """Pair, both ways, surface voxels with the nearest cone and the cones' free surface with the
-    nearest voxel.
+    """Pair surface voxels with the nearest cone, and the free surface of the cones with the nearest
+    voxel.
 
-    Weights fall with distance (Geman & McClure 1987, as in the refinement) and sum to about 1 each
-    way. reach: m, distance at which a point counts a quarter.
+    The weights fall with distance (Geman & McClure 1987, as in the refinement) and sum to about 1
+    in each direction. reach: m, distance at which the weight of a point falls to a quarter.
     """
     points = cloud.points
     every = cone_distances(points, cones)
@@ -119,11 +121,11 @@ def fit_shape(
     n_steps: int | None = None,
     free: Sequence[int] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find scales (S,) and poses (M, D) that bring the body onto the clouds of M frames.
+    """Estimate scales (S,) and poses (M, D) that fit the body to the clouds of M frames.
 
     Gauss-Newton over the poses and the scales numbered in `free` (all of them by default); the
-    poses are eliminated frame by frame (Schur's complement). height: known stature, m. n_steps:
-    the config's by default.
+    poses are eliminated frame by frame (Schur complement). height: known stature, m. n_steps: the
+    config's by default.
     """
     config = config or ShapeFitConfig()
     chosen = np.arange(len(shape)) if free is None else np.asarray(free, int)
@@ -134,7 +136,7 @@ def fit_shape(
 
 
 class _ShapeFit:
-    """The steps of `fit_shape`; chosen: (S',) numbers of the scales that are free."""
+    """The steps of `fit_shape`. chosen: (S',) indices of the free scales."""
 
     def __init__(
         self,
@@ -148,7 +150,7 @@ class _ShapeFit:
         self._height, self._config = height, config
         self._model = ShapeModel(template, config.prior)
         self._prior = self._model.deviation[chosen] ** -2.0
-        # Inverse variances of the angles around rest; the root is free.
+        # Inverse variances of the angles around the rest pose; the root has no prior.
         self._pose_prior = np.where(inner_axes(template), config.prior.angle**-2, 0.0)
 
     def step(
@@ -178,12 +180,13 @@ class _ShapeFit:
         return shape, np.clip(poses - moves, template.lower, template.upper)
 
     def _standing(self, found: Contacts, cones: np.ndarray, ankles: dict[int, float]) -> Contacts:
-        """`found` and the contact of the lower ankle with its height over the floor."""
+        """Return `found` with an added contact between the lower ankle and its height above the
+        floor."""
         config, standing = self._config, self._config.standing
         above = {c: cones[c, 6] - standing.height - height for c, height in ankles.items()}
         lower = min(above, key=lambda c: above[c])
         gap = above[lower]
-        # What a contact weighs, so that this one has the deviation of an ankle.
+        # The contact's weight that gives it the standard deviation of an ankle's height.
         weight = len(self._clouds) * (config.noise / standing.ankle) ** 2 / config.n_distances
         weight /= (1 + (gap / standing.lifted) ** 2) ** 2
         up, end = np.array([0.0, 0.0, 1.0]), cones[lower, 4:7]
@@ -197,7 +200,7 @@ class _ShapeFit:
         )
 
     def _shape_prior(self, shape: np.ndarray, body: BodyModel) -> tuple[np.ndarray, np.ndarray]:
-        """J'J (S', S') and J'r (S',) of the prior and of the known stature."""
+        """Return J'J (S', S') and J'r (S',) of the prior and of the known stature."""
         matrix, vector = np.diag(self._prior), self._prior * shape[self._chosen]
         if self._height is not None:
             miss = stature(body) - self._height
@@ -216,7 +219,8 @@ class _ShapeFit:
         growth: np.ndarray,
         found: Contacts,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """J'J (D + S', D + S') and J'r (D + S',) of the gaps r along the normals, in deviations."""
+        """Return J'J (D + S', D + S') and J'r (D + S',) of the gaps r along the normals, in
+        standard deviations."""
         here = points_on(cones[found.cone], found.coordinates)
         gap = dot(found.normal, here - found.target)
         by_pose = point_jacobian(body, pose, found.cone, here, found.normal)
@@ -226,8 +230,8 @@ class _ShapeFit:
         return weighted @ rows.T, weighted @ gap
 
     def _eliminated(self, normal: np.ndarray, gradient: np.ndarray, away: np.ndarray) -> np.ndarray:
-        """(D, S' + 1): how the pose answers to each scale, and its own step (both to be
-        subtracted)."""
+        """Eliminate the pose. Return (D, S' + 1): its response to each scale, and its own step
+        (both to be subtracted)."""
         prior, n = self._pose_prior, len(self._pose_prior)
         damping = self._config.damping * np.diag(normal[:n, :n])
         own = normal[:n, :n] + np.diag(prior + damping + 1.0)
@@ -236,8 +240,11 @@ class _ShapeFit:
 
 
 def _grown(cones: np.ndarray, growth: np.ndarray, found: Contacts, here: np.ndarray) -> np.ndarray:
-    """(S', K) how far each scale moves the contacts, at `here` (K, 3), along their normals: the
-    ends and radii of cones (C, 16) change by `growth` (S', C, 8), not their directions."""
+    """Return the displacement (S', K) of the contacts at `here` (K, 3) along their normals per unit
+    of each scale.
+
+    Scales change the ends and radii of cones (C, 16) by `growth` (S', C, 8), not their directions.
+    """
     ends = cones[found.cone]
     t, n = found.coordinates[:, 0:1], found.normal
     outward = here - (1 - t) * ends[:, 0:3] - t * ends[:, 4:7]

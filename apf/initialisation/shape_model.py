@@ -1,4 +1,4 @@
-"""The body's shape as a vector of scales, and points fixed to its cones."""
+"""The body's shape as a vector of scales, and points fixed to the surface of its cones."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from apf.initialisation.config import ShapePrior
 class ShapeModel:
     """The logs of scales (S,) of a body: size, girth, lengths per group, radii per group of cones.
 
-    `deviation`: (S,) of the prior around 0.
+    `deviation`: (S,) standard deviation of the prior around 0.
     """
 
     def __init__(self, template: BodyModel, prior: ShapePrior | None = None) -> None:
@@ -33,7 +33,8 @@ class ShapeModel:
         bones = np.array([sideless(bone.name) for bone in template.bones])
         cones = np.array([sideless(cone.name) for cone in template.cones])
         n_bones, n_cones = len(bones), len(cones)
-        # (S, B) and (S, C): which scales what is fixed to a bone, and the radii of a cone, grow by.
+        # (S, B) and (S, C): the scales that act on whatever is fixed to a bone, and on the radii of
+        # a cone.
         self._on_bone = np.concatenate(
             [
                 np.ones((1, n_bones)),
@@ -61,10 +62,12 @@ class ShapeModel:
         )
 
     def growths(self, body: BodyModel, poses: np.ndarray, cones: np.ndarray) -> np.ndarray:
-        """Return (M, S, C, 8) how ends and radii of the posed `cones` (M, C, 16) of `body`, which
-        has some scales of the template, change with the log of each scale in poses (M, D)."""
+        """Return the derivatives (M, S, C, 8) of the ends and radii of posed `cones` (M, C, 16)
+        with respect to the log of each scale, in poses (M, D). `body` is the template with some
+        scales."""
         rotations, origins = bone_matrices(body, poses)
-        shifts = np.zeros((len(poses), *self._on_bone.shape, 3))  # of the bones' origins
+        # displacement of the bones' origins
+        shifts = np.zeros((len(poses), *self._on_bone.shape, 3))
         for b, bone in enumerate(body.bones):
             if bone.parent >= 0:
                 offset = rotations[:, bone.parent] @ bone.offset
@@ -83,8 +86,8 @@ class ShapeModel:
 def points_on(cones: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
     """Return the points (..., K, 3) with these cone coordinates (K, 4) on posed cones (..., K, 16).
 
-    Cone coordinates: the share along the axis, then the offset from there in radii along (axis,
-    X, Y). They stay the same as the cone moves and grows.
+    Cone coordinates are the share along the axis, then the offset from there in radii along (axis,
+    X, Y). They do not change when the cone moves and grows.
     """
     a, b = cones[..., 0:3], cones[..., 4:7]
     x, y = cones[..., 8:11], cones[..., 12:15]
@@ -114,7 +117,7 @@ def nearest_coordinates(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
 @lru_cache(maxsize=8)  # a body is compared with many frames
 def surface_samples(body: BodyModel, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """Return cones (K,) and cone coordinates (K, 4) of points about `spacing` m apart on all cones
-    and their round ends; not to be written to."""
+    and their round ends. The arrays are cached: do not write to them."""
     rings, cones = [], []
     for c, cone in enumerate(body.cones):
         length = float(np.linalg.norm(cone.end - cone.start))
@@ -137,6 +140,6 @@ def surface_samples(body: BodyModel, spacing: float) -> tuple[np.ndarray, np.nda
 
 
 def inner_axes(body: BodyModel) -> np.ndarray:
-    """Return (D,) bool: the axes of the bones other than roots."""
+    """Return (D,) bool: which axes belong to bones other than roots."""
     inner = [axis.dof for bone in body.bones if bone.parent >= 0 for axis in bone.axes]
     return np.isin(np.arange(body.n_dof), inner)

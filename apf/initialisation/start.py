@@ -1,4 +1,4 @@
-"""What the automatic start found, and the error of one that found nothing."""
+"""The result of the automatic start, and its error."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cl import InputError
 
 
 class StartError(InputError):
-    """No start was found: a first pose has to be given."""
+    """Error of a failed start: the first pose has to be given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,11 +21,11 @@ class Start:
     """A body and its pose in the first frames.
 
     body: the template in the person's size. pose: (D,) in the first frame. poses: (M, D) in all
-    frames fitted. registration_error: mean of these, 0 is perfect, see
-    `pose_search.registration_error`. rival: how much worse the best hypothesis that looks elsewhere
-    is, as a factor of the cost; infinite where none comes near. seen: m, how high what is seen of
-    the person is. girth: how thick the body is for that height, the template standing upright
-    being 1.
+    fitted frames. registration_error: its mean over these, 0 is perfect, see
+    `pose_search.registration_error`. rival: cost of the best hypothesis with another heading,
+    divided by that of this one; infinite if there is none. seen: m, height of the visible part of
+    the person. girth: thickness of the body relative to that height; that of the upright template
+    is 1.
     """
 
     body: BodyModel
@@ -39,7 +39,7 @@ class Start:
 
     @property
     def doubts(self) -> list[str]:
-        """What speaks against this start, a sentence each."""
+        """Doubts about this start, a sentence each."""
         found = []
         if self.rival < self.config.acceptance.rival:
             found.append(
@@ -60,8 +60,8 @@ class Start:
 
 
 def check_startable(body: BodyModel) -> None:
-    """Raise StartError if a body cannot be stood on voxels by itself: its root does not move, or
-    its joints do not show how tall the person is."""
+    """Raise StartError if a body has no automatic start: its root does not move, or its joints do
+    not show how tall the person is."""
     kinds = {axis.kind for axis in body.bones[0].axes}
     lacking = [kind for kind in ("tx", "ty", "tz", "rz") if kind not in kinds]
     if lacking:

@@ -12,11 +12,12 @@ from apf.scene import Scene
 
 
 class Trackers:
-    """`trackers(body, config)`: what tracks a body of the template's structure with these settings.
+    """`trackers(body, config)`: returns a tracker with these settings for a body of the template's
+    structure.
 
-    A start tries some fifty bodies. To make a tracker takes as long as several of its steps; so
-    there is one for each set of settings, which gets the next body. It is the caller's until the
-    next call with the same settings; `start` it first.
+    A start tries about fifty bodies, and making a tracker takes as long as several of its steps. So
+    there is one tracker for each set of settings, and it is given the next body. A tracker is valid
+    until the next call with the same settings; call its `start` first.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -31,6 +32,6 @@ class Trackers:
                 kept.change_body(body)
             return kept
         tracker = filter_for(replace(self._scene, body=body), config)
-        if isinstance(tracker, DeviceTracker):  # a twin is made in no time
+        if isinstance(tracker, DeviceTracker):  # making a NumPy twin takes no time
             self._kept[config] = tracker
         return tracker

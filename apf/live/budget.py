@@ -1,4 +1,4 @@
-"""How large a search a frame's time allows."""
+"""Choice of the largest search that fits into the time per frame."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from apf.live.config import GovernorConfig, SizeConfig
 
 
 def sized(method: Method, evaluations: float, config: SizeConfig | None = None) -> Method:
-    """Return `method` with particles and layers for about so many evaluations of a frame.
+    """Return `method` with particles and layers for about `evaluations` per frame.
 
-    Ten layers for a thousand evaluations, fewer below, more above: a swarm with fewer than six
-    does not converge (Rymut 2016, figure 6.9), beyond fifteen it gains little.
+    Ten layers for a thousand evaluations, fewer below, more above: a swarm with fewer than six does
+    not converge (Rymut 2016, figure 6.9), and beyond fifteen it gains little.
     """
     config = config or SizeConfig()
     layers = round(np.sqrt(evaluations / 10))
@@ -31,24 +31,24 @@ def sized(method: Method, evaluations: float, config: SizeConfig | None = None) 
 
 
 def sizes(method: Method, config: SizeConfig | None = None) -> list[Method]:
-    """Return `method` in the sizes to choose from, ascending."""
+    """Return `method` in all sizes to choose from, ascending."""
     config = config or SizeConfig()
     counts = np.geomspace(config.fewest, config.most, config.n_sizes)
     return [sized(method, count, config) for count in counts]
 
 
 def evaluations(method: Method) -> int:
-    """Return how often a frame's search scores a pose."""
+    """Return how many poses the search of one frame evaluates."""
     return method.filter.search.n_particles * method.filter.search.n_layers
 
 
 class Governor:
-    """Chooses among searches the largest that leaves frames in time.
+    """Selects the largest search that keeps up with the frame rate.
 
-    costs: s that each search takes, ascending. period: s that a frame may take. overlaps: frames
-    are processed while others are searched in, else before. generous: a search may take as long as
-    the processing does, though the period be exceeded: where processing alone takes too long,
-    smaller searches would hardly make frames faster. `chosen`: index of the search.
+    costs: s that each search takes, ascending. period: s available per frame. overlaps: the next
+    frame is processed during a search, else before it. generous: a search may take as long as the
+    processing, even if the period is exceeded; if the processing alone takes too long, smaller
+    searches would hardly raise the frame rate. `chosen`: index of the selected search.
     """
 
     def __init__(
@@ -68,13 +68,13 @@ class Governor:
         self.chosen = self._largest(self.allowed(processing), 1.0)
 
     def allowed(self, processing: float) -> float:
-        """Return the s that a search may take beside so many s of processing."""
+        """Return the time, s, available for a search if the processing takes `processing` s."""
         left = self._config.share * self.period - (0.0 if self._overlaps else processing)
         return max(left, processing) if self._generous else left
 
     def revised(self, processing: float, seconds: float) -> bool:
-        """Choose anew, after a frame processed in about `processing` s and searched in for
-        `seconds`; return whether another search was chosen."""
+        """Update the selection after a frame that was processed in about `processing` s and
+        searched in `seconds`; return whether the selection changed."""
         self._slower.append(seconds / self.costs[self.chosen])
         if len(self._slower) < self._config.window:
             return False
@@ -90,5 +90,5 @@ class Governor:
         return self.chosen != before
 
     def _largest(self, allowed: float, slower: float) -> int:
-        """The largest search within `allowed` s where all take `slower` times their cost."""
+        """Return the largest search within `allowed` s if all take `slower` times their cost."""
         return max(0, int(np.count_nonzero(slower * self.costs <= allowed)) - 1)

@@ -1,4 +1,4 @@
-"""Cameras for live tracking, from their calibration and their captures' names."""
+"""Cameras for live tracking, from a calibration and the names of their captures."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ from psfs.footage.settings import Settings
 def cameras_of(folder: Path, stated: dict[str, Any], names: list[str], empty: float) -> Cameras:
     """Open the captures `names` as the cameras, in this order, of the calibration in `folder`.
 
-    `folder` may be the calibration file itself. stated: keys of `sequence.toml`, which they win
-    over. Where `folder/background` shows the empty scene it is the background. Raises InputError.
+    `folder` may be the calibration file itself. stated: keys of `sequence.toml` that override those
+    of the file. The background images are those in `folder/background`, if it exists. Raises
+    InputError.
     """
     settings = Settings.from_dict(stated)
     if folder.is_file():
@@ -43,7 +44,8 @@ def cameras_of(folder: Path, stated: dict[str, Any], names: list[str], empty: fl
 def box_around(
     body: BodyModel, pose: np.ndarray, config: CaptureConfig | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return lowest and highest corner (3,) m of a box that holds the person in `pose` (D,)."""
+    """Return the lowest and the highest corner (3,) m of a box that holds the person in `pose`
+    (D,)."""
     config = config or CaptureConfig()
     joints, side = posed_joints(body, pose[None])[0], config.box_side
     low = np.append(joints[:, :2].mean(0) - side, joints[:, 2].min() - config.box_below)

@@ -1,4 +1,4 @@
-"""Settings of live tracking, in parts."""
+"""Settings of live tracking, by part."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from psfs.common.config import Config, part, setting
 from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
 from psfs.voxels.config import ReconstructionConfig
 
-#: Where the defaults come from that name no other source.
+#: The source of defaults that name no other source.
 _TUNED = "tuned on replays of synth_walk_4cam and bodytrack_walk on two CPU cores and an H200"
 
 
 class SizeConfig(Config):
-    """The sizes of search that a run chooses from."""
+    """The sizes of search to choose from."""
 
     SOURCE: ClassVar = _TUNED
 
@@ -56,7 +56,7 @@ class SizeConfig(Config):
 
 
 class GovernorConfig(Config):
-    """When the search is made larger or smaller."""
+    """Rules for enlarging and reducing the search."""
 
     SOURCE: ClassVar = _TUNED
 
@@ -73,7 +73,7 @@ class GovernorConfig(Config):
 
 
 class CaptureConfig(Config):
-    """Cameras whose pictures are read as they come."""
+    """Cameras that are read live."""
 
     SOURCE: ClassVar = "by hand"
 
@@ -103,7 +103,7 @@ def _without_second_look() -> ReconstructionConfig:
 
 
 class LiveConfig(Config):
-    """Everything that live tracking goes by."""
+    """All settings of live tracking."""
 
     SOURCE: ClassVar = _TUNED
 

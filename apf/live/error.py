@@ -1,4 +1,5 @@
-"""How far live poses lie from the truth: of the frames taken, and of when the poses are known."""
+"""Errors of live poses: against the truth of their frame, and of the moment at which they are
+known."""
 
 from __future__ import annotations
 
@@ -12,10 +13,12 @@ from apf.tracking.track import Track
 
 
 def live_errors(track: Track, truth: JointSeries, latencies: np.ndarray) -> dict[str, float | None]:
-    """mm, means over joints and poses. error_mm: from the truth of the frame that was taken, which
-    is the tracking's; error_when_known_mm: from the truth `latencies` (F,) s later, when the pose
-    was known, without the poses for which there is no truth so late. Raises InputError as
-    `evaluate` does."""
+    """Return mean errors, mm, over joints and poses.
+
+    error_mm: against the truth of the frame, which is the error of tracking. error_when_known_mm:
+    against the truth `latencies` (F,) s later, when the pose was known; poses without truth at that
+    time are left out. Raises InputError as `evaluate` does.
+    """
     errors = {"error_mm": evaluate(track, truth).mean_error, "error_when_known_mm": np.nan}
     later = truth_later(truth, track.frames, latencies)
     if np.isfinite(later.joints).any():
@@ -27,8 +30,8 @@ def live_errors(track: Track, truth: JointSeries, latencies: np.ndarray) -> dict
 
 
 def truth_later(truth: JointSeries, frames: np.ndarray, seconds: np.ndarray) -> JointSeries:
-    """At the indices `frames` (F,) the true joints `seconds` (F,) later, linear between frames; NaN
-    where there are none."""
+    """Return the true joints `seconds` (F,) after the frames `frames` (F,), linearly interpolated;
+    NaN outside the truth."""
     when = frames + seconds * truth.fps
     flat = truth.joints.reshape(len(truth.frames), -1)
     moved = [np.interp(when, truth.frames, column, np.nan, np.nan) for column in flat.T]

@@ -1,4 +1,4 @@
-"""Telling people how fast a live run is: what is to be expected, and how it goes."""
+"""Report the speed of a live run: the expected one before it, and the actual one during it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from apf.live.session import LiveResult
 from apf.live.timeline import Timeline
 
-#: s between two lines where there is no terminal; poses of which rate and latency are told.
+#: Interval, s, between two lines without a terminal; number of latest poses that rate and latency
+#: are averaged over.
 EVERY, _RECENT = 5.0, 30
 #: Share of the wanted rate below which a run does not keep up.
 _SLOW = 0.9
@@ -17,10 +18,10 @@ _SLOW = 0.9
 
 @dataclass(frozen=True)
 class Pace:
-    """Rates per second and s per pose: what was measured before a run began.
+    """Rates, 1/s, and times per pose, s, measured before a run begins.
 
-    rate: of poses that the machine can find. wanted: those that are asked for, or that frames come
-    at. processing, searching: s. scale: of the pictures.
+    rate: poses per second that the machine can track. wanted: the requested rate, or the frame
+    rate. processing, searching: s. scale: of the images.
     """
 
     rate: float
@@ -31,7 +32,7 @@ class Pace:
 
     @property
     def keeps_up(self) -> bool:
-        """Whether as many poses are found as are wanted."""
+        """Whether the machine tracks as many poses as are wanted."""
         return self.rate >= _SLOW * self.wanted
 
     def __str__(self) -> str:
@@ -43,7 +44,7 @@ class Pace:
 
     @property
     def advice(self) -> str:
-        """What makes a run faster, most helpful first."""
+        """Advice for a faster run, most helpful first."""
         smaller = f"smaller pictures (--scale {self.scale / 2:g})"
         search = "a smaller search (--particles, --layers)"
         first = (smaller, search) if self.processing > self.searching else (search, smaller)
@@ -51,11 +52,11 @@ class Pace:
 
 
 class Progress:
-    """Tells now and then how a run goes: `progress(result, timeline)`, as `Live.run` calls it.
+    """Reports the progress of a run: `progress(result, timeline)`, as `Live.run` calls it.
 
-    show: takes the line, which replaces the one before, at every call; say: takes a line to keep,
-    every `every` s. One of them may be None. warn: takes, once, that the run falls behind `wanted`
-    poses per second; None for a run of which that was said.
+    show: receives a line at every call, which replaces the one before. say: receives a line to
+    keep, every `every` s. One of them may be None. warn: receives one warning when the run falls
+    behind `wanted` poses per second; None if the user was warned before the run.
     """
 
     def __init__(
@@ -69,16 +70,16 @@ class Progress:
     ) -> None:
         self._wanted, self._show, self._say, self._warn = wanted, show, say, warn
         self._every, self._clock = every, clock
-        self._began = self._said = clock()
+        self._began = self._last_line = clock()
 
     def __call__(self, result: LiveResult, timeline: Timeline) -> None:
         now = self._clock()
-        due = now - self._said >= self._every
+        due = now - self._last_line >= self._every
         if self._show is not None:
             self._show(described(result, timeline))
         if not due:
             return
-        self._said = now
+        self._last_line = now
         if self._say is not None:
             self._say(f"{now - self._began:.0f} s: {described(result, timeline)}")
         rate = _rate(timeline)
@@ -88,7 +89,7 @@ class Progress:
 
 
 def described(result: LiveResult, timeline: Timeline) -> str:
-    """Return how a run goes, in a line."""
+    """Return one line on the progress of a run."""
     if not result.frames:
         return "no pose yet"
     latency = 1000 * timeline.latencies()[-_RECENT:].mean()

@@ -1,4 +1,4 @@
-"""Footage made smaller: pictures no finer than what is read from them take less time."""
+"""Downscaling of footage: images no finer than the voxels take less time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from psfs.voxels.occupied_box import finest_pixel
 
 
 class Smaller:
-    """`footage` with pictures resized by `factor`, up to 1; a call resizes a frame."""
+    """`footage` with images resized by `factor`, at most 1; a call resizes a frame."""
 
     def __init__(self, footage: Footage, factor: float) -> None:
         self.has_images = footage.has_images
@@ -32,7 +32,7 @@ class Smaller:
         return replace(frame, images=images, masks=masks)
 
     def _scene(self, background: Background | None) -> Background | None:
-        """With everything resized that it says of single pixels."""
+        """Return the background with all its per-pixel data resized."""
         if background is None or self.rig is self._whole:
             return background
         arrays = {of.name: getattr(background, of.name) for of in fields(background)}
@@ -40,7 +40,8 @@ class Smaller:
         return replace(background, **{name: self._resized(a) for name, a in pixels.items()})
 
     def _resized(self, pictures: np.ndarray) -> np.ndarray:
-        """Pictures (V, H, W, ...) as the smaller rig's, by the mean over each pixel's area."""
+        """Return images (V, H, W, ...) in the size of the smaller rig, averaged over each pixel's
+        area."""
         shape = (len(self.rig), self.rig.height, self.rig.width, *pictures.shape[3:])
         resized = np.zeros(shape, pictures.dtype)
         for view, (camera, small) in enumerate(zip(self._whole, self.rig, strict=True)):
@@ -51,7 +52,7 @@ class Smaller:
 
 
 def fitting_factor(rig: CameraRig, grid: VoxelGrid) -> float:
-    """Return the factor of pictures that are halved, and halved again, until a pixel covers a voxel
-    of `grid`."""
+    """Return the factor of images that are halved repeatedly until a pixel covers a voxel of
+    `grid`."""
     halves = int(np.log2(max(grid.voxel_size / finest_pixel(rig, grid), 1.0)))
     return float(0.5**halves)

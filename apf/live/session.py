@@ -1,4 +1,4 @@
-"""Tracking as it happens: acquisition, image processing and tracking in threads of their own."""
+"""Live tracking: acquisition, image processing and tracking in separate threads."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ STAGES = (ACQUISITION, PROCESSING, TRACKING)
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """A frame as the trackers observe it, and the centre of its voxels (3,) m; None where there
-    are none."""
+    """A frame as the trackers observe it, and the centre (3,) m of its voxels; None without
+    voxels."""
 
     shot: Shot
     observation: Any
@@ -44,8 +44,9 @@ class Observed:
 
 @dataclass
 class LiveResult:
-    """frames: indices with a pose. estimates: theirs. latencies: s from each frame's appearance to
-    its pose. sizes: (frame, particles, layers) from which on a search of that size was used."""
+    """Result of a live run. frames: indices with a pose. estimates: of these frames. latencies: s
+    from each frame's appearance to its pose. sizes: (frame, particles, layers) of each change of
+    the search, with the first frame that used it."""
 
     frames: list[int] = field(default_factory=list)
     estimates: list[Estimate] = field(default_factory=list)
@@ -55,8 +56,8 @@ class LiveResult:
 
 @dataclass(frozen=True, eq=False)
 class LiveStart:
-    """grid: that voxels are looked for in; None for image features. body: that is tracked, from
-    `pose` (D,) on."""
+    """Start of a live run. grid: of the voxels; None for image features. body: the body to track,
+    from `pose` (D,) on."""
 
     grid: VoxelGrid | None
     body: BodyModel
@@ -64,21 +65,20 @@ class LiveStart:
 
 
 class Live:
-    """Tracks a body from its `start` through what `source` delivers.
+    """Tracks a body from its `start` through the frames that `source` delivers.
 
-    Three threads hand over the newest frame and drop the older ones. The processing of a frame
-    (features, or voxels) begins when the tracker is free, so that no frame waits or is worked on in
-    vain; a GPU, which leaves the host's cores idle, gets the next frame just in time for the
-    tracker to be free when it ends.
+    Three threads pass on the newest frame and drop older ones. The processing of a frame (features,
+    or voxels) begins when the tracker is free, so that no frame waits and none is processed in
+    vain. On a GPU, which leaves the host's cores idle, the processing begins earlier, so that it
+    ends just when the tracker becomes free.
 
-    searches: one method in one size, or in several, ascending, of which the one is used that
-    `budget`, frames per second to be reached, leaves the time for; without a budget they are the
-    source's, where that is possible, see `Governor`. follow: voxels are looked for in a grid that
-    moves with the person. scale: of the pictures that are looked at.
+    searches: one method in one size, or in several, ascending. The largest size that allows
+    `budget`, frames per second, is used; the default is the frame rate of the source, if that is
+    possible, see `Governor`. follow: the voxel grid moves with the person. scale: of the images.
 
-    From frame to frame the pose is searched for where the voxels have moved to. Estimates that do
-    not fit are lost, see `Judge`: they hold the last good pose, moved with the voxels, around which
-    the next frame is searched the more widely.
+    In each frame the search starts from the last pose, moved with the voxels. If an estimate does
+    not fit, it is lost, see `Judge`: it holds the last good pose, moved with the voxels, and the
+    next frame is searched more widely around it.
     """
 
     def __init__(
@@ -100,7 +100,8 @@ class Live:
         self.result = LiveResult()
         self._grid, self._searches, self._pose = grid, searches, pose
         self._judge = Judge(self._config.recovery.for_body(body))
-        self._seen: tuple[float, np.ndarray | None] = 0.0, None  # of the last good pose
+        # time and centre of the voxels of the last good pose
+        self._seen: tuple[float, np.ndarray | None] = 0.0, None
         self._overlaps = device.is_gpu
         self.processor = device.sibling()
         self._pictures = Smaller(source, scale)
@@ -120,20 +121,21 @@ class Live:
 
     @property
     def expected_rate(self) -> float:
-        """Poses per second, as far as was measured in the first frame."""
+        """Poses per second to expect, from the times measured in the first frame."""
         searching = float(self.governor.costs[self.governor.chosen])
         overlapped = max(self._processing_time, searching)
         return 1 / (overlapped if self._overlaps else self._processing_time + searching)
 
     @property
     def processing_time(self) -> float:
-        """s that a frame takes before it is searched in."""
+        """Time, s, from a frame to the start of its search."""
         return self._processing_time
 
     def run(self, progress: Callable[[LiveResult, Timeline], object] | None = None) -> LiveResult:
-        """Track until the source ends, or `stop`, or KeyboardInterrupt, which ends it just so.
+        """Track until the source ends, `stop` is called, or a KeyboardInterrupt, which ends the run
+        without an error.
 
-        Raises what a thread raised.
+        Raises the exception of any of the threads.
         """
         work = (self._acquire, self._process, self._track)
         threads = [
@@ -159,7 +161,7 @@ class Live:
         return self.result
 
     def stop(self) -> None:
-        """End after what is under way."""
+        """End the run after the work in progress."""
         self._stop.set()
         self._shots.close()
         self._ready.close()
@@ -206,7 +208,7 @@ class Live:
             with self.timeline.span(TRACKING, shot.frame.index):
                 self.expect(observed)
                 self.tracker.observe(observed.observation)
-                if self._overlaps:  # the tracker has what it needs of the observation
+                if self._overlaps:  # the tracker no longer needs the observation
                     self.device.finish()
                     self._free.set()
                 estimate = self.tracker.search()
@@ -219,8 +221,8 @@ class Live:
                 self.tracker = self.chosen()
 
     def expect(self, observed: Observed) -> None:
-        """Search as far around the last good pose as the time since then asks for, and where the
-        voxels have moved to."""
+        """Set the search region: around the last good pose, moved with the voxels, and wider the
+        more time has passed since then."""
         when, where = self._seen
         gap = max(observed.shot.time - when, 1 / self.source.fps)
         self.tracker.widen(SIGMA_FPS * min(gap, self._config.max_gap))
@@ -230,8 +232,8 @@ class Live:
             self.tracker.push(self._moved)
 
     def keep(self, observed: Observed, estimate: Estimate, latency: float) -> None:
-        """Add the estimate to the result. A lost one goes back to the last good pose, instead of
-        wandering off."""
+        """Add the estimate to the result. A lost estimate gets the last good pose, moved with the
+        voxels, so that the track does not drift."""
         estimate = self._judge.judged(estimate)
         if (
             not self._searches[0].uses_voxels
@@ -253,7 +255,8 @@ class Live:
     # Preparation ----------------------------------------------------------------------------
 
     def _observer(self, follow: bool) -> Callable[[Frame], tuple[Any, np.ndarray | None]]:
-        """What makes of a frame that which the trackers observe, and where its voxels are."""
+        """Return the function that converts a frame to the trackers' observation and the centre of
+        its voxels."""
         method, smaller, device = self._searches[0], self._pictures, self.processor
         if not method.uses_voxels:
             features = observer_for(device, smaller, None, method)
@@ -280,14 +283,14 @@ class Live:
         return observe
 
     def _prepared(self, budget: float | None) -> Governor:
-        """Compiles and measures everything in the first frame."""
+        """Compile and time everything in the first frame; return the governor."""
         frame = self.source.first()
         for _ in range(2):
             start = time.perf_counter()
             observation, _ = self.observe(frame)
             self.processor.finish()
             self._processing_time = time.perf_counter() - start
-        costs = [self._cost_of(tracker, observation) for tracker in self._trackers]
+        costs = [self._measure_cost(tracker, observation) for tracker in self._trackers]
         return Governor(
             1 / (budget or self.source.fps),
             costs,
@@ -300,8 +303,8 @@ class Live:
     def _smoothed(self, mean: float, value: float) -> float:
         return mean + self._config.smoothing * (value - mean)
 
-    def _cost_of(self, tracker: Any, observation: Any) -> float:
-        """s that a search takes at best."""
+    def _measure_cost(self, tracker: Any, observation: Any) -> float:
+        """Return the least time, s, of a search."""
         tracker.start(self._pose)
         seconds = []
         for _ in range(1 + self._config.n_probes):
@@ -311,7 +314,7 @@ class Live:
         return min(seconds[1:])
 
     def chosen(self) -> Any:
-        """The tracker of the size that the governor chose, started."""
+        """Return the tracker of the size that the governor selected, started."""
         chosen = self.governor.chosen
         frame = self.result.frames[-1] if self.result.frames else -1
         search = self._searches[chosen].filter.search
@@ -321,7 +324,7 @@ class Live:
 
 
 def translation(body: BodyModel) -> np.ndarray:
-    """Return (D, 3): how a pose of `body` changes when the whole of it moves by a vector, m."""
+    """Return (D, 3): the change of a pose of `body` if the whole body moves by a vector, m."""
     matrix = np.zeros((body.n_dof, 3))
     for axis in body.bones[0].axes:
         if axis.kind in ("tx", "ty", "tz"):

@@ -1,4 +1,4 @@
-"""Where live frames come from: a recorded sequence at its own rate, or cameras."""
+"""Sources of live frames: a recorded sequence at its own rate, or cameras."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from psfs.footage.media import VIDEO_SUFFIXES
 from psfs.sequence import Frame
 from psfs.sequence import Sequence as Recording
 
-#: The stage that sources do.
+#: The stage that sources perform.
 ACQUISITION = "acquisition"
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A frame and when it appeared, s of the timeline's clock."""
+    """A frame and the time at which it appeared, s of the timeline's clock."""
 
     frame: Frame
     time: float
 
 
 class Newest:
-    """Hands over the newest thing between threads; older ones are dropped."""
+    """Passes the newest item from one thread to another; older ones are dropped."""
 
     def __init__(self, dropped: Callable[[Any], None]) -> None:
         self._condition = threading.Condition()
@@ -52,35 +52,35 @@ class Newest:
             self._condition.notify_all()
 
     def take(self) -> Any:
-        """The newest item, waited for; None once there will be no more."""
+        """Wait for the newest item and return it; None after the last one."""
         with self._condition:
             self._condition.wait_for(lambda: self._item is not None or self._closed)
             item, self._item = self._item, None
             return item
 
     def close(self) -> None:
-        """There will be no more; what lies there can still be taken."""
+        """Declare that no further item will come; the last one can still be taken."""
         with self._condition:
             self._closed = True
             self._condition.notify_all()
 
 
 class Source(Footage, Protocol):
-    """What live tracking reads; fps: frames per second."""
+    """The input of live tracking. fps: frames per second."""
 
     fps: float
 
     def first(self) -> Frame:
-        """A frame to prepare with."""
+        """Return a frame for the preparation."""
 
     def run(self, shots: Newest, timeline: Timeline, stop: threading.Event) -> None:
         """Put shots until the end or `stop`. Raises InputError."""
 
 
 class Replay:
-    """A recorded sequence as its cameras would deliver it: each frame at its own time.
+    """Plays a recorded sequence as its cameras would deliver it: each frame at its own time.
 
-    A frame that the decoding comes to more than a frame too late is dropped undecoded.
+    If decoding is more than a frame late, the frame is dropped undecoded.
     """
 
     def __init__(self, sequence: Recording, frames: range) -> None:
@@ -113,10 +113,10 @@ class Replay:
 
 
 class Camera:
-    """The newest picture of an OpenCV capture, grabbed in a thread of its own.
+    """Reads the newest picture of an OpenCV capture, grabbed in a thread of its own.
 
-    name: a USB number, a URL or a video file. A file is read as pictures are asked for until
-    `play`, and from then on at its own rate. Raises InputError if it cannot be opened.
+    name: a USB number, a URL or a video file. A file is read on demand until `play`, and from then
+    on at its own rate. Raises InputError if it cannot be opened.
     """
 
     def __init__(self, name: str, config: CaptureConfig | None = None) -> None:
@@ -125,14 +125,15 @@ class Camera:
         self._capture = cv2.VideoCapture(int(name) if name.isdigit() else name)
         if not self._capture.isOpened():
             raise InputError(f"{name}: cannot be opened; expected a USB number, a URL or a video")
-        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # of a queue the newest is wanted
+        # without a queue, because only the newest is wanted
+        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         rate = self._capture.get(cv2.CAP_PROP_FPS)
         self.fps = float(rate) if 1 <= rate <= 1000 else config.default_fps
         self._is_file = Path(name).suffix.lower() in VIDEO_SUFFIXES and Path(name).is_file()
         self._condition = threading.Condition()
         self._image: np.ndarray | None = None
         self._time, self._count, self._wanted, self._ended = 0.0, 0, 0, False
-        self._began: tuple[float, int] | None = None  # when it began to play, at which picture
+        self._began: tuple[float, int] | None = None  # when playing began, and at which picture
         self._stop = False
         self._thread = threading.Thread(target=self._grab, name=f"camera {name}", daemon=True)
         self._thread.start()
@@ -143,9 +144,9 @@ class Camera:
             self._condition.notify_all()
 
     def next(self, after: int) -> tuple[int, float, np.ndarray | None]:
-        """Number, time (perf_counter, s) and picture (h, w, 3) of the newest picture with a number
-        above `after`, waited for; the picture is None at the end. Raises InputError if it is gone.
-        """
+        """Wait for the newest picture with a number above `after`. Return its number, time
+        (perf_counter, s) and pixels (h, w, 3); None instead of pixels at the end. Raises InputError
+        if the capture fails."""
         with self._condition:
             self._wanted = after + 1
             self._condition.notify_all()
@@ -181,7 +182,7 @@ class Camera:
                 return
 
     def _wait_turn(self) -> None:
-        """Until a file's next picture is due, or asked for."""
+        """Wait until a file's next picture is due or requested."""
         with self._condition:
             self._condition.wait_for(
                 lambda: self._began is not None or self._wanted > self._count or self._stop
@@ -193,11 +194,11 @@ class Camera:
 
 
 class Cameras:
-    """Cameras of `rig`, in its order, whose newest pictures make a frame.
+    """Cameras of `rig`, in its order, whose newest pictures form a frame.
 
-    A frame appears when its oldest picture was grabbed. Its index counts in 1 / fps s. The empty
-    scene is the one given, or learnt from the first `empty` seconds. Raises InputError if a
-    camera's pictures are not of the size that it is calibrated for.
+    A frame appears when its oldest picture was grabbed. Its index counts steps of 1 / fps s. The
+    background is the one given, or estimated from the first `empty` seconds. Raises InputError if a
+    camera's pictures do not have the size of its calibration.
     """
 
     has_images = True
@@ -217,7 +218,7 @@ class Cameras:
             )
         self.rig, self._known, self._empty = rig, background, empty
         self._cameras: list[Camera] = []
-        with ExitStack() as stack:  # what is open is closed if the next cannot be opened
+        with ExitStack() as stack:  # close the opened captures if the next cannot be opened
             for name in names:
                 self._cameras.append(Camera(name, config))
                 stack.callback(self._cameras[-1].close)
@@ -227,7 +228,7 @@ class Cameras:
 
     @property
     def background(self) -> Background:
-        """The empty scene; the first call may film it."""
+        """The background; the first access may record it."""
         if self._known is None:
             count = max(1, round(self._empty * self.fps))
             frames = [self._first_images() for _ in range(count)]
@@ -272,7 +273,7 @@ class Cameras:
             self.close()
 
     def _next(self, origin: float) -> Shot | None:
-        """A frame of pictures that are all new, None at the end of any camera."""
+        """Return a frame of pictures that are all new; None at the end of any camera."""
         images = np.zeros((len(self.rig), self.rig.height, self.rig.width, 3), np.uint8)
         oldest = np.inf
         for view, (camera, calibrated) in enumerate(zip(self._cameras, self.rig, strict=True)):

@@ -1,4 +1,4 @@
-"""What each thread did when, and the picture of it (Rymut 2016, figure 6.24)."""
+"""Record of what each thread did when, and its plot (Rymut 2016, figure 6.24)."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ import numpy as np
 
 from psfs.common.files import written_whole
 
-#: Spans and drops that are kept: some minutes.
+#: Number of spans and drops that are kept: some minutes.
 _KEPT = 50_000
 _WIDTH_S, _COLOURS = 1.0, ("#4c78a8", "#f58518", "#54a24b", "#b279a2", "#e45756", "#72b7b2")
 
 
 @dataclass(frozen=True)
 class Span:
-    """`stage` worked on frame `frame` from `start` to `end`, s of the run's clock."""
+    """Work of `stage` on frame `frame` from `start` to `end`, s of the run's clock."""
 
     stage: str
     frame: int
@@ -42,12 +42,12 @@ class Timeline:
         self._n_dropped = dict.fromkeys(stages, 0)
 
     def now(self) -> float:
-        """s since the start."""
+        """Return the time, s, since the start."""
         return time.perf_counter() - self._origin
 
     @contextmanager
     def span(self, stage: str, frame: int) -> Iterator[None]:
-        """Note how long the block takes; nothing if it raises."""
+        """Record the duration of the block; nothing if it raises."""
         start = self.now()
         yield
         self.add(Span(stage, frame, start, self.now()))
@@ -57,46 +57,47 @@ class Timeline:
             self._spans.append(span)
 
     def drop(self, stage: str, frame: int) -> None:
-        """Note that `frame` was superseded before `stage` took it."""
+        """Record that `frame` was superseded before `stage` took it."""
         with self._lock:
             self._n_dropped[stage] += 1
             self._dropped.append((stage, frame, self.now()))
 
     def result(self, frame: int, appeared: float) -> float:
-        """Note that the pose of a frame that appeared then is known now; return the s between."""
+        """Record that the pose of a frame that appeared at `appeared` is known now; return its
+        latency, s."""
         now = self.now()
         self.add_result(frame, appeared, now)
         return now - appeared
 
     def add_result(self, frame: int, appeared: float, known: float) -> None:
-        """Note that the pose of a frame that appeared then was known then, s."""
+        """Record that the pose of a frame that appeared at `appeared` was known at `known`, s."""
         with self._lock:
             self._results.append((frame, appeared, known))
 
     @property
     def spans(self) -> list[Span]:
-        """What the stages did, in the order in which it ended."""
+        """The spans of all stages, in the order in which they ended."""
         with self._lock:
             return list(self._spans)
 
     @property
     def dropped(self) -> dict[str, int]:
-        """Frames dropped before each stage."""
+        """Number of frames dropped before each stage."""
         with self._lock:
             return dict(self._n_dropped)
 
     def latencies(self) -> np.ndarray:
-        """(R,) s from a frame's appearance to its pose."""
+        """Return the latencies (R,), s, from a frame's appearance to its pose."""
         with self._lock:
             return np.array([end - start for _, start, end in self._results])
 
     def intervals(self) -> np.ndarray:
-        """(R - 1,) s from result to result."""
+        """Return the intervals (R - 1,), s, between results."""
         with self._lock:
             return np.diff([end for *_, end in self._results])
 
     def summary(self) -> dict[str, object]:
-        """Latency, rate, durations of the stages and dropped frames, ms, ready for JSON."""
+        """Return latency, rate, durations of the stages and dropped frames, ms, ready for JSON."""
         latencies, intervals = self.latencies(), self.intervals()
         spans = self.spans
         durations = {
@@ -116,7 +117,7 @@ class Timeline:
         }
 
     def plot(self, path: Path) -> None:
-        """A picture of one second in the middle of the run, a lane per stage.
+        """Plot one second in the middle of the run, with a lane per stage.
 
         A frame has the same colour in all lanes and an arrow from its appearance to its pose;
         crosses are frames dropped before a stage.
@@ -177,7 +178,7 @@ class Timeline:
 
 
 def _statistics(seconds: np.ndarray) -> dict[str, float] | None:
-    """Mean, 95th percentile and largest, ms."""
+    """Return mean, 95th percentile and maximum, ms."""
     if not seconds.size:
         return None
     values = (seconds.mean(), np.percentile(seconds, 95), seconds.max())

@@ -26,7 +26,7 @@ _JOINT, _SHADOW, _TEXT = (255, 255, 255), (25, 25, 25), (245, 245, 245)
 #: The mosaic's largest width and height, px.
 MOSAIC_SIZE = (1920, 1080)
 _BITS = 4  # fractional bits of the coordinates that OpenCV draws with
-_FAR = 10_000.0  # px; lines that reach farther are cut off there, OpenCV's integers overflow
+_FAR = 10_000.0  # px; lines are clipped there, because OpenCV's integers would overflow
 
 
 def draw_overlay(
@@ -55,7 +55,7 @@ def draw_overlay(
     for quad, colour in visible:
         cv2.fillConvexPoly(tint, cv2.convexHull(quad), colour, cv2.LINE_AA, _BITS)
     cv2.addWeighted(tint, 0.16, drawn, 0.84, 0, dst=drawn)
-    for quad, colour in visible:  # a dark rim keeps the lines visible on any ground
+    for quad, colour in visible:  # a dark rim keeps the lines visible on any background
         cv2.polylines(drawn, [quad], True, _SHADOW, thickness + 2, cv2.LINE_AA, _BITS)
         cv2.polylines(drawn, [quad], True, colour, thickness, cv2.LINE_AA, _BITS)
     _draw_skeleton(drawn, *camera.project(joints), edges, thickness)

@@ -11,8 +11,8 @@ from apf.body.model import find_side
 from apf.report.overlay import COLOURS
 from apf.report.quality import Quality
 
-#: Most voxels of all frames together, and of one frame: 12 MB and 60 kB of page; more would not be
-#: visible at the size of the player.
+#: Greatest number of voxels in all frames together, and in one frame: 12 MB and 60 kB of page. More
+#: would not be visible at the size of the player.
 _MOST_VOXELS, _MOST_OF_A_FRAME = 400_000, 4_000
 _GREY = 150
 

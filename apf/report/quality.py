@@ -26,14 +26,12 @@ _INSIDE = 0.7
 _POWER = np.log(0.5) / np.log(_INSIDE)
 #: Deviation of a limb's end, m, that halves its confidence; `apf evaluate` counts a limb as lost at
 #: twice this.
-#: evaluate` calls a lost limb.
 _HALVED, _STEEPNESS = 0.1, 4
 #: A part with less confidence should be checked; a limb counts as lost below it, too.
 DOUBTFUL = LOST
 #: A frame with a smaller share of surface voxels near the body should be checked: something as
 #: large as an arm is unexplained. Hulls of few cameras leave up to 0.06 unexplained without a
 #: fault.
-#: large as an arm is not explained. Hulls of few cameras leave up to 0.06 by themselves.
 _EXPLAINED = 0.9
 #: A track is good up to the first share of doubtful frames, bad from the second on.
 _GOOD, _BAD = 0.02, 0.25

@@ -13,10 +13,10 @@ from apf.report.overlay import COLOURS
 from apf.tracking.track import Track
 from psfs.mesh.drawing import Layer, Lines, Surface
 
-#: RGB of the skeleton, and of it where the person was lost.
+#: RGB of the skeleton, and of the skeleton of a lost person.
 _BONE, _LOST = (20, 20, 20), (220, 30, 30)
 _BONE_WIDTH = 6.0  # px
-_OPACITY = 0.75  # of the cones: what they hold is seen through them
+_OPACITY = 0.75  # of the cones: their content stays visible
 _VERTICES_PER_CONE = 34
 #: Frames of which the cones are kept.
 _KEPT = 16

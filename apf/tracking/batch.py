@@ -1,11 +1,10 @@
-"""Many takes in one process, some at a time, each in a thread with a queue of its own on the one
-device.
+"""Track several takes in one process, each in a thread with its own queue on the one device.
 
-They share the process, the device's context and memory, and the programs, each of which is
-compiled once for all takes of the same size; while one take's host decodes video or fits its
-person's shape, the device works for another. They share no kernel launch: bodies, grids and numbers
-of frames differ from take to take. (The seeds of one take do share them, see `track_frames`.) So a
-take's tracks are, bit by bit, those that it has alone.
+The takes share the process, the device's context and memory, and the programs: each program is
+compiled once for all takes of the same size. While the host decodes video or fits the body's shape
+for one take, the device works for another. The takes share no kernel launch, because bodies, grids
+and numbers of frames differ from take to take. (The seeds of one take do share launches, see
+`track_frames`.) So the tracks of a take are bit-equal to those of a run of that take alone.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ R = TypeVar("R")
 
 
 def default_at_once(device: Device | NumpyDevice) -> int:
-    """Return how many takes at a time pay, see `BatchConfig`."""
+    """Return the number of takes to track at the same time, see `BatchConfig`."""
     config = BatchConfig()
     return config.on_gpu if isinstance(device, Device) and device.is_gpu else config.on_cpu
 
@@ -36,13 +35,13 @@ def at_once(
     n_takes: int,
     n_at_once: int | None = None,
 ) -> Generator[tuple[int, R | UserError], None, None]:
-    """Yield every take's number with what `work(device, number, check)` returned or the UserError
-    that it raised, as they are done; `n_at_once` at a time, each in a thread with a queue of its
-    own on the device.
+    """Call `work(device, number, check)` for every take, `n_at_once` at a time, each in a thread
+    with its own queue on the device. Yield each take's number with the result, or with the
+    UserError that was raised, as soon as it is done.
 
-    After a KeyboardInterrupt, here or in a thread, no take is begun, `check()` raises it in every
-    thread, and so does this function once the last one has ended. Any other exception ends all
-    work likewise and is raised. So does closing the iterator.
+    After a KeyboardInterrupt, here or in a thread, no further take is started, `check()` raises it
+    in every thread, and this function raises it when the last thread has ended. Any other exception
+    also ends all work and is raised. Closing the iterator ends all work, too.
     """
     interrupted = threading.Event()
 

@@ -1,4 +1,4 @@
-"""Settings of tracking: recovery, the two ways, takes at a time, smoothing, feet, gait."""
+"""Settings of tracking: recovery, fusion of passes, parallel takes, smoothing, feet, gait."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 
 class RecoveryConfig(Config):
-    """When a track is lost, and how the person is looked for again.
+    """Detection of a lost track, and the new search for the person.
 
-    A track is lost where the misfit (see `apf.likelihood.base`) exceeds a limit.
+    A track is lost if the misfit (see `apf.likelihood.base`) exceeds a limit.
     """
 
     SOURCE: ClassVar = "tuned on the shared walks with 4 and 8 cameras"
@@ -75,8 +75,11 @@ class RecoveryConfig(Config):
         return self
 
     def for_body(self, body: BodyModel) -> RecoveryConfig:
-        """Return the config for a track of `body`. A body that is only a part of the person never
-        explains the rest of him: with no good frame to compare with, only `worst` is a limit."""
+        """Return the config for a track of `body`.
+
+        A body that models only a part of the person never explains the rest of the person: until
+        there is a good frame to compare with, only `worst` is a limit.
+        """
         from apf.body.stature import has_head, is_whole
 
         if is_whole(body):
@@ -85,7 +88,7 @@ class RecoveryConfig(Config):
 
 
 class TwoWayConfig(Config):
-    """How the passes forward and backward are made one, see `apf.tracking.two_way`."""
+    """Fusion of the forward and backward passes, see `apf.tracking.two_way`."""
 
     SOURCE: ClassVar = "by hand"
 
@@ -139,16 +142,16 @@ class TwoWayConfig(Config):
     longest: int = setting(1000, "Greatest number of frames of a window.", unit="frames", least=1)
 
     def n_steady(self, fps: float) -> int:
-        """Return the frames of a parabola, an odd number."""
+        """Return the number of frames of a parabola, an odd number."""
         return round(self.steady * fps) | 1
 
     def full(self, n_frames: int, n_bytes: int) -> bool:
-        """Return whether a window of so many frames and bytes has room for no other."""
+        """Return whether a window of so many frames and bytes is full."""
         return n_frames >= self.longest or (n_frames > 2 and n_bytes > 1e9 * self.memory)
 
 
 class BatchConfig(Config):
-    """How many takes are worked on at a time. Measured with takes of 172 frames."""
+    """Number of takes that are tracked at the same time. Measured with takes of 172 frames."""
 
     on_gpu: int = setting(
         4,
@@ -164,8 +167,8 @@ class BatchConfig(Config):
 
 
 class ContactConfig(Config):
-    """When a foot stands, by its ankle's speed and its height over the lowest ones. It starts and
-    stops at different values, lest it flicker."""
+    """Detection of standing feet by the ankle's speed and by its height above its lowest positions.
+    The thresholds for start and stop differ (hysteresis), so that the result does not flicker."""
 
     SOURCE: ClassVar = "chosen on synth_walk_8cam and synth_walk_4cam"
 
@@ -239,7 +242,7 @@ class ContactConfig(Config):
 
 
 class SmoothingConfig(Config):
-    """How a track is smoothed."""
+    """Smoothing of a track."""
 
     cutoff: float = setting(
         6.0,
@@ -271,7 +274,7 @@ class SmoothingConfig(Config):
 
 
 class GaitConfig(Config):
-    """What counts as walking."""
+    """Definition of walking."""
 
     SOURCE: ClassVar = "by hand"
 
@@ -299,7 +302,7 @@ class GaitConfig(Config):
 
 
 class TriangulatedConfig(Config):
-    """How keypoints become a track without a body."""
+    """Conversion of keypoints to a track without a body."""
 
     triangulation: TriangulationConfig = part(
         TriangulationConfig, "When cameras are left out of a point."

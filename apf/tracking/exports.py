@@ -1,8 +1,8 @@
-"""What `apf export` writes."""
+"""The files that `apf export` writes."""
 
 from __future__ import annotations
 
-#: What is written, and as what file.
+#: The file name of each format.
 EXPORTS = {
     "bvh": "motion.bvh",
     "c3d": "motion.c3d",
@@ -12,5 +12,5 @@ EXPORTS = {
     "glb": "motion.glb",
     "gait": "gait.json",
 }
-#: What needs no body, but points alone.
+#: The formats that need joint positions only, no body model.
 OF_POINTS = ("c3d", "trc", "gait")

@@ -1,9 +1,9 @@
-"""Feet that stand: when they do, and poses in which they then do not slide.
+"""Foot contact: detect when a foot stands, and stop standing feet from sliding.
 
-A foot stands while its ankle is low and slow: the bodies' feet do not bend against the calves, so
-that their heels and toes say nothing more. It is held where its median was, by turning the leg;
-before and after, the correction fades (Kovar, Schreiner & Gleicher 2002, "Footskate cleanup for
-motion capture editing").
+A foot stands while its ankle is low and slow. Heels and toes add no information, because the feet
+of the body models do not bend against the calves. A standing foot is held at its median position by
+inverse kinematics of the leg; before and after the stance, the correction fades (Kovar, Schreiner &
+Gleicher 2002, "Footskate cleanup for motion capture editing").
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ from apf.body.model import BodyModel
 from apf.body.stature import ANKLES
 from apf.tracking.config import ContactConfig
 
-#: Gauss-Newton steps; the longest, rad or m, for a straight knee hardly changes the leg's length;
-#: the step of their derivatives.
+#: Number of Gauss-Newton steps; longest step, rad or m, because a straight knee hardly changes the
+#: leg's length; step of the numerical derivatives, rad or m.
 _STEPS, _LONGEST, _DELTA = 12, 0.1, 1e-4
-#: m, within which a foot is held, along the floor and in height.
+#: Tolerance, m, within which a foot is held along the floor (x, y) and in height (z).
 _TOLERANCE = np.array([5e-4, 5e-4, 5e-3])
 
 
 def feet(body: BodyModel) -> list[int]:
-    """Return the numbers of the left and the right ankle among the joints of `body`; none where it
-    lacks one."""
+    """Return the indices of the left and the right ankle among the joints of `body`; an empty list
+    if it lacks one."""
     names = body.joint_names
     return [names.index(name) for name in ANKLES] if set(ANKLES) <= set(names) else []
 
 
 def stances(mask: np.ndarray) -> list[slice]:
-    """Return the longest runs of frames in which `mask` (F,) holds."""
+    """Return the maximal runs of frames in which `mask` (F,) is true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
     return [slice(begin, end) for begin, end in edges.reshape(-1, 2)]
 
@@ -38,8 +38,10 @@ def stances(mask: np.ndarray) -> list[slice]:
 def standing(
     ankles: np.ndarray, times: np.ndarray, config: ContactConfig | None = None
 ) -> np.ndarray:
-    """Return (F, K) bool: whether each of the feet stands, of smooth `ankles` (F, K, 3) m, NaN
-    where unknown, at `times` (F,) s."""
+    """Return (F, K) bool: whether each foot stands.
+
+    ankles: (F, K, 3) m, smooth, NaN where unknown, at `times` (F,) s.
+    """
     config = config or ContactConfig()
     n_feet = ankles.shape[1]
     found: np.ndarray = np.zeros((len(ankles), n_feet), bool)
@@ -68,8 +70,10 @@ def standing(
 
 
 def flat(ankles: np.ndarray, stands: np.ndarray, config: ContactConfig | None = None) -> np.ndarray:
-    """Return (F, K) bool: whether each of the feet, whose ankles (F, K, 3) m are given, stands with
-    its heel on the floor; `stands` (F, K)."""
+    """Return (F, K) bool: whether each foot stands with its heel on the floor.
+
+    ankles: (F, K, 3) m. stands: (F, K) bool, see `standing`.
+    """
     config = config or ContactConfig()
     found = np.zeros_like(stands)
     for foot in range(stands.shape[1]):
@@ -80,7 +84,7 @@ def flat(ankles: np.ndarray, stands: np.ndarray, config: ContactConfig | None = 
 
 
 def _speed(points: np.ndarray, times: np.ndarray, window: float) -> np.ndarray:
-    """Return (F, K) m/s, the speed of points (F, K, A) over `window` s around each frame."""
+    """Return the speed (F, K) m/s of points (F, K, A) over `window` s around each frame."""
     last = np.searchsorted(times, times + 0.5 * window + 1e-9, side="right") - 1
     first = np.searchsorted(times, times - 0.5 * window - 1e-9)
     first, last = np.minimum(first, len(times) - 2), np.maximum(last, 1)
@@ -96,9 +100,12 @@ def held(
     stands: np.ndarray,
     config: ContactConfig | None = None,
 ) -> np.ndarray:
-    """Return `poses` (F, D), smooth ones at `times` (F,) s without gaps, changed so that the feet
-    stay at one place of the floor while they stand: `stands` (F, K), see `feet`. Heights are left
-    alone: a heel rises before its foot leaves."""
+    """Return `poses` (F, D), changed so that each foot stays at one place on the floor while it
+    stands.
+
+    The poses are smooth, at `times` (F,) s, without gaps. stands: (F, K), see `feet`. Heights do
+    not change, because the heel rises before the foot leaves the floor.
+    """
     config = config or ContactConfig()
     if not stands.any():
         return poses
@@ -107,15 +114,15 @@ def held(
     targets = posed_joints(body, poses)[:, ankles] + offsets
     moved = np.abs(offsets).max((1, 2)) > 0
     out = poses.copy()
-    out[moved] = _reaching(body, poses[moved], ankles, targets[moved])
+    out[moved] = _solve_legs(body, poses[moved], ankles, targets[moved])
     return out
 
 
 def _corrections(
     ankles: np.ndarray, times: np.ndarray, stands: np.ndarray, config: ContactConfig
 ) -> np.ndarray:
-    """Return (F, K, 3) m, by how much the feet must move along the floor: to their median while
-    they stand, less and less before and after."""
+    """Return the correction (F, K, 3) m of each foot along the floor: the offset to its median
+    position while it stands, which fades before and after."""
     offsets = np.zeros_like(ankles)
     for foot in range(ankles.shape[1]):
         for stance in stances(stands[:, foot]):
@@ -134,11 +141,13 @@ def _corrections(
     return offsets
 
 
-def _reaching(
+def _solve_legs(
     body: BodyModel, poses: np.ndarray, ankles: list[int], targets: np.ndarray
 ) -> np.ndarray:
-    """Return poses (F, D) whose ankles are at `targets` (F, K, 3) m: regularised Gauss-Newton over
-    the legs' angles and, less willingly, the body's place."""
+    """Return poses (F, D) whose ankles are at `targets` (F, K, 3) m.
+
+    Solves by regularised Gauss-Newton over the legs' angles and, with a stronger penalty, the root.
+    """
     dofs, freedom = _leg_dofs(body, ankles)
     lower, upper = body.lower[dofs], body.upper[dofs]
     steps = np.zeros((len(dofs), body.n_dof))
@@ -152,7 +161,7 @@ def _reaching(
         rows, missing = slopes.reshape(n, -1, len(dofs)), missing.reshape(n, -1)
         away = (poses - found)[:, dofs] / freedom
         ahead = found[:, dofs] + freedom * _least_change(rows, missing, away)
-        # What would leave its limits stays where it is, and the others go on without it.
+        # An unknown that would leave its limits keeps its value; the others are solved without it.
         inside = (ahead > lower) & (ahead < upper)
         change = freedom * inside * _least_change(rows * inside[:, None], missing, away * inside)
         found[:, dofs] += np.clip(change, -_LONGEST, _LONGEST)
@@ -168,8 +177,8 @@ def _least_change(rows: np.ndarray, missing: np.ndarray, away: np.ndarray) -> np
 
 
 def _leg_dofs(body: BodyModel, ankles: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the degrees of freedom (N,) that put the ankles where they are, and how freely each
-    may change, rad or m: in the proportion of the body's sigmas, its root ten times less."""
+    """Return the degrees of freedom (N,) that move the ankles, and how far each may change, rad or
+    m: in proportion to the body's sigmas, the root ten times less."""
     freedom: dict[int, float] = {}
     for ankle in ankles:
         bone = body.joints[ankle].bone

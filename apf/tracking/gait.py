@@ -1,9 +1,10 @@
-"""Events and parameters of a walk: which foot lands and leaves when, steps, cadence, speed.
+"""Gait events and parameters: foot strikes and foot offs, steps, cadence, speed.
 
 Zeni, Richards & Higginson 2008, "Two simple methods for determining gait events during treadmill
-and overground walking using kinematic data": a foot lands where it is farthest before the pelvis,
-in the direction of progress, and leaves where it is farthest behind it. Joints are those of a
-smoothed track; of shipped bodies the ankles stand for heels and toes, for their feet do not bend.
+and overground walking using kinematic data": a foot lands when it is farthest in front of the
+pelvis along the direction of progress, and leaves the floor when it is farthest behind it. The
+joints come from a smoothed track. In the shipped bodies, whose feet do not bend, the ankles replace
+heels and toes.
 """
 
 from __future__ import annotations
@@ -19,17 +20,17 @@ from apf.tracking.config import GaitConfig
 from apf.tracking.foot_contact import stances
 from apf.tracking.track import Track
 
-#: Between which the pelvis is, where it is no joint of its own.
+#: The joints whose middle is the pelvis if the body has no pelvis joint.
 _HIP_JOINTS = ("l_hip", "r_hip")
 
 
 @dataclass(frozen=True)
 class GaitEvent:
-    """A foot lands (`strike`) or leaves (`off`).
+    """A foot strike (`strike`) or foot off (`off`).
 
-    side: left or right. frame: of the sequence, and its time, s. length: of a landing, m from where
-    the other foot stands to where this one will stand, along the pelvis's way from over the one to
-    over the other; None of the first.
+    side: left or right. frame: of the sequence, and its time, s. length: of a strike, m, from the
+    place where the other foot stands to the place where this one will stand, along the path of the
+    pelvis from above the one to above the other; None for the first strike.
     """
 
     kind: str
@@ -41,8 +42,9 @@ class GaitEvent:
 
 @dataclass(frozen=True)
 class Gait:
-    """A walk. events: in order. n_steps: landings but the first. cadence: steps/min. step_length:
-    m, mean over the steps. speed: m/s of the pelvis from the first landing to the last."""
+    """A walk. events: in order of time. n_steps: number of strikes but the first. cadence:
+    steps/min. step_length: m, mean over the steps. speed: m/s of the pelvis from the first strike
+    to the last."""
 
     events: tuple[GaitEvent, ...]
     n_steps: int
@@ -51,7 +53,7 @@ class Gait:
     speed: float
 
     def described(self) -> dict[str, Any]:
-        """Return all of it as plain values with units in their names, for JSON."""
+        """Return all figures as plain values with units in their names, for JSON."""
         return {
             "n_steps": self.n_steps,
             "cadence_steps_per_min": round(self.cadence, 2),
@@ -71,8 +73,10 @@ class Gait:
 
 
 def gait_of(track: Track, config: GaitConfig | None = None) -> Gait | None:
-    """Return the longest walk in `track`, which should be smoothed; None where nobody walks two
-    steps, or the body has no pelvis or ankles."""
+    """Return the longest walk in `track`, which should be smoothed.
+
+    Returns None if nobody walks two steps, or if the body has no pelvis or ankles.
+    """
     config = config or GaitConfig()
     place = dict(zip(track.joint_names, track.joints.swapaxes(0, 1), strict=True))
     if HIPS not in place and set(_HIP_JOINTS) <= set(place):
@@ -86,7 +90,8 @@ def gait_of(track: Track, config: GaitConfig | None = None) -> Gait | None:
 
 
 def _walk(track: Track, part: slice, points: np.ndarray, config: GaitConfig) -> Gait | None:
-    """The walk in frames without a gap: points (F, 3, 3) m of pelvis, left and right ankle."""
+    """Return the walk in frames without a gap, or None; points (F, 3, 3) m: pelvis, left ankle,
+    right ankle."""
     times, pelvis = track.times[part], points[:, 0, :2]
     if len(times) < 3:
         return None
@@ -103,7 +108,7 @@ def _walk(track: Track, part: slice, points: np.ndarray, config: GaitConfig) -> 
         if walking[row]
     ]
     strikes = sorted((row, foot) for row, kind, foot in found if kind == "strike")
-    if len(strikes) < 3:  # two steps
+    if len(strikes) < 3:  # fewer than two steps
         return None
     lengths = _step_lengths(strikes, points, reach)
     frames = track.frames[part]
@@ -132,8 +137,11 @@ def _walk(track: Track, part: slice, points: np.ndarray, config: GaitConfig) -> 
 def _step_lengths(
     strikes: list[tuple[int, int]], points: np.ndarray, reach: np.ndarray
 ) -> dict[tuple[int, int], float]:
-    """Return the step's length, m, of every landing but the first, (row, foot). A foot stands where
-    its ankle is when the pelvis passes over it; where it lands, if the walk ends before."""
+    """Return the step length, m, of every strike (row, foot) but the first.
+
+    A foot stands where its ankle is when the pelvis passes over it, or where it lands if the walk
+    ends before that.
+    """
     pelvis, places = [], []
     for row, foot in strikes:
         passed = np.flatnonzero(reach[row:, foot] <= 0)

@@ -1,17 +1,17 @@
-"""How far each limb of a track is to be believed, judged without truth.
+"""Confidence of each limb of a track, estimated without ground truth.
 
-A wrong arm mostly lies inside the silhouettes, laid along the body or into the trunk, and fits them
-about as well as a right one. A take that was tracked both ways, by several runs, gives it away:
-where they have a limb's end apart, some of them are wrong at least. Of what was tracked one way, as
-live, it is that the limb fits nearly as well elsewhere, and that its end trembles. The limb search
-tries every limb elsewhere in every frame, so that both are known without computing anything more on
-the device:
+A wrong arm usually lies inside the silhouettes, along the body or in the trunk, and fits them about
+as well as a correct arm. If a take was tracked in both directions by several runs, their
+disagreement shows it: where the runs put the end of a limb at different places, some of them are
+wrong. If a take was tracked in one direction only, as in live tracking, there are two signs: the
+limb fits nearly as well elsewhere, and its end trembles. The limb search tries every limb elsewhere
+in every frame, so both are known without further work on the device:
 
-- the margin: by what share the error rises when the limb's end is moved, to the best other place
-  that the search found,
-- the jitter: the acceleration of the limb's end over its speed.
+- the margin: the relative rise of the error if the limb's end moves to the best other place that
+  the search found,
+- the jitter: the acceleration of the limb's end divided by its speed.
 
-Each is a mean over a moment, and they add up to log-odds by a logistic regression.
+Both are averaged over `Regression.window` and enter a logistic regression.
 """
 
 from __future__ import annotations
@@ -26,42 +26,46 @@ from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_ends
 from apf.body.model import BodyModel
 
-#: m from the limb's end beyond which another candidate has it elsewhere.
+#: Distance, m, from the limb's end beyond which another candidate counts as a different place.
 ELSEWHERE = 0.15
-#: A limb is lost where it is believed less than this.
+#: A limb counts as lost below this confidence.
 LOST = 0.5
 
 
 @dataclass(frozen=True)
 class Regression:
-    """The log-odds that a limb is right. Fitted by logistic regression on limbs beyond 200 mm and
-    within 150 mm, as many of either, of tracks of box, jacks, kick and run in the shared suite;
-    constants so that 4 % of the right ones count as lost, of several ways 3 %.
+    """Coefficients of the log-odds that a limb is right.
 
-    One way, of seven runs, 86 % of the wrong ones do; 85 % on pickup, salsa and walks, with 4 % of
-    the right ones. By two runs each both ways, of 25 tracks of box, jacks, run, pickup and salsa,
-    all of which chose `apart`, 22 of 24 with 3 %. Margin and jitter add nothing to that, and count
-    real limbs as lost that are right.
+    Fitted by logistic regression to limbs with errors above 200 mm and below 150 mm, equally many
+    of each, of tracks of box, jacks, kick and run in the shared suite. The constants are such that
+    4 % of the correct limbs count as lost; 3 % if several passes are compared.
+
+    One pass, seven runs: 86 % of the wrong limbs count as lost; on pickup, salsa and walks 85 %,
+    with 4 % of the correct ones. Two runs with two passes each, 25 tracks of box, jacks, run,
+    pickup and salsa, all of which served to choose `apart`: 22 of 24 wrong limbs, with 3 % of the
+    correct ones. Margin and jitter do not improve that, and make correct limbs in real footage
+    count as lost.
     """
 
     constant: float = -12.9
-    """One way, log-odds of what has neither margin nor jitter."""
+    """Log-odds, for one pass, of a limb with zero margin and zero jitter."""
     margin: float = 36.1
-    """Per root of the margin."""
+    """Coefficient of the square root of the margin."""
     jitter: float = -0.033
-    """Per 1/s of jitter."""
+    """Coefficient of the jitter, per 1/s."""
     most_margin: float = 0.3
-    """Larger margins say no more."""
+    """Upper limit of the margin; larger margins carry no more information."""
     at_rest: float = 0.5
-    """m/s that is added to the speed, so that an end at rest does not tremble. By hand."""
+    """Offset, m/s, added to the speed, so that an end at rest has little jitter. By hand."""
     apart: float = 0.045
-    """m from the track's end to the ways', at which a limb is as likely wrong as right."""
+    """Distance, m, between the end in the track and in the passes at which a limb is as likely
+    wrong as right."""
     disagreement: float = -10.9
-    """Log-odds per factor e of the distance beyond it."""
+    """Change of the log-odds if the distance grows by a factor of e."""
     least: float = 0.02
-    """m, a smaller distance says no more. By hand."""
+    """Lower limit of the distance, m; smaller ones carry no more information. By hand."""
     window: float = 0.4
-    """s over which all are averaged, of distances the logarithms."""
+    """Time, s, over which all inputs are averaged; distances by their logarithms."""
 
 
 REGRESSION = Regression()
@@ -70,10 +74,13 @@ REGRESSION = Regression()
 def limb_margins(
     body: BodyModel, poses: np.ndarray, candidates: np.ndarray, errors: np.ndarray
 ) -> np.ndarray:
-    """Return (F, L) by what share of the error of the estimates `poses` (F, D) the best of the
-    `candidates` (F, K, D) with `errors` (F, K) is worse that has a limb's end elsewhere: inf where
-    none has, NaN where no limb was looked for (K < 2). The estimate's error is that of the
-    candidate that it is."""
+    """Return the margin (F, L) of each limb of the estimates `poses` (F, D).
+
+    The margin is the relative excess of the error of the best candidate, out of `candidates` (F, K,
+    D) with `errors` (F, K), that puts the limb's end elsewhere (see `ELSEWHERE`). It is inf if no
+    candidate does, and NaN without a limb search (K < 2). The error of the estimate is that of the
+    candidate nearest to it.
+    """
     ends, (n_frames, n_candidates) = limb_ends(body), errors.shape
     if n_candidates < 2:
         return np.full((n_frames, len(ends)), np.nan)
@@ -94,11 +101,11 @@ def limb_confidence(
     disagreement: np.ndarray | None = None,
     regression: Regression = REGRESSION,
 ) -> np.ndarray:
-    """Return (F, L) the probability that each limb is right, NaN where nothing is known.
+    """Return the probability (F, L) that each limb is right; NaN where nothing is known.
 
     margins: (F, L), see `limb_margins`. ends: (F, L, 3) m, the limbs' ends at `times` (F,) s.
-    disagreement: (F, L) m from the track's ends to the ways', their geometric mean; where it is
-    known it says all.
+    disagreement: (F, L) m, geometric mean of the distances between the ends in the track and in the
+    passes; where it is known, it alone decides.
     """
     step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     n = max(1, round(regression.window / step)) if step > 0 else 1
@@ -114,7 +121,8 @@ def limb_confidence(
 
 
 def _jitter(ends: np.ndarray, times: np.ndarray, at_rest: float) -> np.ndarray:
-    """(F, L) 1/s, acceleration over speed; of the first and last frame that of their neighbours."""
+    """Return acceleration over speed (F, L), 1/s; the first and the last frame repeat their
+    neighbours."""
     if len(times) < 3:
         return np.zeros(ends.shape[:2])
     steps = np.diff(times)[:, None, None]
@@ -126,6 +134,6 @@ def _jitter(ends: np.ndarray, times: np.ndarray, at_rest: float) -> np.ndarray:
 
 
 def _averaged(values: np.ndarray, n: int) -> np.ndarray:
-    """The means of values (F, L) over n (an odd number, n or n + 1) frames around each."""
+    """Return the moving averages of values (F, L) over n frames (n + 1 if n is even)."""
     averaged: np.ndarray = uniform_filter1d(values, n + 1 - n % 2, axis=0, mode="nearest")
     return averaged

@@ -1,4 +1,4 @@
-"""Files of motion that other programs open, from a finished track."""
+"""Export of a finished track to motion files that other programs read."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ _LABELS = {"strike": "Foot Strike", "off": "Foot Off"}
 
 @dataclass(frozen=True, eq=False)
 class Export:
-    """What was written: the `files`, and the `track` that is in them. gait: None where nobody
-    walks, and then there is no file of it; found for gait and C3D, which has its events."""
+    """The `files` that were written, and the `track` that they contain. gait: computed for the gait
+    file and for C3D, which holds its events; None if nobody walks, and then no gait file is
+    written."""
 
     files: tuple[Path, ...]
     track: Track
@@ -39,11 +40,12 @@ def export(
     smoothing: SmoothingConfig | None = None,
     raw: bool = False,
 ) -> Export:
-    """Write `track` into `folder`, as each of `to`, of EXPORTS; all that it can be by default.
+    """Write `track` into `folder` in each of the formats `to`, keys of EXPORTS; by default in all
+    that the track allows.
 
-    It is smoothed first, unless it is already or `raw` says not to, or it is of points without a
-    body. axes: of the TRC, see `Track.save`. Raises InputError for what is not in EXPORTS, where
-    the track does not hold its body and a file needs it, and where one cannot be written.
+    The track is smoothed first, unless it is smoothed already, `raw` is set, or it has no body.
+    axes: of the TRC, see `Track.save`. Raises InputError for a format that is not in EXPORTS, if
+    the track does not hold a body that a file needs, and if a file cannot be written.
     """
     has_body = bool(track.dof_names)
     chosen = dict.fromkeys(to or (EXPORTS if has_body else OF_POINTS))
@@ -63,7 +65,7 @@ def export(
 
 
 def _write(track: Track, gait: Gait | None, kind: str, path: Path, axes: str) -> Path | None:
-    """Write one file; None where there is nothing to write."""
+    """Write one file and return its path; None if there is nothing to write."""
     if kind == "csv":
         write_angle_csv(path, track.angles, track.points)
     elif kind == "c3d":

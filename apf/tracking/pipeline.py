@@ -36,17 +36,18 @@ from psfs.voxels.grid import VoxelGrid
 
 #: The observed points of a frame, by its number.
 FrameKeypoints: TypeAlias = Callable[[int], PointObservations]
-#: Takes a part of each seed's track and returns where it stored them, None if it did not.
+#: Receives the next chunk of each seed's track; returns the files that it wrote, or None if it
+#: wrote none.
 KeepParts: TypeAlias = Callable[[Items[Track]], "Items[Path] | None"]
 
-#: s of tracking that are kept together.
+#: Length, s of tracking, of the chunks that are stored together.
 PART_SECONDS = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class TrackingTask:
-    """What to track: `body`, from `pose` (D,) in the first frame on, by `method`; one track for
-    each of `seeds`. keypoints: what is known of the body's points in a frame, by its number."""
+    """A body to track, from `pose` (D,) in the first frame on, by `method`, with one track for each
+    of `seeds`. keypoints: returns the observed points of a frame, by its number."""
 
     body: BodyModel
     pose: np.ndarray
@@ -57,7 +58,7 @@ class TrackingTask:
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """The track of each seed, and the error that ended them early, if one did."""
+    """The track of each seed, and the error that ended the tracks early, if there was one."""
 
     tracks: list[Track]
     error: UserError | None = None
@@ -72,10 +73,11 @@ def track_frames(
     """Track a body through the session's frames, all seeds from one reconstruction.
 
     The noise grows with the time between frames, see `BodyModel.sigma`. progress: called with
-    "tracking" after each frame, and with "tracking back" on the way back, see `both_ways`. keep:
-    called about every second with the tracks of the frames since it was called last, which it may
-    store; they are read again at the end. A KeyboardInterrupt ends the tracks after the last whole
-    frame, and is raised again if there is none. So does an error, which is returned.
+    "tracking" after each frame of the forward pass and with "tracking back" after each frame of the
+    backward pass, see `both_ways`. keep: called about once per second with the tracks of the frames
+    since its last call, which it may store; stored files are read again at the end. A
+    KeyboardInterrupt ends the tracks after the last complete frame, and is raised again if there is
+    none. Any other error ends them likewise and is returned.
     """
     sequence, method = session.sequence, task.method
     check_rate(sequence, session.frames.step)
@@ -105,8 +107,8 @@ def track_frames(
 
 
 def observations(session: Session, task: TrackingTask) -> Iterator[tuple[int, Any]]:
-    """Yield number and observation of every frame of the session, keypoints with them; frames that
-    the session is to keep are kept as they are carved."""
+    """Yield number and observation of every frame of the session, with keypoints. Frames that the
+    session is asked to keep are kept while they are carved."""
     method, keypoints = task.method, task.keypoints
     seen: Iterator[tuple[int, Any]]
     if method.objective == "keypoints":
@@ -126,7 +128,7 @@ def observations(session: Session, task: TrackingTask) -> Iterator[tuple[int, An
 
 
 def kept_by(session: Session, seen: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
-    """Yield what is `seen`, after the session has kept of it what it is to keep."""
+    """Yield the items of `seen`, after the session has kept those that it is asked to keep."""
     for index, voxels in seen:
         session.carved_by(index, voxels)
         yield index, voxels
@@ -135,7 +137,7 @@ def kept_by(session: Session, seen: Iterable[tuple[int, Any]]) -> Iterator[tuple
 def _provenance(
     session: Session, task: TrackingTask, grid: VoxelGrid | None
 ) -> list[dict[str, Any]]:
-    """Return what each seed's track says of how it was made."""
+    """Return the provenance of each seed's track."""
     provenance: dict[str, Any] = {
         "sequence": str(session.sequence.folder),
         "device": session.device.name,
@@ -153,8 +155,11 @@ def _provenance(
 def one_way(
     tracker: Any, seen: Iterable[tuple[int, Any]], progress: Callable[[str], object]
 ) -> Iterator[tuple[int, list[Estimate]]]:
-    """Yield number and each run's estimate of every frame of `seen`, by a tracker that started.
-    progress: called with "tracking" after each frame."""
+    """Yield the number of every frame of `seen` and each run's estimate of it. The tracker must be
+    started.
+
+    progress: called with "tracking" after each frame.
+    """
     for index, shown in seen:
         yield index, tracker.step(shown)
         progress("tracking")
@@ -165,7 +170,8 @@ def _tracked(
     tracks_of: Callable[[list[int], list[Any]], list[Track]],
     keep: KeepParts | None,
 ) -> Tracked:
-    """Make tracks part by part, so that long runs hold rows only, or none; see `track_frames`."""
+    """Build the tracks chunk by chunk, so that a long run holds only its rows in memory, or none if
+    they are stored; see `track_frames`."""
     parts: list[Items[Track | Path]] = []
     stopped, interrupted = None, False
     while True:
@@ -186,21 +192,22 @@ def _tracked(
             stopped = error
         if not more:
             tracks = [joined(run).judged for run in zip(*parts, strict=True)]
-            if interrupted or isinstance(error, KeyboardInterrupt):  # all frames may be there
+            # the interrupt may have come after the last frame
+            if interrupted or isinstance(error, KeyboardInterrupt):
                 tracks = [_interrupted(track) for track in tracks]
             return Tracked(tracks, stopped)
 
 
 def _interrupted(track: Track) -> Track:
-    said = {**json.loads(track.provenance), "interrupted": True}
-    return replace(track, provenance=json.dumps(said))
+    made = {**json.loads(track.provenance), "interrupted": True}
+    return replace(track, provenance=json.dumps(made))
 
 
 def _part(
     found: Iterator[tuple[int, Any]], seconds: float
 ) -> tuple[list[int], list[Any], bool, BaseException | None]:
-    """Track for about `seconds`. Return frames, estimates, whether there may be more, and what
-    ended them early."""
+    """Track for about `seconds`. Return frames, estimates, whether more frames may follow, and the
+    error that ended them early."""
     frames: list[int] = []
     estimates: list[Any] = []
     until = time.perf_counter() + seconds
@@ -216,9 +223,10 @@ def _part(
 
 
 def observed(observe: Callable[[Frame], Any], frames: Iterable[Frame]) -> Iterator[tuple[int, Any]]:
-    """Yield number and observation of every frame; where `observe` can stream, it is ahead of them.
+    """Yield number and observation of every frame; an `observe` that can stream works ahead of
+    them.
 
-    A KeyboardInterrupt while the next frame is read is raised after the frame before it.
+    A KeyboardInterrupt while the next frame is read is raised after the frame before it is yielded.
     """
     interrupts: list[KeyboardInterrupt] = []
 
@@ -242,10 +250,10 @@ def observed(observe: Callable[[Frame], Any], frames: Iterable[Frame]) -> Iterat
 def track_voxels(
     tracker: Any, pose: np.ndarray, voxels: Iterable[tuple[int, Any]]
 ) -> tuple[list[int], list[Any]]:
-    """Return frame numbers and what `step` returned, of a tracker or of runs that start at `pose`
-    (D,) and are shown `voxels`.
+    """Return frame numbers and the results of `step` for `voxels`; the tracker, or the runs, start
+    at `pose` (D,).
 
-    A KeyboardInterrupt ends the track after the last whole frame; it is raised again if there is
+    A KeyboardInterrupt ends the track after the last complete frame; it is raised again if there is
     none.
     """
     tracker.start(pose)
@@ -263,7 +271,7 @@ def track_of(
     estimates: list[Estimate],
     provenance: dict[str, Any],
 ) -> Track:
-    """Return the track of these estimates, one per frame; provenance: see `Track`."""
+    """Return the track of these estimates, one per frame. provenance: see `Track`."""
 
     def stacked(name: str) -> np.ndarray:
         return np.stack([getattr(estimate, name) for estimate in estimates])

@@ -1,4 +1,4 @@
-"""Trackers that know when they have lost the person, and look for them again."""
+"""Trackers that detect when they have lost the person, and search again."""
 
 from __future__ import annotations
 
@@ -12,48 +12,51 @@ import numpy as np
 from apf.filters.base import Estimate
 from apf.tracking.config import RecoveryConfig
 
-#: How a frame's estimate was come by.
+#: Values of `Estimate.restart`: tracked from the last frame, or found by a search near the last
+#: good pose or by a global search.
 TRACKED, LOCAL_RESTART, GLOBAL_RESTART = 0, 1, 2
 
 
 class Judge:
-    """Judges one frame after the other whether the person is lost, by the misfits so far."""
+    """Decides frame by frame whether the person is lost, from the misfits so far."""
 
     def __init__(self, config: RecoveryConfig | None = None) -> None:
         self.config = config or RecoveryConfig()
         self._good: deque[float] = deque(maxlen=self.config.window)
 
     def forget(self) -> None:
-        """Begin anew, without good frames."""
+        """Forget the good frames."""
         self._good.clear()
 
     @property
     def limit(self) -> float:
-        """The misfit beyond which a track is lost now."""
+        """The misfit above which the track is lost now."""
         config = self.config
         if not self._good:
             return config.unknown
         return float(np.clip(config.ratio * np.median(self._good), config.least, config.worst))
 
     def judged(self, estimate: Estimate, restart: int = TRACKED) -> Estimate:
-        """Return the estimate with its confidence, 1/2 at the limit, NaN without a misfit."""
+        """Return the estimate with its confidence: 1/2 at the limit, NaN without a misfit."""
         confidence = 1 / (1 + (estimate.misfit / self.limit) ** self.config.steepness)
         lost = self.config.on and bool(confidence < 0.5)
         return replace(estimate, confidence=confidence, lost=lost, restart=restart)
 
     def accept(self, estimate: Estimate) -> None:
-        """Judge later frames by this one, too."""
+        """Add this estimate to the good frames, by which later frames are judged."""
         if np.isfinite(estimate.misfit):
             self._good.append(estimate.misfit)
 
 
 class Watched:
-    """A tracker whose estimates state how far they can be trusted; same use as the tracker's.
+    """A tracker that adds a confidence to its estimates and recovers a lost person; same interface
+    as the tracker.
 
-    wide: makes the tracker that looks around the last good pose when the person is lost, with
-    wider noise and more layers. everywhere: poses (D,) to look from when that fails, given what is
-    observed; None where nothing can find them. enough: whether an observation shows enough to look
-    for the person by it; always by default. Estimates of lost frames hold the last good pose.
+    wide: makes the tracker that searches around the last good pose when the person is lost, with
+    more noise and more layers. everywhere: returns start poses (D,) from an observation, for the
+    case that this search fails; None if there is no such search. enough: whether an observation
+    shows enough of the person to search by it; by default always. Estimates of lost frames hold the
+    last good pose.
     """
 
     def __init__(
@@ -75,7 +78,7 @@ class Watched:
         self._pose, self._n_lost = np.asarray(pose, np.float64), 0
 
     def step(self, observation: Any) -> Estimate:
-        """Track one frame further."""
+        """Track the next frame."""
         return self.watched(self._tracker.step(observation), observation)
 
     def errors_of(self, poses: np.ndarray) -> np.ndarray:
@@ -84,7 +87,7 @@ class Watched:
         return errors
 
     def watched(self, estimate: Estimate, observation: Any) -> Estimate:
-        """Return what `step` makes of the tracker's own `estimate` of an observation."""
+        """Return the result of `step`, given the tracker's own `estimate` for an observation."""
         found = self._judge.judged(estimate)
         if found.lost:
             found = self._recovered(observation, found)
@@ -97,27 +100,27 @@ class Watched:
         return found
 
     def _recovered(self, observation: Any, lost: Estimate) -> Estimate:
-        """The estimate from a new start, or `lost` if none is good."""
-        found = self._looked_for(observation, lost) if self._enough(observation) else lost
-        # In either case the next frame starts from where the person was last seen.
+        """Return the estimate after a restart, or `lost` if no restart succeeds."""
+        found = self._reacquire(observation, lost) if self._enough(observation) else lost
+        # In either case the next frame starts from the last pose in which the person was tracked.
         self._tracker.start(self._pose if found.lost else found.pose)
         return found
 
-    def _looked_for(self, observation: Any, lost: Estimate) -> Estimate:
+    def _reacquire(self, observation: Any, lost: Estimate) -> Estimate:
         if self._wide is None:
             self._wide = self._make_wide()
-        found = self._looked_from(self._pose, observation, LOCAL_RESTART)
+        found = self._search_from(self._pose, observation, LOCAL_RESTART)
         config = self._judge.config
         again = self._n_lost % config.retry == 0 and (found.lost or config.everywhere_too)
         if again and self._everywhere is not None:
             tried = [
-                self._looked_from(pose, observation, GLOBAL_RESTART)
+                self._search_from(pose, observation, GLOBAL_RESTART)
                 for pose in self._everywhere(observation)
             ]
             found = min([found, *tried], key=lambda estimate: estimate.misfit)
-        return lost if found.lost else _as_long(found, lost)
+        return lost if found.lost else _match_layers(found, lost)
 
-    def _looked_from(self, pose: np.ndarray, observation: Any, restart: int) -> Estimate:
+    def _search_from(self, pose: np.ndarray, observation: Any, restart: int) -> Estimate:
         self._wide.start(pose)
         for _ in range(self._judge.config.n_steps):
             estimate = self._wide.step(observation)
@@ -125,11 +128,11 @@ class Watched:
 
 
 class WatchedRuns:
-    """The runs that one tracker makes at once, each watched by itself: a run that has lost the
-    person looks for him alone, by a tracker of its own, and only then pays for it.
+    """The runs of one batched tracker, each with its own recovery.
 
-    watch: makes of a run's number and what starts that run anew, `start(pose)`, its `Watched`.
-    Until a run loses the person it is, bit by bit, the same as alone.
+    A run that has lost the person searches for them alone, by a tracker of its own, and only then
+    pays for it. Until a run loses the person, it is bit-equal to the same run alone. watch: returns
+    the `Watched` of a run, from its number and an object whose `start(pose)` restarts that run.
     """
 
     def __init__(self, tracker: Any, n_runs: int, watch: Callable[[int, Any], Watched]) -> None:
@@ -137,14 +140,14 @@ class WatchedRuns:
         self._runs = [watch(run, _Restart(tracker, run)) for run in range(n_runs)]
 
     def start(self, poses: np.ndarray) -> None:
-        """Put all particles at a pose (D,), or those of each run at its own, (R, D)."""
+        """Put all particles at a pose (D,), or the particles of each run at its own, (R, D)."""
         each = np.broadcast_to(poses, (len(self._runs), np.shape(poses)[-1]))
         self._tracker.start(each[0])
         for run, pose in zip(self._runs, each, strict=True):
             run.start(pose)
 
     def step(self, observation: Any) -> list[Estimate]:
-        """Track one frame further; the estimate of each run."""
+        """Track the next frame; return the estimate of each run."""
         estimates = self._tracker.step_runs(observation)
         return [
             run.watched(estimate, observation)
@@ -158,29 +161,30 @@ class WatchedRuns:
 
 
 class SeparateRuns:
-    """Trackers that are shown the same, one after the other; same use as `WatchedRuns`."""
+    """Trackers that receive the same observations one after the other; same interface as
+    `WatchedRuns`."""
 
     def __init__(self, trackers: Sequence[Any]) -> None:
         self._trackers = trackers
 
     def start(self, poses: np.ndarray) -> None:
-        """Put all particles at a pose (D,), or those of each run at its own, (R, D)."""
+        """Put all particles at a pose (D,), or the particles of each run at its own, (R, D)."""
         each = np.broadcast_to(poses, (len(self._trackers), np.shape(poses)[-1]))
         for tracker, pose in zip(self._trackers, each, strict=True):
             tracker.start(pose)
 
     def step(self, observation: Any) -> list[Estimate]:
-        """Track one frame further; the estimate of each run."""
+        """Track the next frame; return the estimate of each run."""
         return [tracker.step(observation) for tracker in self._trackers]
 
     def errors_of(self, poses: np.ndarray) -> np.ndarray:
-        """Return the errors (N,) of poses (N, D), the mean of the trackers'."""
+        """Return the errors (N,) of poses (N, D), averaged over the trackers."""
         errors: np.ndarray = np.mean([of.errors_of(poses) for of in self._trackers], axis=0)
         return errors
 
 
 class _Restart:
-    """One of a tracker's runs, as far as it can be started by itself."""
+    """A handle by which one run of a batched tracker can be restarted."""
 
     def __init__(self, tracker: Any, run: int) -> None:
         self._tracker, self._run = tracker, run
@@ -189,8 +193,8 @@ class _Restart:
         self._tracker.restart(self._run, pose)
 
 
-def _as_long(found: Estimate, usual: Estimate) -> Estimate:
-    """`found` with the last of its layers, as many as `usual` has."""
+def _match_layers(found: Estimate, usual: Estimate) -> Estimate:
+    """Return `found` with only the last of its layers, as many as `usual` has."""
     last = slice(-len(usual.ess), None)
     return replace(
         found, ess=found.ess[last], beta=found.beta[last], least_error=found.least_error[last]

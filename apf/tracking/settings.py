@@ -1,4 +1,4 @@
-"""How a take is tracked, and from where."""
+"""Settings of a take: how it is tracked, and from which body and pose."""
 
 from __future__ import annotations
 
@@ -12,39 +12,40 @@ from apf.filters.method import Method
 from apf.keypoints.keypoints import Keypoints
 from cl import InputError
 
-#: The body that is tracked where none is named: Song et al.'s, ten cones, 31 degrees of freedom.
+#: The default body: that of Song et al., ten cones, 31 degrees of freedom.
 DEFAULT_BODY = "song31"
 
 
 @dataclass(frozen=True, eq=False)
 class TakeSettings:
-    """Settings of the stages `initialise` and `track`, and what is known before them."""
+    """Settings of the stages `initialise` and `track`, and prior knowledge of the person."""
 
     method: Method = field(default_factory=Method)
-    """The search and what it compares."""
+    """The search and the likelihood."""
     seeds: tuple[int, ...] = ()
-    """Seeds of the runs, a track each; by default the method's own. The start takes that one."""
+    """Seeds of the runs, one track for each; by default the method's seed. The start always uses
+    the method's seed."""
     template: BodyModel | None = None
-    """The body whose size is searched for; by default `DEFAULT_BODY`."""
+    """The body whose size is estimated; by default `DEFAULT_BODY`."""
     keep_shape: bool = False
     """Whether the template is the person's own body."""
     height: float | None = None
     """Stature of the person, m, if it is known."""
     given: tuple[BodyModel, np.ndarray] | None = None
-    """A body and its pose (D,) in the first frame, which then are not searched for."""
+    """A body and its pose (D,) in the first frame; if given, neither is searched for."""
     keypoints: Keypoints | None = None
-    """Keypoints of the sequence's cameras and frames. Body, start and every pose follow them, too.
-    """
+    """Keypoints of the sequence's cameras and frames. Body, start and poses are fitted to them,
+    too."""
 
     @cached_property
     def body_template(self) -> BodyModel:
-        """The template, or the default body."""
+        """The given template, or the default body."""
         return self.template or load_body(DEFAULT_BODY)
 
     @cached_property
     def tracked_method(self) -> Method:
-        """The method, with its term for keypoints if there are keypoints. Raises InputError for a
-        method that needs keypoints without any."""
+        """The method, with a keypoint term if keypoints are given. Raises InputError if the method
+        needs keypoints and none are given."""
         if self.keypoints is not None:
             n_cameras, _, n_points = self.keypoints.points.shape[:3]
             return self.method.with_keypoints(n_cameras * n_points)

@@ -1,8 +1,8 @@
-"""Smoothing a track in time, after it was tracked, and holding the feet that stand.
+"""Smooth a finished track in time, and hold the feet that stand.
 
-Every degree of freedom is a point that moves at a velocity which changes by white noise (an
-integrated Wiener process), seen with the deviation that the tracker stated: a Kalman filter
-forward and the smoother of Rauch, Tung & Striebel (1965) backward.
+The model of every degree of freedom is a value whose velocity is driven by white noise (an
+integrated Wiener process), measured with the standard deviation that the tracker states. A Kalman
+filter runs forward and the smoother of Rauch, Tung & Striebel (1965) backward.
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ from cl import InputError
 
 
 def smoothed(track: Track, config: SmoothingConfig | None = None) -> Track:
-    """Return `track` with smooth poses within the limits of its body, the joints that follow, and
-    the frames in which feet stand and are held (`Track.standing`).
+    """Return `track` with smooth poses within the limits of its body, and with the joints of these
+    poses.
 
-    Lost frames stay as they are, flagged, and nothing is smoothed across them. The stated
-    deviation of each angle says how much a frame counts against its neighbours. Raises InputError
-    if the track is smoothed already or does not hold its body.
+    `Track.standing` of the result says in which frames the feet stand and are held. Lost frames
+    stay as they are, flagged, and nothing is smoothed across them. The standard deviation of each
+    angle weights a frame against its neighbours. Raises InputError if the track is smoothed already
+    or does not hold its body.
     """
     config = config or SmoothingConfig()
     if track.smoothing is not None:
@@ -61,7 +62,8 @@ def smoothed(track: Track, config: SmoothingConfig | None = None) -> Track:
 def _with_feet_held(
     track: Track, poses: np.ndarray, config: ContactConfig
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return smooth `poses` (F, D) with the feet held that stand, and which do: (F, 2) bool."""
+    """Return smooth `poses` (F, D) in which standing feet are held, and which feet stand: (F, 2)
+    bool."""
     body, times = track.its_body, track.times
     if not feet(body):
         return poses, track.standing
@@ -73,8 +75,8 @@ def _with_feet_held(
 
 
 def unwrapped(poses: np.ndarray, body: BodyModel) -> np.ndarray:
-    """Return a copy of `poses` (F, .., D) whose angles without limits do not jump by whole turns
-    from one to the next along the first axis."""
+    """Return a copy of `poses` (F, .., D) whose unlimited angles are unwrapped along the first
+    axis, see `np.unwrap`."""
     poses = np.array(poses, np.float64)
     free = [dof for dof in body.angles if np.isinf([body.lower[dof], body.upper[dof]]).all()]
     poses[..., free] = np.unwrap(poses[..., free], axis=0)
@@ -82,20 +84,21 @@ def unwrapped(poses: np.ndarray, body: BodyModel) -> np.ndarray:
 
 
 def unbroken_parts(track: Track) -> list[slice]:
-    """Return the longest runs of frames without a lost one."""
+    """Return the maximal runs of frames without a lost frame."""
     return stances(~track.lost)
 
 
 def smoothed_series(
     values: np.ndarray, variance: np.ndarray, times: np.ndarray, config: SmoothingConfig
 ) -> np.ndarray:
-    """Smooth values (F, D) at `times` (F,) s; variance (F, D): of each, in any one unit."""
+    """Smooth values (F, D) at `times` (F,) s; variance (F, D): of each value, up to a common
+    factor."""
     n = len(values)
     if n < 3:
         return values
     steps = np.diff(times)
-    # The filter forward and backward halves frequencies at which its gain is
-    # 1 / (1 + variance dt w^4 / strength), dt the time between samples.
+    # Forward and backward together, the filter halves the amplitude at the frequency w at which its
+    # gain is 1 / (1 + variance dt w^4 / strength), dt the time between samples.
     strength = np.median(steps) * (2 * np.pi * config.cutoff) ** 4
     moves = [_step(dt, strength) for dt in steps]
     states, covariances = _filtered(values, variance, moves)
@@ -109,7 +112,7 @@ def smoothed_series(
 
 
 def _step(dt: float, strength: float) -> tuple[np.ndarray, np.ndarray]:
-    """Transition and noise of value and velocity over `dt` s."""
+    """Return transition and noise covariance of (value, velocity) over `dt` s."""
     transition = np.array([[1.0, dt], [0.0, 1.0]])
     noise = strength * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
     return transition, noise
@@ -118,10 +121,10 @@ def _step(dt: float, strength: float) -> tuple[np.ndarray, np.ndarray]:
 def _filtered(
     values: np.ndarray, variance: np.ndarray, moves: list[tuple[np.ndarray, np.ndarray]]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Kalman filter: states (F, D, 2) and covariances (F, D, 2, 2) after each value."""
+    """Run the Kalman filter: states (F, D, 2) and covariances (F, D, 2, 2) after each value."""
     n, n_dof = values.shape
     states, covariances = np.empty((n, n_dof, 2)), np.empty((n, n_dof, 2, 2))
-    # The first velocity is hardly known: it may be any that the first two values allow.
+    # The first velocity is nearly unknown: its variance covers any that the first two values allow.
     fast = moves[0][1][1, 1] + 1.0 / moves[0][0][0, 1] ** 2
     states[0] = np.stack([values[0], np.zeros(n_dof)], -1)
     covariances[0] = variance[0][:, None, None] * np.diag([1.0, 1e3 * fast])
@@ -137,7 +140,7 @@ def _filtered(
 def _smoothed(
     states: np.ndarray, covariances: np.ndarray, moves: list[tuple[np.ndarray, np.ndarray]]
 ) -> np.ndarray:
-    """Rauch, Tung & Striebel: states (F, D, 2) given all values up to the last."""
+    """Run the Rauch-Tung-Striebel smoother: states (F, D, 2) given all values up to the last."""
     out = states.copy()
     for i in range(len(moves) - 1, -1, -1):
         transition, noise = moves[i]

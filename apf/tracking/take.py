@@ -1,4 +1,4 @@
-"""A take: from a session to its tracks, by the stages `initialise` and `track`."""
+"""Track a take: from a session to its tracks, by the stages `initialise` and `track`."""
 
 from __future__ import annotations
 
@@ -24,17 +24,16 @@ from psfs.sequence import Sequence
 from psfs.session import Session
 from psfs.volume import automatic_grid
 
-#: Stores the body, its first pose (D,) and a part of each seed's track; returns where these are, or
+#: Stores the body, its first pose (D,) and a chunk of each seed's track; returns the files, or
 #: None.
 Keep: TypeAlias = Callable[[BodyModel, np.ndarray, Items[Track]], "Items[Path] | None"]
 
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """A sequence that was tracked: `body`, from `pose` (D,) in the first frame on, one track for
-    each seed. start: what was found in the first voxels; None where body and pose were given.
-    seconds: of reconstruction and tracking, without the start. error: what ended the tracks
-    early."""
+    """The result for one sequence: `body`, its `pose` (D,) in the first frame, and one track for
+    each seed. start: the automatic start; None if body and pose were given. seconds: of
+    reconstruction and tracking, without the start. error: the error that ended the tracks early."""
 
     sequence: Sequence
     body: BodyModel
@@ -54,22 +53,23 @@ def track_take(
     """Find the person in the session's frames and track them.
 
     progress: called with the name of every stage that begins ("keypoints", "volume", "start",
-    "preparing"), with "start" now and then during it, and with "tracking" after each frame, on the
-    way back with "tracking back"; a KeyboardInterrupt during tracking ends the tracks after the
-    last whole frame. keep: called about every second of tracking with the body, its first pose, and
-    the tracks of the frames since it was called last, which are not held in memory if it stores
-    them. Raises UserError; one after the first frame ends the tracks, and is the take's `error`.
+    "preparing"), repeatedly with "start" during the start, and after each frame with "tracking"
+    (forward pass) or "tracking back" (backward pass). A KeyboardInterrupt during tracking ends the
+    tracks after the last complete frame. keep: called about once per second of tracking with the
+    body, its first pose, and the tracks of the frames since its last call; if it stores them, they
+    are not held in memory. Raises UserError; an error after the first frame ends the tracks and
+    becomes the take's `error`.
     """
     settings = settings or TakeSettings()
     report = progress or (lambda stage: None)
     method, given = settings.tracked_method, settings.given
     start: Start | None = None
-    witness: KeypointStart | None = None
+    keypoint_fit: KeypointStart | None = None
     if given is None:
         check_startable(settings.body_template)  # before anything that takes time
     if settings.keypoints is not None:
         report("keypoints")
-        witness, given = fit_to_keypoints(session, settings)
+        keypoint_fit, given = fit_to_keypoints(session, settings)
     if method.uses_voxels or given is None:
         check_cameras(session.sequence)
         report("volume")
@@ -85,7 +85,7 @@ def track_take(
     body, pose = given
     report("preparing")
     began = time.perf_counter()
-    points = None if witness is None else witness.observations
+    points = None if keypoint_fit is None else keypoint_fit.observations
     task = TrackingTask(body, pose, method, settings.run_seeds, points)
     store = None if keep is None else lambda parts: keep(body, pose, parts)
     tracked = track_frames(session, task, report, store)
@@ -94,7 +94,7 @@ def track_take(
 
 
 def check_cameras(sequence: Sequence) -> None:
-    """Raise InputError where voxels would be of one camera alone, which knows no depth."""
+    """Raise InputError if the sequence has only one camera: its voxels would have no depth."""
     if len(sequence.rig) < 2:
         raise InputError(
             f"{sequence.name}: one camera, {sequence.rig.names[0]}; expected two or more, which "

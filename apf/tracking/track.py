@@ -27,10 +27,10 @@ from psfs.common.files import written_whole
 from psfs.common.npz import Values, get_scalar, read_npz
 from psfs.common.ranges import check_number
 
-#: Of a track that is being written, in the order of their names; see `part_name`.
+#: The chunks of a track that is being written, ordered by name; see `part_name`.
 PARTS = "parts/track_*.npz"
 _DIAGNOSTIC = "diagnostic_"  # prefix of the diagnostics' keys in the npz
-#: The fields as a `track.npz` holds them; m and rad.
+#: The fields of a `track.npz`, in m and rad.
 _FIELDS = {
     "body_name": Values((), "text"),
     "dof_names": Values(("D",), "text"),
@@ -43,7 +43,7 @@ _FIELDS = {
     "provenance": Values((), "text"),
     "body": Values((), "text", needed=False),
 }
-#: The diagnostics that are computed with.
+#: The diagnostics that later stages compute with; only these are checked.
 _DIAGNOSTICS = {
     "lost": Values(("F",), "bool"),
     "restart": Values(("F",), "bool"),
@@ -61,25 +61,23 @@ _DIAGNOSTICS = {
 class Track:
     """A tracked person, one row per frame F.
 
-    body_name: the body model's. dof_names: (D,). joint_names: (J,). fps: of the sequence.
-    frames: (F,) int, frame indices of the sequence. poses: (F, D) radians and metres.
-    joints: (F, J, 3) m in the world, Z up. edges: (E, 2) int joint pairs to draw. A track of points
-    without a body, see `apf.tracking.triangulated`, has no degrees of freedom, and NaN where a
-    point is missing.
+    body_name: the body model's. dof_names: (D,). joint_names: (J,). fps: of the sequence. frames:
+    (F,) int, frame indices of the sequence. poses: (F, D) radians and metres. joints: (F, J, 3) m
+    in the world, Z up. edges: (E, 2) int joint pairs to draw. A track of points without a body, see
+    `apf.tracking.triangulated`, has no degrees of freedom, and NaN where a point is missing.
     diagnostics: arrays (F, ...) by name, see below.
-    provenance: JSON text of what made it: sequence (path), device, version, grid (origin m,
-    voxel_size m, shape) where voxels were used, method, objective, filter and the settings of other
-    parts; smoothing, interrupted, where it was. body: the model that was tracked, in the person's
-    size; None where an older file does not hold it. Raises InputError where shapes disagree.
+    provenance: JSON text that says how the track was made: sequence (path), device, version, grid
+    (origin m, voxel_size m, shape) if voxels were used, method, objective, filter and further
+    settings; smoothing and interrupted, if they apply. body: the model that was tracked, in the
+    person's size; None if an older file does not hold it. Raises InputError if shapes disagree.
 
     A `track.npz` has a key for each field by its name, the body as TOML, and `diagnostic_<name>`
-    for each of the diagnostics: ess, beta, best_log_weight (F, n_layers) effective sample size,
-    annealing exponent and log weight of the best particle at exponent 1; deviation (F, D) of the
-    particles, rad or m; misfit (F,), see `apf.likelihood.base`; confidence, lost (F,) and
-    covariance (F, J, 3, 3) as below; restart (F,) 0 where the person was tracked, 1 and 2 where he
-    was found again around the last good pose and by a search everywhere; standing (F, 2) as below,
-    of smoothed tracks; limb_margin, limb_disagreement (F, L) what `limb_confidence` is found from,
-    the latter where it was tracked several ways; limb_confidence (F, L) as below.
+    for each of the diagnostics. ess, beta, best_log_weight (F, n_layers): effective sample size,
+    annealing exponent, and log weight of the best particle at exponent 1. deviation (F, D):
+    standard deviation of the particles, rad or m. misfit (F,): see `apf.likelihood.base`. restart
+    (F,): 0 tracked, 1 found near the last good pose, 2 found by a global search. limb_margin,
+    limb_disagreement (F, L): the inputs of `limb_confidence`; the latter exists if several passes
+    were compared. confidence, lost, covariance, standing, limb_confidence: see the properties.
     """
 
     body_name: str
@@ -95,7 +93,7 @@ class Track:
     body: BodyModel | None = None
 
     def __post_init__(self) -> None:
-        set_ = object.__setattr__  # the one way to normalise the fields of a frozen dataclass
+        set_ = object.__setattr__  # the fields of a frozen dataclass are set this way
         set_(self, "dof_names", tuple(map(str, self.dof_names)))
         set_(self, "joint_names", tuple(map(str, self.joint_names)))
         set_(self, "fps", float(self.fps))
@@ -147,27 +145,27 @@ class Track:
 
     @property
     def times(self) -> np.ndarray:
-        """(F,) s since the sequence's first frame."""
+        """Time (F,), s, since the sequence's first frame."""
         return self.frames / self.fps
 
     @property
     def lost(self) -> np.ndarray:
-        """(F,) bool, frames in which the tracker had lost the person; none where it stated none."""
+        """Frames (F,) bool in which the tracker had lost the person; all False if not reported."""
         return self._diagnostic("lost", np.zeros(len(self), bool)).astype(bool)
 
     @property
     def confidence(self) -> np.ndarray:
-        """(F,) in [0, 1], how far the tracker trusts each frame; NaN where it stated nothing."""
+        """Confidence (F,) in [0, 1] of the tracker in each frame; NaN if not reported."""
         return self._diagnostic("confidence", np.full(len(self), np.nan))
 
     @property
     def restarts(self) -> np.ndarray:
-        """(n,) frame numbers in which the person was found again by a search of its own."""
+        """Frame numbers (n,) in which the person was found again by a new search."""
         return self.frames[self._diagnostic("restart", np.zeros(len(self), int)) > 0]
 
     @property
     def covariance(self) -> np.ndarray:
-        """(F, J, 3, 3) m^2, uncertainty of each joint's position; NaN where none was stated."""
+        """Covariance (F, J, 3, 3), m^2, of each joint's position; NaN if not reported."""
         shape = (len(self), len(self.joint_names), 3, 3)
         return self._diagnostic("covariance", np.full(shape, np.nan))
 
@@ -176,14 +174,14 @@ class Track:
 
     @property
     def standing(self) -> np.ndarray:
-        """(F, 2) bool, whether the left and the right foot stand on the floor; known of smoothed
-        tracks only, else nowhere."""
+        """Stances (F, 2) bool: whether the left and the right foot stand on the floor. Known for
+        smoothed tracks only, else all False."""
         return self._diagnostic("standing", np.zeros((len(self), 2), bool)).astype(bool)
 
     @property
     def limb_confidence(self) -> np.ndarray:
-        """(F, L) the probability that each of the body's limbs (`apf.body.limbs.limb_names`) is
-        right, see `apf.tracking.limb_confidence`; NaN where the tracker looked for none."""
+        """Probability (F, L) that each of the body's limbs (`apf.body.limbs.limb_names`) is right,
+        see `apf.tracking.limb_confidence`; NaN without a limb search."""
         found = self.diagnostics.get("limb_confidence")
         if found is None:
             ends = [] if self.body is None else limb_ends(self.body)
@@ -194,20 +192,19 @@ class Track:
 
     @property
     def judged(self) -> Track:
-        """The same with its `limb_confidence` among the diagnostics, which then stays as it is
-        whatever becomes of the joints."""
+        """The track with its `limb_confidence` stored, which then no longer follows the joints."""
         stated = {**self.diagnostics, "limb_confidence": self.limb_confidence}
         return replace(self, diagnostics=stated)
 
     @property
     def lost_limbs(self) -> np.ndarray:
-        """(F, L) bool, which limbs are not to be believed, while the person is tracked."""
+        """Limbs (F, L) bool that are probably wrong while the person is tracked."""
         lost: np.ndarray = (self.limb_confidence < LOST) & ~self.lost[:, None]
         return lost
 
     @property
     def its_body(self) -> BodyModel:
-        """The body that was tracked. Raises InputError where the track does not hold it."""
+        """The body that was tracked. Raises InputError if the track does not hold it."""
         if self.body is None:
             raise InputError(
                 f"the track of {self.body_name} does not hold its body; expected body.toml beside "
@@ -217,25 +214,24 @@ class Track:
 
     @property
     def smoothing(self) -> dict[str, Any] | None:
-        """How `apf smooth` made it, None for a track as it was tracked."""
+        """The settings with which `apf smooth` made the track; None if it was not smoothed."""
         return _provenance(self.provenance).get("smoothing")
 
     @property
-    def interrupted(self) -> bool:  # forward or on the way back
+    def interrupted(self) -> bool:  # in the forward or in the backward pass
         return bool(_provenance(self.provenance).get("interrupted", False))
 
     @property
     def series(self) -> JointSeries:
-        """The joints alone, as `evaluate` and the TRC files take them."""
+        """The joints alone, as input of `evaluate` and of TRC files."""
         return JointSeries(self.joint_names, self.joints, self.fps, self.frames)
 
     @property
     def angles(self) -> dict[str, np.ndarray]:
-        """Angles (F,) of the joints, degrees, by clinical name (`l_knee_flexion`), NaN where the
-        person or the limb is lost; see `apf.body.angles`. Ankles of a body whose feet do not bend
-        are known only of smoothed tracks, where a foot stands flat. Raises InputError where the
-        track does not hold its body.
-        """
+        """Joint angles (F,), degrees, by clinical name (`l_knee_flexion`); see `apf.body.angles`.
+        They are NaN where the person or the limb is lost. Ankle angles of a body whose feet do not
+        bend are known only for smoothed tracks, in frames in which the foot stands flat. Raises
+        InputError if the track does not hold its body."""
         angles = joint_angles(self.its_body, self.poses)
         if self.standing.any() and (ankles := feet(self.its_body)):
             level = flat(self.joints[:, ankles], self.standing)
@@ -248,9 +244,9 @@ class Track:
 
     @property
     def points(self) -> JointSeries:
-        """The joints and, of a track that holds its body, the virtual markers on heels, toes and
-        hands, NaN where the person or the limb is lost: what files of points are written from. A
-        marker may be as far away as the joints on its bone."""
+        """The points for point files: the joints and, if the track holds its body, the virtual
+        markers on heels, toes and hands. They are NaN where the person or the limb is lost. A
+        marker gets the largest uncertainty of the joints on its bone."""
         names, points = list(self.joint_names), self.joints
         gone = np.zeros((len(self), len(names)), bool)
         if self.body is not None:
@@ -271,20 +267,20 @@ class Track:
 
     @property
     def motion(self) -> BodyMotion:
-        """What files of a moving body are written from. Raises InputError where the track does not
-        hold its body."""
+        """The content of motion files with a body. Raises InputError if the track does not hold its
+        body."""
         limbs = self.lost_limbs
         poses = interpolate_gaps(self.poses, self.times, limbs @ limb_masks(self.its_body))
         return BodyMotion(self.its_body, poses, self.lost, limbs, self.points)
 
     def save(self, path: str | Path, axes: str = "y-up") -> None:
-        """Write the track as it is; the ending of `path` says as what.
+        """Write the track as it is; the suffix of `path` selects the format.
 
-        .npz: all of it, for `open`: the fields by their names, diagnostics as diagnostic_<name>.
-        .trc, .csv, .c3d: `points`; axes: of a TRC, y-up, z-up or pose2sim. .bvh, .glb: the moving
+        .npz: everything, for `open`: the fields by their names, diagnostics as diagnostic_<name>.
+        .trc, .csv, .c3d: `points`; axes, for TRC: y-up, z-up or pose2sim. .bvh, .glb: the moving
         body. .mot: joint angles for OpenSim. See `apf.formats`. Raises InputError for any other
-        ending, where the file cannot be written, or where the track does not hold its body and the
-        file needs it.
+        suffix, if the file cannot be written, or if the track does not hold its body and the file
+        needs it.
         """
         ending = Path(path).suffix.lower()
         if axes not in CONVENTIONS:
@@ -325,8 +321,9 @@ class Track:
     def open(cls, path: str | Path) -> Track:
         """Return the track of an npz that `save` wrote, or of the folder that holds `track.npz`.
 
-        The body of a file that does not hold it is that of `body.toml` beside it, where there is
-        one. Raises InputError when it is missing, no npz, lacks a key or has shapes that disagree.
+        If the file does not hold its body, it is read from `body.toml` beside it, if that exists.
+        Raises InputError if the file is missing, is no npz, lacks a key or has shapes that
+        disagree.
         """
         path = Path(path)
         parts = [] if (path / "track.npz").exists() else sorted(path.glob(PARTS))
@@ -357,14 +354,14 @@ class Track:
 
 
 def part_name(folder: Path, track: Track) -> Path:
-    """Return where a part of a track is kept while the rest is tracked."""
+    """Return the path of a chunk of a track that is stored while the rest is tracked."""
     return folder / "parts" / f"track_{track.frames[0]:09d}.npz"
 
 
 def joined(parts: Iterable[Track | Path]) -> Track:
     """Return one track of the frames of several, which follow each other and differ in nothing
-    else. Those given as files are read in turn, so that all rows are in memory once. Raises
-    InputError for a file that is none."""
+    else. Files are read one after the other, so that all rows are in memory only once. Raises
+    InputError for a file that is no track."""
     columns: dict[str, list[np.ndarray]] = {}
     part: Track | None = None
     for given in parts:
@@ -390,7 +387,7 @@ def _provenance(text: str) -> dict[str, Any]:
 
 
 def spans(frames: Sequence[int]) -> str:
-    """Frame numbers for a message: `3, 25-32`."""
+    """Format frame numbers for a message: `3, 25-32`."""
     pieces: list[list[int]] = []
     for frame in frames:
         if pieces and frame == pieces[-1][-1] + 1:

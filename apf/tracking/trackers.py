@@ -1,4 +1,4 @@
-"""The trackers of a method that know when they have lost the person."""
+"""Trackers of a method that detect when they have lost the person."""
 
 from __future__ import annotations
 
@@ -17,25 +17,29 @@ from apf.scene import Scene
 from apf.tracking.config import RecoveryConfig
 from apf.tracking.recovery import SeparateRuns, Watched, WatchedRuns
 
-#: The search everywhere while a person is lost: it is tried again soon enough.
+#: Settings of the global search for a lost person: one attempt, because it is repeated soon.
 _ONE_ATTEMPT = StartConfig(acceptance=AcceptanceConfig(n_attempts=1))
-#: 2^64 over the golden ratio.
+#: 2^64 divided by the golden ratio.
 _GOLDEN = 0x9E3779B97F4A7C15
 
 
 def seeded(method: Method, seeds: list[int]) -> list[Method]:
-    """Return `method` with each of `seeds`. Raises InputError for impossible ones."""
+    """Return `method` with each of `seeds`. Raises InputError for a seed that is out of range."""
     return [method.replace(filter=method.filter.changed(seed=seed)) for seed in seeds]
 
 
 def run_seeds(seed: int, n_runs: int) -> list[int]:
-    """Return the seeds of the runs that make the track of `seed`, which is the first one's; those
-    of others are far from each other's and from it, as a user's are not (Steele et al. 2014)."""
+    """Return the seeds of the runs that make the track of `seed`.
+
+    The first run has `seed` itself. Those of the others are far from each other and from it (Steele
+    et al. 2014), because seeds that users choose often lie close together.
+    """
     return [(seed + run * _GOLDEN) % 2**64 for run in range(n_runs)]
 
 
 def watched_runs(scene: Scene, method: Method, seeds: list[int]) -> WatchedRuns | SeparateRuns:
-    """Make the watched trackers of `method` with each of `seeds`, as one where the method can."""
+    """Make the recovering trackers of `method` with each of `seeds`, batched into one if the method
+    allows it."""
     methods = seeded(method, seeds)
     if len(seeds) == 1 or not shares_launches(scene.device, method):
         return SeparateRuns([watched(scene, of) for of in methods])
@@ -49,11 +53,11 @@ def watched_runs(scene: Scene, method: Method, seeds: list[int]) -> WatchedRuns 
 def watched(
     scene: Scene, method: Method, tracker: Any = None, config: RecoveryConfig | None = None
 ) -> Watched:
-    """Make the tracker of `method` that knows when it has lost the person, see `recovery`; of
-    `tracker`, if there is one, which searches by that method."""
+    """Make the recovering tracker of `method`, see `recovery`; it wraps `tracker`, if given, which
+    must search by that method."""
     config = (config or RecoveryConfig()).for_body(scene.body)
     config = config.replace(on=config.on and method.recover)
-    if method.objective == "keypoints":  # which say at once where somebody is
+    if method.objective == "keypoints":  # keypoints show without a search whether somebody is there
         config = config.replace(retry=1)
     search = method.filter.search
     longer = {} if method.search == "sir" else {"n_layers": config.longer * search.n_layers}
@@ -75,7 +79,7 @@ def watched(
                 seed=search.seed, config=_ONE_ATTEMPT,
             )  # fmt: skip
         except StartError:
-            return []  # nobody is there, or the body cannot be found by itself
+            return []  # nobody is there, or this body has no automatic start
         return [found.pose]
 
     def enough(observation: Any) -> bool:

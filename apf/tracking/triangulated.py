@@ -1,6 +1,6 @@
-"""A track from keypoints alone, as most users make it today: triangulated, gaps closed, low-passed.
+"""A track from keypoints alone, the usual way today: triangulated, gaps filled, low-pass filtered.
 
-The baseline that a body model, voxels and motion are to improve on.
+It is the baseline for tracking with body model, voxels and motion.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cl import InputError
 from psfs.cameras.names import listed
 from psfs.sequence import Sequence
 
-#: What such a track says in place of its body's name.
+#: The body name of such a track.
 BODY_NAME = "triangulated"
 
 
@@ -31,11 +31,12 @@ def triangulated_track(
     selection: slice | None = None,
     progress: Callable[[], object] | None = None,
 ) -> Track:
-    """Return the landmarks of `keypoints` in the selected frames of `sequence`, whose cameras and
-    frames they have; NaN where there is no point, not even over a gap.
+    """Triangulate the landmarks of `keypoints` in the selected frames of `sequence`.
 
-    Its diagnostics are reprojection_error (F, J) px and cameras_used (F, J). progress: called when
-    points are made. Raises InputError if no keypoint is a landmark or none is seen twice.
+    The keypoints have the cameras and frames of the sequence. A point that cannot be triangulated
+    or interpolated is NaN. The diagnostics are reprojection_error (F, J) px and cameras_used (F,
+    J). progress: called when the points are triangulated. Raises InputError if no keypoint is a
+    landmark or if no point is seen twice.
     """
     config = config or TriangulatedConfig()
     frames = np.arange(keypoints.n_frames)[selection or slice(None)]

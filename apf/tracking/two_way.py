@@ -1,14 +1,15 @@
-"""Tracking a take forward and back by several runs, and what all these ways say together.
+"""Fusion of the forward and backward passes of several runs over a take.
 
-A filter knows the past only: an arm that comes out from before the trunk is found again when it
-shows, and was wrong until then. From the end of the take back it is the other way round. As in a
-two-filter smoother (Fraser & Potter 1969, "The optimum linear smoother as a combination of two
-optimum linear filters") both say what each of them saw. Runs of other random numbers err otherwise.
-Where ways agree within a limb's breadth their mean is taken, whose errors are smaller, and
-elsewhere the way that fits the pictures better over the frames on end (Viterbi 1967).
+A filter knows only the past: if an arm comes out from in front of the trunk, the filter finds it
+then, and was wrong before. A backward pass from the end of the take has the opposite weakness. As
+in a two-filter smoother (Fraser & Potter 1969, "The optimum linear smoother as a combination of two
+optimum linear filters") the two passes are combined. Runs with different random numbers make
+different errors, so all their passes take part. If passes agree to within `TwoWayConfig.near`,
+average them, which reduces the error; otherwise use the pass with the lower image error over
+consecutive frames (Viterbi 1967).
 
-Long takes are worked on in windows that overlap, for the observations of a window are held in
-memory. Live there is no way back.
+A long take is processed in overlapping windows, because the observations of a window are held in
+memory. Live tracking has no backward pass.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from apf.tracking.recovery import SeparateRuns, WatchedRuns
 from apf.tracking.smoothing import unwrapped
 from cl import Device, NumpyDevice, UserError
 
-#: A frame of a window: its number, what was observed, and for each track its runs' estimates.
+#: One frame of a window: its number, its observation, and for each track the estimates of its runs.
 Seen = tuple[int, Any, list[list[Estimate]]]
 
 
@@ -48,12 +49,13 @@ def both_ways(
     *,
     fps: float = 30.0,
 ) -> Iterator[tuple[int, list[Estimate]]]:
-    """Yield number and each track's estimate of every frame of `seen`, `fps` of them in a second.
+    """Yield the number of every frame of `seen` and each track's estimate of it; `fps` frames per
+    second.
 
-    forward: the runs of all tracks, as many of each, which have started; back: those of each track.
-    progress: called with "tracking" or "tracking back" after each frame. What ends the frames
-    early, an interrupt or an error, is raised after those before it; one on the way back leaves the
-    window as each track's first run tracked it forward.
+    forward: the started runs of all tracks, equally many for each. back: the runs of the backward
+    pass of each track. progress: called with "tracking" or "tracking back" after each frame. An
+    interrupt or error that ends the frames early is raised after the frames before it; if it occurs
+    in the backward pass, the window keeps the forward estimates of each track's first run.
     """
     config = config or TwoWayConfig()
     window, frames = list[Seen](), iter(seen)
@@ -77,8 +79,8 @@ def both_ways(
             ended, whole = error, True
         n_final = len(window) if whole else len(window) - min(config.overlap, len(window) // 3)
         try:
-            told = partial(progress, "tracking back")
-            final = _smoothed(device, back, window, fps, config, told)
+            report = partial(progress, "tracking back")
+            final = _smoothed(device, back, window, fps, config, report)
         except (KeyboardInterrupt, UserError) as error:
             ended, n_final = error, len(window)
             final = [[_alone(runs[0]) for runs in of] for _, _, of in window]
@@ -92,7 +94,7 @@ def both_ways(
 
 
 def _kept(device: Device | NumpyDevice, observation: Any) -> Any:
-    """What remains of an observation when the next one is made."""
+    """Return a copy of an observation that stays valid when the next one is made."""
     shown, points = parted(observation)
     return with_points(None if shown is None else cropped(device, shown), points)
 
@@ -103,7 +105,7 @@ def _n_bytes(kept: Any) -> int:
 
 
 def _backwards(device: Device | NumpyDevice, window: list[Seen]) -> Iterator[Any]:
-    """The observations of a window again, the last one first; each overwrites the one before."""
+    """Yield the observations of a window in reverse order; each overwrites the one before."""
     parts = [parted(kept) for _, kept, _ in reversed(window)]
     crops = [shown for shown, _ in parts if isinstance(shown, CroppedVoxels)]
     restored = RestoredVoxels(device, crops) if crops and isinstance(device, Device) else None
@@ -121,7 +123,7 @@ def _smoothed(
     config: TwoWayConfig,
     progress: Callable[[], object],
 ) -> list[list[Estimate]]:
-    """Each track's estimates of the frames of a window, by all ways."""
+    """Run the backward passes over a window; return each track's fused estimates of its frames."""
     if not window:
         return []
     for runs, last in zip(back, window[-1][2], strict=True):
@@ -143,14 +145,18 @@ def _smoothed(
 
 
 def _alone(estimate: Estimate) -> Estimate:
-    """An estimate that no other way agrees or disagrees with."""
+    """Return an estimate with unknown (NaN) disagreement, because there is no other pass to compare
+    with."""
     return replace(estimate, disagreement=np.full(len(limb_ends(estimate.body)), np.nan))
 
 
 def exchanged(body: BodyModel, poses: np.ndarray, config: TwoWayConfig | None = None) -> np.ndarray:
-    """Return the poses (K + K (K - 1) L, D) that are compared: those of K ways (K, D), then each
-    with each of the L limbs of each of the others where that has it; by their angles those that are
-    at nearly the same places, for their mean is taken."""
+    """Return the poses (K + K (K - 1) L, D) to compare: those of K passes (K, D), then each of them
+    with each of the L limbs of each other pass.
+
+    A limb is moved by inverse kinematics to where the other pass has it. If both passes have it at
+    nearly the same place, its angles are copied instead, because such limbs are averaged.
+    """
     limbs, joints = limb_masks(body), limb_joints(body)
     trunk, other = np.nonzero(~np.eye(len(poses), dtype=bool))
     mixed = np.where(limbs, poses[other, None], poses[trunk, None])
@@ -170,17 +176,18 @@ def combined(
     config: TwoWayConfig | None = None,
     fps: float = 30.0,
 ) -> list[Estimate]:
-    """Return the estimates of frames on end, `fps` of them in a second, by K ways' estimates of
-    each frame.
+    """Fuse K passes' estimates of consecutive frames, `fps` per second, into one estimate per
+    frame.
 
     errors: (F, K + K (K - 1) L) of the poses that `exchanged` returns. Trunk and limbs are chosen
-    one by one. `disagreement` is how far the ways' ends of a limb are from the track's.
+    one by one. The `disagreement` of a limb is the distance of its end in the passes from that in
+    the result.
     """
     config = config or TwoWayConfig()
     ways, body = _Ways(estimates, config), estimates[0][0].body
     of_limb, limbs = limb_joints(body), limb_masks(body)
     trunk = ~np.any(of_limb, axis=0)
-    trunk |= ~trunk.any()  # of a body that has no joint but its limbs'
+    trunk |= ~trunk.any()  # if the body has no joints but those of its limbs
     own = errors[:, : len(ways.poses)]
     whole = ways.better(own, ways.joints[:, :, trunk])
     agreed = ways.agreeing(whole, trunk)
@@ -194,7 +201,7 @@ def combined(
         )
 
     for limb, (joints, dofs) in enumerate(zip(of_limb, limbs, strict=True)):
-        # It jumps, too, where the trunk's way changes.
+        # The limb also jumps where the trunk changes from one pass to another.
         tried = [reached(*of, limb) for of in zip(ways.poses, ways.joints, strict=True)]
         places = np.stack([posed_joints(body, of)[:, joints] for of in tried])
         agreed = ways.agreeing(ways.better(by_limb[..., limb], places), joints)
@@ -212,10 +219,13 @@ def combined(
 
 
 def _errors_of_limbs(errors: np.ndarray, own: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """Return the errors (F, K, L) of the trunk of the chosen way `whole` (F,) with each limb of
-    every way, its `own` (F, K) among them; errors: see `combined`."""
+    """Return the errors (F, K, L) of the chosen trunk with each limb of every pass.
+
+    errors: see `combined`. own: (F, K) errors of the passes' own poses. whole: (F,) the pass that
+    the trunk is taken from.
+    """
     n_frames, n_ways = own.shape
-    others = ~np.eye(n_ways, dtype=bool)  # row by row, as `exchanged` has them
+    others = ~np.eye(n_ways, dtype=bool)  # row by row, in the order of `exchanged`
     n_limbs = (errors.shape[1] - n_ways) // max(1, others.sum())
     found = np.broadcast_to(own[..., None, None], (n_frames, n_ways, n_ways, n_limbs)).copy()
     found[:, others] = errors[:, n_ways:].reshape(n_frames, others.sum(), n_limbs)
@@ -230,16 +240,17 @@ def steadied(
     most: float,
     within: float,
 ) -> np.ndarray:
-    """Return poses (F, D) by parabolas through the `n` frames about each (Savitzky & Golay 1964),
-    within the body's limits: first of the angles, then limbs reach, to `within` m, for the
-    parabolas of their joints, since some angles go other ways round to the same pose. What would
-    take a joint farther than `most` m from where it was tracked is left as it is: limbs that jump
-    to where they are found again. So are frames that are not `known` (F,), and nothing is fitted
-    across them.
+    """Return poses (F, D) smoothed by local parabolas over `n` frames (Savitzky & Golay 1964),
+    within the body's limits.
+
+    First smooth the angles; then fit each limb to its smoothed joints, to within `within` m, by
+    inverse kinematics, because different angles can give the same pose. If smoothing would move a
+    joint by more than `most` m, the limb stays as it was tracked: it jumps to where it was found
+    again. Frames that are not `known` (F,) stay as they are, and no parabola crosses them.
     """
     poses = unwrapped(poses, body)
     for part in stances(known):
-        if n < 5 or part.stop - part.start < n:  # three points lie on a parabola
+        if n < 5 or part.stop - part.start < n:  # a parabola passes through any three points
             continue
         tracked = posed_joints(body, poses[part])
         places = savgol_filter(tracked, n, 2, axis=0)
@@ -255,29 +266,32 @@ def steadied(
 
 
 class _Ways:
-    """Poses and deviations (K, F, D) and joints (K, F, J, 3) m of K ways, and in which frames
-    (K, F) they have lost the person."""
+    """Poses and deviations (K, F, D) and joints (K, F, J, 3) m of K passes, and the frames (K, F)
+    in which each has lost the person."""
 
     def __init__(self, estimates: Sequence[Sequence[Estimate]], config: TwoWayConfig) -> None:
         self._config, self._body = config, estimates[0][0].body
         ways = list(zip(*estimates, strict=True))
         poses = np.stack([[estimate.pose for estimate in way] for way in ways])
-        self.poses = unwrapped(poses, self._body)  # from one way to the other
+        self.poses = unwrapped(poses, self._body)  # from one pass to the other
         self.deviations = np.stack([[estimate.deviation for estimate in way] for way in ways])
         self.lost = np.array([[estimate.lost for estimate in way] for way in ways])
         self.joints = np.stack([posed_joints(self._body, of) for of in self.poses])
 
     def better(self, misfits: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Return the best way (F,) by misfits (F, K) and the jumps of joints, whose `places`
-        (K, F, N, 3) are those of each way, m."""
+        """Return the best pass (F,) by misfits (F, K) and by the jumps of joints between frames;
+        places: (K, F, N, 3) m, the joints of each pass."""
         costs = misfits / self._config.misfit
         costs += 1e6 * (self.lost & ~self.lost.all(0)).T
         jumps = np.linalg.norm(places[None, :, 1:] - places[:, None, :-1], axis=-1).mean(-1)
         return best_path(costs, np.moveaxis(jumps, -1, 0) / self._config.jump)
 
     def agreeing(self, way: np.ndarray, of: np.ndarray) -> np.ndarray:
-        """Return which ways (K, F) have the joints `of` (J,) at the places where the chosen `way`
-        (F,) has them; it alone where the mean of their poses has them elsewhere."""
+        """Return which passes (K, F) have the joints `of` (J,) where the chosen `way` (F,) has
+        them.
+
+        It is the chosen pass alone if the average of the poses would put the joints elsewhere.
+        """
         alone = np.arange(len(self.poses))[:, None] == way
         chosen = self.joints[way, np.arange(len(way))]
         apart = np.linalg.norm(self.joints - chosen, axis=-1)[..., of].max(-1)
@@ -288,8 +302,8 @@ class _Ways:
         return np.where(between, agreed, alone)
 
     def apart_from(self, poses: np.ndarray) -> np.ndarray:
-        """Return how far (F, L) the limbs' ends are from those of `poses` (F, D), m, the geometric
-        mean over the ways; NaN in frames that one way knows at most."""
+        """Return the distance (F, L), m, of the limbs' ends from those of `poses` (F, D), as
+        geometric mean over the passes; NaN in frames that fewer than two passes have tracked."""
         ends = limb_ends(self._body)
         away = self.joints[:, :, ends] - posed_joints(self._body, poses)[:, ends]
         far = np.maximum(np.linalg.norm(away, axis=-1), REGRESSION.least)
@@ -299,21 +313,23 @@ class _Ways:
 
 
 def averaged(values: np.ndarray, taken: np.ndarray) -> np.ndarray:
-    """Return the means (F, ...) of values (K, F, ...) over those that are `taken` (K, F)."""
+    """Return the means (F, ...) of values (K, F, ...) over those with `taken` (K, F)."""
     n_taken = taken.sum(0)
     shape = n_taken.shape + (1,) * (values.ndim - 2)
     return np.einsum("kf,kf...->f...", taken, values) / n_taken.reshape(shape)
 
 
 def averaged_deviation(deviations: np.ndarray, taken: np.ndarray) -> np.ndarray:
-    """Return the deviations (F, D) of means over those that are `taken` (K, F), as if their errors,
-    of deviations (K, F, D), were independent."""
+    """Return the deviations (F, D) of means over those with `taken` (K, F), assuming independent
+    errors of deviations (K, F, D)."""
     return np.sqrt(averaged(deviations**2, taken) / taken.sum(0)[:, None])
 
 
 def best_path(costs: np.ndarray, changes: np.ndarray) -> np.ndarray:
-    """Return the states (F,) of least cost (Viterbi 1967): costs (F, K) of being in each, and
-    changes (F - 1, K, K) of going from one to another."""
+    """Return the sequence of states (F,) of least total cost (Viterbi 1967).
+
+    costs: (F, K) of each state. changes: (F - 1, K, K) of the transition from one state to another.
+    """
     n_frames, total = len(costs), costs[0].copy()
     come_from = np.zeros(costs.shape, int)
     for frame in range(1, n_frames):

@@ -1,11 +1,11 @@
-"""How far joints may lie from where a track puts them.
+"""Uncertainty of the joints' positions in a track.
 
-The refinement's linear system says how firmly the voxels hold every angle: an arm that hides
-before the trunk is held by few. Its inverse, and the spread of the particles, are carried to the
-joints and scaled so that, on synthetic sequences, the stated ellipsoids hold the truth as often as
-they say (see scripts/calibrate_uncertainty.py), as long as no limb is lost. A floor per joint
-stands for what no search mends: the voxels' resolution, and joint centres that lie elsewhere in the
-body than the model's.
+The linear system of the refinement says how firmly the voxels constrain every angle; an arm in
+front of the trunk is constrained by few voxels. Its inverse and the spread of the particles are
+propagated to the joints. They are scaled so that, on synthetic sequences, the 95 % ellipsoids hold
+the truth in 95 % of the frames (see scripts/calibrate_uncertainty.py), as long as no limb is lost.
+A floor per joint covers systematic errors: the voxels' resolution, and joint centres that differ
+between person and model.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ from scipy.stats import chi2
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel, sideless
 
-#: Of the derivatives by differences, m or rad.
+#: Step of the central differences, m or rad.
 _STEP = 1e-4
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """How stated deviations become those that hold; see `CALIBRATION` for the values used."""
+    """Calibration of the stated deviations; see `CALIBRATION` for the values used."""
 
     scale: float = 1.0
     """Factor of the stated deviations."""
     floor: Mapping[str, float] = field(default_factory=dict)
-    """m, deviation that every coordinate of a joint has at least, by name without its side."""
+    """Least deviation, m, of every coordinate of a joint, by the joint's name without its side."""
     other_floor: float = 0.03
-    """m, of joints that have none: amid those of `CALIBRATION`."""
+    """Least deviation, m, of joints that `floor` does not name: a middle value of `CALIBRATION`."""
 
     def floors(self, names: list[str]) -> np.ndarray:
-        """Return the floors (J,), m, of the joints of these names."""
+        """Return the floors (J,), m, of the joints with these names."""
         return np.array([self.floor.get(sideless(name), self.other_floor) for name in names])
 
 
-#: By scripts/calibrate_uncertainty.py on one track of each of the suite's sequences but the walk
-#: with eight cameras, and a tenth more: what the others say of one that was left out holds 83 to
-#: 98 %.
+#: Estimated by scripts/calibrate_uncertainty.py from one track of each of the suite's sequences but
+#: the walk with eight cameras, plus a tenth. In cross-validation, leaving out one sequence, the 95
+#: % ellipsoids hold 83 to 98 % of the true joints.
 CALIBRATION = Calibration(
     scale=2.0,
     floor={
@@ -65,9 +65,9 @@ def joint_covariance(
     deviation: np.ndarray,
     calibration: Calibration = CALIBRATION,
 ) -> np.ndarray:
-    """Return the covariance (F, J, 3, 3) m^2 of the joints of poses (F, D).
+    """Return the covariance (F, J, 3, 3), m^2, of the joints of poses (F, D).
 
-    information: (F, D, D) of the refinement, zero where nothing was refined; deviation: (F, D) of
+    information: (F, D, D) of the refinement, zero where nothing was refined. deviation: (F, D) of
     the particles. See `Estimate`.
     """
     raw = raw_covariance(body, poses, information, deviation)
@@ -85,7 +85,8 @@ def raw_covariance(
     spread[known] += np.linalg.inv(information[known])
     out = np.empty((len(poses), n_joints, 3, 3))
     steps = _STEP * np.eye(body.n_dof)
-    for frame in range(len(poses)):  # alone: the same to the bit, whatever it is computed with
+    # one by one, so that a frame's result does not depend on the others, to the bit
+    for frame in range(len(poses)):
         block = slice(frame, frame + 1)
         moved = poses[block, None, None] + np.stack([steps, -steps])
         n = len(moved)
@@ -97,6 +98,7 @@ def raw_covariance(
 
 
 def inside(offsets: np.ndarray, covariance: np.ndarray, share: float = 0.95) -> np.ndarray:
-    """Return whether offsets (..., 3) m lie in the ellipsoids that should hold `share` of them."""
+    """Return whether offsets (..., 3), m, lie in the ellipsoids that hold `share` of the
+    probability."""
     solved = np.linalg.solve(covariance, offsets[..., None])[..., 0]
     return np.einsum("...a,...a->...", offsets, solved) <= chi2.ppf(share, 3)

@@ -1,1 +1,1 @@
-"""What `accuracy.py` measures: settings, recorded clouds, runs and their report."""
+"""The parts of `accuracy.py`: settings, recorded clouds, runs and their report."""

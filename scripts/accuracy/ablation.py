@@ -1,4 +1,4 @@
-"""What the default does without one of its parts: settings by name, like presets."""
+"""Ablations: the defaults without one of their parts, as settings by name, like presets."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _silhouettes(settings: Preset, part: str, **changes: Any) -> Preset:
     return settings.replace(reconstruction=changed)
 
 
-#: What is left out, and how.
+#: The parts that are left out, and the change that removes each.
 ABLATIONS: dict[str, Callable[[Preset], Preset]] = {
     "no edges": partial(_filter, edge_weight=0.0),
     "no silhouettes": partial(_filter, silhouette_weight=0.0),

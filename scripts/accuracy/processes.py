@@ -1,4 +1,4 @@
-"""Jobs of a suite, one after the other or spread over workers, as `apf batch` spreads takes."""
+"""Jobs of a suite, run in sequence or on workers, as `apf batch` runs takes."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from cl import Device, DeviceError, UserError
 def workers_of(
     out: Path, device: str, processes: int, scheduler: str | None
 ) -> AbstractContextManager[Any]:
-    """The client of a running Dask cluster, whose workers have scripts/ in their PYTHONPATH, or of
-    one of so many processes on the named device."""
+    """Return the client of a running Dask cluster, whose workers need scripts/ in their PYTHONPATH,
+    or of a new one with `processes` on the named device."""
     if scheduler is not None:
         out.mkdir(parents=True, exist_ok=True)
         return connect_cluster(scheduler, out.resolve())
@@ -35,9 +35,10 @@ def do_jobs(
     keep: Callable[[Job, Outcome | UserError], object],
     seconds: float | None = None,
 ) -> None:
-    """Do the jobs on `device`, or on the workers of `client` where there is one, and call `keep`
-    with what each gave, or with the error of one that cannot be done. Begin none after so many
-    seconds. Raises DeviceError; after a KeyboardInterrupt all that is done is kept.
+    """Do the jobs on `device`, or on the workers of `client` if given.
+
+    Call `keep` with the result of each job, or with its error. Start no job after `seconds`. Raises
+    DeviceError. After a KeyboardInterrupt all finished jobs are kept.
     """
     end = time.monotonic() + (seconds or math.inf)
     begun = (job for job in jobs if time.monotonic() < end)

@@ -15,8 +15,8 @@ from cl import InputError
 
 
 def suite_headline(results: Results) -> str:
-    """Markdown for the README: means of the default's runs from their own start. Raises InputError
-    if there are none."""
+    """Return Markdown for the README: means of the default's runs with an automatic start. Raises
+    InputError if there are none."""
     settings = dict.fromkeys(run.setting for run in results.runs if not run.setting.preset)
     rows = [r for r in suite_rows(results, list(settings), lambda _: np.nan) if r.start != "true"]
     voxels = {row.sequence: row for row in rows if row.witness == "voxels"}
@@ -43,8 +43,8 @@ def suite_headline(results: Results) -> str:
 
 
 def publish_suite(root: Path, results: Results) -> None:
-    """Write the README's table, or that of presets, where there is nothing else, into
-    docs/accuracy.md, beside the defaults' in the folder `suite` next to theirs."""
+    """Write the README's table. For a suite of presets only, write the table of docs/accuracy.md
+    instead, beside the defaults in the neighbouring folder `suite`."""
     if any(not run.setting.preset for run in results.runs):
         replace_marked(root / "README.md", "accuracy", suite_headline(results))
         return
@@ -53,7 +53,8 @@ def publish_suite(root: Path, results: Results) -> None:
 
 
 def presets_headline(results: Results, defaults: Results) -> str:
-    """Markdown: mean error from a start of their own, of the defaults and of each preset."""
+    """Return Markdown with the mean error with an automatic start, of the defaults and of each
+    preset."""
     columns: dict[str, dict[str, Row]] = {"default": {}}
     for run in (*defaults.runs, *results.runs):
         setting, source = run.setting, results if run.setting.preset else defaults

@@ -1,4 +1,4 @@
-"""Surface voxels of whole sequences, made once and shown to as many trackers as wanted."""
+"""Surface voxels of whole sequences, computed once and played to any number of trackers."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """The surface voxels of every frame of `sequence`, flat indices in `grid`, ascending, and the
+    """The surface voxels of every frame of `sequence`, as ascending flat indices in `grid`, and the
     foreground (V H W bits, packed) of the evidence that they were carved with.
 
-    truth: the sequence's true joints. settings: what it was made with.
+    truth: the sequence's true joints. settings: of the reconstruction.
     """
 
     sequence: Sequence
@@ -48,7 +48,7 @@ class Recording:
 
     @property
     def fps(self) -> float:
-        """Of the whole sequence."""
+        """Frame rate of the whole sequence, 1/s."""
         return self.sequence.fps
 
     @cached_property
@@ -61,16 +61,17 @@ class Recording:
         return body, pose
 
     def features(self, device: Device, config: FeatureConfig) -> FeatureReplay:
-        """Made when they are first asked for."""
+        """Return the image features, computed at the first call."""
         if config not in self._features:
             self._features[config] = FeatureReplay(device, self, config)
         return self._features[config]
 
 
 class Replay:
-    """A recording's frames on a device, as a reconstructor leaves them there.
+    """The frames of a recording on a device, in the layout of a reconstructor.
 
-    grid, surface, count, cloud(): as of psfs.voxels.device_voxels.Voxels; of the evidence the sign.
+    grid, surface, count, cloud(): as of psfs.voxels.device_voxels.Voxels; the evidence has only its
+    sign.
     """
 
     def __init__(self, device: Device, recording: Recording) -> None:
@@ -84,7 +85,7 @@ class Replay:
         self.evidence = device.zeros(shape, np.int8, "the silhouettes")
 
     def __iter__(self) -> Iterator[tuple[int, Replay]]:
-        """Frame numbers, and this with the frame's voxels."""
+        """Yield frame numbers, and this object with the frame's voxels."""
         recording = self._recording
         shown = zip(recording.surfaces, recording.foregrounds, strict=True)
         for index, (surface, foreground) in zip(recording.frames, shown, strict=True):
@@ -98,14 +99,14 @@ class Replay:
             yield index, self
 
     def cloud(self) -> VoxelCloud:
-        """The frame's surface voxels on the host."""
+        """Return the frame's surface voxels on the host."""
         certain = np.ones(len(self._shown), np.float32)
         return VoxelCloud(self.grid, self._shown.astype(np.int32), certain)
 
 
 class FeatureReplay:
-    """The image features of a recording's frames, made once and kept on the host, on a device as
-    `Features` leaves them there: maps, roi."""
+    """The image features of a recording's frames, computed once and kept on the host. On a device
+    they have the layout of `Features`: maps, roi."""
 
     def __init__(self, device: Device, recording: Recording, config: FeatureConfig) -> None:
         sequence, frames = recording.sequence, recording.frames
@@ -119,7 +120,7 @@ class FeatureReplay:
                 self._kept.append((index, self.maps.get(), self.roi.get()))
 
     def __iter__(self) -> Iterator[tuple[int, FeatureReplay]]:
-        """Frame numbers, and this with the frame's features."""
+        """Yield frame numbers, and this object with the frame's features."""
         for index, maps, roi in self._kept:
             self.maps.set(maps)
             self.roi.set(roi)
@@ -135,10 +136,11 @@ def record(
     progress: Callable[[], object],
     settings: Preset | None = None,
 ) -> Recording:
-    """The recording of a sequence's folder with some of its cameras and every `step`-th frame, by
+    """Return the recording of a sequence with some of its cameras and every `step`-th frame, by
     `settings`.
 
-    Kept in the file `cache`, from which it is read if it is there. Raises InputError without truth.
+    It is stored in the file `cache`, and read from it if that exists. Raises InputError without
+    truth.
     """
     settings = settings or Preset()
     sequence = opened(folder, settings)
@@ -175,7 +177,8 @@ def record(
 
 
 def opened(folder: Path, settings: Preset) -> Sequence:
-    """The sequence with a preset's background, where it has pictures to learn that from."""
+    """Return the sequence with the background of a preset, if it has images to estimate that
+    from."""
     sequence = Sequence.open(folder)
     if settings.background is None or not sequence.has_images:
         return sequence
@@ -187,8 +190,9 @@ def _split(voxels: np.ndarray, counts: np.ndarray) -> list[np.ndarray]:
 
 
 def spread_cameras(rig: CameraRig, count: int) -> list[str]:
-    """Names of `count` cameras, evenly spread around what they look at; two stand as near to a
-    right angle as they can, since opposite ones see the same outline. Raises InputError."""
+    """Return the names of `count` cameras, evenly spread around the point that they face. Two of
+    them are as close to a right angle as possible, because opposite ones see the same outline.
+    Raises InputError."""
     if not 1 <= count <= len(rig):
         raise InputError(f"{count} cameras of {', '.join(rig.names)}; expected 1 to {len(rig)}")
     away = rig.centres - rig.centres.mean(0)

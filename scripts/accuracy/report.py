@@ -1,4 +1,4 @@
-"""Tables and plot of what `accuracy.py` found."""
+"""Tables and plot of the results of `accuracy.py`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from accuracy.runs import Results, Run
 from accuracy.settings import DIMENSIONS, Setting, Table
 from psfs.common.files import written_whole
 
-#: Of the rows of a sequence.
+#: Markers of the rows of a sequence.
 _MARKS = "osv^Dx"
 _LOST = "lost: runs in which a limb's end was lost, as `apf evaluate` says."
 _CONSTANT = "constant: the offset that a joint keeps in the body's own frame; rest: without"
@@ -27,7 +27,7 @@ _CONSTANT = "constant: the offset that a joint keeps in the body's own frame; re
 
 @dataclass(frozen=True)
 class Summary:
-    """Over the seeds of a setting: mean and standard deviation of their mean errors, mm."""
+    """Mean and standard deviation of the mean errors, mm, over the seeds of a setting."""
 
     mean: float
     std: float
@@ -56,7 +56,8 @@ class Summary:
 
 
 def grids(tables: dict[Table, list[Setting]], results: Results) -> list[Grid]:
-    """A grid per table, its last dimension in columns; settings without runs show none."""
+    """Return a grid per table, with its last dimension in columns; settings without runs are left
+    blank."""
     return [_grid(table, settings, results) for table, settings in tables.items()]
 
 
@@ -73,7 +74,7 @@ def _grid(table: Table, settings: list[Setting], results: Results) -> Grid:
 
 
 def joints(setting: Setting, runs: list[Run]) -> Grid:
-    """Per joint the mean error over all seeds, the part that is constant, and the rest."""
+    """Return for each joint the mean error over all seeds, its constant part, and the rest."""
     rows = [
         [name, *(f"{np.mean([run.joints[name][k] for run in runs]):.1f}" for k in range(3))]
         for name in runs[0].joints
@@ -89,7 +90,7 @@ def joints(setting: Setting, runs: list[Run]) -> Grid:
 
 
 def made_on(results: Results) -> str:
-    """Sequences, seeds, device, day and commit of results."""
+    """Return a line with sequences, seeds, device, day and commit of results."""
     names = sorted({run.setting.sequence for run in results.runs})
     return (
         f"{', '.join(names)}; up to {len({run.seed for run in results.runs})} seeds, from the true "
@@ -99,13 +100,13 @@ def made_on(results: Results) -> str:
 
 
 def headline(tables: dict[Table, list[Setting]], results: Results) -> str:
-    """Markdown for the README: the first table."""
+    """Return Markdown for the README: the first table."""
     first = grids(tables, results)[0]
     return replace(first, note=f"{made_on(results)}. {first.note}").markdown()
 
 
 def write_tables(path: Path, parts: Sequence[Grid], results: Results) -> None:
-    """Markdown: what it was made on, and every grid."""
+    """Write Markdown: the conditions of the runs, and every grid."""
     about = f"{made_on(results)}. mm, mean ± standard deviation of the runs' means."
     texts = ["# Errors of tracking", about, *(grid.markdown() for grid in parts)]
     with written_whole(path) as temporary:
@@ -113,7 +114,7 @@ def write_tables(path: Path, parts: Sequence[Grid], results: Results) -> None:
 
 
 def write_summary(path: Path, tables: dict[Table, list[Setting]], results: Results) -> None:
-    """CSV: one row per table and setting, errors in mm."""
+    """Write CSV: one row per table and setting, errors in mm."""
     with written_whole(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
         figures = ("mean_mm", "std_mm", "constant_mm", "rest_mm", "lost_runs", "runs")
@@ -131,7 +132,7 @@ def write_summary(path: Path, tables: dict[Table, list[Setting]], results: Resul
 
 
 def plot(path: Path, tables: dict[Table, list[Setting]], results: Results) -> None:
-    """PNG: a panel per table, a line per row, the seeds' deviation as bars."""
+    """Write a PNG: a panel per table, a line per row, the seeds' deviation as bars."""
     figure, panels = plt.subplots(
         1, len(tables), figsize=(5.2 * len(tables), 4.2), squeeze=False, layout="constrained"
     )
@@ -143,7 +144,7 @@ def plot(path: Path, tables: dict[Table, list[Setting]], results: Results) -> No
 
 
 def _panel(axes: Any, table: Table, settings: list[Setting], results: Results) -> None:
-    """A sequence keeps its colour; its rows differ by their marks."""
+    """Draw a panel. All rows of a sequence have its colour, and differ by their markers."""
     columns = table.columns(settings)
     rows = table.rows(settings)
     sequences = list(dict.fromkeys(row[0] for row in rows))

@@ -1,4 +1,4 @@
-"""The runs: tracking a recording by some method, and the file of what came out."""
+"""Track recordings with different methods, and store the results."""
 
 from __future__ import annotations
 
@@ -33,23 +33,23 @@ from psfs.common.files import written_whole
 
 @dataclass(frozen=True)
 class Run:
-    """What one seed of a setting gave, mm.
+    """The result of one seed of a setting, mm.
 
     mean, median, largest: over joints and frames; frame_std: deviation of the frames' means;
     constant, rest: see `Evaluation.constant_and_rest`; lost_limbs: by name; lost_joints: share of
-    joint-frames; lost_frames: in which the tracker knew that it had lost the person; inside_95:
-    share of joint-frames in which truth lies in the stated ellipsoid, -1 where none is stated;
-    seconds: to track all frames, voxels given; of seeds tracked at once, the share of one. joints:
-    name -> [mean, constant, rest].
+    joint-frames; lost_frames: number of frames that the tracker reported as lost; inside_95: share
+    of joint-frames whose truth lies in the 95 % ellipsoid, -1 without covariance; seconds: to track
+    all frames from given voxels; of seeds tracked at once, the share of one. joints: name -> [mean,
+    constant, rest].
 
-    The others are known of the runs of a suite, NaN of others. wrists: mean of both. heading:
-    degrees between the hips' axis at the start and the truth's, seen from above. stature: % that
-    the body is too tall. limb_frames: share of frames in which a limb's end is farther than
-    `LOST_LIMB` from the truth. limbs, limbs_rest, limbs_far: as mean, rest and lost_joints, of the
-    twelve joints that keypoints have as well, shoulders to ankles. flags: see `FlagCounts`;
-    inside_unflagged: as inside_95, of the limbs that are not said to be lost. seconds of such a run
-    are those of all that it took, start and reconstruction as well. failed: why there is no track;
-    figures are NaN then.
+    The other fields are computed in runs of a suite, and NaN in others. wrists: mean of both.
+    heading: degrees between the hips' axis at the start and the truth's, seen from above. stature:
+    % by which the body is too tall. limb_frames: share of frames in which a limb's end is farther
+    than `LOST_LIMB` from the truth. limbs, limbs_rest, limbs_far: as mean, rest and lost_joints, of
+    the twelve joints that keypoints have as well, shoulders to ankles. flags: see `FlagCounts`;
+    inside_unflagged: as inside_95, of limbs that are not reported as lost. seconds of such a run
+    include start and reconstruction. failed: the error if there is no track; all figures are NaN
+    then.
     """
 
     setting: Setting
@@ -84,9 +84,12 @@ class Run:
 
 
 def method_of(setting: Setting, seed: int) -> Method:
-    """The search and the objective of a setting. An objective is one of `OBJECTIVES`,
-    sp@130 say for a shape of 130 vertices per part (Rymut 2016, table 6.5), or terms of the voxels'
-    likelihood joined by +, such as edge+silhouette. Raises InputError."""
+    """Return the search and the objective of a setting.
+
+    An objective is one of `OBJECTIVES`, or sp@130 for a shape of 130 vertices per part (Rymut 2016,
+    table 6.5), or terms of the voxels' likelihood joined by +, such as edge+silhouette. Raises
+    InputError.
+    """
     objective, _, vertices = setting.objective.partition("@")
     if setting.preset:
         settings = settings_of(setting.preset, search=setting.method, objective=objective)
@@ -98,15 +101,15 @@ def method_of(setting: Setting, seed: int) -> Method:
 
 
 def _sized(method: Method, setting: Setting, seed: int) -> Method:
-    """With the particles, layers and seed of a setting."""
+    """Return the method with the particles, layers and seed of a setting."""
     size = {"n_particles": setting.particles, "n_layers": setting.layers, "seed": seed}
-    if setting.method == "sir":  # which has no layers: as many scores at once
+    if setting.method == "sir":  # it has no layers: use as many evaluations in one
         size |= {"n_particles": setting.particles * setting.layers, "n_layers": 1}
     return method.replace(filter=method.filter.changed(**size))
 
 
 def _shaped(method: Method, vertices: str) -> Method:
-    """With so many vertices per part, where that is said."""
+    """Return the method with this number of vertices per part, if it is given."""
     if not vertices:
         return method
     if not vertices.isdigit():
@@ -117,7 +120,8 @@ def _shaped(method: Method, vertices: str) -> Method:
 def tracked(
     device: Device, recording: Recording, setting: Setting, seeds: list[int]
 ) -> list[Track]:
-    """The tracks of a recording, from the first frame's true joints, one for each of `seeds`."""
+    """Return the tracks of a recording, one for each of `seeds`, from the true joints of the first
+    frame."""
     method = method_of(setting, seeds[0])
     body, pose = recording.first_pose
     scaled = method.replace(filter=method.filter.at_rate(recording.fps / setting.step))
@@ -134,21 +138,21 @@ def tracked(
 
 
 def together(device: Device, setting: Setting, seeds: list[int]) -> list[list[int]]:
-    """`seeds` in groups that `run` tracks at once, so as to take less time."""
+    """Return `seeds` in groups that `run` tracks at once, which takes less time."""
     if shares_launches(device, method_of(setting, 0)):
         return [seeds]
     return [[seed] for seed in seeds]
 
 
 def run(device: Device, recording: Recording, setting: Setting, seeds: list[int]) -> list[Run]:
-    """Track the whole recording once with each of `seeds`, all at once where the method can. Raises
+    """Track the whole recording once with each of `seeds`, at once if the method can. Raises
     InputError for unknown methods and objectives."""
-    assert recording.first_pose  # fitted now, outside of the time taken
+    assert recording.first_pose  # fit it now, outside of the measured time
     began = time.perf_counter()
     tracks = tracked(device, recording, setting, seeds)
     seconds = (time.perf_counter() - began) / len(seeds)
     if len(tracks[0]) < len(recording.frames):
-        raise KeyboardInterrupt  # trackers keep what they have when they are interrupted
+        raise KeyboardInterrupt  # a tracker returns the frames so far when it is interrupted
     return [
         run_of(track, recording.truth, setting, seed, seconds)
         for seed, track in zip(seeds, tracks, strict=True)
@@ -156,7 +160,7 @@ def run(device: Device, recording: Recording, setting: Setting, seeds: list[int]
 
 
 def run_of(track: Track, truth: JointSeries, setting: Setting, seed: int, seconds: float) -> Run:
-    """How far a track lies from the truth."""
+    """Return the errors of a track against the truth."""
     found = evaluate(track, truth)
     constant, rest = found.constant_and_rest
     rows = 1000 * np.stack([np.nanmean(found.errors, axis=0), constant, rest], -1)
@@ -182,14 +186,14 @@ def run_of(track: Track, truth: JointSeries, setting: Setting, seed: int, second
 
 
 def _plain(run: Run) -> dict[str, Any]:
-    """As JSON has it: None for NaN."""
+    """Return the run as JSON values: None for NaN."""
     row = asdict(run)
     row["joints"] = {name: [_none(of) for of in errors] for name, errors in run.joints.items()}
     return {name: _none(value) for name, value in row.items()}
 
 
 def _known(row: dict[str, Any]) -> Run:
-    """The inverse of `_plain`."""
+    """Return the inverse of `_plain`."""
     values = {name: math.nan if value is None else value for name, value in row.items()}
     joints = {
         name: [math.nan if of is None else of for of in errors]
@@ -204,8 +208,8 @@ def _none(value: Any) -> Any:
 
 @dataclass
 class Results:
-    """The runs so far and the file that keeps them; `conditions` are what they depend on besides
-    their settings; made: the day of the last one."""
+    """The runs so far and the file that stores them. conditions: of all runs, besides their
+    settings. made: the day of the last one."""
 
     path: Path
     conditions: dict[str, Any]
@@ -214,7 +218,7 @@ class Results:
 
     @classmethod
     def read(cls, path: Path) -> Results:
-        """What the file holds. Raises InputError if it is no such file."""
+        """Read results from a file. Raises InputError if it does not hold results."""
         try:
             data = json.loads(path.read_text())
             runs = [_known(row) for row in data["runs"]]
@@ -224,14 +228,14 @@ class Results:
 
     @classmethod
     def resumed(cls, path: Path, conditions: dict[str, Any]) -> Results:
-        """With what the file holds, if there is one. Raises InputError if it is no such file or
-        was made under other conditions."""
+        """Return new results, with those of the file if it exists. Raises InputError if it does not
+        hold results, or holds some made under other conditions."""
         conditions = json.loads(json.dumps(conditions))
         if not path.exists():
             return cls(path, conditions)
         found = cls.read(path)
         before = found.conditions
-        # Further folders may come in; those that are known must be the same.
+        # Folders may be added; those that are known must be the same.
         known, given = (of.pop("folders", {}) for of in (before, conditions))
         names = [key for key in conditions if before.get(key) != conditions[key]]
         names += [name for name in given if known.get(name, given[name]) != given[name]]
@@ -250,7 +254,7 @@ class Results:
         return [run for run in self.runs if run.setting == setting]
 
     def add(self, run: Run) -> None:
-        """Keep a run, on disk too."""
+        """Add a run, and write it to disk."""
         self.runs.append(run)
         self.made = date.today().isoformat()
         runs = [_plain(run) for run in self.runs]
@@ -259,7 +263,7 @@ class Results:
             temporary.write_text(json.dumps(data, allow_nan=False) + "\n")
 
     def write_csv(self, path: Path) -> None:
-        """One row per run; errors in mm."""
+        """Write one row per run; errors in mm."""
         columns = [f.name for f in fields(Run) if f.name not in ("setting", "joints")]
         with written_whole(path) as temporary, temporary.open("w", newline="") as file:
             writer = csv.writer(file)

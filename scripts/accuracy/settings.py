@@ -1,4 +1,4 @@
-"""What is varied: the dimensions, the values they take, and the tables over them."""
+"""The varied settings: the dimensions, their values, and the tables over them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from cl import InputError
 
 @dataclass(frozen=True)
 class Setting:
-    """All that distinguishes runs but their seed. step: every so many frames are used. start: the
-    first pose, "true" from the true joints, "found" from the pictures alone, "none" for
-    triangulation, which has no pose. witness: what is looked at, one of `WITNESSES`. preset: whose
-    settings all others are, a paper's or those of `ABLATIONS`, but for those that the rest of this
-    says; "" for the defaults."""
+    """All that distinguishes runs but their seed. step: every `step`-th frame is used. start: the
+    first pose, "true" from the true joints, "found" from the images alone, "none" for
+    triangulation, which has no pose. witness: the observations, one of those named below. preset: a
+    paper's settings or one of `ABLATIONS`, the base that the other fields change; "" for the
+    defaults."""
 
     sequence: str
     cameras: int
@@ -30,10 +30,10 @@ class Setting:
     preset: str = ""
 
 
-#: What a suite's runs look at: keypoints triangulated, without a body; the voxels; the keypoints in
-#: the place of voxels; voxels and keypoints.
+#: The observations of a suite's runs: keypoints triangulated, without a body; the voxels; the
+#: keypoints instead of voxels; voxels and keypoints.
 WITNESSES = ("triangulation", "voxels", "keypoints", "both")
-#: What a table can be over, with its heading.
+#: The dimensions of tables, with their headings.
 DIMENSIONS = {
     "cameras": "cameras",
     "step": "every n-th frame",
@@ -48,13 +48,13 @@ DEFAULT_TABLES = ("cameras", "step", "particles:layers", "method:objective")
 
 @dataclass(frozen=True)
 class Table:
-    """Runs in which `dimensions` vary while the others stay at their first value."""
+    """Table of runs in which `dimensions` vary and the others keep their first value."""
 
     dimensions: tuple[str, ...]
 
     @classmethod
     def named(cls, text: str) -> Table:
-        """From dimensions joined by colons. Raises InputError for unknown ones."""
+        """Parse dimensions joined by colons. Raises InputError for unknown ones."""
         dimensions = tuple(text.split(":"))
         unknown = [name for name in dimensions if name not in DIMENSIONS]
         if unknown or len(set(dimensions)) < len(dimensions):
@@ -73,14 +73,14 @@ class Table:
         return ", ".join(DIMENSIONS[name] for name in self.dimensions)
 
     def settings(self, sequence: str, values: Mapping[str, list[Any]]) -> Iterator[Setting]:
-        """Every combination, the last dimension fastest."""
+        """Return every combination; the last dimension varies fastest."""
         base = base_setting(sequence, values)
         for combination in product(*(values[name] for name in self.dimensions)):
             yield replace(base, **dict(zip(self.dimensions, combination, strict=True)))
 
     def rows(self, settings: Iterable[Setting]) -> list[tuple[Any, ...]]:
-        """The different rows: sequence, then values of all dimensions but the last; of a sequence,
-        numbers ascending."""
+        """Return the distinct rows: sequence, then values of all dimensions but the last; numbers
+        ascend within a sequence."""
         found = list(dict.fromkeys(self.row_of(setting) for setting in settings))
         if not all(isinstance(value, int) for row in found for value in row[1:]):
             return found
@@ -88,7 +88,7 @@ class Table:
         return sorted(found, key=lambda row: (sequences.index(row[0]), row[1:]))
 
     def columns(self, settings: Iterable[Setting]) -> list[Any]:
-        """The different columns, numbers ascending."""
+        """Return the distinct columns; numbers ascend."""
         found = list(dict.fromkeys(self.column_of(setting) for setting in settings))
         return sorted(found) if all(isinstance(column, int) for column in found) else found
 
@@ -101,5 +101,5 @@ class Table:
 
 
 def base_setting(sequence: str, values: Mapping[str, list[Any]]) -> Setting:
-    """The first value of every dimension."""
+    """Return the setting with the first value of every dimension."""
     return Setting(sequence, **{name: values[name][0] for name in DIMENSIONS})

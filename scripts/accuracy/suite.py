@@ -49,9 +49,9 @@ from psfs.session import Session, SessionSettings
 
 TRUTH = "truth.npz"
 STARTS = ("found", "true")
-#: Of the triangulation, Hz: what is usual.
+#: Cut-off frequency of the triangulation, Hz: the usual one.
 LOW_PASS = 6.0
-#: Those of `WITNESSES` that need silhouettes.
+#: The observations that need silhouettes.
 _VOXELS = ("voxels", "both")
 #: Joints that keypoints have, too.
 _LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
@@ -59,7 +59,7 @@ _LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 
 @dataclass(frozen=True)
 class Job:
-    """What one process does at a time: the runs of `setting` with these seeds, or, without a
+    """The work of one process at a time: the runs of `setting` with these seeds, or, without a
     setting, the silhouettes of a preset. `folder`: the sequence's."""
 
     folder: Path
@@ -69,19 +69,19 @@ class Job:
 
     @property
     def settings(self) -> Preset:
-        """The preset's, or the defaults."""
+        """The settings of the preset, or the defaults."""
         name = self.setting.preset if self.setting is not None else self.preset
         return settings_of(name) if name else Preset()
 
     @property
     def silhouettes(self) -> str:
-        """What the silhouettes are kept under."""
+        """The name under which the silhouettes are stored."""
         return silhouettes_name(self.folder.name, self.preset)
 
 
 def silhouettes_name(sequence: str, preset: str) -> str:
-    """What the silhouettes of a sequence by a preset are kept under: the sequence alone where the
-    preset changes nothing about them."""
+    """Return the name under which the silhouettes of a sequence by a preset are stored: that of the
+    sequence alone if the preset does not change them."""
     default, settings = Preset(), settings_of(preset) if preset else Preset()
     own = (settings.reconstruction, settings.all_cameras)
     return (
@@ -89,12 +89,13 @@ def silhouettes_name(sequence: str, preset: str) -> str:
     )
 
 
-#: Of a job: its runs, or its silhouettes as `silhouettes_of` returns them.
+#: The result of a job: its runs, or its silhouettes as `silhouettes_of` returns them.
 Outcome = list[Run] | dict[str, Any]
 
 
 def suite_folders(folder: Path) -> list[Path]:
-    """The folders of sequences with truth in `folder`, or itself. Raises InputError if none."""
+    """Return the folders of sequences with truth in `folder`, or `folder` itself. Raises InputError
+    if there are none."""
     inside = sorted(path.parent.resolve() for path in folder.glob(f"*/{TRUTH}"))
     found = inside or [path.parent.resolve() for path in folder.glob(TRUTH)]
     if not found:
@@ -105,17 +106,18 @@ def suite_folders(folder: Path) -> list[Path]:
 def lacking_jobs(
     settings: dict[Setting, Path], results: Results, seeds: int, kept: Callable[[str], bool]
 ) -> list[Job]:
-    """What is still to do, all sequences' first seeds first. kept: whether a sequence's silhouettes
-    are known.
+    """Return the remaining jobs, the first seeds of all sequences first. kept: whether a sequence's
+    silhouettes are known.
 
-    Seeds from the true start share one reconstruction; a start is found for each seed anew.
+    Seeds that start from the truth share one reconstruction; an automatic start is computed for
+    each seed.
     """
     seen = [(f, s.preset) for s, f in settings.items() if s.witness in _VOXELS]
     pictures = {j.silhouettes: j for j in (Job(f, preset=name) for f, name in reversed(seen))}
     jobs = [j for j in pictures.values() if (j.folder / "truth_masks").is_dir()]
     jobs = [j for j in jobs if not kept(j.silhouettes)]
     for setting, folder in settings.items():
-        count = 1 if setting.start == "none" else seeds  # triangulation knows no chance
+        count = 1 if setting.start == "none" else seeds  # triangulation is deterministic
         rest = [seed for seed in range(count) if results.lacks(setting, seed)]
         parts = [tuple(rest)] if setting.start == "true" else [(seed,) for seed in rest]
         jobs += [Job(folder, setting, part) for part in parts if part]
@@ -123,8 +125,8 @@ def lacking_jobs(
 
 
 def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
-    """Do a job. `check` is called now and then and may raise KeyboardInterrupt. Raises UserError
-    where the sequence cannot be tracked, but for a start that is not found, which is a run too."""
+    """Do a job. `check` is called now and then and may raise KeyboardInterrupt. Raises UserError if
+    the sequence cannot be tracked; a failed automatic start is not an error, but a run."""
     settings = job.settings
     sequence = opened(job.folder, settings)
     session = Session(sequence, device, SessionSettings(settings.reconstruction))
@@ -143,7 +145,7 @@ def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
         return [_failed(job.setting, seed, str(error)) for seed in job.seeds]
     seconds = (time.perf_counter() - began) / len(job.seeds)
     if len(take.tracks[0]) < len(sequence):
-        raise KeyboardInterrupt  # tracks keep what they have when they are interrupted
+        raise KeyboardInterrupt  # a tracker returns the frames so far when it is interrupted
     runs = []
     for seed, track in zip(job.seeds, take.tracks, strict=True):
         run = run_of(track, truth, job.setting, seed, seconds)
@@ -155,7 +157,7 @@ def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
 
 
 def _triangulated(sequence: Sequence, setting: Setting, truth: JointSeries) -> Run:
-    """What users have without a body: keypoints triangulated and low-passed."""
+    """Triangulate keypoints and filter them with a low pass, the usual way without a body."""
     began = time.perf_counter()
     keypoints = Keypoints.open(sequence.folder, sequence)
     track = triangulated_track(sequence, keypoints, TriangulatedConfig(low_pass=LOW_PASS))
@@ -171,8 +173,8 @@ def _take(
     seeds: Items[int],
     check: Callable[[], object],
 ) -> Take:
-    """Track as `apf track FOLDER` does, or as with `--init FOLDER/truth.npz`; with `--keypoints`
-    where they are looked at."""
+    """Track as `apf track FOLDER` does, or as with `--init FOLDER/truth.npz`; with `--keypoints` if
+    the setting uses them."""
     sequence = session.sequence
     init = sequence.folder / TRUTH if setting.start == "true" else None
     body = settings.body or DEFAULT_BODY
@@ -190,7 +192,7 @@ def _take(
 
 
 def _of_suite(found: Evaluation) -> dict[str, float]:
-    """The figures of the joints that only the runs of a suite have."""
+    """Return the figures of the joints that only the runs of a suite have."""
     names = found.joint_names
     ends = [names.index(end) for end in LIMB_ENDS.values() if end in names]
     wrists = [k for k, name in enumerate(names) if name.endswith("wrist")]
@@ -206,14 +208,14 @@ def _of_suite(found: Evaluation) -> dict[str, float]:
 
 
 def heading_error(take: Take, truth: JointSeries) -> float:
-    """Degrees between the hips' left-right axes, seen from above, of the start and of the truth in
-    the first frame tracked; NaN where it does not say."""
+    """Return the angle, degrees, between the hips' left-right axes, seen from above, of the start
+    and of the truth in the first tracked frame; NaN if the truth lacks them."""
     ours = posed_joints(take.body, take.pose[None])
     return _heading(take.body.joint_names, ours, truth, take.tracks[0].frames[0])
 
 
 def _heading(names: Items[str], joints: np.ndarray, truth: JointSeries, frame: int) -> float:
-    """The same of joints (1, J, 3) in that frame."""
+    """Return the same angle for joints (1, J, 3) in that frame."""
     rows = np.flatnonzero(truth.frames == frame)
     if not rows.size:
         return float("nan")
@@ -227,8 +229,8 @@ def _heading(names: Items[str], joints: np.ndarray, truth: JointSeries, frame: i
 
 
 def true_stature(folder: Path, truth: JointSeries) -> float:
-    """The person's stature, m: as synthetic.toml states it, or README.md ("height 1.74 m"), else
-    that of a body fitted to the first true joints, which may be 2 % off."""
+    """Return the person's stature, m: from synthetic.toml or README.md ("height 1.74 m"), else that
+    of a body fitted to the first true joints, which may be off by 2 %."""
     made = folder / "synthetic.toml"
     if made.is_file():
         return float(tomllib.loads(made.read_text())["synthetic"]["height"])
@@ -253,7 +255,7 @@ def _failed(setting: Setting, seed: int, why: str) -> Run:
 
 
 def silhouettes_of(session: Session, check: Callable[[], object]) -> dict[str, Any]:
-    """IoU with the true masks: the mean, and per frame those of the cameras; see
+    """Return the IoU with the true masks: the mean, and per frame those of the cameras; see
     psfs.diagnostics.silhouette_scores."""
     wanted = truth_frames(session.sequence)
     frames: dict[str, list[float | None]] = {}
@@ -269,8 +271,8 @@ def silhouettes_of(session: Session, check: Callable[[], object]) -> dict[str, A
 
 @dataclass
 class KeptSilhouettes:
-    """The silhouettes' IoU by sequence, in a folder. `conditions`: what they depend on; those made
-    under others are not known."""
+    """The silhouettes' IoU by sequence, in a folder. `conditions`: of their computation; entries
+    made under other conditions are ignored."""
 
     folder: Path
     conditions: dict[str, Any]
@@ -286,13 +288,14 @@ class KeptSilhouettes:
         write_json(self.folder / f"{sequence}.json", {"conditions": self.conditions, **found})
 
     def iou(self, sequence: str) -> float:
-        """The mean over cameras and frames; NaN where none is known."""
+        """Return the mean over cameras and frames; NaN if it is unknown."""
         found = (self.of(sequence) or {}).get("mean_iou")
         return float("nan") if found is None else float(found)
 
 
 def of_preset(name: str) -> dict[str, Any]:
-    """What a preset's runs are told from others by. Raises InputError for an unknown one."""
+    """Return the settings that distinguish a preset's runs from others. Raises InputError for an
+    unknown one."""
     method = settings_of(name).method
     search = method.filter.search
     size = {"particles": search.n_particles, "layers": search.n_layers}
@@ -306,9 +309,11 @@ def suite_settings(
     first: dict[str, Any],
     presets: Items[str] = ("",),
 ) -> Iterator[tuple[Setting, Path]]:
-    """A setting per sequence, witness and start, `first` being all but its sequence, cameras and
-    step, by the defaults, "" of `presets`; of voxels also one by each of the others. Those of
-    keypoints are left out where a sequence has none. Raises InputError if none is left.
+    """Return a setting per sequence, observation and start.
+
+    first: all but its sequence, cameras and step. The defaults are "" of `presets`; each other
+    preset adds a setting with voxels. Settings with keypoints are left out for a sequence without
+    them. Raises InputError if none is left.
     """
     left = False
     for folder in folders:

@@ -34,7 +34,7 @@ _NOTE = (
     "limb-frames that the track itself says to be lost; false: of those within 150 mm. in 95 %: "
     "share of the other joint-frames within the ellipsoid stated for 95 %. s: all that a run took."
 )
-#: By witness and start.
+#: Colours by observation and start.
 _COLOURS = {
     ("triangulation", "none"): "#777777",
     ("voxels", "found"): "#C44E1B",
@@ -47,13 +47,13 @@ _COLOURS = {
 _HATCHES = ("", "//", "..", "xx", "--")
 
 
-#: Preset, witness and start.
+#: Preset, observation and start.
 Group: TypeAlias = tuple[str, str, str]
 
 
 @dataclass(frozen=True)
 class Row:
-    """The runs of a sequence by a preset and a witness from a start, in columns of `_NOTE`."""
+    """The runs of a sequence by a preset and an observation from a start, in columns of `_NOTE`."""
 
     sequence: str
     cameras: int
@@ -80,12 +80,12 @@ class Row:
 
     @property
     def group(self) -> Group:
-        """What rows of several sequences have in common."""
+        """The key that rows of several sequences share."""
         return self.preset, self.witness, self.start
 
     @classmethod
     def of(cls, setting: Setting, runs: Sequence[Run], iou: float) -> Row:
-        """Figures of the runs that did not fail."""
+        """Return the row of the runs that did not fail."""
         tracked = [run for run in runs if not run.failed]
 
         def over(figure: Callable[[Run], float]) -> float:
@@ -154,12 +154,13 @@ def _shown(value: float, how: str, unit: str = "") -> str:
 def suite_rows(
     results: Results, settings: Sequence[Setting], iou: Callable[[Setting], float]
 ) -> list[Row]:
-    """A row per sequence, preset, witness and start that has runs."""
+    """Return a row per sequence, preset, observation and start that has runs."""
     return [Row.of(s, results.of(s), iou(s)) for s in settings if results.of(s)]
 
 
 def suite_grid(rows: Sequence[Row]) -> Grid:
-    """The table, last rows of means over the sequences for presets, witnesses and starts."""
+    """Return the table; its last rows are means over the sequences per preset, observation and
+    start."""
     cells = [row.cells() for row in rows]
     for group in _groups(rows):
         of = [row for row in rows if row.group == group]
@@ -169,8 +170,8 @@ def suite_grid(rows: Sequence[Row]) -> Grid:
 
 
 def ablation_table(results: Results) -> Grid:
-    """Means over the sequences, and each one's mean error, of the defaults and without each of
-    their parts, the most missed first."""
+    """Return means over the sequences, and the mean error of each, of the defaults and without each
+    of their parts, the most important part first."""
     settings = dict.fromkeys(r.setting for r in results.runs if r.setting.witness == "voxels")
     rows = suite_rows(results, list(settings), lambda _: np.nan)
     groups = {name: [r for r in rows if r.preset == name] for name in ("", *ABLATIONS)}
@@ -196,13 +197,13 @@ def ablation_table(results: Results) -> Grid:
 
 
 def _groups(rows: Sequence[Row]) -> list[Group]:
-    """The presets, witnesses and starts that there are, as the rows have them."""
+    """Return the presets, observations and starts in the order of the rows."""
     return list(dict.fromkeys(row.group for row in rows))
 
 
 def mean_row(rows: Sequence[Row]) -> Row:
-    """Means over sequences, sums of counts, no cameras; the deviation is that between sequences,
-    the stature's error without its sign."""
+    """Return means over sequences, and sums of counts, without cameras. The deviation is that
+    between sequences; errors of stature enter as absolute values."""
 
     def over(values: list[float]) -> float:
         known = [value for value in values if not np.isnan(value)]
@@ -223,8 +224,8 @@ def mean_row(rows: Sequence[Row]) -> Row:
 
 
 def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
-    """suite.md, suite.csv (a row per sequence, preset, witness and start), runs.csv (a row per run)
-    and suite.png."""
+    """Write suite.md, suite.csv (a row per sequence, preset, observation and start), runs.csv (a
+    row per run) and suite.png."""
     runs = [run for run in results.runs if run.failed]
     failed = [
         f"- {r.setting.sequence}, {r.setting.preset or 'default'}, {r.setting.witness}, "
@@ -253,8 +254,8 @@ def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
 
 
 def _plot(path: Path, results: Results, rows: Sequence[Row]) -> None:
-    """A row per sequence; a dot per run, a bar for the mean of its preset, witness and start. Those
-    of an ablation are too many."""
+    """Plot a row per sequence, with a dot per run and a bar for the mean of its preset, observation
+    and start. Ablations are left out, because they are too many."""
     rows = [row for row in rows if row.preset not in ABLATIONS] or rows
     sequences, groups = list(dict.fromkeys(row.sequence for row in rows)), _groups(rows)
     size = (12, 1.4 + len(sequences) * max(0.55, 0.2 * len(groups)))
@@ -264,7 +265,7 @@ def _plot(path: Path, results: Results, rows: Sequence[Row]) -> None:
         ("wrists, mm", lambda run: run.wrists),
         ("joint-frames beyond 150 mm, %", lambda run: 100 * run.lost_joints),
     )
-    if {row.witness for row in rows} != {"voxels"}:  # of the joints that all have
+    if {row.witness for row in rows} != {"voxels"}:  # the joints that all observations have
         panels = (
             ("mean error of 12 joints, mm", lambda run: run.limbs),
             ("offset-free, 12 joints, mm", lambda run: run.limbs_rest),
@@ -301,7 +302,7 @@ def _named(preset: str, witness: str, start: str) -> str:
 
 
 def _hatches(groups: Sequence[Group]) -> dict[str, str]:
-    """How the bars of each preset are filled."""
+    """Return the hatching of the bars of each preset."""
     presets = dict.fromkeys(preset for preset, _, _ in groups)
     return {preset: _HATCHES[k % len(_HATCHES)] for k, preset in enumerate(presets)}
 

@@ -1,4 +1,4 @@
-"""Our counterparts of the tables of errors in Rymut's thesis, beside the thesis's own."""
+"""Counterparts of the error tables in Rymut's thesis, beside the thesis's own."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from accuracy.settings import DIMENSIONS, Setting, Table
 from cl import InputError
 from psfs.common.files import written_whole
 
-#: What the thesis's tables are of: particle swarms of so many particles and iterations over SP.
+#: The base setting of the thesis's tables: particle swarms over SP.
 _BASE = {"method": "pso", "objective": "sp", "particles": 304, "layers": 10}
-#: Its tables by number: what they vary, the last in columns, and in which values.
+#: The thesis's tables by number: the dimensions that they vary, the last in columns, and their
+#: values.
 TABLES: dict[str, dict[str, list[Any]]] = {
     "6.1": {
         "particles": [96, 304, 496],
@@ -33,21 +34,23 @@ TABLES: dict[str, dict[str, list[Any]]] = {
     "6.8": {"particles": [100, 300, 500]},
     "6.9": {"particles": [50, 100, 200, 300, 500, 800], "layers": [5, 10, 15, 20]},
 }
-#: Those that are figures of the thesis: error over particles, a curve for each number of
-#: iterations; their values are not printed there.
+#: Tables that are figures in the thesis: error over particles, a curve for each number of
+#: iterations; the thesis does not print their values.
 FIGURES = {"6.9": "Thesis figures 6.9 and 6.19 to 6.21"}
 _NOTE = (
     "mm, mean ± standard deviation of the runs' means; lost: runs in which a limb's end was lost. "
     "The thesis's deviations are those within its sequences."
 )
-#: What table 6.4's rows and columns are in ours: a particle filter scores as often as a swarm.
+#: Counterparts of the rows and columns of table 6.4: a particle filter evaluates as often as a
+#: swarm.
 _NAMES = {"sir": "particle filter (PF)", "pso": "PSO, 10 iterations"}
 
 
 def thesis_plan(
     folder: Path, cameras: int, numbers: list[str], preset: str = ""
 ) -> dict[Table, list[Setting]]:
-    """The settings of the tables with these numbers, on the sequence in `folder`, by a preset."""
+    """Return the settings of the tables with these numbers, on the sequence in `folder`, by a
+    preset."""
     return {_table(number): _settings(number, folder.name, cameras, preset) for number in numbers}
 
 
@@ -58,7 +61,7 @@ def _settings(number: str, sequence: str, cameras: int, preset: str) -> list[Set
 
 
 def write_thesis(path: Path, results: Results) -> None:
-    """Markdown: what it was made on, and each table after the thesis's own."""
+    """Write Markdown: the conditions of the runs, and each table after the thesis's own."""
     frames = max((run.frames for run in results.runs), default=0)
     about = f"{frames} frames; {_made_on(results)}. {_NOTE}"
     parts = ["# Errors by the tables of Rymut's thesis", papers()["rymut2016"]["citation"], about]
@@ -76,7 +79,7 @@ def write_thesis(path: Path, results: Results) -> None:
 
 
 def publish_thesis(root: Path, results: Results) -> None:
-    """Write thesis.md beside the results and, where they have it, table 6.4 into
+    """Write thesis.md beside the results and, if they include it, table 6.4 into
     docs/accuracy.md."""
     write_thesis(results.path.with_name("thesis.md"), results)
     if _has_runs("6.4", results):
@@ -97,7 +100,7 @@ def _made_on(results: Results) -> str:
 
 
 def _sequence(results: Results) -> str:
-    """The one that was tracked. Raises InputError for another number of them."""
+    """Return the one sequence that was tracked. Raises InputError for another number of them."""
     names = sorted({run.setting.sequence for run in results.runs})
     if len(names) != 1:
         raise InputError(f"{results.path}: {len(names)} sequences; expected one")
@@ -109,7 +112,7 @@ def _table(number: str) -> Table:
 
 
 def _theirs(number: str) -> Grid:
-    """The thesis's table, deviations beside their means."""
+    """Return the thesis's table, with deviations beside the means."""
     table = papers()["rymut2016"]["tables"][number]
     places = [k for k, column in enumerate(table["columns"]) if column != "sd"]
     rows = [[_with_deviation(table, row, k) for k in places] for row in table["rows"]]
@@ -122,16 +125,16 @@ def _with_deviation(table: dict[str, Any], row: list[Any], place: int) -> str:
     return f"{shown} ± {quoted(row[place + 1])}" if beside else shown
 
 
-def _settings_of(number: str, results: Results) -> list[Setting]:
-    """The table's settings on the sequence, the cameras and by the preset of the runs."""
+def _select_settings(number: str, results: Results) -> list[Setting]:
+    """Return the table's settings for the sequence, the cameras and the preset of the runs."""
     cameras = max((run.setting.cameras for run in results.runs), default=0)
     preset = next((run.setting.preset for run in results.runs), "")
     return _settings(number, _sequence(results), cameras, preset)
 
 
 def _has_runs(number: str, results: Results) -> bool:
-    """Are there runs of a table, and not only a few that it has in common with another?"""
-    settings = _settings_of(number, results)
+    """Return whether a table has runs of its own, besides those that it shares with another."""
+    settings = _select_settings(number, results)
     return 4 * sum(bool(results.of(setting)) for setting in settings) >= len(settings)
 
 
@@ -140,7 +143,7 @@ def _ours(number: str, results: Results) -> Grid:
     *heads, across = varied
     preset = next((run.setting.preset for run in results.runs), "")
     cells: dict[tuple[Any, ...], dict[Any, str]] = {}
-    for setting in _settings_of(number, results):
+    for setting in _select_settings(number, results):
         summary = Summary.of(results.of(setting))
         row = cells.setdefault(table.row_of(setting)[1:], {})
         row[table.column_of(setting)] = str(summary) if summary else NONE

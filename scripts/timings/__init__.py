@@ -1,1 +1,1 @@
-"""What `compare_timings.py` measures, one module per subcommand."""
+"""The measurements of `compare_timings.py`, one module per subcommand."""

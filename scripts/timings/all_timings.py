@@ -8,12 +8,12 @@ import time
 from psfs.cli.commandline import add_command, stderr
 from timings.results import add_timing_flags
 
-#: Shares of a limited time; 1 for those not named.
+#: Shares of a limited time; 1 for sections that are not named.
 _SHARES = {"whole": 4.0, "psfs": 1.5, "apf": 1.5, "methods": 2.5, "batch": 0.5}
 
 
 def register(commands: argparse._SubParsersAction) -> None:
-    """To be called last: `all` is what was registered before."""
+    """Register `all`, which runs the subcommands registered before it; call it last."""
     others = dict(commands.choices)
     parser = add_command(commands, "all", lambda args: _run(args, others), help="all of them")
     add_timing_flags(parser)

@@ -33,18 +33,19 @@ from timings.results import Results, add_timing_flags
 from timings.tables.apf import print_report
 from timings.whole_frame import Problem, make_problem
 
-#: Hypotheses that all devices score at once, and what they and their layers grow to.
+#: Hypotheses that all devices evaluate at once, and the numbers of hypotheses and layers for
+#: growth.
 SCORED = 2000
 PARTICLES = (50, 200, 500, 1000, 2000, 5000, 10_000, 20_000)
 LAYERS = (1, 2, 5, 10, 20)
 CAMERAS = (1, 2, 4, 6, 8)
-#: Frames on fewer than all cores, which take long.
+#: Number of frames on a part of the cores, which take long.
 _RUNS_ON_FEW = 8
-#: Frames timed where a setting grows.
+#: Number of frames for each value of a growing setting.
 _GROWTH_RUNS = 15
-#: What a CPU grows to: the others take seconds each.
+#: Largest number of particles on a CPU: more take seconds each.
 _MOST_ON_CPU = 5000
-#: The twin takes seconds for these; time grows with their number.
+#: Hypotheses for the twin, which takes seconds for these; its time grows linearly.
 _SCORED_BY_TWIN = 50
 
 
@@ -73,7 +74,7 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def by_twin(problem: Problem) -> dict[str, Any]:
-    """Scoring by the NumPy twin."""
+    """Measure the evaluation by the NumPy twin."""
     scene, grid, device = problem.scene, grid_of(problem.shape), NumpyDevice()
     reconstruct = NumpyReconstructor(device, scene.rig, grid, scene.background)
     likelihood = numpy_voxel_likelihood(problem.on(device), problem.config)
@@ -88,7 +89,7 @@ def _on_cpu(problem: Problem, runs: int) -> dict[str, Any]:
 
 
 def on_place(place: Place, problem: Problem, runs: int) -> dict[str, Any]:
-    """All about one device: scoring, a frame's halves by the clock, kernels by events."""
+    """Measure one device: evaluation, both halves of a frame by the clock, kernels by events."""
     return {
         "label": place.label,
         "scoring": scoring(place, problem, SCORED, runs),
@@ -98,14 +99,14 @@ def on_place(place: Place, problem: Problem, runs: int) -> dict[str, Any]:
 
 
 def spread(problem: Problem, n: int) -> np.ndarray:
-    """(n, D) float32 poses, spread as a first layer spreads them."""
+    """Return (n, D) float32 poses with the spread of a first layer."""
     noise = np.random.default_rng(0).normal(size=(n, problem.body.n_dof))
     poses = problem.pose + problem.config.search.noise * problem.body.sigma * noise
     return poses.astype(np.float32)
 
 
 def scoring(place: Place, problem: Problem, n: int, runs: int) -> Timing:
-    """Wall-clock time to score `n` poses once, voxels and maps being there."""
+    """Measure the wall-clock time of one evaluation of `n` poses, with given voxels and maps."""
     device, scene, grid = place.device(), problem.scene, grid_of(problem.shape)
     reconstruct = Reconstructor(device, scene.rig, grid, scene.background)
     config = problem.config.changed(n_particles=n)
@@ -122,7 +123,7 @@ def scoring(place: Place, problem: Problem, n: int, runs: int) -> Timing:
 
 
 class Halves:
-    """A reconstructor and a tracker at work on a scene without end."""
+    """A reconstructor and a tracker on an endless scene."""
 
     def __init__(self, place: Place, problem: Problem, profile: bool = False) -> None:
         scene, grid = problem.scene, grid_of(problem.shape)
@@ -133,21 +134,21 @@ class Halves:
         self._frames = playing(scene.frames)
 
     def both(self) -> None:
-        """Pictures in, pose out."""
+        """Run a frame from images to pose."""
         self.tracker.step(self.reconstruct(next(self._frames)))
 
     def reconstruction(self) -> None:
-        """Pictures in, voxels left on the device."""
+        """Run a frame from images to voxels, which stay on the device."""
         self.reconstruct(next(self._frames))
         self.device.finish()
 
     def tracking(self) -> None:
-        """The voxels that are there in, pose out."""
+        """Run a frame from the current voxels to the pose."""
         self.tracker.step(self.reconstruct.voxels)
 
 
 def halves(place: Place, problem: Problem, runs: int) -> dict[str, Timing]:
-    """By the clock: both halves of a frame together, and each alone."""
+    """Measure by the clock: both halves of a frame together, and each alone."""
     at_work = Halves(place, problem)
     return {
         "both": timed(at_work.both, runs, 3),
@@ -157,7 +158,7 @@ def halves(place: Place, problem: Problem, runs: int) -> dict[str, Timing]:
 
 
 def kernels(place: Place, problem: Problem, runs: int) -> dict[str, dict[str, Timing]]:
-    """By the device's events: time per frame of every kernel and copy, by half."""
+    """Measure by the device's events: time per frame of every kernel and copy, by half."""
     at_work = Halves(place, problem, profile=True)
     profiler = at_work.device.profiler
     assert profiler is not None
@@ -184,7 +185,8 @@ def _growths(place: Place, problem: Problem) -> dict[str, Callable[[], Any]]:
 def growth(
     place: Place, problem: Problem, what: str, values: tuple[int, ...]
 ) -> list[dict[str, Any]]:
-    """A row per value of `what`, all else as it is: scoring, and the halves of a frame."""
+    """Return a row per value of the setting `what`, with all others fixed: evaluation, and the
+    halves of a frame."""
     rows = []
     for value in values:
         name = {"particles": "n_particles", "layers": "n_layers"}.get(what, what)

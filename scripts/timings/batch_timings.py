@@ -1,13 +1,13 @@
 """`compare_timings.py batch`: takes per minute by workers, and where a take's time goes.
 
-Takes are filmed first, then done by the very tasks of `apf batch` on clusters of this machine:
-workers on one GPU, on two, or on shares of the CPU's cores. Starting a cluster is no part of it,
-nor is compiling, which is done once before and kept on disk by the drivers; nor are the first takes
-and the last. Takes that are begun all at once and are of one length would look at their footage all
-at once, with the GPU idle, and then wait for each other's tracking; a lab's are not. So workers
-begin one after another, and what counts are takes that end while all workers are busy. `--start
-found` looks for the person in every take, as users do; by default the true first pose is given, so
-that it is tracking that is timed.
+Takes are generated first, then processed by the tasks of `apf batch` on clusters of this machine:
+workers on one GPU, on two, or on shares of the CPU's cores. The figures exclude the start of the
+cluster, compilation, which is done once before and cached on disk by the drivers, and the first and
+the last takes. Takes of one length that begin together would all read their footage at the same
+time, with the GPU idle, and then wait for each other's tracking; takes of a lab do not. So workers
+begin one after another, and only takes that end while all workers are busy count. With `--start
+found`, the person is searched for in every take, as users do; by default the true first pose is
+given, so that tracking alone is timed.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ from timings.measure import places
 from timings.results import Results, add_timing_flags
 from timings.tables.batch import ONE_AFTER_ANOTHER, print_report
 
-#: Takes at once on a GPU; of two GPUs the last two numbers, on each.
+#: Takes at once on a GPU; with two GPUs the last two numbers, on each.
 _AT_ONCE = (1, 2, 4, 8)
-#: Takes of each worker that count by default; with --quick one.
+#: Counted takes of each worker by default; one with --quick.
 _PER_WORKER = 2
 #: The takes: cameras, frames, size; and with --quick.
 _SCENE = {"cameras": 8, "frames": 120, "size": (640, 480), "fps": 60.0}
 _QUICK = {"cameras": 3, "frames": 8, "size": (160, 120), "fps": 60.0}
 _QUICK_FLAGS = ("--particles=40", "--layers=3", "--voxel-size=0.05")
-_DISTINCT = 2  # takes that are filmed; the same are done again under other names
+_DISTINCT = 2  # takes that are generated; they are tracked repeatedly under other names
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> None:
         measured = clusters(args.quick, args.at_once)
         first = next(iter(measured.values()))
         results.plan("compiling", partial(compiling, first[0], takes, Path(folder) / "once", flags))
-        # The largest first: should the time end, what is left out is what tells least.
+        # The largest first: if the time runs out, the least informative rows are left out.
         for label, shares in reversed(measured.items()):
             out = Path(folder) / label.replace(" ", "_").replace(",", "")
             per_worker = 1 if args.quick else args.each
@@ -93,7 +93,8 @@ def run(args: argparse.Namespace) -> None:
 
 
 def clusters(quick: bool, at_once: Sequence[int] = _AT_ONCE) -> dict[str, list[Share]]:
-    """The workers of every cluster that is measured, by its label. at_once: takes on a GPU."""
+    """Return the workers of every cluster that is measured, by its label. at_once: takes on a
+    GPU."""
     n_gpus = sum(place.cores is None for place in places())
     if n_gpus:
         found = {f"1 GPU, {n} at once": share_machine("gpu:0", n) for n in at_once}
@@ -108,7 +109,7 @@ def clusters(quick: bool, at_once: Sequence[int] = _AT_ONCE) -> dict[str, list[S
         groups = [tuple(cores[k::n]) for k in range(n)]
         found[f"{n} of {len(groups[0])} cores"] = [Share("cpu", group) for group in groups]
         n *= 2
-    # What pinning is for: as many workers, each with all cores.
+    # Baseline without pinning: as many workers, each with all cores.
     found[f"{len(cores)} not pinned"] = [Share("cpu", tuple(cores))] * len(cores)
     return dict(list(found.items())[-2:]) if quick else found
 
@@ -122,7 +123,7 @@ def _filmed(folder: Path, scene: dict[str, Any]) -> list[Path]:
 
 
 def decoding(take: Path) -> dict[str, float]:
-    """ms per frame of reading all cameras, and of the host's processor doing it."""
+    """Measure the time of reading a frame of all cameras, ms, and the CPU time of it."""
     sequence = Footage.open(take)
     began, worked = time.perf_counter(), time.process_time()
     n = sum(1 for _ in sequence.frames(slice(None)))
@@ -133,7 +134,7 @@ def decoding(take: Path) -> dict[str, float]:
 def compiling(
     share: Share, takes: Sequence[Path], out: Path, flags: Sequence[str]
 ) -> dict[str, float]:
-    """s that the first takes take, one of each at once on workers with this share."""
+    """Return the time, s, of the first takes, one of each at once on workers with this share."""
     began = time.perf_counter()
     with start_cluster([share] * len(takes)) as client:
         list(_done(Pool(client), [_task(take, out, take.name, flags, True) for take in takes]))
@@ -144,15 +145,16 @@ def throughput(
     shares: Sequence[Share], takes: Sequence[Path], out: Path, flags: Sequence[str], given: bool,
     per_worker: int,
 ) -> dict[str, Any]:  # fmt: skip
-    """Takes per minute of workers with these shares while all are busy; s that such a take spends
-    in each stage, and s of a core that it costs."""
+    """Measure takes per minute of workers with these shares while all are busy; time, s, of such a
+    take in each stage, and its CPU time, s."""
     n_workers, began = len(shares), 0.0
 
     def task(name: str, number: int, given: bool, *more: str) -> Task:
         return _task(takes[number % len(takes)], out, f"{name}{number}", (*flags, *more), given)
 
     def one_after_another(apart: float) -> Iterator[Task]:
-        """Takes without end, those of the workers' beginning s `apart`."""
+        """Yield takes without end; the first takes of the workers begin `apart` s after each
+        other."""
         nonlocal began
         for number in itertools.count():
             if number < n_workers:
@@ -181,13 +183,13 @@ def throughput(
 
 
 def _task(take: Path, out: Path, name: str, flags: Sequence[str], given: bool) -> Task:
-    """The task of `apf batch` for a take; given: start at the true first pose."""
+    """Return the task of `apf batch` for a take; given: start at the true first pose."""
     words = (*flags, *([f"--init={take / 'truth.npz'}"] * given))
     return Task(name, do_take, (TakeJob(name, take, out / name, out / "log", words),))
 
 
 def _means(of_takes: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """The mean of every stage."""
+    """Return the mean of every stage."""
     sums: Counter[str] = Counter()
     for stages in of_takes:
         sums.update(stages)

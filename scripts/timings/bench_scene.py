@@ -1,4 +1,4 @@
-"""The scene that the reconstruction is timed on: Song's setting, a person walking in a room."""
+"""The benchmark scene of the reconstruction: Song's setting, a person walking in a room."""
 
 from __future__ import annotations
 
@@ -23,16 +23,15 @@ from psfs.voxels.grid import VoxelGrid
 VIEWS, SHAPE = 8, (150, 150, 100)
 #: The room around the walk, m.
 _LOW, _SIZE = np.array([-1.5, -1.5, 0.0]), np.array([3.0, 3.0, 2.0])
-_PLATES = 12
-#: Frames per second; the frame in the middle of the room.
+_N_BACKGROUND = 12
+#: Frames per second; index of the frame in the middle of the room.
 FPS, _MIDDLE = 30.0, 30
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Pictures of pinhole cameras: what they saw through their lenses, undistorted, so that
-    programs that know no distortion compute the same. frames: pictures and true masks.
-    joints: (F, J, 3) m, the truth; joint_names: (J,)."""
+    """Images of pinhole cameras, undistorted, so that programs without a distortion model compute
+    the same. frames: images and true masks. joints: (F, J, 3) m, the truth; joint_names: (J,)."""
 
     rig: CameraRig
     background: Background
@@ -41,31 +40,37 @@ class Scene:
     joint_names: tuple[str, ...]
 
     def part(self, views: int) -> Scene:
-        """With `views` of the cameras, spread around the room."""
+        """Return the scene with `views` of the cameras, spread around the room."""
         picked = np.linspace(0, len(self.rig), views, endpoint=False).astype(int)
         rig = CameraRig(tuple(self.rig[k] for k in picked))
         background = Background(self.background.mean[picked], self.background.std[picked])
-        frames = [Frame(f.index, _at(f.images, picked), _at(f.masks, picked)) for f in self.frames]
+        frames = [
+            Frame(f.index, _pick_views(f.images, picked), _pick_views(f.masks, picked))
+            for f in self.frames
+        ]
         return replace(self, rig=rig, background=background, frames=frames)
 
     def pinned(self, device: Device) -> list[Frame]:
-        """The frames with their pictures in memory that uploads to `device` fast."""
+        """Return the frames with their images in pinned memory, from which uploads to `device` are
+        fast."""
         return [Frame(f.index, _pinned(device, f.images), f.masks) for f in self.frames]
 
 
 def playing(frames: Sequence[Frame]) -> Iterator[Frame]:
-    """The frames forth and back without end, numbered on: each follows the one before."""
+    """Yield the frames forward and backward without end, numbered on, so that each follows the one
+    before."""
     for index in count():
         frame = frames[there_and_back(index, len(frames))]
         yield Frame(index, frame.images, frame.masks)
 
 
 def there_and_back(index: int, n: int) -> int:
-    """Which of `n` things comes at place `index` of 0, 1, ... n - 1, n - 2, ... 1, 0, 1, ..."""
+    """Return the element at `index` of the periodic sequence 0, 1, ... n - 1, n - 2, ... 1, 0,
+    1."""
     return n - 1 - abs(n - 1 - index % max(1, 2 * (n - 1)))
 
 
-def _at(pictures: np.ndarray | None, picked: np.ndarray) -> np.ndarray:
+def _pick_views(pictures: np.ndarray | None, picked: np.ndarray) -> np.ndarray:
     assert pictures is not None
     return np.ascontiguousarray(pictures[picked])
 
@@ -79,12 +84,12 @@ def _pinned(device: Device, pictures: np.ndarray | None) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def shared_scene(frames: int) -> Scene:
-    """`make_scene` on the best device, kept for the next who asks for as many frames."""
+    """Return `make_scene` on the best device, cached for the next call with the same number."""
     return make_scene(Device.best(), frames)
 
 
 def make_scene(device: Device, frames: int) -> Scene:
-    """`frames` (up to 60) consecutive frames of a walk, around its middle."""
+    """Generate `frames` (up to 60) consecutive frames of a walk, around its middle."""
     scene = SyntheticScene(SceneConfig(cameras=VIEWS, frames=60, fps=FPS), device)
     lenses = scene.rig
     rig = CameraRig(tuple(replace(camera, distortion=np.zeros(5)) for camera in lenses))
@@ -93,8 +98,10 @@ def make_scene(device: Device, frames: int) -> Scene:
         pairs = zip(lenses, pictures, strict=True)
         return np.stack([cv2.undistort(p, c.K, c.distortion) for c, p in pairs])
 
-    plates = np.stack([undistorted(scene.background_frame(i)) for i in range(_PLATES)])
-    background = Background(plates.mean(0, dtype=np.float32), plates.std(0, dtype=np.float32))
+    backgrounds = np.stack([undistorted(scene.background_frame(i)) for i in range(_N_BACKGROUND)])
+    background = Background(
+        backgrounds.mean(0, dtype=np.float32), backgrounds.std(0, dtype=np.float32)
+    )
     shown, first = [], max(0, _MIDDLE - frames // 2)
     for index in range(first, first + frames):
         images, masks, _ = scene.frame(index)
@@ -105,7 +112,7 @@ def make_scene(device: Device, frames: int) -> Scene:
 
 
 def grid_of(shape: tuple[int, int, int] = SHAPE) -> VoxelGrid:
-    """The room in `shape` voxels of the size that the longest side needs."""
+    """Return the room in `shape` voxels; the longest side determines their size."""
     voxel_size = float(np.max(_SIZE / shape))
     middle = _LOW + _SIZE / 2
     return VoxelGrid(middle - voxel_size * np.array(shape) / 2, voxel_size, shape)

@@ -1,4 +1,4 @@
-"""Timing, statistics and devices: what all subcommands share."""
+"""Timing, statistics and devices, shared by all subcommands."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ __kernel void copy(__global const float4 *x, __global float4 *y) {
 """
 
 
-#: How many cores PoCL before 4 uses.
+#: The environment variable for PoCL's number of threads, before version 4.
 _POCL_THREADS = "POCL_MAX_PTHREAD_COUNT"
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Milliseconds of repeated runs, in their order: median, quartiles, least, mean."""
+    """Duration, ms, of repeated runs, in their order: median, quartiles, least, mean."""
 
     samples: tuple[float, ...]
 
@@ -77,7 +77,8 @@ class Timing:
 
 
 def timed(run: Callable[[], object], runs: int, warm_up: int = 1, seconds: float = 20.0) -> Timing:
-    """Wall-clock time of `run()`, which waits for its own end; stops early after `seconds`."""
+    """Measure the wall-clock time of `run()`, which waits for its own end; stop early after
+    `seconds`."""
     for _ in range(warm_up):
         run()
     ms: list[float] = []
@@ -91,7 +92,7 @@ def timed(run: Callable[[], object], runs: int, warm_up: int = 1, seconds: float
 
 @dataclass(frozen=True)
 class Place:
-    """A device to measure on; `cores` of a CPU."""
+    """A device to measure on; `cores`: of a CPU."""
 
     label: str
     handle: Any
@@ -102,7 +103,8 @@ class Place:
 
 
 def places() -> list[Place]:
-    """Every OpenCL device of this process, GPUs first. Raises InputError if there is none."""
+    """Return every OpenCL device of this process, GPUs first. Raises InputError if there is
+    none."""
     found = []
     for handle in working_devices():
         name, units = handle.name.strip(), handle.max_compute_units
@@ -117,14 +119,16 @@ def places() -> list[Place]:
 
 
 def fewer_cores(place: Place) -> list[int]:
-    """1, 2, 4, ... below the cores of the CPU that `cpu_place` returns; none for other devices."""
+    """Return 1, 2, 4, ... below the cores of the CPU that `cpu_place` returns; nothing for other
+    devices."""
     if place.cores is None or place.label != cpu_place().label:
         return []
     return [2**k for k in range(place.cores.bit_length()) if 2**k < place.cores]
 
 
 def apart(environ: Mapping[str, str], function: Callable[..., Any], *args: Any) -> Any:
-    """`function(*args)` of a module in a fresh process with `environ` added to its environment."""
+    """Call `function(*args)` of a module in a new process with `environ` added to its
+    environment."""
     before = {name: os.environ.get(name) for name in environ}
     os.environ.update(environ)
     try:
@@ -141,19 +145,20 @@ def apart(environ: Mapping[str, str], function: Callable[..., Any], *args: Any) 
 
 
 def only_cores(cores: int) -> dict[str, str]:
-    """The environment for `apart` in which OpenCL and its host have `cores` cores of the CPU."""
+    """Return the environment for `apart` in which OpenCL and its host use `cores` cores of the
+    CPU."""
     return {_POCL_THREADS: str(cores), "POCL_CPU_MAX_CU_COUNT": str(cores)}
 
 
 def _keep_to_cores(cores: int) -> None:
-    """Pin this process to its first `cores` cores, if any: Intel's runtime goes by that, PoCL by
+    """Pin this process to its first `cores` cores, if given. Intel's runtime obeys that; PoCL obeys
     its environment."""
     if cores and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
 
 
 def cpu_place() -> Place:
-    """The CPU of this process. Raises InputError if OpenCL has none."""
+    """Return the CPU of this process. Raises InputError if OpenCL has none."""
     for place in places():
         if place.cores:
             return place
@@ -162,18 +167,19 @@ def cpu_place() -> Place:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a device can do at best, measured: bytes and floating-point operations per second."""
+    """The measured limits of a device: bytes and floating-point operations per second."""
 
     bytes_per_s: float
     flops_per_s: float
 
     def ms(self, nbytes: float, flops: float) -> float:
-        """Least time for work that moves and computes so much."""
+        """Return the least time, ms, for this number of bytes and operations."""
         return 1e3 * max(nbytes / self.bytes_per_s, flops / self.flops_per_s)
 
 
 def measured_limits(place: Place) -> Limits:
-    """By a copy of 256 MB and by 96 independent chains of multiply-add per work item."""
+    """Measure them by a copy of 256 MB and by 96 independent chains of multiply-add per
+    work-item."""
     device = place.device(profile=True)
     size = 2**25
     x, y = device.zeros(size, np.float32), device.zeros(size, np.float32)
@@ -191,7 +197,7 @@ def measured_limits(place: Place) -> Limits:
     )
 
 
-#: Whose versions are told; those that are absent are told as such.
+#: Packages whose versions are reported, also if they are absent.
 _PACKAGES = (
     *("psfs-apf", "numpy", "scipy", "opencv-python-headless", "pyopencl"),
     *("pocl-binary-distribution", "open3d", "trimesh", "matplotlib"),
@@ -199,7 +205,7 @@ _PACKAGES = (
 
 
 def environment() -> dict[str, Any]:
-    """What the figures depend on."""
+    """Return the conditions of the measurements."""
     return {
         "cpu": _cpu_name(),
         "cores": len(os.sched_getaffinity(0)),
@@ -227,6 +233,6 @@ def _version(package: str) -> str | None:
 
 
 def resident_megabytes() -> float:
-    """Memory of this process that is in use now, MB (Linux)."""
+    """Return the memory of this process in use now, MB (Linux)."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

@@ -31,7 +31,7 @@ from timings.tables.methods import print_report
 from timings.whole_frame import Problem, make_problem
 
 VIEWS, ITERATIONS, OBJECTIVE = 4, 10, "sp"
-#: Particles of the swarm and of the filter whose frames are timed: tables 6.2, 6.3 and 6.6.
+#: Particles of the swarm and of the filter for timed frames: tables 6.2, 6.3 and 6.6.
 _SWARM, _FILTER, _OPENGL = (
     (100, 200, 300, 400, 1000),
     (1000, 2000, 3000, 4000),
@@ -46,23 +46,23 @@ _ITERATIONS, _CURVES = (5, 10, 15, 20), (50, 100, 200, 300, 500, 800)
 _SEEDS, _CPU_SEEDS = (0, 1, 2), (0,)
 #: Particles of figures 6.11, 6.17 (shares of the time) and 6.23 (tracking while footage plays).
 _SHARES, _ONLINE = (32, 100, 300, 500, 1000), (50, 100, 200, 300, 500, 800)
-#: Frames of the walk, and with `--quick`, which times fewer searches, too.
+#: Frames of the walk, and with `--quick`, which also times fewer searches.
 _FRAMES, _QUICK_FRAMES = 40, 6
-#: Seconds after which a row has frames enough: hardware rendering in software is slow.
+#: Time, s, after which a row has enough frames: OpenGL in software is slow.
 _ENOUGH = 12.0
 
 
 class NoObjective(Likelihood):
-    """Finds all poses equally good, at no time: what is left is the search itself."""
+    """An objective that gives all poses the same error in no time, to time the search alone."""
 
     def __init__(self, device: Device, n: int) -> None:
         self.errors = device.zeros((n,), np.float32)
 
     def observe(self, observation: Any) -> None:
-        """Look at nothing."""
+        """Ignore the observation."""
 
     def launcher(self, poses: Array) -> list[Step]:
-        """Return nothing to do."""
+        """Return a function that does nothing."""
         return []
 
 
@@ -106,7 +106,7 @@ def _run(args: argparse.Namespace) -> None:
 def frames(
     place: Place, problem: Problem, efforts: Sequence[tuple[str, int]], renderer: str = "opencl"
 ) -> dict[str, Any]:
-    """A row for every search and number of particles."""
+    """Return a row for every search and number of particles."""
     rows = [
         {"search": search, "particles": n,
          **tracked(place, problem, _method(search, n, renderer=renderer))}
@@ -116,7 +116,7 @@ def frames(
 
 
 def shapes(place: Place, problem: Problem) -> dict[str, Any]:
-    """A row for every shape of the body's parts and number of particles, with the swarm."""
+    """Return a row for every shape of the body's parts and number of particles, with the swarm."""
     rows = []
     for vertices in _VERTICES:
         for n in _SHAPE_PARTICLES:
@@ -126,7 +126,8 @@ def shapes(place: Place, problem: Problem) -> dict[str, Any]:
 
 
 def curves(place: Place, problem: Problem) -> dict[str, Any]:
-    """A row for every number of iterations and particles of the swarm; several seeds on a GPU."""
+    """Return a row for every number of iterations and particles of the swarm; several seeds on a
+    GPU."""
     rows = []
     for iterations in _ITERATIONS:
         for n in _CURVES:
@@ -142,8 +143,8 @@ def curves(place: Place, problem: Problem) -> dict[str, Any]:
 
 
 def shares(place: Place, problem: Problem, renderer: str) -> dict[str, Any]:
-    """Rows of the time of a frame's search, features being there, and of the same search without
-    an objective."""
+    """Return rows with the time of a frame's search, with given features, and of the same search
+    without an objective."""
     device, rows = place.device(), []
     for n in _SHARES:
         method = _method("pso", n, renderer=renderer)
@@ -157,7 +158,7 @@ def shares(place: Place, problem: Problem, renderer: str) -> dict[str, Any]:
 
 
 def _searches(device: Device, problem: Problem, method: Method, tracker: Tracker) -> Timing:
-    """ms of the tracker's step in every frame."""
+    """Return the times, ms, of the tracker's step in every frame."""
     scene, ms = problem.scene, []
     features = features_for(device, scene.rig, scene.background, method.features)
     tracker.start(problem.pose)
@@ -166,14 +167,14 @@ def _searches(device: Device, problem: Problem, method: Method, tracker: Tracker
         device.finish()
         started = time.perf_counter()
         tracker.step(features)
-        if place:  # the first compiles
+        if place:  # the first step compiles
             ms.append(1e3 * (time.perf_counter() - started))
     return Timing(tuple(ms))
 
 
 def online(place: Place, problem: Problem) -> dict[str, Any]:
-    """Rows of the error where every frame is tracked, and where footage plays at its own rate:
-    then the next frame is the newest at the time when the one before is done."""
+    """Return rows with the error if every frame is tracked, and if footage plays at its own rate:
+    then the next frame is the newest one when the previous one is done."""
     rows = []
     for n in _ONLINE:
         step = _stepper(place, problem, _method("pso", n))
@@ -195,7 +196,8 @@ def online(place: Place, problem: Problem) -> dict[str, Any]:
 def _stepper(
     place: Place, problem: Problem, method: Method
 ) -> Callable[[int], tuple[float, float]]:
-    """What tracks the frame of that number, warm: its ms, and the error in mm."""
+    """Return a function, warmed up, that tracks the frame of a number and returns its time, ms, and
+    error, mm."""
     device, scene = place.device(), problem.scene
     features = features_for(device, scene.rig, scene.background, method.features)
     tracker = tracker_for(problem.on(device), method)
@@ -223,8 +225,8 @@ def _method(
 
 
 def tracked(place: Place, problem: Problem, method: Method) -> dict[str, Any]:
-    """The scene once through after a warm-up, as far as time reaches: ms per frame by the clock,
-    and the mean error."""
+    """Track the scene once after a warm-up, as far as the time allows; return ms per frame by the
+    clock, and the mean error."""
     device, scene = place.device(), problem.scene
     check_renderer(device, method)
     features = features_for(device, scene.rig, scene.background, method.features)
@@ -246,7 +248,7 @@ def tracked(place: Place, problem: Problem, method: Method) -> dict[str, Any]:
 
 
 def _within(seconds: float, frames: Sequence[Frame]) -> Iterator[Frame]:
-    """`frames`, the first three in any case, the others while time lasts."""
+    """Yield `frames`: the first three in any case, the others until the time is over."""
     began = time.monotonic()
     for place, frame in enumerate(frames):
         if place < 3 or time.monotonic() - began < seconds:

@@ -35,21 +35,22 @@ from timings.results import Results, add_timing_flags
 from timings.tables.objective import print_report
 from timings.whole_frame import make_problem
 
-#: The thesis's hypotheses and cameras.
+#: The thesis's numbers of hypotheses and cameras.
 HYPOTHESES, VIEWS = (96, 304, 512), 4
-#: Hypotheses that the twin draws, and OpenGL for it to count; stated for all by their ratio.
+#: Hypotheses that the twin renders, and that OpenGL renders for the twin; times are scaled to all.
 _TWIN_HYPOTHESES = 8
 #: Fig. 6.16: hypotheses, frames; rows of OpenCL's work-groups, columns and rows of OpenGL's.
 _GROUP_HYPOTHESES, _FRAMES, _QUICK_FRAMES = 512, 40, 6
 _OPENCL_GROUPS = (32, 64, 128, 256)
 _OPENGL_GROUPS = ((8, 8), (16, 8), (16, 16), (32, 8), (32, 16), (32, 32))
-#: Seconds after which a row has samples enough: hardware rendering in software is slow.
+#: Time, s, after which a row has enough samples: OpenGL in software is slow.
 _ENOUGH = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """What is compared: a body and its pose (D,), cameras, and a frame's features on the host."""
+    """The input of the objective: a body and its pose (D,), cameras, and a frame's features on the
+    host."""
 
     body: BodyModel
     rig: CameraRig
@@ -58,13 +59,13 @@ class Observed:
     roi: np.ndarray
 
     def poses(self, n: int) -> np.ndarray:
-        """(n, D) float32 within a frame's motion of the true pose."""
+        """Return (n, D) float32 poses within a frame's motion of the true pose."""
         noise = np.random.default_rng(n).normal(size=(n, self.body.n_dof))
         poses = self.pose + noise * self.body.sigma
         return np.clip(poses, self.body.lower, self.body.upper).astype(np.float32)
 
     def on(self, device: Device) -> Observed:
-        """With the features on `device`."""
+        """Return the scene and its features on `device`."""
         maps, roi = device.to_device(self.maps), device.to_device(self.roi)
         return Observed(self.body, self.rig, self.pose, maps, roi)  # type: ignore[arg-type]
 
@@ -106,7 +107,7 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def make_observed(place: Place, n_frames: int) -> list[Observed]:
-    """Features of the first frames of the walk in four cameras."""
+    """Return the features of the first frames of the walk in four cameras."""
     problem = make_problem(n_frames, "rymut31")
     scene, device = problem.scene.part(VIEWS), place.device()
     features = Features(device, scene.rig, scene.background)
@@ -119,7 +120,7 @@ def make_observed(place: Place, n_frames: int) -> list[Observed]:
 
 
 def numpy_twin(observed: Observed, n: int) -> dict[str, Any]:
-    """ms of the twin for `n` hypotheses, by part."""
+    """Return the times, ms, of the twin for `n` hypotheses, by part."""
     poses = observed.poses(n)
     clock = [time.perf_counter()]
     cones = posed_cones(observed.body, poses)
@@ -134,14 +135,14 @@ def numpy_twin(observed: Observed, n: int) -> dict[str, Any]:
 
 
 def evaluate(observed: Observed, pictures: list[list[Picture]]) -> np.ndarray:
-    """(N,) objective of pictures by view and hypothesis, by NumPy."""
+    """Evaluate the objective (N,) of images by view and hypothesis, by NumPy."""
     counts = count_pixels(pictures, observed.maps, observed.roi)
     areas = image_areas(observed.maps, observed.roi)
     return objective_values(counts, areas, ObjectiveConfig())
 
 
 def by_opengl(observed: Observed, n: int, runs: int) -> dict[str, Any]:
-    """Pictures by OpenGL, which NumPy reads back and counts; ms by part for `n` hypotheses."""
+    """Render by OpenGL, read back and count in NumPy; return ms by part for `n` hypotheses."""
     renderer = OpenGLRenderer(observed.body, observed.rig, n)
     with renderer:
         samples = [_by_opengl(renderer, observed) for _ in range(runs + 1)][1:]
@@ -175,15 +176,15 @@ def _by_opengl(renderer: OpenGLRenderer, observed: Observed) -> dict[str, float]
 
 
 def _shortened(renderer: str) -> str:
-    """A renderer's name without its versions."""
+    """Return a renderer's name without its versions."""
     return renderer.split(" (")[0].split("/")[0]
 
 
 def by_opencl_and_opengl(
     place: Place, observed: Observed, hypotheses: tuple[int, ...], runs: int
 ) -> dict[str, Any]:
-    """Bodies posed by OpenCL, all else by OpenGL; all by the clock: its parts, each waited for, and
-    the whole as the tracker runs it."""
+    """Measure bodies posed by OpenCL and all else by OpenGL, by the clock: its parts, each waited
+    for, and the whole as the tracker runs it."""
     rows, name = [], ""
     for n in hypotheses:
         device = place.device()
@@ -202,7 +203,7 @@ def by_opencl_and_opengl(
 def opengl_evaluation(
     device: Device, observed: Observed, n: int, group: tuple[int, int] | None = None
 ) -> tuple[Callable[[], None], OpenGLObjective]:
-    """What evaluates `n` hypotheses, as the tracker does."""
+    """Return a function that evaluates `n` hypotheses as the tracker does."""
     more = {} if group is None else {"group": group}
     scene = Scene(device, observed.rig, None, observed.body)
     objective = OpenGLObjective(scene, n, **more)
@@ -211,7 +212,8 @@ def opengl_evaluation(
 
 
 def opengl_parts(device: Device, objective: OpenGLObjective, poses: Array) -> dict[str, float]:
-    """ms of the parts of one evaluation by OpenCL and OpenGL, and of all together."""
+    """Return the times, ms, of the parts of one evaluation by OpenCL and OpenGL, and of all
+    together."""
     ms = dict.fromkeys(("matrices", "upload", "rendering", "download", "objective"), 0.0)
     renderer, began = objective.renderer, time.perf_counter()
 
@@ -239,7 +241,8 @@ def opengl_parts(device: Device, objective: OpenGLObjective, poses: Array) -> di
 
 
 def opencl_groups(place: Place, observed: list[Observed]) -> dict[str, Any]:
-    """ms of an evaluation in every frame, by the rows of the work-groups that count."""
+    """Return the times, ms, of an evaluation in every frame, by the rows of the counting
+    work-groups."""
     rows = []
     for group in _OPENCL_GROUPS:
         run_on = partial(_evaluation, n=_GROUP_HYPOTHESES, rows=group)
@@ -248,7 +251,7 @@ def opencl_groups(place: Place, observed: list[Observed]) -> dict[str, Any]:
 
 
 def opengl_groups(place: Place, observed: list[Observed]) -> dict[str, Any]:
-    """The same by columns and rows of OpenGL's work-groups."""
+    """Return the times by columns and rows of OpenGL's work-groups."""
     rows = []
     for group in _OPENGL_GROUPS:
 
@@ -263,14 +266,16 @@ def opengl_groups(place: Place, observed: list[Observed]) -> dict[str, Any]:
 def _over_frames(
     place: Place, observed: list[Observed], run_on: Callable[..., Callable[[], None]]
 ) -> Timing:
-    """The median of a few evaluations in each of the frames, one objective after the other."""
+    """Return the median of a few evaluations in each of the frames, one objective after the
+    other."""
     device, frames = place.device(), iter(observed)
     return Timing(tuple(_samples(lambda: timed(run_on(device, next(frames)), 5, 1).median,
                                  len(observed))))  # fmt: skip
 
 
 def _samples(work: Callable[[], Any], n: int) -> list[Any]:
-    """What `n` calls return; fewer, but four, where that takes longer than `_ENOUGH` seconds."""
+    """Return the results of `n` calls, or of at least four if they take longer than `_ENOUGH`
+    seconds."""
     began, found = time.monotonic(), []
     while len(found) < n and (len(found) < 4 or time.monotonic() - began < _ENOUGH):
         found.append(work())
@@ -278,15 +283,15 @@ def _samples(work: Callable[[], Any], n: int) -> list[Any]:
 
 
 def on_cpu(observed: Observed, hypotheses: tuple[int, ...], runs: int) -> dict[str, Any]:
-    """`on_place` of this process's CPU."""
+    """Run `on_place` on this process's CPU."""
     return on_place(cpu_place(), observed, hypotheses, runs)
 
 
 def on_place(
     place: Place, observed: Observed, hypotheses: tuple[int, ...], runs: int
 ) -> dict[str, Any]:
-    """One device: kernels by its events and their total by the clock, and the whole without events;
-    poses are there already."""
+    """Measure one device: kernels by its events and their total by the clock, and the whole without
+    events, with given poses."""
     rows = []
     for n in hypotheses:
         row: dict[str, Any] = {"hypotheses": n}
@@ -306,14 +311,14 @@ def on_place(
 def _evaluation(
     device: Device, observed: Observed, n: int, rows: int | None = None
 ) -> Callable[[], None]:
-    """What evaluates `n` hypotheses and waits."""
+    """Return a function that evaluates `n` hypotheses and waits."""
     objective = ImageObjective(Scene(device, observed.rig, None, observed.body), n, rows=rows)
     objective.observe(observed.on(device))
     return _runner(device, objective, observed.poses(n))
 
 
 def _runner(device: Device, objective: Likelihood, poses: np.ndarray) -> Callable[[], None]:
-    """What scores `poses` and waits."""
+    """Return a function that evaluates `poses` and waits."""
     launches = objective.launcher(device.to_device(poses))
     device.finish()
 

@@ -35,7 +35,7 @@ from timings.results import Results, add_timing_flags
 from timings.stages import STAGES, reconstruction_work, stage_of
 from timings.tables.psfs import print_report
 
-#: Frames on fewer than all cores, which take long.
+#: Number of frames on a part of the cores, which take long.
 _RUNS_ON_FEW = 6
 #: Frames of one streamed run.
 _STREAM = 16
@@ -69,9 +69,9 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def open3d_carving(scene: Scene, runs: int) -> dict[str, Any]:
-    """`VoxelGrid.carve_silhouette` with all cameras, on the same masks, grid and cameras.
+    """Measure `VoxelGrid.carve_silhouette` with all cameras, on the same masks, grid and cameras.
 
-    The dense grid that it carves from is made outside of the time taken.
+    The dense grid to carve is made outside of the measured time.
     """
     open3d, grid, frame = load_open3d(), grid_of(), scene.frames[0]
     parameters, masks = [], []
@@ -104,7 +104,8 @@ def open3d_carving(scene: Scene, runs: int) -> dict[str, Any]:
 
 
 def hull_size(scene: Scene) -> int:
-    """Voxels whose centre all masks that see it contain: the test that ours is built on."""
+    """Return the number of voxels whose centre lies in all masks that see it: the base of our
+    test."""
     frame, grid = scene.frames[0], grid_of()
     assert frame.masks is not None
     centres, inside = grid.centres(), np.ones(grid.size, bool)
@@ -115,7 +116,7 @@ def hull_size(scene: Scene) -> int:
 
 
 def numpy_twin(scene: Scene, runs: int) -> dict[str, Any]:
-    """The NumPy twin: whole, after a first frame, and its carving (occupancy) alone."""
+    """Measure the NumPy twin: a whole frame after the first, and its carving (occupancy) alone."""
     grid, frame, frames = grid_of(), scene.frames[0], playing(scene.frames)
     twin = NumpyReconstructor(NumpyDevice(), scene.rig, grid, scene.background)
     config = twin.config
@@ -131,7 +132,7 @@ def numpy_twin(scene: Scene, runs: int) -> dict[str, Any]:
 
 
 def on_cores(cores: int, scene: Scene, runs: int) -> dict[str, Any]:
-    """`on_place` of this machine's CPU with some of its cores, in a process of its own."""
+    """Run `on_place` on this machine's CPU with some of its cores, in a subprocess."""
     return apart(only_cores(cores), _on_cpu, scene, runs)
 
 
@@ -140,7 +141,7 @@ def _on_cpu(scene: Scene, runs: int) -> dict[str, Any]:
 
 
 def on_place(place: Place, scene: Scene, runs: int) -> dict[str, Any]:
-    """All about one device: limits, stages by events, whole frames by the clock."""
+    """Measure one device: limits, stages by events, whole frames by the clock."""
     limits = measured_limits(place)
     rows: dict[str, Any] = {"label": place.label, "cores": place.cores, "limits": limits}
     for mode in ("dense", "sparse"):
@@ -158,7 +159,7 @@ def on_place(place: Place, scene: Scene, runs: int) -> dict[str, Any]:
 
 
 def stages(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Timing]:
-    """Time by stage from the device's own events, after a warm-up; colours included."""
+    """Measure the time by stage from the device's events, after a warm-up; colours included."""
     device = place.device(profile=True)
     profiler = device.profiler
     assert profiler is not None
@@ -179,7 +180,7 @@ def stages(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Tim
 
 
 def whole(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Any]:
-    """Whole frames by the clock, from pictures on the host to the surface on the device."""
+    """Measure whole frames by the clock, from images on the host to the surface on the device."""
     device = place.device()
     reconstructor = Reconstructor(device, scene.rig, grid_of(), scene.background, sparse=sparse)
     frames = playing(scene.pinned(device))
@@ -211,7 +212,8 @@ def whole(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Any]
 
 
 def growth(place: Place, scene: Scene) -> list[dict[str, Any]]:
-    """Whole frames against voxels (dense and sparse) and against cameras, and 512^3 sparse."""
+    """Measure whole frames against voxels (dense and sparse) and against cameras, and 512^3
+    sparse."""
     shapes = [(75, 75, 50), (110, 110, 74), SHAPE, (212, 212, 142), (300, 300, 200)]
     rows = []
     for sparse in (False, True):
@@ -243,7 +245,8 @@ def _grown(place: Place, scene: Scene, shape: tuple[int, int, int], sparse: bool
 
 
 def memory(place: Place, scene: Scene, frames: int) -> dict[str, Any]:
-    """Resident memory after 50 streamed frames and after all, clouds and colours downloaded."""
+    """Measure the resident memory after 50 streamed frames and after all, clouds and colours
+    downloaded."""
     device = place.device()
     reconstructor = Reconstructor(device, scene.rig, grid_of(), scene.background, sparse=True)
     shown = islice(playing(scene.frames), frames)

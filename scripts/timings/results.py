@@ -33,7 +33,7 @@ from psfs.common.config import Config
 from psfs.common.files import written_whole
 from timings.measure import Limits, Timing, environment
 
-#: Raised by one when a reader of older files would misunderstand newer ones.
+#: Version of the format, raised when a reader of older files would misunderstand newer ones.
 SCHEMA = 1
 _ENVELOPE = (
     *("schema", "comparison", "made", "command", "commit", "environment", "settings"),
@@ -42,7 +42,7 @@ _ENVELOPE = (
 
 
 def add_timing_flags(parser: argparse.ArgumentParser) -> None:
-    """The flags that all comparisons have."""
+    """Add the flags that all comparisons have."""
     parser.add_argument(
         *("-o", "--out"), type=Path, default=Path("timings"), metavar="OUT",
         help="folder of the results (default: timings)",
@@ -61,8 +61,8 @@ def add_timing_flags(parser: argparse.ArgumentParser) -> None:
 
 @dataclass
 class Results:
-    """One comparison's results. sections: what `section` measured, by name. seconds: what each
-    took. left_out: name -> reason. budget: of seconds, `--seconds`. `path` None: kept in memory."""
+    """One comparison's results. sections: results of `section`, by name. seconds: duration of each.
+    left_out: name -> reason. budget: in seconds, `--seconds`. `path` None: kept in memory."""
 
     comparison: str
     settings: dict[str, Any]
@@ -83,9 +83,9 @@ class Results:
     def begin(
         cls, comparison: str, args: argparse.Namespace, settings: Mapping[str, Any]
     ) -> Results:
-        """The file OUT/<comparison>.json, which `--resume` takes up where it ended.
+        """Begin the file OUT/<comparison>.json; with `--resume`, continue it.
 
-        Raises InputError where OUT is no folder, or holds results of other settings to resume.
+        Raises InputError if OUT is not a folder, or if the results to resume have other settings.
         """
         if args.out.exists() and not args.out.is_dir():
             raise InputError(f"{args.out} is a file; expected a folder, or a name for a new one")
@@ -116,12 +116,12 @@ class Results:
         return self.deadline - time.monotonic()
 
     def plan(self, name: str, measure: Callable[[], Any], quick: bool = True) -> None:
-        """Have `measure` measure the `section` of that name in its turn."""
+        """Add a `section` of that name, to be measured by `measure` in its turn."""
         self.planned.append((name, measure, quick))
 
     def measure(self) -> None:
-        """Measure what was planned, in that order. Until then the file names it as left out, so
-        that a run which is ended shows what it did not reach."""
+        """Measure the planned sections in order. Until then the file lists them as left out, so
+        that an interrupted run shows what it did not reach."""
         for name, _, _ in self.planned:
             if name not in self.sections:
                 self.left_out[name] = "not reached; --resume measures it"
@@ -130,10 +130,10 @@ class Results:
             self.section(*planned)
 
     def section(self, name: str, measure: Callable[[], Any], quick: bool = True) -> Any:
-        """What `measure()` returns, as read back from the file; None if it is left out.
+        """Return the result of `measure()`, as read back from the file; None if it is left out.
 
-        A InputError, a missing module or a process of its own that died leaves the section out; so
-        does `--quick` those that are not `quick`.
+        An InputError, a missing module or a crashed subprocess leaves the section out; so does
+        `--quick` if it is not `quick`.
         """
         if name in self.sections:
             return self.sections[name]
@@ -154,7 +154,7 @@ class Results:
         return self.sections.get(name)
 
     def starting(self, prefix: str) -> list[Any]:
-        """The sections whose names start so, in their order."""
+        """Return the sections whose names begin with `prefix`, in their order."""
         return [value for name, value in self.sections.items() if name.startswith(prefix)]
 
     def write(self) -> None:
@@ -165,7 +165,7 @@ class Results:
 
 
 def read_results(path: Path) -> Results:
-    """A file that `Results` wrote. Raises InputError if it is none, or of another version."""
+    """Read a file that `Results` wrote. Raises InputError if it is none, or of another version."""
     try:
         data = json.loads(path.read_text(), object_hook=_revived)
     except OSError as error:
@@ -184,8 +184,8 @@ def _round_trip(value: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """JSON's own types for NumPy's, for timings (with what they say in short), dataclasses and
-    settings."""
+    """Convert NumPy values, timings (with their statistics), dataclasses and settings to JSON
+    types."""
     if isinstance(value, (np.generic, np.ndarray)):
         return value.tolist()
     if isinstance(value, Timing):
@@ -207,7 +207,7 @@ def _revived(value: dict[str, Any]) -> Any:
 
 
 def checked_out_commit() -> str | None:
-    """Of the checkout that this file lies in; "-dirty" if it was changed since."""
+    """Return the commit of the checkout that holds this file; with "-dirty" if it has changes."""
     command = ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
     try:
         done = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True)

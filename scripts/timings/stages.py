@@ -1,4 +1,4 @@
-"""Which stage of the whole algorithm a device's command belongs to, and what a stage must do."""
+"""The pipeline stage of a device's command, and the least work of each stage."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from apf.likelihood.voxel import cone_sampling
 from psfs.voxels.grid import VoxelGrid
 from timings.bench_scene import Scene
 
-#: In the order of the pipeline, with the part of Song et al.'s algorithm they belong to.
+#: Stages in the order of the pipeline, with their part of Song et al.'s algorithm.
 PARTS = {
     "reconstruction": ("upload", "silhouette", "occupancy", "smoothing", "surface", "learning"),
     "colour": ("colour",),
@@ -23,7 +23,8 @@ PARTS = {
     "other": ("download", "other"),
 }
 STAGES = tuple(stage for stages in PARTS.values() for stage in stages)
-#: By kernel file, where the names differ; by command where it belongs elsewhere than its file.
+#: Stages by kernel file, if the names differ; by command if it belongs to another stage than its
+#: file.
 _OF_FILE = {
     "floor_light": "silhouette",
     "light": "silhouette",
@@ -46,7 +47,7 @@ _PIXEL, _PROJECTION, _MEAN, _SAMPLE, _DISTANCE, _BONE, _NORMAL = 60, 30, 27, 20,
 
 @cache
 def _file_of_kernel() -> dict[str, str]:
-    """Kernel name -> kernel file, without suffix."""
+    """Return the file, without suffix, of each kernel."""
     found = {}
     for file in Path(str(resources.files("cl") / "kernels")).rglob("*.cl"):
         for name in re.findall(r"__kernel[^{;]*?\bvoid\s+(\w+)\s*\(", file.read_text()):
@@ -55,7 +56,7 @@ def _file_of_kernel() -> dict[str, str]:
 
 
 def stage_of(command: str) -> str:
-    """The stage of a profiled command: a kernel, a copy, a fill."""
+    """Return the stage of a profiled command: a kernel, a copy, a fill."""
     if command in _OF_COMMAND:
         return _OF_COMMAND[command]
     file = _file_of_kernel().get(command, "other")
@@ -67,10 +68,9 @@ Work = dict[str, tuple[float, float]]
 
 
 def reconstruction_work(scene: Scene, grid: VoxelGrid, surface: int) -> Work:
-    """(bytes, operations) of each stage, in dense mode and without any cleverness: every byte of
-    input and output once, every voxel projected into every camera. A stage that needs less time
-    than its limit does less than that. surface: number of surface voxels.
-    """
+    """Return (bytes, operations) of each stage in dense mode without optimisations: every byte of
+    input and output once, every voxel projected into every camera. A stage that is faster than its
+    limit avoids some of this work. surface: number of surface voxels."""
     views, pixels, voxels = len(scene.rig), _pixels(scene), grid.size
     padded = float(np.prod([n + 2 for n in grid.shape]))
     return {
@@ -84,7 +84,8 @@ def reconstruction_work(scene: Scene, grid: VoxelGrid, surface: int) -> Work:
 
 
 def tracking_work(scene: Scene, body: BodyModel, config: FilterConfig, surface: int) -> Work:
-    """(bytes, operations) of each stage of tracking, likewise; all layers of a frame together.
+    """Return (bytes, operations) of each stage of tracking, likewise; all layers of a frame
+    together.
 
     Scoring a pose: bones posed, four corners of every cone projected, all samples of all cones
     looked up in all cameras, every surface sample compared with every cone.
@@ -92,7 +93,7 @@ def tracking_work(scene: Scene, body: BodyModel, config: FilterConfig, surface: 
     views, pixels = len(scene.rig), _pixels(scene)
     cones, dof = len(body.cones), body.n_dof
     search, likelihood = config.search, config.likelihood
-    points = likelihood.samples.n_points / likelihood.samples.point_turns  # that one layer looks at
+    points = likelihood.samples.n_points / likelihood.samples.point_turns  # points per layer
     scored = search.n_particles * search.n_layers
     sampling = cone_sampling(body, likelihood.reprojection.sample_spacing)
     samples = float(np.sum([r * (c + 2) for r, c in sampling]))

@@ -1,4 +1,4 @@
-"""What each cue costs in a streamed frame: contours, colours of parts, keypoints."""
+"""The cost of each cue in a streamed frame: contours, colours of parts, keypoints."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from timings.bench_scene import there_and_back
 from timings.measure import Place
 from timings.whole_frame import Problem, Sightings, WholeFrame, stream_run
 
-#: The 17 keypoints of COCO, which most pose networks give.
+#: The 17 keypoints of COCO, which most pose networks detect.
 COCO = ("nose", *(f"{side}_{part}" for part in (
     "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle")
     for side in ("left", "right")))  # fmt: skip
-#: px by which each of their coordinates errs.
+#: Standard deviation, px, of each of their coordinates.
 _ERROR = 3.0
 _WITHOUT_CONTOUR, _WITHOUT_COLOUR = {"contour_weight": 0.0}, {"part_colour_weight": 0.0}
-#: What is changed of the settings.
+#: The changed settings of each variant.
 VARIANTS: dict[str, dict[str, Any]] = {
     "as it is": {},
     "without contours": _WITHOUT_CONTOUR,
@@ -37,7 +37,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 def streamed_cues(
     place: Place, problem: Problem, frames: int, repetitions: int, seconds: float
 ) -> dict[str, Any]:
-    """A row per variant: ms from pose to pose of `repetitions` streamed runs of so many frames,
+    """Return a row per variant: ms from pose to pose of `repetitions` streamed runs of `frames`,
     each of at most `seconds`, the variants in turn; the runs' mean error."""
     device = place.device()
     held = problem.scene.pinned(device)
@@ -64,8 +64,8 @@ def streamed_cues(
 
 
 def keypoints_of(problem: Problem) -> Sightings:
-    """What keypoints in all cameras say of the body in the frame played at a place: those of the
-    true joints' poses, with noise."""
+    """Return a function that gives the keypoints in all cameras of the frame played at a place: the
+    true joints with noise."""
     points = locate_points(problem.body, COCO)
     n_points = len(points)
     own = np.arange(n_points)
@@ -85,7 +85,7 @@ def keypoints_of(problem: Problem) -> Sightings:
 
 
 def _seen(problem: Problem, joints: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """(V, K, 3) keypoints of one frame: px and confidence."""
+    """Return keypoints (V, K, 3) of one frame: px and confidence."""
     named = dict(zip(problem.scene.joint_names, joints, strict=True))
     body, pose, _ = fit_to_joints(problem.body, named)
     points = locate_points(body, COCO)

@@ -1,4 +1,4 @@
-"""The whole algorithm of Song et al. on one device: pictures in, pose and coloured voxels out."""
+"""The whole algorithm of Song et al. on one device: from images to pose and coloured voxels."""
 
 from __future__ import annotations
 
@@ -27,13 +27,14 @@ from timings.bench_scene import FPS, SHAPE, Scene, grid_of, playing, shared_scen
 from timings.measure import Timing
 from timings.stages import STAGES, stage_of
 
-#: What keypoints say of the body in the frame played at a place.
+#: Returns the observed keypoints of the frame played at a place.
 Sightings: TypeAlias = Callable[[int], PointObservations]
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is computed: a scene's frames, the body and its pose (D,) in the first, settings."""
+    """The benchmark problem: a scene's frames, the body and its pose (D,) in the first,
+    settings."""
 
     scene: Scene
     body: BodyModel
@@ -42,7 +43,8 @@ class Problem:
     shape: tuple[int, int, int] = SHAPE
 
     def error_mm(self, place: int, pose: np.ndarray) -> float:
-        """Mean distance of the joints of `pose` to the truth of the frame played at `place`."""
+        """Return the mean distance, mm, of the joints of `pose` to the truth of the frame played at
+        `place`."""
         truth = self.scene.joints[there_and_back(place, len(self.scene.frames))]
         names = [n for n in self.body.joint_names if n in self.scene.joint_names]
         mine = posed_joints(self.body, pose[None])[0]
@@ -51,11 +53,11 @@ class Problem:
         return 1e3 * float(np.linalg.norm(mine - truth, axis=-1).mean())
 
     def on(self, device: Device | NumpyDevice) -> TrackedScene:
-        """What a tracker on that device needs."""
+        """Return the scene for a tracker on that device."""
         return TrackedScene(device, self.scene.rig, grid_of(self.shape), self.body)
 
     def smaller(self, **changes: Any) -> Problem:
-        """With other settings of the filter, `shape` or `cameras`."""
+        """Return the problem with other settings of the filter, `shape` or `cameras`."""
         scene = self.scene.part(changes.pop("cameras", len(self.scene.rig)))
         shape = changes.pop("shape", self.shape)
         return replace(self, scene=scene, shape=shape, config=self.config.changed(**changes))
@@ -63,7 +65,8 @@ class Problem:
 
 @lru_cache(maxsize=2)
 def make_problem(frames: int, body_name: str = "song31") -> Problem:
-    """Song et al.'s setting, on `frames` frames of the synthetic walk, from its true joints."""
+    """Return Song et al.'s setting, on `frames` frames of the synthetic walk, from its true
+    joints."""
     scene = shared_scene(frames)
     first = dict(zip(scene.joint_names, scene.joints[0], strict=True))
     body, pose, _ = fit_to_joints(load_body(body_name), first)
@@ -73,8 +76,9 @@ def make_problem(frames: int, body_name: str = "song31") -> Problem:
 class WholeFrame:
     """Reconstruction, colour and tracking: `estimate, cloud = whole(frame)`, both on the host.
 
-    setup_ms: making it, which builds the kernels. parts_ms: (3,) of the latest frame, the clock's
-    times of reconstruction, tracking and colour; only the NumPy twins are done with a part then.
+    setup_ms: duration of the setup, which builds the kernels. parts_ms: (3,) of the latest frame:
+    reconstruction, tracking and colour by the clock; only the NumPy twins have finished a part
+    then.
     """
 
     def __init__(self, device: Device | NumpyDevice, problem: Problem) -> None:
@@ -102,9 +106,11 @@ class WholeFrame:
 def sequence_run(
     whole: WholeFrame, frames: int, seconds: float = np.inf, begin: int = 0
 ) -> dict[str, Any]:
-    """One run through the sequence, from its first frame: ms of each, and of its parts (NumPy),
-    mean error, surface voxels. Ends early, after two frames at least, when `seconds` have passed.
-    Frames before number `begin` are reconstructed only, and not told of.
+    """Run once through the sequence, from its first frame. Return ms of each frame, and of its
+    parts (NumPy), mean error, surface voxels.
+
+    Ends early, after at least two frames, when `seconds` have passed. Frames before number `begin`
+    are reconstructed only, and not reported.
     """
     problem = whole.problem
     whole.tracker.start(problem.pose)
@@ -138,11 +144,14 @@ def stream_run(
     coloured: bool = False,
     sightings: Sightings | None = None,
 ) -> dict[str, Any]:
-    """One run through the pictures in `shown` as a stream: ms from one pose to the next, mean
-    error. Each frame is uploaded and reconstructed while the one before is searched for; no cloud
-    is downloaded. `coloured`: from one coloured cloud on the host to the next, each frame uploaded
-    while the one before is computed. `sightings`: keypoints that are looked at, too. Ends early
-    when `seconds` have passed."""
+    """Run once through the images in `shown` as a stream; return ms from one pose to the next, and
+    the mean error.
+
+    Each frame is uploaded and reconstructed during the search of the one before; no cloud is
+    downloaded. `coloured`: measure from one coloured cloud on the host to the next, each frame
+    uploaded while the one before is computed. `sightings`: additional keypoints. Ends early when
+    `seconds` have passed.
+    """
     whole.tracker.start(whole.problem.pose)
     stream = _stream(whole, islice(playing(shown), frames + 1), coloured, sightings)
     poses, clock = [next(stream).pose], [time.perf_counter()]
@@ -171,7 +180,7 @@ def _stream(
 
 
 def stage_times(whole: WholeFrame, frames: int, warm_up: int = 2) -> dict[str, Timing]:
-    """ms per frame of every stage from the events of a profiled device."""
+    """Return the time, ms per frame, of every stage from the events of a profiled device."""
     assert isinstance(whole.device, Device)
     profiler = whole.device.profiler
     assert profiler is not None

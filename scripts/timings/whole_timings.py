@@ -43,17 +43,18 @@ from timings.whole_frame import (
 
 #: Song et al.: frames of a run, and runs.
 FRAMES, REPETITIONS = 200, 3
-#: Frames of a run that is streamed with a cue or without.
+#: Frames of a streamed run with or without a cue.
 _STREAMED = 100
-#: Surface voxels of theirs, about (3.3.3, e).
+#: Number of their surface voxels, approximate (3.3.3, e).
 SONGS_SURFACE = 30_000
 #: Frames of a NumPy run: the twins take seconds for each.
 _NUMPY_FRAMES = 5
 #: Distinct frames of the walk, played there and back.
 _SCENE_FRAMES, _QUICK_SCENE_FRAMES = 40, 6
-#: One thread for what NumPy calls.
+#: Environment that limits the libraries below NumPy to one thread.
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-#: What varies while all else is Song et al.'s; cameras and voxels cost reconstruction and tracking.
+#: Values of the varied settings, all others being Song et al.'s; cameras and voxels cost
+#: reconstruction and tracking.
 _SCALED: dict[str, tuple[Any, ...]] = {
     "shape": ((75, 75, 50), (110, 110, 74), SHAPE, (212, 212, 142), (300, 300, 200)),
     "cameras": (2, 4, 6, 8),
@@ -107,7 +108,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _columns(results: Results, found: list[Place], problem: Problem) -> None:
-    """The columns of Song et al.'s tables; with limited time, shorter runs."""
+    """Measure the columns of Song et al.'s tables; with limited time, shorter runs."""
     frames, repetitions = results.settings["frames"], results.settings["repetitions"]
     ours = (problem, frames["opencl"], repetitions["opencl"])
     for place in found:
@@ -130,7 +131,8 @@ def _numpy_column(results: Results, problem: Problem) -> None:
 def column(
     place: Place, problem: Problem, frames: int, repetitions: int, seconds: float
 ) -> dict[str, Any]:
-    """`repetitions` runs through `frames` frames, each of at most `seconds`, after a warm-up."""
+    """Measure `repetitions` runs through `frames` frames, each of at most `seconds`, after a
+    warm-up."""
     device = place.device()
     whole = WholeFrame(device, problem)
     first = sequence_run(whole, 3)["frames"].samples[0]
@@ -150,14 +152,15 @@ def column(
 
 
 def on_cpu(problem: Problem, frames: int, repetitions: int, seconds: float) -> dict[str, Any]:
-    """`column` on this process's CPU."""
+    """Measure `column` on this process's CPU."""
     return column(cpu_place(), problem, frames, repetitions, seconds)
 
 
 def on_numpy(
     problem: Problem, frames: int, repetitions: int, seconds: float, begin: int
 ) -> dict[str, Any]:
-    """`column` of the NumPy twins, without a warm-up: there is nothing to compile."""
+    """Measure `column` for the NumPy twins, without a warm-up, because there is nothing to
+    compile."""
     cv2.setNumThreads(1)
     whole = WholeFrame(NumpyDevice(), problem)
     runs = [sequence_run(whole, frames, seconds, begin) for _ in range(repetitions)]
@@ -165,7 +168,8 @@ def on_numpy(
 
 
 def roofline(place: Place, problem: Problem, frames: int) -> dict[str, Any]:
-    """Stages by the device's events; bytes, operations, and the device's limits, measured now."""
+    """Measure stages by the device's events; return bytes, operations, and the device's limits,
+    measured now."""
     limits = measured_limits(place)
     whole = WholeFrame(place.device(profile=True), problem)
     stages = stage_times(whole, frames)
@@ -176,7 +180,8 @@ def roofline(place: Place, problem: Problem, frames: int) -> dict[str, Any]:
 
 
 def scaling(place: Place, problem: Problem, what: str) -> list[dict[str, Any]]:
-    """Whole frames (the first left out) while one setting varies: rows of its value and times."""
+    """Measure whole frames (without the first) while one setting varies: rows of its value and
+    times."""
     rows = []
     for value in _SCALED[what]:
         whole = WholeFrame(place.device(), problem.smaller(**{what: value}))
@@ -186,11 +191,11 @@ def scaling(place: Place, problem: Problem, what: str) -> list[dict[str, Any]]:
 
 
 def finer(place: Place, problem: Problem) -> dict[str, Any]:
-    """Whole frames in a grid so fine that the surface has about `SONGS_SURFACE` voxels."""
+    """Measure whole frames in a grid so fine that the surface has about `SONGS_SURFACE` voxels."""
     whole = WholeFrame(place.device(), problem)
     surface = sequence_run(whole, 2)["surface_voxels"]
     shape = problem.shape
-    for _ in range(2):  # the surface grows a little slower than the square of the grid's sides
+    for _ in range(2):  # the surface grows slightly slower than the square of the grid's sides
         factor = (SONGS_SURFACE / surface) ** 0.5
         nx, ny, nz = (round(n * factor) for n in shape)
         shape = nx, ny, nz
@@ -203,7 +208,8 @@ def finer(place: Place, problem: Problem) -> dict[str, Any]:
 
 
 def compilation(place: Place, problem: Problem) -> dict[str, float]:
-    """ms of making everything, first frame included, with empty and with filled compiler caches."""
+    """Measure the whole setup, ms, including the first frame, with empty and with filled compiler
+    caches."""
     with tempfile.TemporaryDirectory() as folder:
         names = ("POCL_CACHE_DIR", "XDG_CACHE_HOME", "CUDA_CACHE_PATH")
         caches = dict.fromkeys(names, folder)

@@ -1,4 +1,4 @@
-"""`apf batch`: the command, the takes it is given, and what a worker does with one."""
+"""`apf batch`: the command, the list of takes, and the processing of a take by a worker."""
 
 import lazy_loader as _lazy
 

@@ -1,4 +1,4 @@
-"""A long take on several workers: its start, its chunks, and their tracks joined to one."""
+"""A long take on several workers: its start, its chunks, and the joining of their tracks."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid, find_volume
 from psfs.voxels.config import ReconstructionConfig
 
-#: Folder in OUT of takes that are being tracked in chunks.
+#: The folder in OUT for takes that are tracked in chunks.
 PARTS = "parts"
-#: The first pose of a take, in its folder there.
+#: The file of a take's first pose, in its folder there.
 START = "start.txt"
 
 
 def course_of(job: TakeJob) -> Workflow:
-    """Return the tasks of a take, one after the other: itself; or, where it is to be cut and long
-    enough, its start, its chunks, and how they are joined."""
+    """Return the tasks of a take in order: the take itself, or, if it is long enough to be cut, its
+    start, its chunks, and the joining of these."""
     if job.part_frames is not None:
         (chunks,) = yield [Task(f"{job.name}/start", cut_take, (job, job.part_frames))]
         if chunks:
@@ -55,14 +55,14 @@ def course_of(job: TakeJob) -> Workflow:
 
 def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[TakeJob, ...]:
     """Find the person in a take and return the jobs of its chunks, which share body, volume and
-    cameras; none of a take too short to be cut."""
+    cameras. Return no jobs if the take is too short to be cut."""
     with log_to(job.log, f"{job.name}: cutting {job.source}"):
         progress.begin("opening")
         args = job.arguments()
         args.folder = str(job.source)
         if args.seeds is not None:
             raise InputError("--seeds and --part-frames; expected one of them")
-        session = _examined(args, select_worker_device(args.device)).session
+        session = _examine(args, select_worker_device(args.device)).session
         frames = selected_frames(args, session.sequence)
         overlap = round(ChunksConfig().overlap * session.rate)
         chunks = cut_chunks(frames, part_frames, overlap)
@@ -84,8 +84,8 @@ def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[Ta
         )
 
 
-def _examined(args: argparse.Namespace, device: Device | NumpyDevice) -> Examination:
-    """Open the footage that the flags name and look for what is wrong with it."""
+def _examine(args: argparse.Namespace, device: Device | NumpyDevice) -> Examination:
+    """Open the footage that the flags name and diagnose it."""
     config = args.configs.get("reconstruction") or ReconstructionConfig()
     settings = SessionSettings(config, args.frames or slice(None), args.voxel_size)
     session = Session(open_sequence(args), device, settings)
@@ -95,8 +95,8 @@ def _examined(args: argparse.Namespace, device: Device | NumpyDevice) -> Examina
 def _shared_words(
     progress: TaskProgress, job: TakeJob, args: argparse.Namespace, session: Session
 ) -> tuple[str, ...]:
-    """Find the person and return the flags that all chunks of the take share; body and first pose
-    are written beside them."""
+    """Find the person and return the flags that all chunks of the take share. The body and first
+    pose are written to files that these flags name."""
     volume, grid, sequence = find_volume(session), automatic_grid(session), session.sequence
     first = session.frames[0]
     given = given_start(sequence.folder, first, args.body, args.init, args.convention)
@@ -119,7 +119,7 @@ def _shared_words(
 
 
 def _chunks_folder(job: TakeJob) -> Path:
-    """Return where the chunks of a take are tracked."""
+    """Return the folder in which the chunks of a take are tracked."""
     return job.out.parent / PARTS / job.name
 
 
@@ -128,8 +128,11 @@ def _frames(frames: range) -> str:
 
 
 def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob]) -> TakeDone:
-    """Write the take out of its chunks. One that does not agree with the chunk before it anywhere
-    is tracked again, from that one's last pose that both have."""
+    """Write the take from its chunks.
+
+    A chunk that agrees with the chunk before it in no common frame is tracked again, from the last
+    pose of that chunk in a common frame.
+    """
     with log_to(job.log, f"{job.name}: joining {len(chunks)} parts"):
         tracks = [Track.open(chunks[0].out)]
         for chunk in chunks[1:]:
@@ -144,7 +147,7 @@ def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob])
 
         def write(args: argparse.Namespace, device: Any) -> Take:
             args.folder = str(job.source)
-            examination = _examined(args, device)
+            examination = _examine(args, device)
             body = load_body(str(chunks[0].out.parent / "body.toml"))
             pose = read_pose(chunks[0].out.parent / START, body)
             sequence = examination.session.sequence
@@ -163,7 +166,8 @@ def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob])
 
 
 def _tracked_on(progress: TaskProgress, chunk: TakeJob, before: Track) -> Track:
-    """A chunk's track from the pose that the chunk before it has in its first frame."""
+    """Track a chunk from the pose that the chunk before it has in its first frame; return the
+    track."""
     first = chunk.arguments().frames.start
     rows = np.flatnonzero(before.frames == first)
     pose = chunk.out.parent / f"{chunk.out.name}.txt"

@@ -25,9 +25,9 @@ from psfs.common.files import resolve_path
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_number
 
-#: Flags of this command that are not track's.
+#: Flags of this command that `apf track` does not have.
 _OWN = ("workers", "scheduler", "part_frames", "to")
-#: Names in OUT that no take has.
+#: Names in OUT that are reserved: no take may have them.
 _TAKEN = (LOGS, PARTS)
 
 
@@ -60,13 +60,13 @@ def _do(args: argparse.Namespace, jobs: list[TakeJob], report: BatchReport) -> N
         with closing(run_workflows(pool, courses)) as outcomes:
             for name, outcome in outcomes:
                 report.add(name, outcome)
-    for job in jobs:  # nobody works on them any more, here or elsewhere
+    for job in jobs:  # no worker processes them any more, here or elsewhere
         clear_partial(job.out, of_all=True)
 
 
 def jobs_of(args: argparse.Namespace) -> list[TakeJob]:
-    """Return a job for each take, by its name. Raises InputError where two have the same, OUT lies
-    in a take or is one, or a take has a flag that `apf track` has not."""
+    """Return a job for each take, by its name. Raises InputError if two takes have the same name,
+    if OUT lies in a take or is one, or if a take has a flag that `apf track` does not have."""
     out, takes = resolve_path(args.output), listed_takes(args.folders)
     found = iter(take_names([take.source for take in takes if take.name is None]))
     words = stated_words(args, without=_OWN)
@@ -85,7 +85,7 @@ def jobs_of(args: argparse.Namespace) -> list[TakeJob]:
             name, take.source, out / name, log, own, args.configs, take.where,
             part_frames=args.part_frames, exports=tuple(args.to),
         )  # fmt: skip
-        jobs[name].arguments()  # raises where a flag is bad
+        jobs[name].arguments()  # raises if a flag is invalid
     return list(jobs.values())
 
 

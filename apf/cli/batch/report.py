@@ -1,4 +1,4 @@
-"""What `apf batch` shows: a line per take under way, all, time left; and the page."""
+"""Progress of `apf batch`: a line per take in work, a bar for all, the time left, and the page."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ _APART = 10.0
 
 
 class BatchReport(AbstractContextManager["BatchReport"]):
-    """Shows the takes `names` in work; OUT/index.html and takes.csv are brought up to date now and
-    then, and in the end, also after an interrupt."""
+    """Shows the progress of the takes `names`. OUT/index.html and takes.csv are updated regularly,
+    and at the end, also after an interrupt."""
 
     def __init__(self, out: Path, names: Sequence[str]) -> None:
         self._out, self._names = out, list(names)
@@ -52,26 +52,26 @@ class BatchReport(AbstractContextManager["BatchReport"]):
         self._write()
         self._show()
 
-    def progress(self, said: Progress) -> None:
-        """Show how far a take is; called by a thread of Dask's client."""
-        take = said.task.split("/")[0]
+    def progress(self, report: Progress) -> None:
+        """Show the progress of a take; called by a thread of Dask's client."""
+        take = report.task.split("/")[0]
         if take in self._done or take in self._failed:
             return
-        if said.task not in self._lines:
-            self._lines[said.task] = self._bar.add_task(said.task, total=None)
-        total = reports_of(said.stage, said.total)
+        if report.task not in self._lines:
+            self._lines[report.task] = self._bar.add_task(report.task, total=None)
+        total = reports_of(report.stage, report.total)
         self._bar.update(
-            self._lines[said.task],
-            description=f"{said.task}: {said.stage}",
-            completed=said.done if total else 0,
+            self._lines[report.task],
+            description=f"{report.task}: {report.stage}",
+            completed=report.done if total else 0,
             total=total,
         )
 
     def add(self, name: str, outcome: Any) -> None:
-        """A take is done, or has failed with an exception."""
+        """Record a take that is done, or that failed with an exception."""
         if isinstance(outcome, TakeDone):
             self._done[name] = outcome
-            text = "finished already" if outcome.kept else _told(outcome)
+            text = "finished already" if outcome.kept else _describe(outcome)
         else:
             text = replace_temporary_names(str(outcome)) or type(outcome).__name__
             self._failed[name] = TakeRow(name, status="failed", error=text)
@@ -83,7 +83,8 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             self._write()
 
     def _described(self) -> str:
-        """How many failed, and the time left, which the bar does not know of takes of minutes."""
+        """Return the number of failed takes, and the time left, which the bar cannot estimate for
+        takes of minutes."""
         words = ["takes"]
         if self._failed:
             words.append(f"{len(self._failed)} failed")
@@ -96,7 +97,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
         return ", ".join(words)
 
     def _remove_lines(self, name: str) -> None:
-        """Remove those of a take and of its parts."""
+        """Remove the lines of a take and of its chunks."""
         for task in [task for task in self._lines if task.split("/")[0] == name]:
             self._bar.remove_task(self._lines.pop(task))
 
@@ -122,7 +123,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             stdout.print(f"{name} failed: {row.error}; log: {log}", soft_wrap=True)
 
 
-def _told(outcome: TakeDone) -> str:
+def _describe(outcome: TakeDone) -> str:
     rows = [TakeRow.from_dict(row) for row in outcome.rows]
     first = rows[0]
     lost = sum(row.lost_frames or 0 for row in rows)

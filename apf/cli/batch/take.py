@@ -1,4 +1,5 @@
-"""One take on a worker: the commands' own code, into a folder that is whole or not there."""
+"""One take on a worker: run the commands' own code, into a folder that is either complete or
+absent."""
 
 from __future__ import annotations
 
@@ -28,9 +29,9 @@ from psfs.common.outputs import MANIFEST, output_folder
 
 @dataclass(frozen=True)
 class TakeJob:
-    """A take to be done. source: its folder. out: where its results go. log: the file for what is
-    said meanwhile. words: the flags of its `apf track`; paths in full. configs: as of --config, by
-    their names. where: what stated the words, for errors. part_frames: of a part, where the take
+    """A take to be tracked. source: its folder. out: folder of its results. log: the file for
+    messages. words: the flags of its `apf track`, with absolute paths. configs: as of --config, by
+    their names. where: source of the words, for errors. part_frames: length of a chunk, if the take
     is to be cut. exports: formats of `apf export`."""
 
     name: str
@@ -44,8 +45,8 @@ class TakeJob:
     exports: tuple[str, ...] = ()
 
     def arguments(self, output: Path | None = None) -> argparse.Namespace:
-        """Return the arguments of `apf track` that make the results in `output`. Raises
-        InputError that says where a bad flag stands."""
+        """Return the arguments of `apf track` that write the results to `output`. Raises InputError
+        that names the place of an invalid flag."""
         parser = program_parser("apf", "", COMMANDS, _TakeParser)
         words = ["track", str(self.source), f"--output={output or self.out}", *self.words]
         try:
@@ -58,14 +59,15 @@ class TakeJob:
         return args
 
     def record(self, known: TakeRecord | None = None) -> TakeRecord:
-        """Return what the results depend on; see `TakeRecord.describe_take`."""
+        """Return the record of the inputs and settings of the results; see
+        `TakeRecord.describe_take`."""
         own = {"part_frames": self.part_frames, "exports": self.exports}
         settings = settings_of(self.arguments()) | own
         return TakeRecord.describe_take(self.source, settings, known)
 
 
 class _Refused(Exception):
-    """What argparse has against the flags of a take."""
+    """Error of argparse about the flags of a take."""
 
 
 class _TakeParser(CommandParser):
@@ -75,8 +77,8 @@ class _TakeParser(CommandParser):
 
 @dataclass(frozen=True)
 class TakeDone:
-    """What became of a take: the rows of its tracks. kept: it was finished already. seconds: that
-    each stage took. core_seconds: of the process's CPU time."""
+    """The result of a take: the rows of its tracks. kept: it was finished by an earlier run.
+    seconds: duration of each stage. core_seconds: CPU time of the process."""
 
     rows: tuple[Mapping[str, Any], ...]
     kept: bool
@@ -85,23 +87,23 @@ class TakeDone:
 
 
 def finished(job: TakeJob) -> TakeDone | None:
-    """Return the take if it was finished with the same contents and settings and all is there. Only
-    files that look changed are read."""
+    """Return the take if it was finished with the same inputs and settings and all its files are
+    there. Only files whose size or time differ are read."""
     before = TakeRecord.read(job.out)
     if before is None or not before.is_complete(job.out):
         return None
     try:
         same = before.is_same_take(job.record(before))
-    except InputError:  # the take says so when it is done
+    except InputError:  # the same error is raised again, and reported, when the take is tracked
         return None
     return TakeDone(before.rows, kept=True) if same else None
 
 
 def do_take(progress: TaskProgress, job: TakeJob) -> TakeDone:
-    """Track a take, unless it is finished: by a worker that died when it had just done it, too.
+    """Track a take, unless it is finished; a worker that died just after it may have finished it.
 
     Raises UserError, and KeyboardInterrupt when the task is to stop; the folder of results is then
-    as it was.
+    unchanged.
     """
     done = finished(job)
     if done is not None:
@@ -116,8 +118,9 @@ def written_take(
     write: Callable[[argparse.Namespace, Device | NumpyDevice], Take],
     **facts: Any,
 ) -> TakeDone:
-    """Return the take that `write(args, device)` wrote into the folder `args.output`, which gets
-    its name when the record and all else that a take has are in it. facts: for `TakeRow`."""
+    """Return the take that `write(args, device)` wrote into the folder `args.output`. The folder
+    gets its final name when the record and all other files of the take are in it. facts: for
+    `TakeRow`."""
     progress.begin("reading")
     wanted = job.record()
     began = time.monotonic()
@@ -142,7 +145,7 @@ def written_take(
 def _written_rows(
     job: TakeJob, args: argparse.Namespace, take: Take, facts: Mapping[str, Any]
 ) -> list[dict[str, Any]]:
-    """The rows of the take's tracks, whose thumbnails are written."""
+    """Return the rows of the take's tracks, and write their thumbnails."""
     rows = []
     for found, folder in zip(take.tracks, _folders(args), strict=True):
         write_thumbnail(folder, take, found)
@@ -152,12 +155,12 @@ def _written_rows(
 
 
 def _folders(args: argparse.Namespace) -> list[Path]:
-    """Where the tracks of a take are."""
+    """Return the folders of the tracks of a take."""
     return seed_folders(args, chosen_seeds(args, chosen_method(args)))
 
 
 def _run(*words: str) -> None:
-    """Run another command of this program, in the words that a user would. Raises UserError."""
+    """Run another command of this program with arguments as on a command line. Raises UserError."""
     parser = program_parser("apf", "", COMMANDS)
     args = with_settings(parser, parser.parse_args(words), words)
     args.run(args)

@@ -1,4 +1,4 @@
-"""The takes of a batch: folders, and TOML lists of folders with settings of their own."""
+"""The takes of a batch: folders, and TOML lists of folders with their own settings."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from psfs.common.toml import read_toml
 
 @dataclass(frozen=True)
 class ListedTake:
-    """A take as it was asked for: its folder, its name if one was stated, its own settings, as
-    words of a command line, and where they stand, for errors."""
+    """A take as requested: its folder, its name if one was given, its own settings as command-line
+    arguments, and their source, for errors."""
 
     source: Path
     name: str | None = None
@@ -31,7 +31,7 @@ def listed_takes(folders: list[str]) -> list[ListedTake]:
         if given.suffix == ".toml" and given.is_file():
             takes += _of_list(given)
         elif given.is_file():
-            warn(f"{given}: no folder; left out")  # `takes/*` finds notes, too
+            warn(f"{given}: no folder; left out")  # `takes/*` also matches files such as notes
         else:
             takes.append(ListedTake(resolve_path(given)))
     if not takes:
@@ -40,8 +40,8 @@ def listed_takes(folders: list[str]) -> list[ListedTake]:
 
 
 def _of_list(path: Path) -> list[ListedTake]:
-    """The takes of a list: [[take]] with folder, perhaps name, and track's flags by their names;
-    those of [defaults] hold for takes that do not state them."""
+    """Return the takes of a list: [[take]] with folder, optional name, and flags of `apf track` by
+    their names; [defaults] hold for takes that do not set them."""
     content = read_toml(path)
     defaults, takes = content.pop("defaults", {}), content.pop("take", None)
     if content or not isinstance(defaults, dict) or not _tables(takes):
@@ -69,8 +69,8 @@ def _flag(name: str) -> str:
 
 
 def _words(settings: Mapping[str, Any], folder: Path, where: str) -> tuple[str, ...]:
-    """`{"height": 1.8}` is `--height=1.8`, `{"all-cameras": true}` is `--all-cameras`; files are
-    looked for in the list's `folder`."""
+    """Convert settings to flags: `{"height": 1.8}` to `--height=1.8`, `{"all-cameras": true}` to
+    `--all-cameras`. Paths are relative to the list's `folder`."""
     words: list[str] = []
     for name, value in settings.items():
         if isinstance(value, list):

@@ -9,7 +9,7 @@ from apf.evaluation.marker_sets import SHIPPED
 from apf.formats.axes import AXES
 from psfs.cli.commandline import path_or_name
 
-#: What may be written.
+#: The files that can be written.
 FILES = {"csv": "errors per frame", "plot": "a picture (PNG)", "json": "all figures"}
 
 

@@ -1,4 +1,4 @@
-"""Flags that several commands of `apf` have."""
+"""Flags shared by several commands of `apf`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TRIANGULATE = "triangulate"
 
 
 def add_start_flags(parser: argparse.ArgumentParser) -> None:
-    """--body, --init, --height, --convention and --voxel-size."""
+    """Add --body, --init, --height, --convention and --voxel-size."""
     group = parser.add_argument_group("start", "who is tracked, and from where")
     group.add_argument(
         "--body",
@@ -42,7 +42,7 @@ def add_start_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def add_keypoint_flags(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Add --keypoints, and return the group that it is in."""
+    """Add --keypoints, and return its group."""
     group = parser.add_argument_group("keypoints", "2-D points of any pose network")
     group.add_argument(
         "--keypoints",

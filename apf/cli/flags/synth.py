@@ -25,7 +25,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def image_size(text: str) -> tuple[int, int]:
-    """`640x480` as (640, 480) (argparse type)."""
+    """Parse `640x480` to (640, 480) (argparse type)."""
     try:
         width, height = (int(part) for part in text.lower().split("x"))
     except ValueError:

@@ -38,7 +38,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def add_output_flag(parser: argparse.ArgumentParser) -> None:
-    """Add -o of one take or of several."""
+    """Add -o for one take or for several."""
     parser.add_argument(
         "-o",
         "--output",
@@ -50,7 +50,7 @@ def add_output_flag(parser: argparse.ArgumentParser) -> None:
 
 
 def add_track_flags(parser: argparse.ArgumentParser) -> None:
-    """Add the takes' folders and all flags that say how each is tracked."""
+    """Add the folders of the takes and all flags of their tracking."""
     add_sequence_flags(parser, several=True)
     add_start_flags(parser)
     add_all_cameras_flag(parser)

@@ -1,4 +1,4 @@
-"""Keypoints of pose networks: how commands take them, how they are made, triangulation."""
+"""Keypoints of pose networks: their flags, their detection, and triangulation."""
 
 import lazy_loader as _lazy
 

@@ -1,4 +1,4 @@
-"""`apf keypoints`: 2-D keypoints of all cameras by a pose network."""
+"""`apf keypoints`: detect 2-D keypoints in all cameras with a pose network."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from psfs.cli.settings import FILE, write_settings
 from psfs.common.outputs import output_folder
 from psfs.sequence import Sequence
 
-#: Cameras that see the person in a smaller share of their frames are warned of.
+#: Least share of a camera's frames with a detected person; below it a warning is logged.
 _SELDOM = 0.8
 
 
@@ -39,8 +39,8 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _found(args: argparse.Namespace, sequence: Sequence) -> dict[str, int]:
-    """Write the keypoints of every camera when it is done, and return in how many of its frames the
-    person was found."""
+    """Write the keypoints of each camera as soon as it is done; return the number of its frames in
+    which the person was found."""
     crop = sequence.empty_scene and not args.no_crop
     job = EstimationJob(Path(args.folder), stated(args), args.device if crop else None)
     bar = progress_bar()

@@ -13,14 +13,17 @@ from psfs.sequence import Sequence
 
 
 def keypoints_of(args: argparse.Namespace, sequence: Sequence) -> Keypoints | None:
-    """Return the keypoints of --keypoints in the cameras and frames of `sequence`, and print what
-    was guessed about them and what looks wrong; None without the flag. Raises InputError."""
+    """Read the keypoints of --keypoints for the cameras and frames of `sequence`; None without the
+    flag.
+
+    Print what was guessed about them, and what looks wrong. Raises InputError.
+    """
     if args.keypoints is None:
         return None
     path = _path(args, sequence.folder)
     if args.cameras is None:
         keypoints = Keypoints.open(path, sequence)
-    else:  # some cameras: which belongs to which may show only with all of them
+    else:  # of some cameras only: the assignment may need all of them
         flags = {name: value for name, value in stated(args).items() if name != "cameras"}
         every = Sequence.open(sequence.folder, **flags)
         keypoints = Keypoints.open(path, every).select_cameras(sequence.rig.names)
@@ -34,7 +37,7 @@ def keypoints_of(args: argparse.Namespace, sequence: Sequence) -> Keypoints | No
 
 
 def _path(args: argparse.Namespace, folder: Path) -> Path:
-    """Return where --keypoints is: as given where there is such a path, else in the sequence's
+    """Return the path of --keypoints: as given if it exists, else relative to the sequence's
     folder."""
     given = Path(args.keypoints)
     if given.is_absolute() or any(Path().glob(str(given))):

@@ -1,4 +1,4 @@
-"""`apf track --method triangulate`: keypoints alone, what others do, to compare with."""
+"""`apf track --method triangulate`: a track from keypoints alone, as a baseline."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from psfs.cli.settings import FILE, refuse_unused, write_settings
 from psfs.common.outputs import output_folder
 from psfs.sequence import Sequence
 
-#: Flags that are of no use without a body.
+#: Flags that have no effect without a body.
 _OF_BODIES = (
     *("init", "convention", "body", "height", "seeds", "voxel_size", "all_cameras", "preset"),
     *(flag for flag in METHOD_FLAGS if flag != "method"),
@@ -33,8 +33,8 @@ RESULTS = ("track.npz", "joints.trc", "joints.csv", "overlay.mp4", FILE)
 
 
 def run_triangulate(args: argparse.Namespace, names: list[str]) -> None:
-    """Triangulate the keypoints of every folder, into OUT, or of several into OUT/NAME; one that
-    fails stops no other. Raises InputError."""
+    """Triangulate the keypoints of every folder: of one into OUT, of several into OUT/NAME. A take
+    that fails does not stop the others. Raises InputError."""
     if args.keypoints is None:
         raise InputError(f"--method {TRIANGULATE} has nothing to triangulate; expected --keypoints")
     refuse_unused(args, _OF_BODIES, f"is of bodies, which --method {TRIANGULATE} does without")
@@ -43,7 +43,7 @@ def run_triangulate(args: argparse.Namespace, names: list[str]) -> None:
         return
     failed: dict[str, UserError] = {}
     with output_folder(args.output, args.parser.prog, map(Path, args.folders)) as outer:
-        outer.begin()  # what one take left here is no result of these
+        outer.begin()  # remove the results of an earlier single take
         for folder, name in zip(args.folders, names, strict=True):
             try:
                 _one(args, folder, args.output / name)
@@ -56,7 +56,7 @@ def run_triangulate(args: argparse.Namespace, names: list[str]) -> None:
 
 
 def config_of(args: argparse.Namespace) -> TriangulatedConfig:
-    """Return what the flags of `add_triangulation_flags` choose. Raises InputError."""
+    """Return the settings that the flags of `add_triangulation_flags` select. Raises InputError."""
     stated = {
         name: getattr(args, name)
         for name in ("low_pass", "longest_gap")
@@ -96,7 +96,7 @@ def _write(args: argparse.Namespace, output: Path, sequence: Sequence, track: Tr
 
 
 def _described(track: Track) -> str:
-    """How well cameras agree, and what is missing."""
+    """Return a line on the agreement of the cameras and on missing points."""
     errors = track.diagnostics["reprojection_error"]
     missing = float(np.isnan(track.joints).any(-1).mean())
     cameras = track.diagnostics["cameras_used"]

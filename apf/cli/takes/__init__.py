@@ -1,1 +1,1 @@
-"""What `apf track` keeps and says of its takes."""
+"""The takes of `apf track`: their jobs, files and messages."""

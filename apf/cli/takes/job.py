@@ -1,4 +1,4 @@
-"""One take of `apf track`: what its flags ask for."""
+"""One take of `apf track`, as requested by the flags."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from apf.tracking.trackers import seeded
 from cl import Device, InputError, NumpyDevice
 from psfs.common.files import resolve_path
 
-#: Runs that --seeds may ask for.
+#: Greatest number of runs for --seeds.
 MOST_SEEDS = 1000
 
 
 @dataclass(frozen=True)
 class TrackJob:
-    """One take of the command: its flags, of which `folder` and `output` are its own, and the
-    settings that they state."""
+    """One take of the command: its flags, with its own `folder` and `output`, and the settings that
+    they set."""
 
     args: argparse.Namespace
     method: Method
@@ -29,7 +29,7 @@ class TrackJob:
 
     @classmethod
     def of(cls, args: argparse.Namespace, device: Device | NumpyDevice, **own: object) -> TrackJob:
-        """Return the job of flags, some of which are the take's `own`. Raises InputError."""
+        """Return the job for these flags; `own` overrides them for this take. Raises InputError."""
         method = chosen_method(args)
         seeds = chosen_seeds(args, method)
         check_start(args)
@@ -49,15 +49,15 @@ class TrackJob:
 
 
 def seed_folders(args: argparse.Namespace, seeds: list[int]) -> list[Path]:
-    """Return where the files of every seed's run go."""
+    """Return the folder of each seed's files."""
     if args.seeds is None:
         return [args.output]
     return [args.output / f"seed{seed}" for seed in seeds]
 
 
 def take_names(folders: list[Path]) -> list[str]:
-    """Return a name for each of the takes: its folder's, with as many of the folders above as
-    distinguish them. Raises InputError if one is given twice."""
+    """Return a name for each of the takes: that of its folder, preceded by as many parent folders
+    as are needed to distinguish the takes. Raises InputError if a folder is given twice."""
     paths = [resolve_path(folder) for folder in folders]
     for path in paths:
         if paths.count(path) > 1:
@@ -70,7 +70,7 @@ def take_names(folders: list[Path]) -> list[str]:
 
 
 def chosen_seeds(args: argparse.Namespace, method: Method) -> list[int]:
-    """Return the seeds of the runs to make. Raises InputError."""
+    """Return the seeds of the runs. Raises InputError."""
     n_runs = 1 if args.seeds is None else args.seeds
     if not 1 <= n_runs <= MOST_SEEDS:
         raise InputError(f"--seeds is {n_runs}; expected 1 to {MOST_SEEDS}")

@@ -1,4 +1,4 @@
-"""Parts of a track on disk while the rest is tracked, should the process be killed."""
+"""Chunks of a track on disk while the rest is tracked, in case the process is killed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from apf.tracking.track import PARTS, Track, part_name
 
 
 class Keeper:
-    """Writes the parts of each seed's track into its folder; see `apf.tracking.take.Keep`."""
+    """Writes the chunks of each seed's track into its folder; see `apf.tracking.take.Keep`."""
 
     def __init__(self, folders: Sequence[Path]) -> None:
         self._folders, self._begun = folders, False
@@ -32,8 +32,8 @@ class Keeper:
 
 
 def remove_parts(folder: Path) -> None:
-    """Remove the parts, once the whole is written."""
+    """Remove the chunks after the whole track is written."""
     for part in folder.glob(PARTS):
         part.unlink()
-    with suppress(OSError):  # there is none
+    with suppress(OSError):  # the folder may not exist
         (folder / PARTS).parent.rmdir()

@@ -1,4 +1,4 @@
-"""A track that is given to a command, with its body; how it is smoothed."""
+"""Read the track that is given to a command, with its body."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cl import InputError
 
 
 def _same(own: BodyModel, other: BodyModel) -> bool:
-    """Are two bodies the same but for the rounding of their files?"""
+    """Return whether two bodies are equal up to the rounding of their files."""
     cones = [posed_cones(body, own.rest_pose[None]) for body in (own, other)]
     joints = [posed_joints(body, own.rest_pose[None]) for body in (own, other)]
     return own.dof_names == other.dof_names and all(
@@ -22,8 +22,8 @@ def _same(own: BodyModel, other: BodyModel) -> bool:
 
 
 def opened_track(args: argparse.Namespace) -> Track:
-    """Return the track at `args.track`, with the body of `--body` where that is given. Raises
-    InputError, also where the track holds no body and needs one."""
+    """Return the track at `args.track`, with the body of `--body` if given. Raises InputError, also
+    if a body is needed and the track holds none."""
     track = Track.open(args.track)
     if not len(track):
         raise InputError(f"{args.track}: holds no tracked frame; expected at least one")

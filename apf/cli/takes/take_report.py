@@ -1,4 +1,5 @@
-"""What `apf track` shows of its takes: a line of the bar for each in work, a table at the end."""
+"""Progress and results of `apf track`: a line of the bar for each take in work, a table at the
+end."""
 
 from __future__ import annotations
 
@@ -17,24 +18,26 @@ from apf.tracking.take import Take
 from apf.tracking.track import Track
 from psfs.cli.commandline import stdout
 
-#: Stages that report after every frame; the others once.
+#: Stages that report after every frame; the others report once.
 _BY_FRAMES = ("tracking", "tracking back", "overlay", "judging")
 
 
 def reports_of(stage: str, n_frames: int) -> int | None:
-    """Return how often a stage of so many frames reports; None where it does not go by frames."""
+    """Return how many times a stage reports for `n_frames` frames; None if it does not report per
+    frame."""
     if stage == "judging":
         return len(choose_rows(n_frames))
     return n_frames if stage in _BY_FRAMES else None
 
 
 def was_interrupted(track: Track, n_frames: int) -> bool:
-    """Did an interrupt end a track of so many frames, perhaps on the way back over all of them?"""
+    """Return whether an interrupt ended a track of `n_frames`, in the forward or in the backward
+    pass."""
     return len(track) < n_frames or track.interrupted
 
 
 class Line(Protocol):
-    """Whom a take tells how far it is: called with the name of the stage in work, see
+    """Receiver of a take's progress: called with the name of the current stage, see
     `track_take`."""
 
     n_frames: int
@@ -42,14 +45,14 @@ class Line(Protocol):
     def __call__(self, stage: str) -> None: ...
 
     def begin(self, stage: str) -> None:
-        """Say that a stage has no frame yet."""
+        """Announce a stage before its first frame."""
 
 
 class TakeLine:
-    """One take's line in `bar`, called with the name of the stage in work: see `track_take`.
+    """The line of one take in `bar`, called with the name of the current stage: see `track_take`.
 
-    name: precedes the stage; empty for the only take, of which nothing is shown before its first
-    frame, for an error must stay a single line. check: called first.
+    name: precedes the stage. It is empty for a single take, for which nothing is shown before its
+    first frame, because an error must stay a single line. check: called first.
     """
 
     def __init__(
@@ -71,25 +74,25 @@ class TakeLine:
             self._done[stage] += 1
 
     def begin(self, stage: str) -> None:
-        """Show that a stage has no frame yet."""
+        """Show a stage before its first frame."""
         self._done[stage] = 0
         self._show(stage)
 
     def _show(self, stage: str) -> None:
-        """Show a stage, which goes on where it was: tracking goes forward and back in turns."""
+        """Show a stage where it left off: forward and backward passes alternate."""
         total, done = reports_of(stage, self.n_frames), self._done[stage]
         described = f"{self._prefix}{stage}"
         self._bar.reset(self._task, total=total, completed=done, description=described)
         self._stage = stage
 
     def close(self) -> None:
-        """Take the line out of the bar."""
+        """Remove the line from the bar."""
         self._bar.remove_task(self._task)
 
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """What is said of one seed's track: its folder, its quality and the names of its files."""
+    """The judgement of one seed's track: its folder, its quality and the names of its files."""
 
     folder: Path
     quality: Quality
@@ -98,7 +101,7 @@ class Judgement:
 
 @dataclass
 class TakeReport:
-    """What became of every take so far; its seeds have a row each."""
+    """The results of all takes so far, with a row for each seed."""
 
     names: list[str]
     rows: dict[str, list[tuple[str, ...]]] = field(default_factory=dict)
@@ -108,8 +111,8 @@ class TakeReport:
     def tracked(
         self, name: str, take: Take, n_frames: int, judgements: list[Judgement], spread: list[str]
     ) -> None:
-        """Of `n_frames` that were to be tracked, judged seed by seed. spread: lines on how the
-        seeds differ."""
+        """Record a take, of which `n_frames` were requested, with a judgement per seed. spread:
+        lines on the differences between seeds."""
         start = "given" if take.start is None else f"{take.start.registration_error:.2f}"
         done = len(take.tracks[0])
         frames = str(done) if done == n_frames else f"{done} of {n_frames}"
@@ -127,17 +130,17 @@ class TakeReport:
         self.spreads[name] = spread
 
     def failed(self, name: str, error: Exception) -> None:
-        """Its input is bad."""
+        """Record a take with invalid input."""
         self.errors[name] = f"{name} failed: {error}"
         self.rows[name] = [("-", "-", "-", "-", "-", "failed")]
 
     def line(self, name: str) -> str:
-        """One take that is done, in a line."""
+        """Return a line on a take that is done."""
         return self.errors.get(name, f"{name}: {self.rows[name][0][0]} frames tracked")
 
     def show(self) -> None:
-        """Print a table of all takes, in the order given, how far the seeds of each differ, and why
-        some failed."""
+        """Print a table of all takes in the order given, the differences between their seeds, and
+        the errors of those that failed."""
         table = Table()
         figures = ("frames", "frames/s", "lost frames", "start's error")
         for heading in ("take", *figures, "looks", "results"):

@@ -1,1 +1,1 @@
-"""Results as a page, figures, and the README's table."""
+"""The report of timings: a page, figures, and the README's table."""

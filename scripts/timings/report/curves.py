@@ -17,7 +17,7 @@ Panel = tuple[str, Any]
 
 
 def _sections(machines: Sequence[Machine], comparison: str, prefix: str) -> list[Panel]:
-    """(title, section) of every machine."""
+    """Return (title, section) for every machine."""
     return [
         (device_title(section["label"], machine), section)
         for machine in machines
@@ -27,7 +27,7 @@ def _sections(machines: Sequence[Machine], comparison: str, prefix: str) -> list
 
 
 def _panels(found: Sequence[Panel], draw: Callable[[Any, Any], None], rows: int = 1) -> Any:
-    """A column of axes for every section, `draw` into each; None without sections."""
+    """Draw every section into its own axes of a column; None without sections."""
     if not found:
         return None
     figure, axes = plt.subplots(
@@ -46,7 +46,7 @@ def _panels(found: Sequence[Panel], draw: Callable[[Any, Any], None], rows: int 
 
 @styled
 def swarm(machines: Sequence[Machine]) -> Any:
-    """Error and frames/s over particles, a line for every number of iterations."""
+    """Plot error and frames/s over particles, with a line for every number of iterations."""
 
     def draw(axes: Any, section: Any) -> None:
         for mark, iterations in zip(_MARKS, sorted({r["iterations"] for r in section["rows"]}),
@@ -67,7 +67,7 @@ def swarm(machines: Sequence[Machine]) -> Any:
 
 @styled
 def shares(machines: Sequence[Machine]) -> Any:
-    """Share of the objective in a frame's search over particles."""
+    """Plot the share of the objective in a frame's search over particles."""
     found: dict[str, list[Any]] = {}
     for title, section in _sections(machines, "methods", "shares "):
         found.setdefault(title, []).append(section)
@@ -86,7 +86,7 @@ def shares(machines: Sequence[Machine]) -> Any:
 
 @styled
 def groups(machines: Sequence[Machine]) -> Any:
-    """Time of an evaluation in every frame by size of the work-groups that count."""
+    """Plot the time of an evaluation in every frame by size of the counting work-groups."""
     found = [
         (f"{device_title(section['label'], machine)}, {what}", section)
         for machine in machines
@@ -106,7 +106,7 @@ def groups(machines: Sequence[Machine]) -> Any:
 
 @styled
 def online(machines: Sequence[Machine]) -> Any:
-    """Error offline and online over particles."""
+    """Plot the error offline and online over particles."""
 
     def draw(axes: Any, section: Any) -> None:
         particles = [row["particles"] for row in section["rows"]]

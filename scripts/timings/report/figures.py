@@ -1,4 +1,4 @@
-"""The figures of the report, made from results' files alone."""
+"""The figures of the report, plotted from results' files alone."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from timings.stages import PARTS, STAGES
 from timings.tables.grid import number
 from timings.tables.whole import columns, is_one_core, median_ms, papers
 
-#: Okabe and Ito's colours, told apart by the colour-blind as well.
+#: Colours of Okabe and Ito, which colour-blind readers can distinguish.
 _KIND = {
     "numpy": "#8A8A8A",
     "one": "#56B4E9",
@@ -44,7 +44,7 @@ _STYLE: dict[Any, Any] = {
 
 
 def write_figure(figure: Any, path: Path) -> None:
-    """As SVG or PNG, without the date, so that the same results make the same file."""
+    """Write SVG or PNG without the date, so that the same results give the same file."""
     metadata = {"Date": None} if path.suffix == ".svg" else {"Software": None}
     with written_whole(path) as temporary:
         figure.savefig(temporary, dpi=130, metadata=metadata, bbox_inches="tight")
@@ -61,7 +61,7 @@ def styled(draw: Callable[..., Any]) -> Callable[..., Any]:
 
 @styled
 def headline(machines: Sequence[Machine]) -> Any:
-    """Whole frames of every column of every machine, and Song's."""
+    """Plot whole frames of every column of every machine, and Song's."""
     rows: list[tuple[str, float, str] | None] = []
     for machine in machines:
         rows.append((machine.title, 0.0, ""))
@@ -106,7 +106,7 @@ def plain_numbers(axis: Any) -> None:
 
 @styled
 def per_frame(machines: Sequence[Machine]) -> Any:
-    """Time of each frame, median over the runs: Song's table 4 as a picture."""
+    """Plot the time of each frame, median over the runs: Song's table 4."""
     figure, all_axes = plt.subplots(
         1, len(machines) + 1, figsize=(4.4 * (len(machines) + 1), 4.2), sharey=True,
         layout="constrained",
@@ -146,7 +146,7 @@ def _runs_line(axes: Any, title: str, runs: Sequence[Any], kind: str) -> None:
 
 @styled
 def stages(machines: Sequence[Machine]) -> Any:
-    """Share of every stage of the device's time; None where no stages were measured."""
+    """Plot the share of every stage in the device's time; None if no stages were measured."""
     rows = [
         (device_title(section["label"], machine), section["stages"])
         for machine in machines
@@ -185,5 +185,5 @@ def stages(machines: Sequence[Machine]) -> Any:
 
 
 def part_ms(found: Any, part: str) -> float:
-    """ms of all stages of a part together."""
+    """Return the time, ms, of all stages of a part together."""
     return float(sum(found[stage].median for stage in PARTS[part] if stage in found))

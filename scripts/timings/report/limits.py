@@ -1,4 +1,4 @@
-"""What limits a frame, and how its time grows: cores, rooflines, settings."""
+"""Limits of a frame's time, and its growth: cores, rooflines, settings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from timings.results import Results
 from timings.stages import STAGES
 from timings.tables.whole import median_ms, papers
 
-#: What the axes of the scaling plots show.
+#: Axes of the scaling plots.
 _SCALED = {
     "shape": "voxels of the grid", "cameras": "cameras", "n_particles": "particles",
     "n_layers": "layers",
@@ -25,7 +25,7 @@ _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 
 
 def core_times(results: Results) -> list[tuple[int, float]]:
-    """(cores, ms per frame) of the CPU's columns."""
+    """Return (cores, ms per frame) of the CPU's columns."""
     found = {
         section["cores"]: median_ms(section)
         for section in (*results.starting("column "), *results.starting("cores "))
@@ -35,7 +35,7 @@ def core_times(results: Results) -> list[tuple[int, float]]:
 
 
 def serial_share(times: Sequence[tuple[int, float]]) -> float:
-    """The s of Amdahl's law T(n) = T(1) (s + (1 - s) / n) that fits best, in [0, 1]."""
+    """Fit the s of Amdahl's law T(n) = T(1) (s + (1 - s) / n), in [0, 1]."""
     cores, ms = np.array(times, float).T
     rest = 1 - 1 / cores
     slower = ms / ms[0] - 1 / cores
@@ -44,7 +44,7 @@ def serial_share(times: Sequence[tuple[int, float]]) -> float:
 
 @styled
 def amdahl(machines: Sequence[Machine]) -> Any:
-    """Speed-up over cores, and Amdahl's law fitted to it."""
+    """Plot the speed-up over cores, and Amdahl's law fitted to it."""
     figure, axes = plt.subplots(figsize=(6.5, 4.4), layout="constrained")
     most = 2
     for machine, colour, mark in zip(machines, _COLOURS, _MARKS, strict=False):
@@ -79,8 +79,8 @@ def amdahl(machines: Sequence[Machine]) -> Any:
 
 @styled
 def roofline(machines: Sequence[Machine]) -> Any:
-    """Every stage's rate of operations over its operations per byte, under the device's limits;
-    None where no stages were measured."""
+    """Plot every stage's rate of operations over its operations per byte, below the device's
+    limits; None if no stages were measured."""
     found = [
         (device_title(section["label"], machine), section)
         for machine in machines
@@ -119,7 +119,8 @@ def roofline(machines: Sequence[Machine]) -> Any:
 
 @styled
 def scaling(machines: Sequence[Machine]) -> Any:
-    """Whole frames over voxels, cameras, particles and layers; None where not measured."""
+    """Plot whole frames over voxels, cameras, particles and layers; None if they were not
+    measured."""
     figure, all_axes = plt.subplots(2, 2, figsize=(10.5, 7.6), layout="constrained")
     lines: dict[str, int] = {}
     for axes, (what, label) in zip(all_axes.flat, _SCALED.items(), strict=True):

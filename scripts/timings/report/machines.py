@@ -1,4 +1,4 @@
-"""The machines whose results are reported: a folder of results' files each."""
+"""The machines in the report, each with a folder of results' files."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from typing import Any
 from cl import InputError
 from timings.results import Results, read_results
 
-#: The comparison that a machine may be measured for alone.
+#: The comparison that may be the only one of a machine.
 BATCH = "batch"
 
 
 @dataclass(frozen=True, eq=False)
 class Machine:
-    """name: of the folder. title: from what the results say of devices. results: by comparison."""
+    """A machine of the report. name: of the folder. title: from the devices in the results.
+    results: by comparison."""
 
     name: str
     title: str
@@ -25,9 +26,9 @@ class Machine:
 
 
 def read_machines(folders: list[Path]) -> list[Machine]:
-    """One of each folder that holds results, but where only takes were counted. Raises InputError
-    if there is none at all, or one without those of `compare_timings.py whole`, which the report is
-    about."""
+    """Read a machine from each folder that holds results other than `batch` alone. Raises
+    InputError if there is none, or one without the results of `compare_timings.py whole`, on which
+    the report is based."""
     machines = []
     for folder in folders:
         results = _results_in(folder)
@@ -39,12 +40,12 @@ def read_machines(folders: list[Path]) -> list[Machine]:
     if not machines:
         shown = ", ".join(str(folder) for folder in folders) or "no folder"
         raise InputError(f"{shown}: no results; expected *.json of compare_timings.py")
-    # The machine with the fewest devices first: pages lead from small to large.
+    # The machine with the fewest devices first: pages proceed from small to large.
     return sorted(machines, key=lambda m: len(_environment(m.results)["devices"]))
 
 
 def read_batches(folders: list[Path]) -> list[Machine]:
-    """One of each folder that holds results of `compare_timings.py batch`."""
+    """Read a machine from each folder that holds results of `compare_timings.py batch`."""
     found = [(folder, _results_in(folder)) for folder in folders]
     return [Machine(path.name, _title(of), of) for path, of in found if BATCH in of]
 
@@ -68,37 +69,37 @@ def _title(results: Mapping[str, Results]) -> str:
 
 
 def short_cpu(name: str) -> str:
-    """A processor's name without what only lawyers need."""
+    """Return a processor's name without trademark signs and the like."""
     for noise in ("(R)", "(TM)", " CPU", " Processor"):
         name = name.replace(noise, "")
     return " ".join(name.split("@")[0].split())
 
 
 def missing(machine: Machine, comparison: str, *prefixes: str, always: bool = True) -> list[str]:
-    """Markdown that names what is not there of the comparison's sections that start so.
+    """Return Markdown that names the missing sections of the comparison whose names begin so.
 
-    always: that there is no such section at all is told, too.
+    always: also report if there is no such section at all.
     """
     results = machine.results.get(comparison)
     if results is None:
         return [f"_Missing: {machine.title}: `compare_timings.py {comparison}` was not run._"]
-    told = []
+    lines = []
     for prefix in prefixes:
         left_out = {k: v for k, v in results.left_out.items() if k.startswith(prefix)}
-        told += [
+        lines += [
             f"_Missing: {machine.title}: {comparison}, {named(name, machine)}: {reason}._"
             for name, reason in left_out.items()
         ]
         if always and not left_out and not results.starting(prefix):
-            told.append(
+            lines.append(
                 f"_Missing: {machine.title}: {comparison}, {prefix.strip()}: not in the results, "
                 "which an older program wrote, or one that was ended._"
             )
-    return told
+    return lines
 
 
 def device_title(label: str, machine: Machine) -> str:
-    """What to call a place in pages: PoCL's names say neither OpenCL nor CPU."""
+    """Return the name of a place for pages: PoCL's names mention neither OpenCL nor CPU."""
     if label.startswith(("pthread", "cpu-")):
         cores = label.rsplit(", ", 1)[-1]
         return f"{short_cpu(_environment(machine.results)['cpu'])}, {cores}"
@@ -106,7 +107,7 @@ def device_title(label: str, machine: Machine) -> str:
 
 
 def named(text: str, machine: Machine) -> str:
-    """`text` with processors by their own names instead of PoCL's."""
+    """Return `text` with processors' own names instead of PoCL's."""
     about = _environment(machine.results)
     for device in about["devices"]:
         if device["kind"] == "cpu":

@@ -54,8 +54,8 @@ summary { cursor: pointer; color: #0072B2; margin: .6rem 0; }
 def write_report(
     machines: Sequence[Machine], folder: Path, batches: Sequence[Machine] = ()
 ) -> None:
-    """report.md, report.html (which holds its figures) and figures/*.svg into `folder`. batches:
-    where takes were counted."""
+    """Write report.md, report.html (which embeds its figures) and figures/*.svg to `folder`.
+    batches: the machines with timed takes."""
     draw: dict[str, Callable[[Sequence[Machine]], Any]] = {
         "headline": figures.headline, "per_frame": figures.per_frame, "stages": figures.stages,
         "amdahl": limits.amdahl, "roofline": limits.roofline, "scaling": limits.scaling,
@@ -76,7 +76,7 @@ def write_report(
 
 
 def html(text: str, folder: Path) -> str:
-    """The Markdown `text` as a page that needs no other file."""
+    """Convert the Markdown `text` to a page that needs no other file."""
     body = MarkdownIt("commonmark", {"html": True}).enable("table").render(text)
 
     def embedded(match: re.Match[str]) -> str:
@@ -95,7 +95,7 @@ def html(text: str, folder: Path) -> str:
 
 
 def page(machines: Sequence[Machine], drawn: Set[str], batches: Sequence[Machine] = ()) -> str:
-    """The report's Markdown, with the figures that were drawn."""
+    """Return the report's Markdown, with the figures that were drawn."""
     parts = [_opening(machines), _machines(machines), _song(machines), _where_time_goes(machines)]
     more = [machine for machine in batches if machine.name not in {m.name for m in machines}]
     parts += [_growth(machines), peers.peers(machines), rymut.tables(machines)]
@@ -141,13 +141,13 @@ python scripts/report_timings.py
 measures what is still missing; what was planned and not measured is named where it would stand."""
 
 
-#: Whom the fastest is compared with, and Song's ratio that says most nearly the same.
+#: The columns that the fastest is compared with, and the most similar ratio in Song et al.
 _COMPARED = {"one": "GPU / CPU", "cpu": "GPU / CPU+TBB (4 cores)", "numpy": None}
 
 
 def headline_sentences(machines: Sequence[Machine]) -> str:
-    """What the fastest machine's whole frame takes: against one core of the same code, against all
-    cores, and against the twin."""
+    """Return sentences on the fastest machine's whole frame: against one core of the same code,
+    against all cores, and against the twin."""
     machine = machines[-1]
     by_kind = {figures.column_kind(column): (title, column)
                for title, column in columns(machine.results["whole"])}  # fmt: skip
@@ -190,7 +190,7 @@ def _machines(machines: Sequence[Machine]) -> str:
 
 
 def _measured(machine: Machine) -> str:
-    """When, and at which commit; with the comparisons' names where they differ."""
+    """Return date and commit of the measurements, with the comparisons' names if they differ."""
     stated: dict[str, list[str]] = {}
     for name, results in machine.results.items():
         stated.setdefault(f"{results.made[:10]}, commit {results.commit}", []).append(name)
@@ -273,7 +273,7 @@ _AMDAHL = """Fitted to the whole frames' times: the share that does not get fast
 
 
 def _numpy_parts(machines: Sequence[Machine]) -> str:
-    """NumPy's three parts beside the devices' of the same machine."""
+    """Return NumPy's three parts beside those of the devices of the same machine."""
     grids = []
     for machine in machines:
         results = machine.results["whole"]
@@ -299,7 +299,7 @@ def _numpy_parts(machines: Sequence[Machine]) -> str:
 
 
 def _waiting(machines: Sequence[Machine]) -> Grid:
-    """Whole frames beside the device's busy time, streaming, making it, and the first frame."""
+    """Return whole frames beside the device's busy time, streaming, setup, and the first frame."""
     rows = []
     for machine in machines:
         results = machine.results["whole"]
@@ -326,7 +326,7 @@ def _waiting(machines: Sequence[Machine]) -> Grid:
 
 
 def _streamed(column: Any) -> float | None:
-    """Median ms of a frame, coloured voxels downloaded."""
+    """Return the median time, ms, of a streamed frame with coloured voxels downloaded."""
     return column["to_cloud"]["frames"].median if "to_cloud" in column else None
 
 
@@ -340,7 +340,7 @@ def _growth(machines: Sequence[Machine]) -> str:
 
 
 def _takes(machines: Sequence[Machine], batches: Sequence[Machine]) -> str:
-    """Takes per minute, machine by machine."""
+    """Return takes per minute, machine by machine."""
     parts = ["## Many takes", _TAKES]
     for machine in batches:
         results = machine.results[BATCH]

@@ -13,7 +13,7 @@ from timings.tables.psfs import compared
 
 
 def peers(machines: Sequence[Machine]) -> str:
-    """The chapters on the two halves alone, as far as they were measured."""
+    """Return the chapters on the two halves alone, as far as they were measured."""
     reconstruction = [
         text
         for machine in machines
@@ -51,7 +51,7 @@ cameras and grid, its dense grid made beforehand; it keeps a voxel where any of 
 _TRACKING = """Hypotheses are poses, scored in all cameras at once. Frames and halves by the clock,
 from pictures or from voxels that are there already; kernels by the device's own events."""
 
-#: Tables with more rows are shown folded.
+#: Tables with more rows are folded.
 _ROWS = 12
 
 
@@ -77,7 +77,7 @@ def _reconstruction(machine: Machine, results: Results) -> Grid:
 
 
 def _growth(machine: Machine, results: Results) -> list[Grid]:
-    """Voxels up to 512^3, and cameras; a table for every device."""
+    """Return a table for every device: voxels up to 512^3, and cameras."""
     grids = []
     for name, rows in results.sections.items():
         if not name.startswith("growth "):

@@ -30,8 +30,8 @@ def update_readme(path: Path, machines: Sequence[Machine]) -> None:
 
 
 def replace_marked(path: Path, name: str, made: str) -> None:
-    """Put `made` between the marks of that name in a file. Raises InputError if they are not
-    there."""
+    """Write `made` between the marks of that name in a file. Raises InputError if they are
+    missing."""
     begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
     text = path.read_text()
     pattern = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
@@ -42,7 +42,7 @@ def replace_marked(path: Path, name: str, made: str) -> None:
 
 
 def headline(machines: Sequence[Machine]) -> str:
-    """Whole frames on every machine beside Song et al.'s."""
+    """Return whole frames on every machine beside Song et al.'s."""
     rows, surfaces = [], []
     for machine in machines:
         results = machine.results["whole"]
@@ -75,5 +75,5 @@ def headline(machines: Sequence[Machine]) -> str:
 
 
 def _frames(column: Any) -> int:
-    """Number of frames behind a column's time."""
+    """Return the number of frames behind a column's time."""
     return sum(len(later(run["frames"])) for run in column["runs"])

@@ -1,4 +1,5 @@
-"""The thesis's tables 6.2 to 6.7 and curves, and Kwolek & Rymut's tables, ours beside them."""
+"""The thesis's tables 6.2 to 6.7 and curves, and Kwolek & Rymut's tables, beside our
+counterparts."""
 
 from __future__ import annotations
 
@@ -22,8 +23,8 @@ counted and scored by OpenGL."""
 
 @dataclass(frozen=True)
 class _Chapter:
-    """A heading; the paper's own table, or a figure of ours; our grids of a machine; whose sections
-    of which comparison they are made of."""
+    """A heading; the paper's own table, or a figure of ours; our grids of a machine; the sections
+    and the comparison that they come from."""
 
     heading: str
     make: Callable[[Machine], Sequence[Grid | None]]
@@ -35,7 +36,7 @@ class _Chapter:
 
 
 def tables(machines: Sequence[Machine]) -> str:
-    """The chapter; what was not measured is named in its places."""
+    """Return the chapter; what was not measured is named in its place."""
     thesis, kwolek = papers()["rymut2016"], papers()["kwolek2016"]
     parts = [
         "## The tables and curves of Rymut's thesis",
@@ -67,7 +68,7 @@ def _written(chapters: Sequence[_Chapter], machines: Sequence[Machine]) -> list[
 def _by_hypotheses(
     make: Callable[[Any, int], Grid],
 ) -> Callable[[Machine], Sequence[Grid | None]]:
-    """A grid for every number of hypotheses of `objective`."""
+    """Return a function that makes a grid for every number of hypotheses of `objective`."""
 
     def grids(machine: Machine) -> list[Grid | None]:
         results = machine.results["objective"]
@@ -88,7 +89,7 @@ def _work_groups(machine: Machine) -> list[Grid | None]:
 
 
 def _one_each(kind: str) -> Callable[[Machine], Sequence[Grid | None]]:
-    """The grid of every section of that kind."""
+    """Return a function that makes the grid of every section of that kind."""
 
     def grids(machine: Machine) -> list[Grid | None]:
         return [
@@ -100,7 +101,7 @@ def _one_each(kind: str) -> Callable[[Machine], Sequence[Grid | None]]:
 
 
 def _theirs(paper: str, name: str) -> Grid:
-    """A paper's own table, as printed."""
+    """Return a paper's own table, as printed."""
     table = papers()[paper]["tables"][name]
     rows = [
         [cell if isinstance(cell, str) else quoted(cell) for cell in row] for row in table["rows"]
@@ -112,7 +113,7 @@ def _theirs(paper: str, name: str) -> Grid:
 
 
 def _sections(machine: Machine, prefix: str) -> list[Any]:
-    """The CPU's section first, then the GPUs'."""
+    """Return the CPU's section first, then the GPUs'."""
     found = machine.results["methods"].starting(prefix)
     return sorted(found, key=lambda section: section["cores"] is None)
 
@@ -120,7 +121,7 @@ def _sections(machine: Machine, prefix: str) -> list[Any]:
 def _times(
     machine: Machine, searches: Sequence[str], particles: Sequence[int], opengl: bool = False
 ) -> Grid | None:
-    """Time of a frame on the CPU and the GPUs, and how many times as fast these are."""
+    """Return the time of a frame on the CPU and the GPUs, and the GPUs' speed-up."""
     sections = [(s, "") for s in _sections(machine, "frames ")]
     if opengl:
         sections += [(s, ", OpenGL") for s in _sections(machine, "opengl frames ")]

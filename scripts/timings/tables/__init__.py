@@ -1,1 +1,1 @@
-"""Results as tables, beside those of the papers."""
+"""Tables of the results, beside those of the papers."""

@@ -15,13 +15,14 @@ _HEADINGS = ("pictures to pose", "reconstruction", "tracking")
 
 
 def print_report(results: Results) -> None:
-    """What was measured, in the order of its interest."""
+    """Print the results, the most interesting first."""
     for grid in tables(results):
         grid.show()
 
 
 def tables(results: Results) -> list[Grid]:
-    """Devices beside each other, growth with each setting, kernels of each device."""
+    """Return tables: devices beside each other, growth with each setting, kernels of each
+    device."""
     devices = [section for name, section in results.sections.items() if name.startswith("device ")]
     growths = [
         _growth(name, section)
@@ -32,7 +33,7 @@ def tables(results: Results) -> list[Grid]:
 
 
 def rate(scored: int, cameras: int, timing: Timing) -> float:
-    """Hypotheses times cameras per second."""
+    """Return hypotheses times cameras per second."""
     return scored * cameras / (1e-3 * timing.median)
 
 

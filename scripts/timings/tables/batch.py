@@ -7,7 +7,7 @@ from typing import Any
 from timings.results import Results
 from timings.tables.grid import Grid, number
 
-#: How takes begin, as the settings of results say; of results that do not, all at once.
+#: The way in which takes begin, as in the settings of results; by default all at once.
 ONE_AFTER_ANOTHER = "one after another"
 
 
@@ -17,13 +17,13 @@ def print_report(results: Results) -> None:
 
 
 def tables_of(results: Results) -> list[Grid]:
-    """What was measured: takes per minute, where a take's time goes, cores that decode."""
+    """Return tables: takes per minute, time of a take by stage, decoding cores."""
     rows = {
         name.removeprefix("workers "): section
         for name, section in results.sections.items()
         if name.startswith("workers ")
     }
-    # From the least to compute on up, in whichever order they were measured.
+    # Ascending by computing power, in whichever order they were measured.
     rows = dict(sorted(rows.items(), key=_size))
     grids = [throughput_table(rows), stages_table(rows)] if rows else []
     if any("core_stages" in row for row in rows.values()):
@@ -39,7 +39,8 @@ def _size(row: tuple[str, Any]) -> tuple[int, int, bool]:
 
 
 def throughput_table(rows: dict[str, Any]) -> Grid:
-    """Efficiency: takes per minute and worker, against the first row's; speed-up: against it."""
+    """Return the efficiency, takes per minute and worker against the first row's, and the speed-up
+    against it."""
     first = next(iter(rows.values()))
     return Grid(
         "Takes per minute",
@@ -58,14 +59,15 @@ def throughput_table(rows: dict[str, Any]) -> Grid:
 
 
 def _units(row: Any, first: Any) -> float:
-    """How many times as much there is to compute on: GPUs; of a CPU always all cores."""
+    """Return the computing power against the first row: number of GPUs; 1 for a CPU, which always
+    uses all cores."""
     return max(1, row["gpus"]) / max(1, first["gpus"])
 
 
 def stages_table(
     rows: dict[str, Any], of: str = "stages", title: str = "Where a take's time goes, s"
 ) -> Grid:
-    """What each row says of every stage, under the key `of`."""
+    """Return a table of each row's stages, under the key `of`."""
     stages = list(dict.fromkeys(stage for row in rows.values() for stage in row.get(of, {})))
     spent = {
         label: [number(row.get(of, {}).get(stage, 0.0)) for stage in stages]
@@ -76,7 +78,7 @@ def stages_table(
 
 
 def decoding_table(decoding: Any, rows: dict[str, Any]) -> Grid:
-    """Cores that decode as many frames per second as the workers tracked."""
+    """Return the number of cores that decode as many frames per second as the workers track."""
     return Grid(
         f"Decoding: {number(decoding['core_ms'])} ms of a core per frame of all cameras",
         ["workers", "cores that decode", "frames/s"],

@@ -12,13 +12,13 @@ from rich.table import Table
 
 from psfs.cli.commandline import stdout
 
-#: Where there is no figure.
+#: Placeholder for a missing figure.
 NONE = "-"
 
 
 @dataclass(frozen=True)
 class Grid:
-    """A table of text. note: what must be known to read it."""
+    """A table of text. note: an explanation below it."""
 
     title: str
     columns: Sequence[str]
@@ -26,7 +26,7 @@ class Grid:
     note: str = ""
 
     def show(self) -> None:
-        """On the terminal; the first column to the left, figures to the right."""
+        """Print it to the terminal; the first column is left-aligned, figures are right-aligned."""
         table = Table(box=box.SIMPLE, collapse_padding=True, pad_edge=False)
         for k, column in enumerate(self.columns):
             justify: Literal["left", "right"] = "right" if self._is_figures(k) else "left"
@@ -44,7 +44,7 @@ class Grid:
             stdout.print(self.note)
 
     def markdown(self) -> str:
-        """With its title in bold above and its note below."""
+        """Return it with its title in bold above and its note below."""
         rule = ["--:" if self._is_figures(k) else "---" for k in range(len(self.columns))]
         lines = ["| " + " | ".join(cells) + " |" for cells in (self.columns, rule, *self.rows)]
         return "\n".join([f"**{self.title}**", "", *lines, *(["", self.note] if self.note else [])])
@@ -55,7 +55,8 @@ class Grid:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """With `digits` significant digits, thousands apart, never as a power of ten; NONE for None."""
+    """Format with `digits` significant digits and thousands separated, never as a power of ten;
+    NONE for None."""
     if value is None:
         return NONE
     if value == 0:
@@ -70,5 +71,5 @@ def ratio(value: float | None) -> str:
 
 
 def quoted(value: float | None) -> str:
-    """A paper's figure with all the digits that the paper gives."""
+    """Format a paper's figure with all the digits that the paper gives."""
     return NONE if value is None else f"{value:,}"

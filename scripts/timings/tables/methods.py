@@ -9,7 +9,7 @@ import numpy as np
 from timings.results import Results
 from timings.tables.grid import Grid, number
 
-#: What the thesis calls them.
+#: Their names in the thesis.
 SEARCHES = {"pso": "PSO", "sir": "PF"}
 
 
@@ -25,7 +25,7 @@ def print_report(results: Results) -> None:
 
 
 def frames_table(section: Any, title: str, settings: Any) -> Grid:
-    """Time and error of whole frames by search and particles."""
+    """Return time and error of whole frames by search and particles."""
     rows = [
         [_search(row, settings), f"{row['particles']:,}", str(row["frames"]),
          number(1e3 / row["frames"].median), number(row["error_mm"])]
@@ -43,7 +43,7 @@ def _search(row: Any, settings: Any) -> str:
 
 
 def shapes_table(section: Any, title: str) -> Grid:
-    """Table 6.5."""
+    """Return table 6.5."""
     rows = [
         [str(row["vertices"]), str(row["particles"]), str(row["frames"]), number(row["error_mm"])]
         for row in section["rows"]
@@ -55,7 +55,7 @@ def shapes_table(section: Any, title: str) -> Grid:
 
 
 def curves_table(section: Any, title: str) -> Grid:
-    """Figures 6.9, 6.10, 6.19 to 6.21: a row for every number of particles."""
+    """Return figures 6.9, 6.10, 6.19 to 6.21 as a table: a row for every number of particles."""
     by_run = {(row["iterations"], row["particles"]): row for row in section["rows"]}
     iterations, particles = (sorted({key[k] for key in by_run}) for k in (0, 1))
     rows = []
@@ -72,7 +72,7 @@ def curves_table(section: Any, title: str) -> Grid:
 
 
 def shares_table(section: Any, title: str) -> Grid:
-    """Figures 6.11 and 6.17."""
+    """Return figures 6.11 and 6.17 as a table."""
     rows = []
     for row in section["rows"]:
         whole, without = row["search"].median, row["without"].median
@@ -87,7 +87,7 @@ def shares_table(section: Any, title: str) -> Grid:
 
 
 def online_table(section: Any, title: str) -> Grid:
-    """Figure 6.23."""
+    """Return figure 6.23 as a table."""
     rows = [
         [str(row["particles"]), str(row["frames"]), number(row["offline_mm"]),
          number(row["online_mm"]), f"{row['share']:.0%}"]
@@ -107,7 +107,7 @@ def online_table(section: Any, title: str) -> Grid:
     )
 
 
-#: Kinds of sections that have a table of their own.
+#: The tables of kinds of sections.
 TABLES = {
     "shapes": shapes_table,
     "curves": curves_table,

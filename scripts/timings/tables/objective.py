@@ -9,7 +9,7 @@ from timings.measure import Timing
 from timings.results import Results
 from timings.tables.grid import Grid, number
 
-#: Rows of the thesis's table; kernels draw and count in one, so that (c) holds both.
+#: Rows of the thesis's table; our kernels render and count in one, so (c) holds both.
 ROWS = {
     "matrices": "a) matrices",
     "upload": "b) transfer to OpenGL",
@@ -56,7 +56,8 @@ def print_report(results: Results) -> None:
 
 
 def columns(results: Results, n: int) -> dict[str, dict[str, float]]:
-    """ms of the parts of one evaluation of `n` hypotheses, by what made it: fewest cores first."""
+    """Return the times, ms, of the parts of one evaluation of `n` hypotheses, by implementation:
+    fewest cores first."""
     found: dict[str, dict[str, float]] = {}
     twin = results.sections.get("numpy")
     if twin is not None:
@@ -80,7 +81,7 @@ def columns(results: Results, n: int) -> dict[str, dict[str, float]]:
 
 
 def table_6_7(results: Results, n: int) -> Grid:
-    """ms of one evaluation of `n` hypotheses; a column for each way to make it."""
+    """Return a table of one evaluation of `n` hypotheses, ms; a column for each implementation."""
     found, views = columns(results, n), results.settings["views"]
     rows = [
         [title, *(number(column.get(part)) for column in found.values())]
@@ -93,7 +94,7 @@ def table_6_7(results: Results, n: int) -> Grid:
 
 
 def kwolek_1(results: Results, n: int) -> Grid:
-    """The same by the rows of Kwolek & Rymut 2016, table 1."""
+    """Return the same by the rows of Kwolek & Rymut 2016, table 1."""
     found = columns(results, n)
     rows = [
         [title, *(number(_sum(column, parts)) for column in found.values())]
@@ -104,7 +105,7 @@ def kwolek_1(results: Results, n: int) -> Grid:
 
 
 def group_sections(results: Results) -> list[tuple[str, Any]]:
-    """What counted the pixels, and its section of fig. 6.16."""
+    """Return the implementations that count the pixels, with their sections of fig. 6.16."""
     return [
         ("OpenGL" if name.startswith("groups of OpenGL") else "OpenCL", section)
         for name, section in results.sections.items()
@@ -113,7 +114,7 @@ def group_sections(results: Results) -> list[tuple[str, Any]]:
 
 
 def groups(section: Any, title: str, settings: Mapping[str, Any]) -> Grid:
-    """Fig. 6.16 as a table: medians over the frames."""
+    """Return fig. 6.16 as a table: medians over the frames."""
     rows = [[row["group"], str(row["frames"])] for row in section["rows"]]
     return Grid(
         f"{title}: one evaluation of {settings['group_hypotheses']} hypotheses by size of the "
@@ -124,7 +125,7 @@ def groups(section: Any, title: str, settings: Mapping[str, Any]) -> Grid:
 
 
 def _of_fewer(results: Results) -> str:
-    """What must be known of columns that were not measured with as many hypotheses."""
+    """Return a note on columns that were measured with fewer hypotheses."""
     names = [name for name in ("numpy", "opengl, NumPy") if name in results.sections]
     if not names:
         return ""

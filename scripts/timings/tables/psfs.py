@@ -1,4 +1,4 @@
-"""Tables of `compare_timings.py psfs`; what was left out is left out here too."""
+"""Tables of `compare_timings.py psfs`, without the sections that were left out."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from timings.stages import STAGES
 from timings.tables.grid import number
 from timings.tables.whole import SPECIFICATION
 
-#: What the comparison with carving alone is about.
+#: The stages that correspond to carving alone.
 SHAPE_STAGES = ("silhouette", "occupancy", "smoothing", "surface")
 #: The modes of the reconstruction.
 MODES = ("dense", "sparse")
-#: What is timed in each mode, and its name there.
+#: The timed quantity of each mode, and its name there.
 _RUNS = {
     "from pictures": "whole",
     "from masks": "masks",
@@ -27,7 +27,7 @@ _RUNS = {
 
 
 def print_report(results: Results) -> None:
-    """What was measured, in the order of its interest."""
+    """Print the results, the most interesting first."""
     devices = results.starting("device ")
     _print_comparison(results)
     for device in devices:
@@ -44,7 +44,7 @@ def print_report(results: Results) -> None:
 
 
 def compared(results: Results) -> list[tuple[str, str, Timing]]:
-    """Everybody's whole frame: the program or its device, what it does, its time."""
+    """Return a whole frame of every program: the program or its device, its output, its time."""
     rows = []
     if "open3d" in results.sections:
         carving = results.sections["open3d"]["carving"]

@@ -14,20 +14,21 @@ from timings.results import Results
 from timings.stages import PARTS, STAGES
 from timings.tables.grid import NONE, Grid, number, quoted, ratio
 
-#: What the NumPy twins are: nobody made them fast.
+#: Description of the NumPy twins: they were not optimised.
 SPECIFICATION = "an unoptimised specification"
 _PAPERS = Path(__file__).with_name("papers.json")
 
 
 @cache
 def papers() -> dict[str, Any]:
-    """The papers' own tables, the only figures here that nobody measured in this project."""
+    """Return the papers' own tables, the only figures here that were not measured in this
+    project."""
     data: dict[str, Any] = json.loads(_PAPERS.read_text())
     return data
 
 
 def columns(results: Results) -> list[tuple[str, Any]]:
-    """(title, section) of what was measured: NumPy, one core, all cores, GPUs."""
+    """Return (title, section) of each measured column: NumPy, one core, all cores, GPUs."""
     order = {"numpy": 0, "cpu": 1, "gpu": 2}
     found = results.starting("column ")
     found.sort(key=lambda column: (order.get(column["kind"], 3), column["cores"] or 0))
@@ -44,17 +45,18 @@ def _title(column: Any) -> str:
 
 
 def is_one_core(column: Any) -> bool:
-    """Whether it is of the OpenCL code on one core."""
+    """Return whether a column is of the OpenCL code on one core."""
     return bool(column["kind"] == "cpu" and column["cores"] == 1)
 
 
 def later(timing: Timing) -> tuple[float, ...]:
-    """ms of the frames but for the first, which is reconstructed twice; of a frame alone, its."""
+    """Return the times, ms, of all frames but the first, which is reconstructed twice; of a single
+    frame, its time."""
     return timing.samples[1:] or timing.samples
 
 
 def median_ms(column: Any) -> float:
-    """Median ms of the frames of all runs, first frames left out."""
+    """Return the median time, ms, of the frames of all runs, without first frames."""
     return float(np.median([ms for run in column["runs"] for ms in later(run["frames"])]))
 
 
@@ -69,7 +71,7 @@ def print_report(results: Results) -> None:
 
 
 def table_2(results: Results, where: str = "Song table 2") -> Grid:
-    """Median time per frame of every run."""
+    """Return the median time per frame of every run."""
     n_runs = results.settings["repetitions"]["opencl"]
     song = papers()["song2012"]["tables"]["2"]
     rows = []
@@ -111,7 +113,7 @@ def table_2(results: Results, where: str = "Song table 2") -> Grid:
     )
 
 
-#: What streamed frames are, as `whole_timings.column` names them, and what they leave out.
+#: Kinds of streamed frames, as `whole_timings.column` names them, and what they leave out.
 STREAMS = {
     "to_pose": "streamed, without colour and download of voxels",
     "to_cloud": "streamed, coloured voxels downloaded",
@@ -119,7 +121,7 @@ STREAMS = {
 
 
 def streams(results: Results) -> list[tuple[str, Any]]:
-    """(title, run) of the programs whose frames were streamed."""
+    """Return (title, run) of the programs whose frames were streamed."""
     found = columns(results)
     return [
         (f"{title}, {what}", column[name])
@@ -130,7 +132,7 @@ def streams(results: Results) -> list[tuple[str, Any]]:
 
 
 def stream_table(results: Results, where: str = "Streamed") -> Grid:
-    """Time from pose to pose where frames follow each other as fast as they can."""
+    """Return the time from pose to pose if frames follow each other as fast as possible."""
     rows = []
     for title, run in streams(results):
         ms = run["frames"]
@@ -146,7 +148,7 @@ def stream_table(results: Results, where: str = "Streamed") -> Grid:
 
 
 def cues_table(results: Results, where: str) -> Grid | None:
-    """Streamed frames with a cue and without; None where there are none."""
+    """Return streamed frames with a cue and without; None if there are none."""
     rows = []
     for section in results.starting("cues "):
         first = _median_of_runs(section["rows"][0])
@@ -172,7 +174,7 @@ def _median_of_runs(row: Any) -> float:
 
 
 def surface_table(results: Results, where: str) -> Grid | None:
-    """Whole frames at Song's number of surface voxels; None where there were none."""
+    """Return whole frames at Song's number of surface voxels; None if there are none."""
     rows = [
         [section["label"], " x ".join(map(str, section["shape"])),
          f"{section['surface_voxels']:,.0f}", str(section["frames"]),
@@ -189,7 +191,7 @@ def surface_table(results: Results, where: str) -> Grid | None:
 
 
 def table_3(results: Results, where: str = "Song table 3") -> Grid:
-    """Who is how many times as fast as whom."""
+    """Return the speed-up of each program over each other."""
     found = columns(results)
     song = {name: final for name, _, final in papers()["song2012"]["tables"]["3"]["rows"]}
     rows = []
@@ -217,7 +219,7 @@ def _songs_ratio(slower: Any, faster: Any, song: dict[str, float]) -> str:
 
 
 def table_4(results: Results, step: int = 1) -> Grid:
-    """Time of each frame: ours of every run, and Song's; every so many frames."""
+    """Return the time of each frame: ours of every run, and Song's; every `step`-th frame."""
     found = columns(results)
     song = papers()["song2012"]["tables"]["4"]
     heads = [f"{title}, {k + 1}" for title, column in found for k in range(len(column["runs"]))]
@@ -236,7 +238,8 @@ def table_4(results: Results, step: int = 1) -> Grid:
 
 
 def stage_table(section: Any) -> Grid:
-    """Stages on one device by its events, beside the least that its limits allow."""
+    """Return the stages on one device by its events, beside the least time that its limits
+    allow."""
     limits, stages = section["limits"], section["stages"]
     total = sum(timing.median for timing in stages.values())
     rows = []
