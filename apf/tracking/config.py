@@ -258,6 +258,7 @@ class SmoothingConfig(Config):
         "the whole track is known",
         "frames",
         least=0,
+        most=1_000_000,
     )
     min_deviation: float = setting(
         0.1,

@@ -14,7 +14,8 @@ def moving_region(frames: np.ndarray, config: TakeConfig) -> np.ndarray:
     with holes filled. A person who moves a little at times is inside the region."""
     smooth = np.stack([cv2.GaussianBlur(frame, (0, 0), 1.0) for frame in frames])
     ordered = np.sort(smooth, axis=0)
-    change = (ordered[-2] - ordered[1]).max(-1).astype(np.float32)  # robust to one outlier
+    outliers = 1 if len(frames) > 3 else 0  # at either end
+    change = (ordered[-1 - outliers] - ordered[outliers]).max(-1).astype(np.float32)
     noise = float(np.median(change))
     moving = (change > max(config.moving, 3 * noise)).astype(np.uint8)
     moving = cv2.morphologyEx(moving, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))

@@ -25,16 +25,18 @@ def run(args: argparse.Namespace) -> None:
 
 def _table(devices: list[DeviceInfo]) -> Table:
     """Return a table of the devices with the results of trying them, the device of `auto` first."""
-    table = Table("name", "kind", "platform", "driver", "works")
-    for heading in ("compute units", "memory GiB", "GB/s", "GFLOP/s"):
-        table.add_column(heading, justify="right")
+    table = Table()
+    table.add_column("name, platform", overflow="fold")
+    for heading in ("kind", "driver", "works"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("units", "GiB", "GB/s", "GFLOP/s"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for info in devices:
         found = info.probe
         assert found is not None
         works = "no" if found.fault else f"yes, as {found.target}" if found.target else "yes"
         speeds = ["", ""] if found.fault else [f"{found.bandwidth:.0f}", f"{found.gflops:.0f}"]
         units, memory = str(info.compute_units), f"{info.memory / 2**30:.1f}"
-        table.add_row(
-            info.name, info.kind, info.platform, info.driver, works, units, memory, *speeds
-        )
+        name = f"{info.name}\n{info.platform}"
+        table.add_row(name, info.kind, info.driver, works, units, memory, *speeds)
     return table

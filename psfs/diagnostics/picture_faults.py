@@ -61,7 +61,9 @@ def picture_faults(
 
 def _unseen(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
     """Find footage without any person, and cameras whose pictures show nothing."""
-    if not any(outline for row in views.outlines for outline in row):
+    blank = list(_blank(sequence, views, config))
+    yield from blank
+    if not blank and not any(outline for row in views.outlines for outline in row):
         yield Fault(
             "nobody",
             (),
@@ -69,7 +71,10 @@ def _unseen(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Ite
             "somebody in view of the cameras",
             serious=False,  # the reconstruction itself stops if no frame shows a person
         )
-        return
+
+
+def _blank(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+    """Find cameras whose pictures are of one brightness."""
     if views.pictures is None:
         return
     for camera, small, picture in zip(sequence.rig, views.rig, views.typical, strict=True):

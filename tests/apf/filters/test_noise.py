@@ -44,8 +44,10 @@ def words_of(text: str) -> np.ndarray:
 
 def kernel(device: Device, name: str) -> Kernel:
     kernels = resources.files("cl") / "kernels"
-    header = "".join((kernels / name).read_text() for name in ("common/pack.h", "common/philox.h"))
-    header = header.replace('#include "common/pack.h"', "")
+    names = ("common/inlined.h", "common/pack.h", "common/philox.h")
+    header = "".join((kernels / file).read_text() for file in names)
+    for file in names:
+        header = header.replace(f'#include "{file}"', "")
     return device.compiled(header + KERNEL, name, "test_noise")
 
 

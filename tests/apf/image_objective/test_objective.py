@@ -191,9 +191,9 @@ def test_the_five_functions_by_hand() -> None:
     [
         ({"kind": "psp"}, "'psp'; expected"),
         ({"kind": "ws", "silhouette_weight": 0.9}, "expected a sum of 1"),
-        ({"edge_weight": -1.0}, "expected numbers from 0"),
+        ({"edge_weight": -1.0}, "expected a number from 0 on"),
         ({"balance": 1.5}, "expected a number from 0 to 1"),
-        ({"vertices_per_part": 6}, "6 vertices per part; expected"),
+        ({"vertices_per_part": 6}, "vertices_per_part is 6; expected"),
     ],
 )
 def test_wrong_settings_are_named(settings: dict[str, Any], message: str) -> None:
