@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-class PlateConfig(Config):
+class BackgroundModelConfig(Config):
     """Settings of the background's estimation from pictures of the empty scene, see
     `psfs.background.gaussian`."""
 
