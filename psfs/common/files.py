@@ -126,15 +126,19 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
         temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
-def write_picture(path: Path, picture: np.ndarray) -> None:
-    """Write a BGR picture in the format of the suffix. Raises InputError if that is unknown."""
+def check_picture_format(path: Path) -> None:
+    """Raise InputError if no picture can be written in the format of the suffix."""
     import cv2  # takes a while to load
 
-    try:
-        done, content = cv2.imencode(path.suffix, picture)
-    except cv2.error:
-        done = False
-    if not done:
+    if not cv2.haveImageWriter(path.name):
         raise InputError(f"{path}: unknown picture format; expected a name such as view.png")
+
+
+def write_picture(path: Path, picture: np.ndarray) -> None:
+    """Write a BGR picture in the format of the suffix. Raises InputError if that is unknown."""
+    import cv2
+
+    check_picture_format(path)
+    _, content = cv2.imencode(path.suffix, picture)
     with written_whole(path) as temporary:
         temporary.write_bytes(content.tobytes())  # its errors say why
