@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +22,17 @@ def quick_preview(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("psfs.cli.view.draw_preview", lambda *_: picture)
 
 
-@pytest.fixture(autouse=True)
-def quick_recovery(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(scope="module", autouse=True)
+def quick_recovery() -> Iterator[None]:
     """The stock's block is nobody, for whom a tracker that is lost searches everywhere in each
     frame; no fault is in that search."""
 
     def nowhere(*_: Any, **__: Any) -> None:
         raise StartError("nobody")
 
-    monkeypatch.setattr("apf.tracking.trackers.find_start", nowhere)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("apf.tracking.trackers.find_start", nowhere)
+        yield
 
 
 @pytest.fixture(scope="session")
