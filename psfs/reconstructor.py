@@ -63,8 +63,8 @@ class Reconstructor:
             self._stages = [self.surface]
         else:
             occupancy = Occupancy(self._bricks)
-            threshold = config.occupancy.threshold
-            self.surface = Surface(device, grid.shape, occupancy.probability, threshold)
+            threshold, closed = config.occupancy.threshold, config.occupancy.closed_surface
+            self.surface = Surface(device, grid.shape, occupancy.probability, threshold, closed)
             self._stages = [occupancy, self.surface]
         self.voxels = Voxels(grid, self.silhouette, self.surface, config.colour)
         self._follower = Follower(device, grid, self.surface.list) if follow else None

@@ -112,7 +112,7 @@ class NumpyReconstructor:
         config, step = self.config.occupancy, self.config.silhouette.evidence.step
         probability = smooth(occupancy(self.rig, self.grid, evidence, step, config))
         occupied = probability > config.threshold
-        surface = surface_voxels(occupied)
+        surface = surface_voxels(occupied, config.closed_surface)
         colours = None
         if frame.images is not None:
             seen = (frame.images, evidence, self.config.colour)

@@ -14,16 +14,18 @@ def smooth(padded: np.ndarray) -> np.ndarray:
     return total / 27
 
 
-def surface_voxels(occupied: np.ndarray) -> np.ndarray:
-    """Return the flat indices (N,) int32, ascending, of occupied voxels with an empty 6-neighbour.
+def surface_voxels(occupied: np.ndarray, closed: bool = False) -> np.ndarray:
+    """Return the flat indices (N,) int32, ascending, of occupied voxels with an empty neighbour,
+    one of 26 if `closed`, else of 6.
 
     Voxels outside the grid count as empty.
     """
     padded = np.pad(occupied, 1)
     inside = occupied.copy()
-    for axis in range(3):
-        for shift in (-1, 1):
-            inside &= np.roll(padded, shift, axis)[1:-1, 1:-1, 1:-1]
+    for shift in np.ndindex(3, 3, 3):
+        offset = np.array(shift) - 1
+        if closed or np.abs(offset).sum() == 1:
+            inside &= np.roll(padded, tuple(offset), (0, 1, 2))[1:-1, 1:-1, 1:-1]
     return np.flatnonzero(occupied & ~inside).astype(np.int32)
 
 

@@ -41,6 +41,7 @@ class Bricks:
         check_size(grid)
         config = config or OccupancyConfig()
         self.device, self.shape, self.evidence = device, grid.shape, evidence
+        self.closed_surface = config.closed_surface
         views, width, height = len(rig), rig.width, rig.height
         columns, rows = -(-width // COARSE_TILE), -(-height // COARSE_TILE)
         fine = -(-width // TILE) * -(-height // TILE)

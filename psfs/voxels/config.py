@@ -36,6 +36,13 @@ class OccupancyConfig(Config):
         least=0,
     )
 
+    closed_surface: bool = setting(
+        True,
+        "Whether voxels with an empty neighbour at an edge or corner belong to the surface, whose "
+        "projection then has no holes; else only those with an empty neighbour at a face do.",
+        "measured with true masks: without them 2 to 4 % of a silhouette are holes",
+    )
+
     def seeing_cameras(self, n_cameras: int) -> int:
         """Return how many of `n_cameras` must see a voxel."""
         from psfs.cameras.rig_geometry import required_cameras

@@ -14,9 +14,12 @@ from psfs.voxels.surface import Surface
 SHAPES = [(1, 1, 1), (1, 7, 3), (17, 1, 33), (40, 23, 31), (9, 64, 65), (5, 6, 16), (4, 3, 32)]
 
 
-def run(device: Device, padded: np.ndarray, threshold: float = 0.5) -> Surface:
+def run(
+    device: Device, padded: np.ndarray, threshold: float = 0.5, closed: bool = False
+) -> Surface:
     shape = tuple(n - 2 for n in padded.shape)
-    surface = Surface(device, shape, device.to_device(padded.astype(np.float32)), threshold)
+    occupancy = device.to_device(padded.astype(np.float32))
+    surface = Surface(device, shape, occupancy, threshold, closed)
     surface()
     return surface
 
@@ -43,6 +46,20 @@ def test_agrees_with_the_twin(device: Device, shape: tuple[int, int, int]) -> No
     np.testing.assert_allclose(
         surface.surface_probability(count), expected.ravel()[surface_voxels(occupied)], atol=1e-6
     )
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_closed_surface_agrees_with_the_twin(
+    device: Device, shape: tuple[int, int, int]
+) -> None:
+    padded = (np.random.default_rng(4).random([n + 2 for n in shape]) < 0.96).astype(float)
+    surface = run(device, padded, threshold=0.9, closed=True)
+    occupied = smooth(padded) > 0.9
+    expected = surface_voxels(occupied, closed=True)
+    count = int(surface.list.count.get()[0])
+    np.testing.assert_array_equal(surface.list.indices.get(count), expected)
+    if min(shape) > 20:  # neither of the two surfaces is the other, nor all that is occupied
+        assert len(surface_voxels(occupied)) < len(expected) < occupied.sum()
 
 
 def test_nothing_occupied(device: Device) -> None:
