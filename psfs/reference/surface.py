@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 
-def smooth(padded: np.ndarray) -> np.ndarray:
-    """Return the mean over 3x3x3 voxels: (nx + 2, ny + 2, nz + 2) -> (nx, ny, nz)."""
+def smooth(padded: np.ndarray, faces: bool = False) -> np.ndarray:
+    """Return the mean over 3x3x3 voxels, or over each and its six neighbours if `faces`: (nx + 2,
+    ny + 2, nz + 2) -> (nx, ny, nz)."""
     nx, ny, nz = (n - 2 for n in padded.shape)
     total = np.zeros((nx, ny, nz))
     for dx, dy, dz in np.ndindex(3, 3, 3):
-        total += padded[dx : dx + nx, dy : dy + ny, dz : dz + nz]
-    return total / 27
+        if not faces or abs(dx - 1) + abs(dy - 1) + abs(dz - 1) <= 1:
+            total += padded[dx : dx + nx, dy : dy + ny, dz : dz + nz]
+    return total / (7 if faces else 27)
 
 
 def surface_voxels(occupied: np.ndarray, closed: bool = False) -> np.ndarray:

@@ -50,6 +50,7 @@ class Bricks:
             **{"WIDTH": width, "HEIGHT": height, "N_CAMERAS": views},
             "MIN_CAMERAS": config.seeing_cameras(views),
             "THRESHOLD": float(config.threshold),
+            "FACES": int(config.smoothing == "faces"),
             "UNKNOWN": UNKNOWN,
             "FIND_LANES": 32 if device.is_gpu else 1,
             "TILE_LANES": 16 if device.is_gpu else 1,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from psfs.common.config import Config, part, setting
 from psfs.silhouettes.config import SilhouetteConfig
@@ -17,8 +17,18 @@ class OccupancyConfig(Config):
     prior: float = setting(
         0.5, "Prior probability P(V = 1) that a voxel is occupied.", "even odds", above=0, below=1
     )
+    smoothing: Literal["faces", "cube"] = setting(
+        "faces",
+        "The voxels whose mean probability is a voxel's: itself and its six neighbours, or a cube "
+        "of 3x3x3, which wears limbs away.",
+        "by true masks: of the hulls' volume the cube at 0.6 lacked 11 %, the faces lack 8 %",
+    )
     threshold: float = setting(
-        0.6, "Smoothed probability above which a voxel is occupied.", "by hand", above=0, below=1
+        0.65,
+        "Smoothed probability above which a voxel is occupied.",
+        "tuned on synthetic people with true masks",
+        above=0,
+        below=1,
     )
     min_cameras: int | None = setting(
         None,

@@ -8,6 +8,7 @@ import numpy as np
 
 from cl import Array, Device, InputError, Kernel, Launch
 from cl.workgroups import row_group
+from psfs.voxels.config import OccupancyConfig
 
 #: Number of voxels for which the list always has room; for larger grids it has room for one voxel
 #: in sixteen, if that is more.
@@ -37,7 +38,7 @@ class SurfaceList:
         self.occupied = device.zeros(1, np.int32, "the number of occupied voxels")
         self._found = device.zeros(1, np.int32, "the number of surface voxels")
         lanes = 128 if device.is_gpu else 1
-        defines = {"NX": nx, "NY": ny, "NZ": nz, "LANES": lanes, "CLOSED": int(closed)}
+        defines = {"NX": nx, "NY": ny, "NZ": nz, "LANES": lanes, "CLOSED": int(closed), "FACES": 0}
         defines["CAPACITY"] = self.capacity
         starts = device.empty(nx * ny, np.int32, "the rows of the grid")
         totals = device.empty((nx, 2), np.int32, "the slabs of the grid")
@@ -84,8 +85,8 @@ class SurfaceList:
 class Surface:
     """Computation of smoothed probability and surface voxels from the occupancy of the padded grid.
 
-    probability: (nx, ny, nz) float32, the mean over 3x3x3 voxels. list: the surface of the voxels
-    above the threshold; closed: see `SurfaceList`.
+    probability: (nx, ny, nz) float32, smoothed. list: the surface of the voxels above the
+    threshold.
     """
 
     def __init__(
@@ -93,17 +94,18 @@ class Surface:
         device: Device,
         shape: tuple[int, int, int],
         padded: Array,
-        threshold: float,
-        closed: bool = False,
+        config: OccupancyConfig | None = None,
     ) -> None:
+        config = config or OccupancyConfig()
         nx, ny, nz = shape
         size, words = nx * ny * nz, -(-nz // 16)
         self._device = device
         self.probability = device.empty(shape, np.float32, f"a grid of {size:,} voxels")
         bits = device.empty((nx, ny, words), np.uint16, f"a grid of {size:,} voxels")
-        self.list = SurfaceList(device, shape, bits, closed)
-        defines = {"NX": nx, "NY": ny, "NZ": nz, "THRESHOLD": float(threshold)}
+        self.list = SurfaceList(device, shape, bits, config.closed_surface)
+        defines = {"NX": nx, "NY": ny, "NZ": nz, "THRESHOLD": float(config.threshold)}
         defines |= {"LANES": 1, "CAPACITY": self.list.capacity, "CLOSED": 0}
+        defines["FACES"] = int(config.smoothing == "faces")
         row, word = row_group(device, nz), (64,)
         smooth, threshold_, self._gather = (
             device.kernel("reconstruction/surface", name, **defines)

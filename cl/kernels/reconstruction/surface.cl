@@ -1,4 +1,4 @@
-// From occupancy to surface voxels: 3x3x3 smoothing, threshold, removal of the inside, stream
+// From occupancy to surface voxels: smoothing, threshold, removal of the inside, stream
 // compaction in ascending order. Twin: psfs/reference/surface.py. Defines: NX NY NZ of the grid
 // (without padding), THRESHOLD, LANES, CAPACITY of the list, CLOSED (0 or 1).
 // Occupied voxels are bits: WORDS ushorts per row along z, voxel z is bit z % 16 of word z / 16.
@@ -6,6 +6,7 @@
     !defined(NZ) || !defined(THRESHOLD)
 #error "reconstruction/surface.cl needs CAPACITY, CLOSED, LANES, NX, NY, NZ and THRESHOLD"
 #endif
+#include "reconstruction/smoothing.h"
 #define WORDS ((NZ + 15) / 16)
 // A group of one item needs no barrier.
 #if LANES > 1
@@ -14,20 +15,13 @@
 #define SYNC
 #endif
 
-// Mean over the 27 voxels around (x, y, z); `padded` has one more layer on every side.
+// Smoothed occupancy; `padded` has one more layer on every side.
 __kernel void smooth(__global const float *restrict padded, __global float *restrict probability)
 {
     const int z = get_global_id(0), y = get_global_id(1), x = get_global_id(2);
     if (z >= NZ || y >= NY || x >= NX) return;
-    float sum = 0.0f;
-#pragma unroll
-    for (int dx = 0; dx < 3; ++dx)
-#pragma unroll
-        for (int dy = 0; dy < 3; ++dy) {
-            const int at = ((x + dx) * (NY + 2) + y + dy) * (NZ + 2) + z;
-            sum += padded[at] + padded[at + 1] + padded[at + 2];
-        }
-    probability[(x * NY + y) * NZ + z] = sum * (1.0f / 27.0f);
+    __global const float *p = padded + ((x + 1) * (NY + 2) + y + 1) * (NZ + 2) + z + 1;
+    probability[(x * NY + y) * NZ + z] = SMOOTHED(p, (NY + 2) * (NZ + 2), NZ + 2);
 }
 
 // Bits of the occupied voxels, one item per word.
