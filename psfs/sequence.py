@@ -9,15 +9,15 @@ from collections.abc import Sequence as Items
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from cl import InputError
+from psfs.background.brightness import find_bright
 from psfs.background.chroma_key import key_from_media
 from psfs.background.gaussian import Background, background_from_plates
 from psfs.background.mixture import Mixture
@@ -338,7 +338,7 @@ class Sequence:
         if self.background_kind == "masks":
             masks = [picture.max(axis=-1) for picture in pictures[-len(self.rig) :]]
         elif self.background_kind == "threshold":
-            masks = pool.map(self._thresholded, seen)
+            masks = pool.map(partial(find_bright, settings=self.settings), seen)
         elif self.background_kind in MIXTURES:
             masks = pool.map(mixture or self._mixture, range(len(seen)), seen)
         if images is not None:
@@ -370,22 +370,6 @@ class Sequence:
                 f"{self._views[error.number].where}: frame {index} was not decoded within "
                 f"{TIMEOUT_S:g} s; expected a file that can be read"
             ) from None
-
-    def _thresholded(self, image: np.ndarray) -> np.ndarray:
-        """Return the mask (h, w) uint8 of pixels brighter than the threshold, closed with a square
-        (dilated, then eroded)."""
-        assert self.settings.threshold is not None
-        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        mask: np.ndarray = np.where(
-            grey > self.settings.threshold * 255, np.uint8(255), np.uint8(0)
-        )
-        for radius, operation in (
-            (self.settings.dilate, cv2.dilate),
-            (self.settings.erode, cv2.erode),
-        ):
-            if radius:
-                mask = operation(mask, np.ones((2 * radius + 1, 2 * radius + 1), np.uint8))
-        return mask
 
 
 def _pad(pictures: list[np.ndarray], into: np.ndarray) -> np.ndarray:

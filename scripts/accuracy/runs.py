@@ -19,9 +19,9 @@ from accuracy.recordings import Recording, Replay
 from accuracy.settings import Setting
 from apf.backend import shares_launches
 from apf.evaluation.evaluate import evaluate
-from apf.filters.config import likelihood_weights
 from apf.filters.method import Method
 from apf.filters.objectives import OBJECTIVES
+from apf.filters.term_weights import likelihood_weights
 from apf.formats.trc import JointSeries
 from apf.scene import Scene
 from apf.tracking.pipeline import track_of, track_voxels

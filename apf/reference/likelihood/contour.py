@@ -91,15 +91,16 @@ def contour_means(
     """
     corners = project_outlines(camera, cones)
     sums, counts = np.zeros(len(cones)), np.zeros(len(cones))
-    for (number, t, _, _), part in zip(rows, row_parts, strict=True):
+    for row, part in zip(rows, row_parts, strict=True):
         if part < 0:
             continue
+        number, t, _, _ = row
         quad = corners[:, int(number)]
         for near, far in ((0, 3), (1, 2)):
             line = quad[:, far] - quad[:, near]
             pixels = quad[:, near] + t * line
             y, x, seen = looked_up(camera, pixels)
-            hidden = hidden_by_trunk(camera, body, cones, corners, int(number), t, pixels[:, None])
+            hidden = hidden_by_trunk(camera, body, cones, corners, row, pixels[:, None])
             seen &= ~hidden[:, 0]
             sums += np.where(seen, contours[_normals(line), y, x].astype(float), 0)
             counts += seen

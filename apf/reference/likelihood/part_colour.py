@@ -3,6 +3,8 @@ part_colour.cl and the term in likelihood.cl."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from apf.body.cones import project_outlines
@@ -98,14 +100,13 @@ def hidden_by_trunk(
     body: BodyModel,
     cones: np.ndarray,
     corners: np.ndarray,
-    cone: int,
-    share: float,
+    row: np.ndarray,
     pixels: np.ndarray,
 ) -> np.ndarray:
-    """Return (N, K) whether the trunk hides samples at pixels (N, K, 2), that lie at this share of
-    a cone's length: they do in the outline of its cone, where that point lies further from the
-    camera than the trunk's middle. cones (N, C, 16), corners (N, C, 4, 2): their outlines."""
-    trunk = trunk_cone(body)
+    """Return (N, K) whether the trunk hides samples at pixels (N, K, 2), that lie in a row (4,) of
+    a cone: they do in the outline of its cone, where the row lies further from the camera than the
+    trunk's middle. cones (N, C, 16), corners (N, C, 4, 2): their outlines."""
+    trunk, cone, share = trunk_cone(body), int(row[0]), row[1]
     if trunk < 0:
         return np.zeros(pixels.shape[:2], bool)
     own = cones[:, cone, 0:3] + share * (cones[:, cone, 4:7] - cones[:, cone, 0:3])
@@ -114,28 +115,34 @@ def hidden_by_trunk(
     return further[:, None] & in_outline(corners[:, trunk, None], pixels)
 
 
+class Look(NamedTuple):
+    """The learned colours: ratios (P, N_CODES) int8, see `ratios_of`, the parts (R,) whose rows
+    they judge, -1 for rows that count nothing, and the rows (R, 4), see `sample_rows`."""
+
+    ratios: np.ndarray
+    row_parts: np.ndarray
+    rows: np.ndarray
+
+
 def colour_means(
     camera: Camera,
     body: BodyModel,
     cones: np.ndarray,
     codes: np.ndarray,
-    ratios: np.ndarray,
-    row_parts: np.ndarray,
-    rows: np.ndarray,
+    look: Look,
 ) -> np.ndarray:
-    """Return (N,) the mean of what `ratios` say, as shares of the bound, of the codes (H, W) that a
-    camera sees in the rows (R, 4) of cones (N, C, 16); 0 where it sees none.
+    """Return (N,) the mean of what the ratios of `look` say, as shares of the bound, of the codes
+    (H, W) that a camera sees in the rows of cones (N, C, 16); 0 where it sees none.
 
-    Rows of parts (R,) -1 count nothing; nor do samples in the outline of the trunk's cone whose
-    row lies further from the camera than the trunk's middle.
+    Samples that the trunk hides count nothing.
     """
     corners = project_outlines(camera, cones)
     sums, counts = np.zeros(len(cones)), np.zeros(len(cones))
-    for (number, t, n_columns, _), part in zip(rows, row_parts, strict=True):
+    for row, part in zip(look.rows, look.row_parts, strict=True):
         if part < 0:
             continue
-        c = int(number)
-        quad = corners[:, c, :, None]
+        number, t, n_columns, _ = row
+        quad = corners[:, int(number), :, None]
         left, right = (
             quad[:, 0] + t * (quad[:, 3] - quad[:, 0]),
             quad[:, 1] + t * (quad[:, 2] - quad[:, 1]),
@@ -143,8 +150,8 @@ def colour_means(
         u = ((np.arange(int(n_columns)) + 0.5) / n_columns)[:, None]
         pixels = left + u * (right - left)  # (N, columns, 2)
         code = _codes_at(camera, codes, pixels)
-        seen = (code >= 0) & ~hidden_by_trunk(camera, body, cones, corners, c, t, pixels)
-        sums += np.where(seen, ratios[part][np.maximum(code, 0)].astype(float), 0).sum(1)
+        seen = (code >= 0) & ~hidden_by_trunk(camera, body, cones, corners, row, pixels)
+        sums += np.where(seen, look.ratios[part][np.maximum(code, 0)].astype(float), 0).sum(1)
         counts += seen.sum(1)
     means: np.ndarray = sums / (RATIO_STEPS * np.maximum(counts, 1))
     return means
@@ -184,5 +191,5 @@ class NumpyPartColours(TermTwin):
         if self.codes is None:
             return None
         camera, body, codes = self._scene.rig[view], self._scene.body, self.codes[view]
-        look = self.ratios, self._row_parts, self._rows
-        return -self._settings.weight * colour_means(camera, body, cones, codes, *look)
+        look = Look(self.ratios, self._row_parts, self._rows)
+        return -self._settings.weight * colour_means(camera, body, cones, codes, look)

@@ -31,7 +31,7 @@ from apf.likelihood.part_colour import (
 )
 from apf.likelihood.voxel import VoxelLikelihood, cone_sampling, sample_rows
 from apf.reference.image_objective.render import draw_hypotheses
-from apf.reference.likelihood.part_colour import colour_means, counted, encoded, ratios_of
+from apf.reference.likelihood.part_colour import Look, colour_means, counted, encoded, ratios_of
 from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
@@ -59,10 +59,10 @@ def painted(rig: CameraRig, pose: np.ndarray, arms: int) -> np.ndarray:
 def means(poses: np.ndarray, codes: np.ndarray, ratios: np.ndarray) -> np.ndarray:
     """The term's means (N,) over the cameras."""
     rows = sample_rows(cone_sampling(SONG, 0.06))
-    look = ratios, scored_parts(SONG, rows), rows
+    look = Look(ratios, scored_parts(SONG, rows), rows)
     cones = posed_cones(SONG, poses)
     views = zip(RIG, codes, strict=True)
-    return np.mean([colour_means(camera, SONG, cones, view, *look) for camera, view in views], 0)
+    return np.mean([colour_means(camera, SONG, cones, view, look) for camera, view in views], 0)
 
 
 @pytest.mark.parametrize("arms", [SKIN, SHIRT])
@@ -184,9 +184,9 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, kind: str) -> No
             ratios = colours.ratios.get()[0]
         else:
             assert not colours.ratios.get().any()
-        look = ratios, scored_parts(body, rows), rows
+        look = Look(ratios, scored_parts(body, rows), rows)
         views = zip(rig, codes, strict=True)
-        expected = np.mean([colour_means(c, body, cones, v, *look) for c, v in views], 0)
+        expected = np.mean([colour_means(c, body, cones, v, look) for c, v in views], 0)
         # What the launches know is set where a frame is observed.
         setup.on_device.set(setup.poses)
         launches = likelihood.launcher(setup.on_device)
