@@ -24,7 +24,7 @@ TO_DO = {
     "apf/initialisation/config.py",
     "cl/launch.py",
     "cl/probe.py",
-    "psfs/background/config.py",
+    "psfs/background/estimation_config.py",
     "psfs/background/gaussian.py",
     "psfs/background/take.py",
     "psfs/cli/sequence_flags.py",
