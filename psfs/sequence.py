@@ -19,9 +19,9 @@ import numpy as np
 from cl import InputError
 from psfs.background.brightness import find_bright
 from psfs.background.chroma_key import key_from_media
-from psfs.background.gaussian import Background, background_from_plates
+from psfs.background.gaussian import Background, estimate_background
 from psfs.background.mixture import Mixture
-from psfs.background.take import background_from_take
+from psfs.background.take import estimate_background_from_take
 from psfs.cameras.calibration.handedness import LEFT_HANDED, MIRROR
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up
@@ -175,7 +175,7 @@ class Sequence:
         depth = max(1, min(_QUEUE_FRAMES, _QUEUE_BYTES // nbytes))
         return prefetch(self._decoded(indices), depth)
 
-    def frames_at(self, indices: Items[int]) -> Iterator[Frame]:
+    def select_frames(self, indices: Items[int]) -> Iterator[Frame]:
         """Yield the frames of these numbers, decoded ahead of the caller if they are evenly spaced.
         Raises InputError as `frames` does."""
         steps = {second - first for first, second in pairwise(indices)}
@@ -219,10 +219,10 @@ class Sequence:
         """The empty scene, or None if frames come with masks. It is estimated on first use."""
         if self.background_kind == "gaussian":
             assert self.footage.background is not None
-            return background_from_plates(self.rig, self.footage.background)
+            return estimate_background(self.rig, self.footage.background)
         if self.background_kind == "frames":
             assert self.footage.images is not None
-            return background_from_take(self.rig, self.footage.images)
+            return estimate_background_from_take(self.rig, self.footage.images)
         if self.background_kind == "chroma":
             empty = self.footage.background
             assert self.footage.images is not None

@@ -199,7 +199,7 @@ class Session:
             yield from map(self._carved.get, indices)
             return
         reconstruct = self.reconstructor(grid)
-        for frame in self.sequence.frames_at(indices):
+        for frame in self.sequence.select_frames(indices):
             voxels = reconstruct(frame)
             evidence, cloud = reconstruct.evidence(), voxels.cloud(colour=frame.images is not None)
             yield CarvedFrame(frame.index, evidence > 0, evidence != UNKNOWN, cloud)
@@ -231,7 +231,7 @@ class _CarvedFrames:
     def holds(self, grid: VoxelGrid, indices: Items[int]) -> bool:
         """Return whether all frames of `indices` are kept, carved in `grid`."""
         frames = self._frames
-        return all(i in frames and frames[i][-1].grid.same_as(grid) for i in indices)
+        return all(i in frames and frames[i][-1].grid.equals(grid) for i in indices)
 
     def get(self, index: int) -> CarvedFrame:
         shown, known, cloud = self._frames[index]

@@ -28,12 +28,12 @@ from pathlib import Path
 from typing import Any
 
 from accuracy.ablation import ABLATIONS
-from accuracy.processes import do_jobs, workers_of
+from accuracy.processes import do_jobs, start_workers
 from accuracy.published import publish_suite
 from accuracy.recordings import Recording, record
 from accuracy.report import grids, headline, joints, plot, write_summary, write_tables
 from accuracy.runs import Results, run, together
-from accuracy.settings import DEFAULT_TABLES, DIMENSIONS, WITNESSES, Setting, Table
+from accuracy.settings import DEFAULT_TABLES, DIMENSIONS, OBSERVATIONS, Setting, Table
 from accuracy.suite import (
     STARTS,
     Job,
@@ -151,7 +151,7 @@ def _add_suite_flags(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--by",
         nargs="+",
-        choices=WITNESSES,
+        choices=OBSERVATIONS,
         default=["voxels"],
         help="what is looked at, side by side: keypoints triangulated, voxels, keypoints in their "
         "place, both; those of keypoints where a sequence has some (voxels)",
@@ -249,7 +249,7 @@ def _run_suite(args: argparse.Namespace, device: Device) -> None:
         with ExitStack() as stack:
             client = None
             if jobs and (args.processes > 1 or args.scheduler is not None):
-                workers = workers_of(args.out, args.device, args.processes, args.scheduler)
+                workers = start_workers(args.out, args.device, args.processes, args.scheduler)
                 client = stack.enter_context(workers)
             bar = stack.enter_context(progress_bar())
             task = bar.add_task("suite", total=len(jobs))

@@ -11,7 +11,7 @@ from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.live.config import CaptureConfig
 from apf.live.sources import Cameras
-from psfs.background.gaussian import Background, background_from_plates
+from psfs.background.gaussian import Background, estimate_background
 from psfs.cameras.calibration import read_calibration
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import rotate_rig, rotation_to_z_up
@@ -59,4 +59,4 @@ def _background(rig: CameraRig, backgrounds: Path | None, settings: Settings) ->
     if backgrounds is None or not backgrounds.is_dir():
         return None
     media, _ = assign_pictures(rig, list_media(backgrounds), backgrounds, settings, extras=True)
-    return background_from_plates(choose_cameras(rig, settings), media)
+    return estimate_background(choose_cameras(rig, settings), media)

@@ -7,7 +7,7 @@ from typing import ClassVar
 from psfs.common.config import Config, setting
 
 
-class PlateConfig(Config):
+class BackgroundModelConfig(Config):
     """Settings of the background's estimation from pictures of the empty scene, see
     `psfs.background.gaussian`."""
 

@@ -146,7 +146,7 @@ class _Fit:
 
     def _planes(self, view: int, correction: np.ndarray, other: int) -> np.ndarray:
         camera = corrected(self.rig[view], correction)
-        return self._tangency.planes_of(view, camera, other).ravel()
+        return self._tangency.measure_planes(view, camera, other).ravel()
 
     def linearised(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return residuals (M,) m of corrections x (V, 4), and their derivatives (M, 4 V)."""

@@ -12,16 +12,16 @@ from psfs.cameras.names import listed
 from psfs.cameras.units import metres_per_unit
 from psfs.diagnostics.arrangement import (
     Way,
-    convention,
-    exchanged,
-    flipped,
-    lateness,
-    refined,
-    turned_by,
+    find_convention,
+    find_flipped_cameras,
+    find_swapped_cameras,
+    measure_lags,
+    measure_turn,
+    refine_lags,
 )
 from psfs.diagnostics.config import FaultConfig
 from psfs.diagnostics.picture_faults import Fault, picture_faults
-from psfs.diagnostics.rig_faults import odd_cameras
+from psfs.diagnostics.rig_faults import find_rig_faults
 from psfs.diagnostics.small_views import SmallViews, small_views
 from psfs.diagnostics.tangency import CAP, Tangency
 from psfs.sequence import Sequence
@@ -86,7 +86,7 @@ def diagnose(session: Session) -> Diagnosis:
 def _diagnosed(sequence: Sequence, device: Device | NumpyDevice) -> Diagnosis:
     config = FaultConfig()
     views = small_views(sequence, device, config)
-    unusable = odd_cameras(sequence.rig)
+    unusable = find_rig_faults(sequence.rig)
     faults = [*_alone(sequence), *unusable, *picture_faults(sequence, views)]
     tangency = Tangency(views.rig, views.outlines)
     compared = tangency.compared()
@@ -133,17 +133,17 @@ def _arranged(
 ) -> list[Fault]:
     """Return the fault between the cameras: the first explanation that fits."""
     names = sequence.rig.names
-    order = exchanged(tangency, config)
-    flip = flipped(tangency, config)
+    order = find_swapped_cameras(tangency, config)
+    flip = find_flipped_cameras(tangency, config)
     if flip and flip[2] < tangency.compared(order).cost:
         return [_flipped(names, *flip[:2])]
     if order != list(range(len(order))):
         return [_exchange(names, order)]
     most = min(round(config.longest_lag * sequence.fps), len(views.frames) // 3)
-    shifts = lateness(tangency, most, config)
+    shifts = measure_lags(tangency, most, config)
     if any(shifts) and views.rig.width < sequence.rig.width:
         large = small_views(sequence, device, config.replace(longest_side=_LARGER))
-        shifts = refined(Tangency(large.rig, large.outlines), shifts)
+        shifts = refine_lags(Tangency(large.rig, large.outlines), shifts)
     late = [_late(sequence, name, by) for name, by in zip(names, shifts, strict=True) if by]
     compared = tangency.compared(shifts=shifts)
     if compared.cost > config.disagreeing:
@@ -188,7 +188,7 @@ def _unfitting(
     views: SmallViews, tangency: Tangency, cost: float, known: list[Fault], config: FaultConfig
 ) -> Fault:
     """Return why no two cameras fit, if an explanation is found."""
-    meant = convention(views.rig, views.outlines, cost, config)
+    meant = find_convention(views.rig, views.outlines, cost, config)
     if meant:
         text = f"the calibration fits only if {meant}; write it as world to camera, x_cam = R x + t"
         return Fault("convention", (), text)
@@ -236,7 +236,7 @@ def _turned(
         return []  # a known fault may be the reason
     if ratios[view] < config.turned_ratio or compared.cameras[view] < config.turned_cost:
         return []
-    angle, share = turned_by(tangency, view)
+    angle, share = measure_turn(tangency, view)
     turned = share < config.turned_share and _TURNED[0] < angle < _TURNED[1]
     if turned:
         why = (

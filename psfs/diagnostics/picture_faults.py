@@ -125,12 +125,12 @@ def _frozen(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Ite
 def _foreign(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
     """Find cameras whose pictures and background show different views; exchanged ones come in
     pairs."""
-    if views.pictures is None or views.plates is None or not sequence.footage.background:
+    if views.pictures is None or views.backgrounds is None or not sequence.footage.background:
         return
     names, sizes = sequence.rig.names, [camera.size for camera in views.rig]
     alike = np.full((len(names), len(names)), -1.0)
     for a, size in enumerate(sizes):
-        for b, background in enumerate(views.plates):
+        for b, background in enumerate(views.backgrounds):
             if sizes[b] == size:
                 area = np.s_[: size[1], : size[0]]
                 alike[a, b] = _correlation(views.typical[a][area], background[area])
@@ -169,9 +169,11 @@ def _foreign(sequence: Sequence, views: SmallViews, config: PictureConfig) -> It
 def _turned_over(views: SmallViews, view: int, own: float, config: PictureConfig) -> str:
     """Return the orientation in which a camera's pictures match its background, if they match only
     when turned over. own: correlation of the pictures as they are."""
-    assert views.plates is not None
+    assert views.backgrounds is not None
     width, height = views.rig[view].size
-    picture, background = (shown[view][:height, :width] for shown in (views.typical, views.plates))
+    picture, background = (
+        shown[view][:height, :width] for shown in (views.typical, views.backgrounds)
+    )
     ways = {"mirrored": picture[:, ::-1], "upside down": picture[::-1, ::-1]}
     for way, turned in ways.items():
         alike = _correlation(turned, background)
@@ -188,19 +190,19 @@ def _correlation(a: np.ndarray, b: np.ndarray) -> float:
 
 def _knocked(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
     """Find cameras whose background is misaligned with the pictures in some of the frames."""
-    if views.pictures is None or views.plates is None:
+    if views.pictures is None or views.backgrounds is None:
         return
     factor = sequence.rig.width / views.rig.width
     for view, camera in enumerate(views.rig):
         area = np.s_[: camera.size[1], : camera.size[0]]
         window = cv2.createHanningWindow(camera.size, cv2.CV_32F)
-        background = _edges(views.plates[view][area])
+        background = _edges(views.backgrounds[view][area])
         moves = []
         for picture, mask in zip(views.pictures[:, view], views.silhouettes[:, view], strict=True):
             people = cv2.morphologyEx(
                 mask[area].astype(np.uint8), cv2.MORPH_OPEN, np.ones((7, 7), np.uint8)
             )
-            shown = _edges(np.where(people > 0, views.plates[view][area], picture[area]))
+            shown = _edges(np.where(people > 0, views.backgrounds[view][area], picture[area]))
             moves.append(_move(background, shown, window, config))
         moved = np.array(moves)
         away = np.linalg.norm(moved, axis=1) > config.knocked
@@ -244,7 +246,7 @@ def _edges(picture: np.ndarray) -> np.ndarray:
 
 
 def _filled(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
-    if views.plates is None:
+    if views.backgrounds is None:
         return
     for name, share in zip(sequence.rig.names, np.median(views.foreground, axis=0), strict=True):
         if share > config.filled:
@@ -262,12 +264,12 @@ def _ghosts(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Ite
     Such foreground has edges around it in the background and none in the pictures. It is in one
     place in most frames, or apart from the person in some.
     """
-    if views.pictures is None or views.plates is None or len(views.samples) < 4:
+    if views.pictures is None or views.backgrounds is None or len(views.samples) < 4:
         return
     estimated = not sequence.footage.background
     for view, camera in enumerate(views.rig):
         areas = [row[view].area for row in views.outlines if row[view] is not None]  # type: ignore[union-attr]
-        background = views.plates[view, : camera.size[1], : camera.size[0]]
+        background = views.backgrounds[view, : camera.size[1], : camera.size[0]]
         silhouettes = views.silhouettes[:, view, : camera.size[1], : camera.size[0]]
         pictures = views.pictures[:, view, : camera.size[1], : camera.size[0]]
         usual = float(np.median(areas)) if areas else np.inf

@@ -15,7 +15,7 @@ _FAR = 15.0
 _FOCAL = (0.125, 100.0)
 
 
-def odd_cameras(rig: CameraRig) -> list[Fault]:
+def find_rig_faults(rig: CameraRig) -> list[Fault]:
     """Return the cameras whose calibration has another unit than the others', or a focal length in
     mm instead of pixels."""
     return [*_focal(rig), *_far(rig)]

@@ -14,7 +14,7 @@ from psfs.common.files import written_whole
 from psfs.common.npz import Values, check_values, get_scalar, read_npz
 from psfs.voxels.grid import VoxelCloud, VoxelGrid, check_size
 from psfs.voxels.limits import DEBRIS_SHARE
-from psfs.voxels.normals import normals_of
+from psfs.voxels.normals import estimate_normals
 
 #: The columns of the PLY, in this order.
 _COLUMNS = {
@@ -106,7 +106,7 @@ def write_ply(cloud: VoxelCloud, path: Path, normals: bool = False) -> None:
     """
     values = {"xyz": cloud.centres}
     if normals:
-        values["normal"] = normals_of(cloud)
+        values["normal"] = estimate_normals(cloud)
     if cloud.colour is not None:
         values["colour"] = cloud.colour
     values["probability"] = cloud.probability[:, None]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array
-from psfs.voxels.bricks import Bricks, bricks_along, lanes_of
+from psfs.voxels.bricks import Bricks, bricks_along, lane_defines
 
 
 class Occupancy:
@@ -27,7 +27,7 @@ class Occupancy:
         shape = (nx + 2, ny + 2, nz + 2)
         self._bricks = bricks
         self.probability = device.empty(shape, np.float32, f"a grid of {nx * ny * nz:,} voxels")
-        lanes = lanes_of(device, 0)
+        lanes = lane_defines(device, 0)
         along, group = bricks_along(shape), int(lanes["LANES"])
         self._launch = device.launch(
             device.kernel("reconstruction/occupancy", "occupancy", **bricks.defines, **lanes),

@@ -10,7 +10,7 @@ import numpy as np
 
 from cl import Array
 from cl.workgroups import row_group
-from psfs.voxels.bricks import BRICK, COARSE_BRICK, Bricks, bricks_along, lanes_of
+from psfs.voxels.bricks import BRICK, COARSE_BRICK, Bricks, bricks_along, lane_defines
 from psfs.voxels.surface import SurfaceList
 
 log = logging.getLogger(__name__)
@@ -47,7 +47,7 @@ class SparseSurface:
         self.slots = device.empty(along, np.int32, what)
         self._listed = device.empty(n_bricks, np.int32, what)
         self._pool = device.empty((self.capacity, brick_voxels), np.float32, what)
-        lanes = lanes_of(device, 1)
+        lanes = lane_defines(device, 1)
         self._defines = {**bricks.defines, **lanes, "CAPACITY": self.capacity}
         find, group = int(self._defines["FIND_LANES"]), int(lanes["LANES"])
         coarse = [-(-n // c) for n, c in zip(along, COARSE_BRICK, strict=True)]

@@ -31,7 +31,7 @@ def carved_anew(session: Session, grid: VoxelGrid, indices: range) -> list[Carve
         session.device, session.rig, grid, session.sequence.background, sparse=True
     )
     found = []
-    for frame in session.sequence.frames_at(indices):
+    for frame in session.sequence.select_frames(indices):
         voxels = reconstruct(frame)
         evidence, cloud = reconstruct.evidence(), voxels.cloud(True)
         found.append(CarvedFrame(frame.index, evidence > 0, evidence != UNKNOWN, cloud))
@@ -76,7 +76,7 @@ def test_frames_carved_by_one_stage_are_kept_for_the_next(
     assert [one.index for one in session.carved(grid, [0, 1])] == [0, 1]  # 1 was not kept
     elsewhere = VoxelGrid(grid.origin + 0.1, grid.voxel_size, grid.shape)
     (one,) = session.carved(elsewhere, [0])
-    assert one.cloud.grid.same_as(elsewhere)
+    assert one.cloud.grid.equals(elsewhere)
 
 
 def test_kept_frames_take_a_bounded_memory(

@@ -12,7 +12,7 @@ from helpers import scenes
 from psfs.cameras.camera import CameraRig
 from psfs.diagnostics.alignment import aligned, beside_hidden
 from psfs.diagnostics.config import AlignmentConfig
-from psfs.diagnostics.small_views import Outline, outline_of
+from psfs.diagnostics.small_views import Outline, extract_outline
 
 EXACT = scenes.ring(5, (640, 480), 4.0)
 CONFIG = AlignmentConfig()
@@ -44,7 +44,7 @@ def outlines_of(rig: CameraRig, n: int = 40) -> list[list[Outline | None]]:
             mask = np.zeros(camera.size[::-1], np.uint8)
             _, y, x, _ = camera.look_up(limbs(frame))
             mask[y, x] = 1
-            row.append(outline_of(cv2.dilate(mask, np.ones((9, 9), np.uint8)) > 0))
+            row.append(extract_outline(cv2.dilate(mask, np.ones((9, 9), np.uint8)) > 0))
         rows.append(row)
     return rows
 

@@ -22,7 +22,7 @@ from psfs.voxels.clouds import (
     write_ply,
 )
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
-from psfs.voxels.normals import normals_of
+from psfs.voxels.normals import estimate_normals
 
 
 def a_cloud(colour: bool = False, speck: bool = False) -> VoxelCloud:
@@ -69,7 +69,7 @@ def test_open3d_reads_our_ply(tmp_path: Path, colour: bool, normals: bool) -> No
     if cloud.colour is not None:
         np.testing.assert_array_equal(read.colors.numpy(), cloud.colour)
     if normals:
-        np.testing.assert_array_equal(read.normals.numpy(), normals_of(cloud))
+        np.testing.assert_array_equal(read.normals.numpy(), estimate_normals(cloud))
 
 
 def test_an_empty_cloud_is_written_and_read(tmp_path: Path) -> None:
