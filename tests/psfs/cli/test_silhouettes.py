@@ -162,7 +162,7 @@ def test_errors_write_nothing(
 def test_an_interrupt_keeps_what_was_shown(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole, out = command.mosaic, tmp_path / "out"
+    whole, out = command.draw_mosaic, tmp_path / "out"
 
     def interrupted(rig, shown):
         if shown.frame.index == 2:
