@@ -120,7 +120,7 @@ class Sequence:
         settings = settings.over(layout.defaults)
         try:
             sequence = cls(folder, layout.name, layout.read(folder, settings), settings)
-            _check_used(stated, sequence)
+            _refuse_unused(stated, sequence)
             return sequence
         except InputError as error:
             if str(folder) in str(error):
@@ -137,7 +137,7 @@ class Sequence:
         other.rig = rig
         return other
 
-    def synchronised(self, late: Mapping[str, int]) -> Sequence:
+    def synchronise(self, late: Mapping[str, int]) -> Sequence:
         """Return the same views with late ones shifted; `late`: number of frames, by the camera's
         name."""
         before = self.settings.sync if isinstance(self.settings.sync, Mapping) else {}
@@ -173,7 +173,7 @@ class Sequence:
         indices = range(len(self))[selection or slice(None)]
         nbytes = 4 * len(self.rig) * self.rig.width * self.rig.height
         depth = max(1, min(_QUEUE_FRAMES, _QUEUE_BYTES // nbytes))
-        return prefetch(self._decoded(indices), depth)
+        return prefetch(self._decode(indices), depth)
 
     def select_frames(self, indices: Items[int]) -> Iterator[Frame]:
         """Yield the frames of these numbers, decoded ahead of the caller if they are evenly spaced.
@@ -314,7 +314,7 @@ class Sequence:
             for decoder in decoders:
                 decoder.close()
 
-    def _decoded(self, indices: range) -> Generator[Frame, None, None]:
+    def _decode(self, indices: range) -> Generator[Frame, None, None]:
         """Decode frames in order."""
         with self.reader() as read:
             for index in indices:
@@ -383,7 +383,7 @@ def _pad(pictures: list[np.ndarray], into: np.ndarray) -> np.ndarray:
     return into
 
 
-def _check_used(stated: Settings, sequence: Sequence) -> None:
+def _refuse_unused(stated: Settings, sequence: Sequence) -> None:
     """Raise InputError for a key that the caller states and a sequence does not use."""
     kind = sequence.background_kind
     owners = {"key": "chroma", **dict.fromkeys(("threshold", "dilate", "erode"), "threshold")}

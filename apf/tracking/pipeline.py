@@ -132,7 +132,7 @@ def _keep_in_session(
 ) -> Iterator[tuple[int, Any]]:
     """Yield the items of `seen`, after the session has kept those that it is asked to keep."""
     for index, voxels in seen:
-        session.carved_by(index, voxels)
+        session.record_carved(index, voxels)
         yield index, voxels
 
 

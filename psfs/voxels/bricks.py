@@ -113,7 +113,7 @@ def lane_defines(device: Device, halo: int) -> dict[str, Define]:
     return {"HALO": halo, "LANES": depth * (10 if halo else 8), "LANES_Z": depth}
 
 
-def bricks_along(shape: tuple[int, int, int]) -> tuple[int, int, int]:
+def count_bricks(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     """Return the number of bricks along x, y, z that cover `shape` voxels."""
     nx, ny, nz = (-(-n // b) for n, b in zip(shape, BRICK, strict=True))
     return nx, ny, nz

@@ -42,7 +42,7 @@ from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
 from cl import Device, InputError
 from psfs.api import exclude_inconsistent_cameras
 from psfs.common.files import write_json
-from psfs.diagnostics.sequence_info import keypoints_in
+from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.diagnostics.silhouette_scores import score_silhouettes, truth_frames
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
@@ -318,7 +318,7 @@ def suite_settings(
     left = False
     for folder in folders:
         sequence = Sequence.open(folder)
-        lacking = keypoints_in(sequence.folder) is None
+        lacking = find_keypoints(sequence.folder) is None
         for kind in kinds:
             if lacking and kind != "voxels":
                 continue

@@ -20,7 +20,7 @@ from apf.initialisation.from_joints import fit_to_joints
 from apf.likelihood.observations import Observed, PointObservations
 from apf.scene import Scene as TrackedScene
 from cl import Device, NumpyDevice
-from psfs.backend import reconstructor_for
+from psfs.backend import make_reconstructor
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelCloud
 from timings.bench_scene import FPS, SHAPE, Scene, make_grid, playing, shared_scene, there_and_back
@@ -85,7 +85,7 @@ class WholeFrame:
         started = time.perf_counter()
         scene, grid = problem.scene, make_grid(problem.shape)
         self.device, self.problem = device, problem
-        self.reconstruct: Any = reconstructor_for(device, scene.rig, grid, scene.background)
+        self.reconstruct: Any = make_reconstructor(device, scene.rig, grid, scene.background)
         self.tracker = filter_for(problem.on(device), problem.config)
         self.tracker.start(problem.pose)
         self.setup_ms = 1e3 * (time.perf_counter() - started)

@@ -289,7 +289,7 @@ def test_interrupted_takes_leave_whole_results(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    real = apf.tracking.pipeline.observed
+    real = apf.tracking.pipeline.observe_frames
 
     def interrupting(observe: object, frames: Iterator) -> Iterator:
         for number, seen in enumerate(real(observe, frames)):
