@@ -304,9 +304,9 @@ class FilterConfig(Config):
     def of(cls, **settings: Any) -> FilterConfig:
         """Return the defaults, except for single `settings`. Raises InputError for bad values and
         TypeError for unknown names."""
-        return cls().changed(**settings)
+        return cls().with_changes(**settings)
 
-    def changed(self, **settings: Any) -> FilterConfig:
+    def with_changes(self, **settings: Any) -> FilterConfig:
         """Return a copy of these settings with single ones changed, named as in `of`."""
         unknown = sorted(settings.keys() - _PATHS.keys())
         if unknown:
@@ -329,7 +329,7 @@ class FilterConfig(Config):
     def by_points(self) -> FilterConfig:
         """Settings of the refinement that moves limbs to observed points."""
         search = self.limb_search
-        return self.changed(
+        return self.with_changes(
             refinement_steps=search.point_steps, refinement_point_reach=search.point_reach,
             refinement_width=search.point_width,
         )  # fmt: skip
@@ -344,7 +344,7 @@ class FilterConfig(Config):
         with the time between frames."""
         longer, settings = SIGMA_FPS / fps, self.settings
         growing = ["noise", *(f"{t.name}_{s}" for t in REGISTERED.values() for s in t.per_interval)]
-        return self.changed(**{name: settings[name] * longer for name in growing})
+        return self.with_changes(**{name: settings[name] * longer for name in growing})
 
 
 #: Parts whose settings have names of their own; those of all others begin with the part's.

@@ -38,7 +38,7 @@ from apf.keypoints import Keypoints
 from apf.presets import Preset
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import Take, track_take
-from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
+from apf.tracking.triangulated import TriangulatedConfig, triangulate_track
 from cl import Device, InputError
 from psfs.api import exclude_inconsistent_cameras
 from psfs.common.files import write_json
@@ -160,7 +160,7 @@ def _triangulated(sequence: Sequence, setting: Setting, truth: JointSeries) -> R
     """Triangulate keypoints and filter them with a low pass, the usual way without a body."""
     began = time.perf_counter()
     keypoints = Keypoints.open(sequence.folder, sequence)
-    track = triangulated_track(sequence, keypoints, TriangulatedConfig(low_pass=LOW_PASS))
+    track = triangulate_track(sequence, keypoints, TriangulatedConfig(low_pass=LOW_PASS))
     run = evaluate_run(track, truth, setting, 0, time.perf_counter() - began)
     first = {"heading": _heading(track.joint_names, track.joints[:1], truth, track.frames[0])}
     return replace(run, **first, **_of_suite(evaluate(track, truth)))
