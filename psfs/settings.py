@@ -7,7 +7,7 @@ flags of single settings.
 from __future__ import annotations
 
 from psfs.background.config import ScreenConfig
-from psfs.background.plate_config import PlateConfig, TakeConfig
+from psfs.background.estimation_config import PlateConfig, TakeConfig
 from psfs.calibration.config import CalibrationConfig
 from psfs.common.config import Config, part
 from psfs.diagnostics.config import (

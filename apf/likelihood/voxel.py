@@ -269,7 +269,7 @@ class VoxelLikelihood(Likelihood):
         if recall_weight > 0:
             if self._recall is None:  # for rescoring alone; before the first frame
                 self._recall = self._silhouette_recall()
-            score.set(posed=self._recall.cones_of(n))
+            score.set(posed=self._recall.cone_buffer(n))
             launches.append(self._recall.launch(subset, recall_weight, errors))
         for name, term in self.terms.items():
             launches += term.launcher(poses, len(self.rig) * config.terms[name].weight, errors)

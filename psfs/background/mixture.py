@@ -8,7 +8,7 @@ from threading import Lock
 import cv2
 import numpy as np
 
-from psfs.background.plate_config import PlateConfig
+from psfs.background.estimation_config import PlateConfig
 from psfs.footage.media import Media
 
 #: OpenCV's label of foreground; its label of shadows is 127.

@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 
 from psfs.background.config import BackgroundConfig, LightConfig
+from psfs.background.estimation_config import PlateConfig, TakeConfig
 from psfs.background.gaussian import Background, median_moments, sorted_stack, with_prior
 from psfs.background.ghosts import find_ghost, moving_region
 from psfs.background.hull import CoarseHull
 from psfs.background.light import GRID, fit_light, unlit_picture
-from psfs.background.plate_config import PlateConfig, TakeConfig
 from psfs.cameras.camera import CameraRig
 from psfs.footage.media import Media
 

@@ -64,7 +64,7 @@ def find_inconsistent_cameras(
             break
         worst = int(np.nanargmin(scores))
         others = float(np.nanmedian(np.delete(scores, worst)))
-        if others < limits.agreeing or not scores[worst] < limits.low_share * others:
+        if others < limits.find_agreeing_passes or not scores[worst] < limits.low_share * others:
             break
         view = left.pop(worst)
         reason = (known or {}).get(rig.names[view]) or judge.reason(view, left)

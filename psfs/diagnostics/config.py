@@ -31,7 +31,7 @@ class ConsistencyConfig(Config):
         least=0,
         most=1,
     )
-    agreeing: float = setting(
+    find_agreeing_passes: float = setting(
         0.2,
         "Median IoU of the others below which they do not agree among themselves, or see nobody.",
         least=0,
@@ -153,7 +153,7 @@ class OccluderConfig(Config):
     voxels: int = setting(
         600_000, "Greatest number of voxels of the grid around the person.", least=1000
     )
-    agreeing: int = setting(
+    find_agreeing_passes: int = setting(
         3,
         "Least number of cameras that must show foreground which nothing explains.",
         "two find specks in clean footage",

@@ -38,7 +38,7 @@ def hidden_pixels(session: Session, config: OccluderConfig | None = None) -> np.
     """
     config = config or OccluderConfig()
     rig, sequence = session.rig, session.sequence
-    if not config.on or len(rig) <= config.agreeing:
+    if not config.on or len(rig) <= config.find_agreeing_passes:
         return None
     shrink = Shrink(rig, config.longest_side)
     background = shrink.background(session.background)
@@ -139,7 +139,7 @@ class _Look:
         )
         config, against = self.config, counts < 0
         n_against, n_for = against.sum(0), (counts > 0).sum(0)
-        amiss = (wanted.sum(0) >= config.agreeing) & (n_against <= config.denying)
+        amiss = (wanted.sum(0) >= config.find_agreeing_passes) & (n_against <= config.denying)
         amiss &= ~occupied & (n_for > n_against)
         for view, own in enumerate(shown):
             denied = self._covered(view, pixels[view][amiss & against[view]], 0)
@@ -152,7 +152,7 @@ class _Look:
         for own, at, width in zip(_bytes(shown), self._places, self._widths, strict=True):
             square = np.ones((2 * _FINE * width + 1,) * 2, np.uint8)
             votes += (at >= 0) & (cv2.dilate(own, square).ravel()[at] > 0)
-        return np.flatnonzero(votes >= self.config.agreeing)
+        return np.flatnonzero(votes >= self.config.find_agreeing_passes)
 
     def _covered(self, view: int, pixels: np.ndarray, margin: int) -> np.ndarray:
         """Return (H, W) bool: the pixels that voxels projected to `pixels` cover, with a margin,

@@ -24,9 +24,9 @@ from apf.filters.objectives import OBJECTIVES
 from apf.filters.term_weights import likelihood_weights
 from apf.formats.trc import JointSeries
 from apf.scene import Scene
-from apf.tracking.pipeline import track_of, track_voxels
+from apf.tracking.pipeline import build_track, track_voxels
 from apf.tracking.track import Track
-from apf.tracking.trackers import seeded, watched_runs
+from apf.tracking.trackers import make_recovering_runs, with_seeds
 from cl import Device, InputError
 from psfs.common.files import written_whole
 
@@ -126,14 +126,14 @@ def tracked(
     body, pose = recording.first_pose
     scaled = method.replace(filter=method.filter.at_rate(recording.fps / setting.step))
     rig, grid = recording.sequence.rig, recording.grid
-    tracker = watched_runs(Scene(device, rig, grid, body), scaled, seeds)
+    tracker = make_recovering_runs(Scene(device, rig, grid, body), scaled, seeds)
     seen: Iterable[tuple[int, Any]] = Replay(device, recording)
     if not method.uses_voxels:
         seen = recording.features(device, method.features)
     frames, estimates = track_voxels(tracker, pose, seen)
     return [
-        track_of(body, recording.fps, frames, list(run), of.described())
-        for of, run in zip(seeded(method, seeds), zip(*estimates, strict=True), strict=True)
+        build_track(body, recording.fps, frames, list(run), of.described())
+        for of, run in zip(with_seeds(method, seeds), zip(*estimates, strict=True), strict=True)
     ]
 
 

@@ -100,4 +100,4 @@ def test_nobody_is_lost_where_nobody_is_looked_for() -> None:
     judge = Judge(RecoveryConfig(on=False))
     fields = dict.fromkeys(Estimate.__dataclass_fields__)
     estimate = Estimate(**{**fields, "misfit": 5.0})
-    assert not judge.judged(estimate).lost and Judge().judged(estimate).lost
+    assert not judge.judge(estimate).lost and Judge().judge(estimate).lost

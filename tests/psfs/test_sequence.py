@@ -16,12 +16,12 @@ from helpers.shared import shared_data
 
 from cl import InputError
 from psfs.background import gaussian
+from psfs.background.estimation_config import PlateConfig
 from psfs.background.gaussian import (
     background_from_plates,
     clipped_moments,
     median_moments,
 )
-from psfs.background.plate_config import PlateConfig
 from psfs.footage import memory
 from psfs.footage.media import VideoDecoder, open_media
 from psfs.footage.prefetch import prefetch

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.cli.flags.shared import TRIANGULATE
-from apf.cli.keypoints.flags import keypoints_of
+from apf.cli.keypoints.flags import read_keypoints
 from apf.cli.method_flags import METHOD_FLAGS
 from apf.report.overlay import write_overlay
 from apf.tracking.config import TriangulatedConfig
@@ -61,7 +61,7 @@ def _one(args: argparse.Namespace, folder: str, output: Path) -> None:
     job = argparse.Namespace(**{**vars(args), "folder": folder, "output": output})
     sequence = open_sequence(job)
     frames = selected_frames(job, sequence)
-    keypoints = keypoints_of(job, sequence)
+    keypoints = read_keypoints(job, sequence)
     assert keypoints is not None
     selection = slice(frames.start, frames.stop, frames.step)
     with output_folder(output, args.parser.prog, sequence.inputs, RESULTS):

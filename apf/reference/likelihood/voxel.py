@@ -87,7 +87,7 @@ def posture_errors(body: BodyModel, poses: np.ndarray) -> np.ndarray:
 
 
 class FrameEvidence(NamedTuple):
-    """What a frame shows: maps (V, H, W, 2) uint8 of the voxels and samples (K, 3) m of their
+    """Evidence of a frame: maps (V, H, W, 2) uint8 of the voxels and samples (K, 3) m of their
     surface."""
 
     maps: np.ndarray

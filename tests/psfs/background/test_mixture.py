@@ -8,8 +8,8 @@ import numpy as np
 from helpers import footage
 from helpers.shared import shared_data
 
+from psfs.background.estimation_config import PlateConfig
 from psfs.background.mixture import Mixture
-from psfs.background.plate_config import PlateConfig
 from psfs.sequence import Sequence
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from helpers import scenes
 
+from psfs.background.estimation_config import PlateConfig, TakeConfig
 from psfs.background.ghosts import find_ghost, moving_region
 from psfs.background.hull import CoarseHull
-from psfs.background.plate_config import PlateConfig, TakeConfig
 from psfs.background.take import background_from_take, masked_moments
 from psfs.footage.media import Media
 
