@@ -21,6 +21,7 @@ from cl import Device, InputError, NumpyDevice, select_device
 from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import progress_bar, stdout
 from psfs.cli.sequence_flags import open_sequence, selected_frames
+from psfs.cli.setting_flags import with_flags
 from psfs.cli.settings import FILE, refuse_unused, write_settings
 from psfs.common.files import write_picture
 from psfs.common.outputs import OutputFolder, output_folder
@@ -34,7 +35,7 @@ _WHITE, _TINT = (255, 255, 255), 0.45
 def run(args: argparse.Namespace) -> None:
     if args.opengl:
         refuse_unused(args, ["round_ends", "device"], "is OpenCL's; expected none with --opengl")
-    look = ObjectiveConfig(**shape_settings(args))
+    look = with_flags(ObjectiveConfig(**shape_settings(args)), args)
     files = (args.body, look.mesh_file, look.mesh_weights, look.mesh_pose)
     given = [Path(path) for path in files if path]
     inputs = [Path(args.folder), args.track, *given]

@@ -250,6 +250,9 @@ class SmoothingConfig(Config):
         "the custom of gait analysis (Winter 2009)",
         "Hz",
         above=0,
+        flag="--cutoff",
+        flag_help="smoothing: motion this fast keeps half of its amplitude",
+        metavar="HZ",
     )
     lag: int | None = setting(
         None,
@@ -258,6 +261,9 @@ class SmoothingConfig(Config):
         "frames",
         least=0,
         most=1_000_000,
+        flag="--lag",
+        flag_help="look so many frames ahead, as a program that runs live could",
+        metavar="FRAMES",
     )
     min_deviation: float = setting(
         0.1,
@@ -308,7 +314,14 @@ class TriangulatedConfig(Config):
         TriangulationConfig, "When cameras are left out of a point."
     )
     longest_gap: float | None = setting(
-        None, "Longest gap that is filled; none to fill all.", "all are filled", "s", least=0
+        None,
+        "Longest gap that is filled; none to fill all.",
+        "all are filled",
+        "s",
+        least=0,
+        flag="--longest-gap",
+        flag_help="triangulate: leave longer gaps open, blank in the files",
+        metavar="S",
     )
     low_pass: float = setting(
         0.0,
@@ -316,4 +329,7 @@ class TriangulatedConfig(Config):
         "off",
         "Hz",
         least=0,
+        flag="--low-pass",
+        flag_help="triangulate: Butterworth filter of the points, such as 6; 0 for none",
+        metavar="HZ",
     )
