@@ -34,8 +34,8 @@ def find_start(
     every: int = 1,
     config: StartConfig | None = None,
 ) -> Start:
-    """Fit the template, the scene's body, to the person in the `voxels` (see `store_voxels`) of the first
-    frames.
+    """Fit the template, the scene's body, to the person in the `voxels` (see `store_voxels`) of the
+    first frames.
 
     Every `every`-th frame is fitted; the frames between them only lead from one to the next. In the
     first, the last and some middle ones of the fitted frames, search over all headings. From the

@@ -85,7 +85,8 @@ def make_terms(shared: Shared, settings: Mapping[str, TermSettings]) -> dict[str
 
 @dataclass(frozen=True, eq=False)
 class SharedTwin:
-    """Data that the likelihood's twin shares with the terms' twins; rows: see `make_sample_rows`."""
+    """Data that the likelihood's twin shares with the terms' twins; rows: see
+    `make_sample_rows`."""
 
     scene: Scene
     velocity: float
