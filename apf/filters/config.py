@@ -304,9 +304,9 @@ class FilterConfig(Config):
     def of(cls, **settings: Any) -> FilterConfig:
         """Return the defaults, except for single `settings`. Raises InputError for bad values and
         TypeError for unknown names."""
-        return cls().changed(**settings)
+        return cls().with_changes(**settings)
 
-    def changed(self, **settings: Any) -> FilterConfig:
+    def with_changes(self, **settings: Any) -> FilterConfig:
         """Return a copy of these settings with single ones changed, named as in `of`."""
         unknown = sorted(settings.keys() - _PATHS.keys())
         if unknown:
@@ -329,7 +329,7 @@ class FilterConfig(Config):
     def by_points(self) -> FilterConfig:
         """Settings of the refinement that moves limbs to observed points."""
         search = self.limb_search
-        return self.changed(
+        return self.with_changes(
             refinement_steps=search.point_steps, refinement_point_reach=search.point_reach,
             refinement_width=search.point_width,
         )  # fmt: skip
@@ -344,7 +344,7 @@ class FilterConfig(Config):
         with the time between frames."""
         longer, settings = SIGMA_FPS / fps, self.settings
         growing = ["noise", *(f"{t.name}_{s}" for t in REGISTERED.values() for s in t.per_interval)]
-        return self.changed(**{name: settings[name] * longer for name in growing})
+        return self.with_changes(**{name: settings[name] * longer for name in growing})
 
 
 #: Parts whose settings have names of their own; those of all others begin with the part's.
@@ -357,58 +357,3 @@ def _short(path: tuple[str, ...]) -> str:
 
 #: The path of names to each single setting, by the setting's name in `FilterConfig.of`.
 _PATHS = {_short(path): path for path, _ in fields_below(FilterConfig)}
-
-
-def _usual_terms() -> dict[str, str]:
-    """Return the settings that weigh the terms which are on by default, by the term's name."""
-    default = LikelihoodConfig()
-    return {
-        "edge": "edge_weight",
-        "silhouette": "silhouette_weight",
-        "surface": "surface_weight",
-        "overlap": "overlap_weight",
-        "posture": "posture_prior_weight",
-        **{name: f"{name}_weight" for name in default.terms},
-        "pictures": "foreground_join_on",
-    }
-
-
-def _other_terms() -> dict[str, tuple[str, float]]:
-    """Return those of the other terms, with the weight that they have when they are chosen by name.
-    Silhouette recall weighs as in the limb search; keypoints by hand."""
-    usual = LikelihoodConfig().terms
-    others = {t.name: (f"{t.name}_weight", t.chosen_weight) for t in REGISTERED.values()}
-    return {
-        "silhouette_recall": ("silhouette_recall_weight", 2.0),
-        **{name: weighed for name, weighed in others.items() if name not in usual},
-        "keypoints": ("keypoints_weight", 4.0),
-    }
-
-
-_USUAL_TERMS, _OTHER_TERMS = _usual_terms(), _other_terms()
-#: The default weight of keypoints where another option than their weight turns them on.
-KEYPOINTS_ON = dict([_OTHER_TERMS["keypoints"]])
-USUAL_TERMS = tuple(_USUAL_TERMS)
-TERMS = (*USUAL_TERMS, *_OTHER_TERMS)
-
-
-def likelihood_weights(text: str) -> dict[str, float]:
-    """Return the settings of a FilterConfig for `edge,silhouette=2`: these terms with their default
-    weights or the stated ones, all others 0, in the limb search, too.
-
-    Raises InputError for unknown terms and bad weights.
-    """
-    defaults = FilterConfig().settings
-    usual = {term: (name, defaults[name]) for term, name in _USUAL_TERMS.items()} | _OTHER_TERMS
-    weights = {name: type(weight)(0) for name, weight in usual.values()}
-    weights["limb_search_least_recall"] = 0.0
-    for entry in text.split(","):
-        term, _, value = entry.partition("=")
-        if term not in TERMS:
-            raise InputError(f"likelihood {text!r}: no term {term!r}; expected {', '.join(TERMS)}")
-        name, weight = usual[term]
-        try:
-            weights[name] = type(weight)(float(value or weight))
-        except ValueError:
-            raise InputError(f"likelihood {text!r}: {value!r} is no weight of {term}") from None
-    return weights

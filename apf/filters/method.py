@@ -8,11 +8,12 @@ from typing import Any
 
 from pydantic import model_validator
 
-from apf.filters.config import KEYPOINTS_ON, FilterConfig
+from apf.filters.config import FilterConfig
 from apf.filters.objectives import OBJECTIVES, ObjectiveSpec
 from apf.filters.searches import SEARCHES
 from apf.filters.searches.sir import SirConfig
 from apf.filters.searches.swarm import SwarmConfig
+from apf.filters.term_weights import KEYPOINTS_ON
 from apf.image_objective.config import FeatureConfig, ObjectiveConfig
 from psfs.common.config import Config, part, setting, with_parts
 
@@ -77,7 +78,7 @@ class Method(Config):
         if name == "keypoints":
             config = values.get("filter") or FilterConfig()
             if not config.keypoints.weight > 0:
-                return {**values, "filter": config.changed(**KEYPOINTS_ON)}
+                return {**values, "filter": config.with_changes(**KEYPOINTS_ON)}
         return values
 
     @classmethod
@@ -130,9 +131,9 @@ class Method(Config):
         default weight if they have none."""
         room = max(self.filter.keypoints.room, n_sightings)
         weight = {} if self.uses_keypoints else KEYPOINTS_ON
-        return self.replace(filter=self.filter.changed(keypoints_room=room, **weight))
+        return self.replace(filter=self.filter.with_changes(keypoints_room=room, **weight))
 
-    def described(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, Any]:
         """Return the settings that were used, for a track's provenance."""
         own = {**SEARCHES[self.search].settings, **self._objective.settings}
         return {

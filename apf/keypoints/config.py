@@ -116,6 +116,10 @@ class TriangulationConfig(Config):
         "Pose2Sim's default, for pictures about 1000 px high",
         "px",
         above=0,
+        flag="--max-error",
+        flag_help="triangulate: cameras are left out of a point until the mean reprojection "
+        "error is below",
+        metavar="PX",
     )
     min_confidence: float = setting(
         0.3,

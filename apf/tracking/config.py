@@ -113,22 +113,21 @@ class TwoWayConfig(Config):
     )
     steady: float = setting(
         0.15,
-        "Time about each frame through whose frames a parabola goes, see `steadied`; through those "
-        "of the window, where that begins or ends.",
+        "Length of the Savitzky-Golay window that smooths the poses, see `smooth_poses`.",
         "longer ones flatten fast motion",
         "s",
         above=0,
     )
     steady_within: float = setting(
         0.01,
-        "Distance from the parabolas of its joints within which a limb stays.",
+        "Largest distance of a limb's joints from their smoothed positions.",
         unit="m",
         above=0,
     )
     overlap: int = setting(
         30,
-        "Number of frames that the way back goes before a window's poses are final; a third of a "
-        "short one's.",
+        "Number of frames at a window's end that are tracked again in the next window, so that the "
+        "backward pass has converged where poses become final; at most a third of the window.",
         unit="frames",
         least=1,
     )
@@ -251,6 +250,9 @@ class SmoothingConfig(Config):
         "the custom of gait analysis (Winter 2009)",
         "Hz",
         above=0,
+        flag="--cutoff",
+        flag_help="smoothing: motion this fast keeps half of its amplitude",
+        metavar="HZ",
     )
     lag: int | None = setting(
         None,
@@ -259,6 +261,9 @@ class SmoothingConfig(Config):
         "frames",
         least=0,
         most=1_000_000,
+        flag="--lag",
+        flag_help="look so many frames ahead, as a program that runs live could",
+        metavar="FRAMES",
     )
     min_deviation: float = setting(
         0.1,
@@ -309,7 +314,14 @@ class TriangulatedConfig(Config):
         TriangulationConfig, "When cameras are left out of a point."
     )
     longest_gap: float | None = setting(
-        None, "Longest gap that is filled; none to fill all.", "all are filled", "s", least=0
+        None,
+        "Longest gap that is filled; none to fill all.",
+        "all are filled",
+        "s",
+        least=0,
+        flag="--longest-gap",
+        flag_help="triangulate: leave longer gaps open, blank in the files",
+        metavar="S",
     )
     low_pass: float = setting(
         0.0,
@@ -317,4 +329,7 @@ class TriangulatedConfig(Config):
         "off",
         "Hz",
         least=0,
+        flag="--low-pass",
+        flag_help="triangulate: Butterworth filter of the points, such as 6; 0 for none",
+        metavar="HZ",
     )

@@ -73,8 +73,8 @@ def draw_voxels(
         own[row[radii == radius], column[radii == radius]] = 1
         disc = np.zeros((2 * radius + 1,) * 2, np.uint8)
         cv2.circle(disc, (int(radius), int(radius)), int(radius), 1, -1)
-        drawn |= cv2.dilate(own, disc)
-    return drawn.view(bool)
+        drawn = cv2.max(drawn, cv2.dilate(own, disc))
+    return np.asarray(drawn).view(bool)
 
 
 def _carved(seen: Items[tuple[Camera, np.ndarray]], grid: VoxelGrid) -> np.ndarray:

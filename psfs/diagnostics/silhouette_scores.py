@@ -17,7 +17,7 @@ from psfs.diagnostics.reprojection_iou import volume_region
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
 from psfs.volume import automatic_grid
-from psfs.voxels.clouds import without_debris
+from psfs.voxels.clouds import remove_debris
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 #: Folder of a sequence with true silhouettes, <camera>_<frame:06d>.png. For scoring only.
@@ -110,7 +110,7 @@ def score_silhouettes(
         truth = true_masks(sequence, frame.index)
         scores = np.array([_scores(*of) for of in zip(rig, masks, truth, strict=True)])
         likelihood = session.reconstruction.silhouette.evidence.likelihood(evidence)
-        cloud = without_debris(voxels.cloud())
+        cloud = remove_debris(voxels.cloud())
         yield Silhouettes(frame, within, likelihood, masks, truth, scores, cloud)
 
 
