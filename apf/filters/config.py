@@ -219,8 +219,8 @@ class LimbSearchConfig(Config):
 
     reach: float = setting(
         16.0,
-        "Distance within which limbs are looked for, and anywhere within their limits; 0 for not "
-        "at all.",
+        "Distance within which limbs are searched, beside a search anywhere within their "
+        "limits; 0 turns the limb search off.",
         "tuned on the synthetic walks",
         "of the body's sigmas",
         least=0,

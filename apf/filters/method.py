@@ -45,7 +45,7 @@ class Method(Config):
     )
     recover: bool = setting(
         True,
-        "Whether a person who was lost is looked for again, which no paper does.",
+        "Whether to search again for a lost person; none of the papers does.",
         "docs/tracking.md",
     )
     both_ways: bool = setting(

@@ -22,7 +22,7 @@ class FrameChoice(Config):
     n_fitted: int = setting(10, "Number of frames that the body is fitted to.", least=1)
     duration: float = setting(
         1.0,
-        "Time over which these are spread: a stride, so that legs part.",
+        "Time over which these frames are spread; as long as a stride, so that the legs separate.",
         "who stoops for 0.8 s comes out a hundredth shorter by those, and a high kick in 1.2 s "
         "does the same",
         "s",
@@ -30,7 +30,7 @@ class FrameChoice(Config):
     )
     n_between: int = setting(
         1,
-        "Number of frames, about, between two of them, which only lead from one to the next.",
+        "Approximate number of frames between two fitted ones, which are only tracked.",
         least=0,
     )
     n_searched: int = setting(
@@ -56,8 +56,8 @@ class FrameChoice(Config):
     near: float = setting(0.15, "Distance within which a part is near.", unit="m", least=0)
     n_looks: int = setting(
         12,
-        "Number of later frames that are looked at for one in which the person stands taller; 0 "
-        "for none.",
+        "Number of later frames that are searched for one in which the person stands taller; 0"
+        " turns the search off.",
         least=0,
     )
     taller: float = setting(
@@ -86,8 +86,8 @@ class HeadingConfig(Config):
     )
     max_first_ratio: float = setting(
         1.4,
-        "Ratio to the least cost up to which limbs are searched for in a hypothesis: limbs amiss "
-        "cost up to a third more.",
+        "Ratio to the least cost up to which the limbs of a hypothesis are searched; wrong "
+        "limbs cost up to a third more.",
         least=1,
     )
     max_cost_ratio: float = setting(
@@ -113,7 +113,7 @@ class SpreadConfig(Config):
 
     root_horizontal: float = setting(
         0.08,
-        "Standard deviation of the root along x and y: the voxels' middle says where it is.",
+        "Standard deviation of the root along x and y around the middle of the voxels.",
         unit="m",
         least=0,
     )
@@ -191,7 +191,7 @@ class PoseSearchConfig(Config):
     )
     part_margin: float = setting(
         0.1,
-        "Share of the height beyond the hips up to which voxels are looked at for a body without "
+        "Share of the height beyond the hips up to which voxels are used for a body without "
         "head or feet.",
         "the belly ends there",
         least=0,
@@ -268,8 +268,8 @@ class StandingConfig(Config):
     height: float = setting(0.0, "Height of the floor.", "by definition", "m")
     reach: float = setting(
         0.3,
-        "Height above the floor below which the lowest voxels of a person are who stands on it; 0 "
-        "for nobody.",
+        "Height of the lowest voxels above the floor below which a person counts as standing "
+        "on it; 0 turns this off.",
         "by hand: feet and shins that silhouettes lose are shorter",
         "m",
         least=0,
@@ -342,8 +342,8 @@ class AcceptanceConfig(Config):
 
     good: float = setting(
         0.3,
-        "Registration error above which a start is looked for again with other random numbers: "
-        "what chance decides, several attempts decide better, and the score tells which.",
+        "Registration error above which the start is searched again with other random numbers;"
+        " the attempt with the least cost is used.",
         least=0,
     )
     n_attempts: int = setting(3, "Number of attempts in all.", least=1)
@@ -353,21 +353,22 @@ class AcceptanceConfig(Config):
     )
     ambiguous: float = setting(
         1.15,
-        "Factor of misfit below which another hypothesis makes longer looks worth their time.",
+        "Factor of misfit below which another hypothesis is so close that the start is "
+        "searched again over more frames.",
         "`hard_skirt_4cam`: 1.0 to 1.12, one start in five turned about; laboratory sequences: "
         "1.23 and more",
         least=1,
     )
     longer: float = setting(
         2.5,
-        "Factor of the time that is looked at then, with twice as many frames.",
+        "Factor by which the time span of that search is longer; it uses twice as many frames.",
         "of `hard_skirt_4cam` no start in five is turned about; with 2 one is",
         least=1,
     )
     stout: float = setting(
         3.0,
-        "Girth above the template's from which on a start is doubtful: hardly anybody who stands "
-        "has one.",
+        "Excess of girth over the template's from which on a start is doubtful, because hardly"
+        " any standing person has it.",
         unit="standard deviations of the prior",
         least=0,
     )

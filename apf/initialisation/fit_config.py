@@ -91,8 +91,8 @@ class PointFitConfig(Config):
     )
     suspect: float = setting(
         1.5,
-        "Factor of the median frame's missed share above which poses are looked for anew, from "
-        "those of the frames around and the other way round.",
+        "Factor of the median missed share above which a frame's pose is fitted again, from "
+        "the poses of neighbouring frames and turned by half a turn.",
         above=0,
     )
     n_independent: float = setting(
@@ -110,7 +110,7 @@ class KeypointStartConfig(Config):
     SOURCE: ClassVar = "by hand"
 
     n_frames: int = setting(
-        40, "Number of frames that they are learnt from, evenly over all.", least=1
+        40, "Number of frames to which body and points are fitted, evenly spread.", least=1
     )
     error: float = setting(
         8.0,
@@ -125,7 +125,7 @@ class KeypointStartConfig(Config):
         above=0,
     )
     least_points: int = setting(
-        6, "Number of triangulated points that a frame must have to be looked at.", least=1
+        6, "Least number of triangulated points of a frame that is used.", least=1
     )
     n_levels: int = setting(
         5,

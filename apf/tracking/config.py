@@ -61,8 +61,8 @@ class RecoveryConfig(Config):
     longer: int = setting(2, "Factor of their layers; a particle filter (SIR) has none.", least=1)
     everywhere_too: bool = setting(
         False,
-        "Whether to search everywhere though somebody fits near the last pose: legs alone fit arms "
-        "and trunk, so bodies without a head do.",
+        "Whether to search everywhere even if a pose near the last one fits; used for bodies "
+        "without a head, because legs alone also fit arms and trunk.",
     )
 
     @model_validator(mode="after")
@@ -94,7 +94,7 @@ class TwoWayConfig(Config):
 
     near: float = setting(
         0.15,
-        "Distance within which joints of two passes are the same: their mean is taken.",
+        "Distance within which joints of two passes agree, so that they are averaged.",
         "tuned on synth_box_4cam and synth_salsa_4cam_hd: 0.1 is nearly as good",
         "m",
         above=0,
@@ -286,7 +286,7 @@ class GaitConfig(Config):
 
     speed: float = setting(
         0.3,
-        "Least speed of the pelvis of somebody who walks.",
+        "Least speed of the pelvis that counts as walking.",
         "old people's slow walk is about 0.6",
         "m/s",
         above=0,

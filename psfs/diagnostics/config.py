@@ -13,12 +13,10 @@ class ConsistencyConfig(Config):
 
     SOURCE: ClassVar = "by hand; the tests hold it on sequences with one spoilt camera"
 
-    samples: int = setting(
-        4, "Number of frames, spread over the sequence, that are looked at.", least=1
-    )
+    samples: int = setting(4, "Number of examined frames, spread over the sequence.", least=1)
     low_share: float = setting(
         0.6,
-        "Share of the others' median IoU below which a camera is named.",
+        "Share of the others' median IoU below which a camera is reported.",
         "at 0.7 a sound camera of `synth_salsa_4cam_hd` was left out, whose share is 0.68: few "
         "cameras leave shapes of which each view tells another part",
         least=0,
@@ -33,14 +31,15 @@ class ConsistencyConfig(Config):
     )
     agreeing: float = setting(
         0.2,
-        "Median IoU of the others below which they do not agree among themselves, or see nobody.",
+        "Median IoU of the other cameras below which these do not agree among themselves, or "
+        "no person is visible.",
         least=0,
         most=1,
     )
     voxels: int = setting(250_000, "Greatest number of voxels of the coarse shapes.", least=1)
     camera_share: float = setting(
         0.5,
-        "Share of the cameras that must see the room where the coarse shapes are looked for.",
+        "Share of the cameras that must see the space in which the coarse shapes are carved.",
         least=0,
         most=1,
     )
@@ -58,7 +57,9 @@ class ConsistencyConfig(Config):
         "Lags by which a camera's pictures may come late, or early, that are tried.",
         unit="frames",
     )
-    rise: float = setting(0.1, "IoU that a lag must add to be believed.", least=0, most=1)
+    rise: float = setting(
+        0.1, "Increase of the IoU that a lag needs in order to be reported.", least=0, most=1
+    )
 
 
 class AlignmentConfig(Config):
@@ -124,7 +125,7 @@ class AlignmentConfig(Config):
     )
     first_share: float = setting(
         0.75,
-        "Share to which distances must shrink in small pictures, before larger ones are looked at.",
+        "Share to which distances must shrink in small pictures before larger ones are examined.",
         least=0,
         most=1,
     )
@@ -139,17 +140,15 @@ class OccluderConfig(Config):
         "cameras, and clean ones, confirmed it"
     )
 
-    on: bool = setting(True, "Whether it is looked for at all; Song et al. know none.")
+    on: bool = setting(True, "Whether to search for furniture; Song et al. have no such step.")
     samples: int = setting(
         64,
-        "Number of frames, spread over the sequence, that are looked at.",
+        "Number of examined frames, spread over the sequence.",
         "with 25 of 122 a twelfth of what is hidden was not found",
         unit="frames",
         least=2,
     )
-    longest_side: int = setting(
-        640, "Longest side of the pictures that are looked at.", unit="px", least=16
-    )
+    longest_side: int = setting(640, "Longest side of the examined pictures.", unit="px", least=16)
     voxels: int = setting(
         600_000, "Greatest number of voxels of the grid around the person.", least=1000
     )
@@ -173,18 +172,21 @@ class OccluderConfig(Config):
         least=0,
     )
     least_frames: int = setting(
-        2, "Least number of frames in which a pixel must deny what the others see.", least=1
+        2,
+        "Least number of frames in which a pixel must contradict what the other cameras see.",
+        least=1,
     )
     least_share: float = setting(
         0.1,
-        "Least share of such frames among those in which the pixel shows the person or denies him.",
+        "Least share of such frames among those in which the pixel either shows the person or "
+        "contradicts the other cameras.",
         least=0,
         most=1,
     )
     least_confirmed: float = setting(
         0.5,
-        "Least number of pixels of a camera that show the person for each that denies him: else "
-        "something else is wrong with it.",
+        "Least ratio of a camera's pixels that show the person to those that contradict the "
+        "other cameras; below it, the camera has another fault.",
         least=0,
     )
     gap: int = setting(13, "Width of holes that are filled.", unit="px", least=1)
@@ -203,11 +205,13 @@ class FaultConfig(Config):
 
     longest_side: int = setting(320, "Longest side of the small pictures.", unit="px", least=16)
     window: tuple[int, int] = setting(
-        (60, 200), "Least and greatest number of frames in a row that are looked at.", unit="frames"
+        (60, 200),
+        "Least and greatest number of consecutive frames that are examined.",
+        unit="frames",
     )
     pixels: float = setting(
         1.5e9,
-        "Number of pixels that are decoded at most, which bounds the frames looked at.",
+        "Greatest number of pixels that are decoded, which bounds the number of examined frames.",
         unit="px",
         above=0,
         most=1e15,
@@ -256,12 +260,12 @@ class FaultConfig(Config):
     )
     turned_ratio: float = setting(
         2.5,
-        "Factor by which a camera's cost must be higher than the others' to be looked at closer.",
+        "Least factor between a camera's cost and the others' for a search of its rotation.",
         least=1,
     )
     turned_cost: float = setting(
         0.045,
-        "Least cost of a camera that is looked at closer.",
+        "Least cost of a camera for a search of its rotation.",
         "0.035 among four frames of four cameras",
         least=0,
     )

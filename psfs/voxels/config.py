@@ -146,9 +146,7 @@ class VolumeConfig(Config):
 
     SOURCE: ClassVar = "by hand; the tests hold it on dancers, a dinosaur and synthetic bodies"
 
-    samples: int = setting(
-        8, "Number of frames, spread over the selection, that are looked at.", least=1
-    )
+    samples: int = setting(8, "Number of examined frames, spread over the selection.", least=1)
     coarse: int = setting(
         64,
         "Number of voxels along the longest side of the volume in the coarse search.",
