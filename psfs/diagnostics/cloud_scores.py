@@ -67,14 +67,14 @@ def draw_voxels(
     3): each a disc of half its projected size."""
     _, row, column, depth = camera.look_up(points)
     radii = np.maximum(1, np.round(0.5 * edge * camera.K[0, 0] / depth)).astype(int)
-    drawn = np.zeros(shape, np.uint8)
+    drawn = np.zeros(shape, bool)
     for radius in np.unique(radii):
         own = np.zeros(shape, np.uint8)
         own[row[radii == radius], column[radii == radius]] = 1
         disc = np.zeros((2 * radius + 1,) * 2, np.uint8)
         cv2.circle(disc, (int(radius), int(radius)), int(radius), 1, -1)
-        drawn = cv2.max(drawn, cv2.dilate(own, disc))
-    return np.asarray(drawn).view(bool)
+        drawn |= cv2.dilate(own, disc) > 0
+    return drawn
 
 
 def _carved(seen: Items[tuple[Camera, np.ndarray]], grid: VoxelGrid) -> np.ndarray:
