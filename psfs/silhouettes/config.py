@@ -142,8 +142,14 @@ class AppearanceConfig(Config):
     look_again: bool = setting(
         True,
         "Whether a frame that does not follow shortly after the one before is worked on twice, the "
-        "second time with the person's location known; else only the very first one is, which "
-        "takes half the time.",
+        "second time with the person's location known.",
+    )
+    first_looks: int = setting(
+        4,
+        "Number of times that the very first frame is worked on again, each time with the person "
+        "as known by then.",
+        "of a grey person before grey, 19 % of the silhouettes lack after one, 10 % after four",
+        least=1,
     )
     location_inside: float = setting(
         0.98,

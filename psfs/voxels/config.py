@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from psfs.common.config import Config, part, setting
 from psfs.silhouettes.config import SilhouetteConfig
@@ -17,8 +17,18 @@ class OccupancyConfig(Config):
     prior: float = setting(
         0.5, "Prior probability P(V = 1) that a voxel is occupied.", "even odds", above=0, below=1
     )
+    smoothing: Literal["faces", "cube"] = setting(
+        "faces",
+        "The voxels whose mean probability is a voxel's: itself and its six neighbours, or a cube "
+        "of 3x3x3, which wears limbs away.",
+        "by true masks: of the hulls' volume the cube at 0.6 lacked 11 %, the faces lack 8 %",
+    )
     threshold: float = setting(
-        0.6, "Smoothed probability above which a voxel is occupied.", "by hand", above=0, below=1
+        0.65,
+        "Smoothed probability above which a voxel is occupied.",
+        "tuned on synthetic people with true masks",
+        above=0,
+        below=1,
     )
     min_cameras: int | None = setting(
         None,
@@ -34,6 +44,13 @@ class OccupancyConfig(Config):
         "Least number of cameras that `camera_share` asks for, or all if there are fewer.",
         "by hand",
         least=0,
+    )
+
+    closed_surface: bool = setting(
+        True,
+        "Whether voxels with an empty neighbour at an edge or corner belong to the surface, whose "
+        "projection then has no holes; else only those with an empty neighbour at a face do.",
+        "measured with true masks: without them 2 to 4 % of a silhouette are holes",
     )
 
     def seeing_cameras(self, n_cameras: int) -> int:
