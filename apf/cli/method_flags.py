@@ -92,7 +92,7 @@ def chosen_method(args: argparse.Namespace) -> Method:
     _refuse_others(args, method)
     shape = shape_settings(args)
     if args.likelihood is not None:
-        method = method.replace(filter=method.filter.changed(**_terms(args.likelihood)))
+        method = method.replace(filter=method.filter.with_changes(**_terms(args.likelihood)))
     if shape:
         method = method.replace(image=method.image.replace(**shape))
     others = ("filter.likelihood",) if method.uses_images else ("image", "features")

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from apf.backend import pictures_for
+from apf.backend import draw_poses
 from apf.body import BodyModel, load_body
 from apf.body.mesh import BodyMesh
 from apf.cli.shape_flags import shape_settings
@@ -90,7 +90,7 @@ def _drawn(
     """Render parts and edges (V, H, W, 2) uint8 of `pose` (D,); without a device by OpenGL."""
     if device is None:
         return draw_by_opengl(body, rig, pose[None], mesh)[0]
-    return pictures_for(Scene(device, rig, None, body), pose[None], mesh, round_ends)[0]
+    return draw_poses(Scene(device, rig, None, body), pose[None], mesh, round_ends)[0]
 
 
 def tinted(picture: np.ndarray, parts: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from apf.cli.method_flags import METHOD_FLAGS
 from apf.report.overlay import write_overlay
 from apf.tracking.config import TriangulatedConfig
 from apf.tracking.track import Track
-from apf.tracking.triangulated import triangulated_track
+from apf.tracking.triangulated import triangulate_track
 from cl import InputError, UserError
 from psfs.cameras.names import listed
 from psfs.cli.commandline import progress_bar, stdout
@@ -65,7 +65,7 @@ def _one(args: argparse.Namespace, folder: str, output: Path) -> None:
     assert keypoints is not None
     selection = slice(frames.start, frames.stop, frames.step)
     with output_folder(output, args.parser.prog, sequence.inputs, RESULTS):
-        track = triangulated_track(sequence, keypoints, config, selection)
+        track = triangulate_track(sequence, keypoints, config, selection)
         _write(args, output, sequence, track)
     stdout.print(f"{len(track)} frames triangulated: {output}", soft_wrap=True)
     stdout.print(_described(track), soft_wrap=True)
