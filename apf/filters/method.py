@@ -38,8 +38,8 @@ class Method(Config):
     )
     objective: str = setting(
         "voxel",
-        "What is searched for: the voxels' likelihood, keypoints alone, or a function of image "
-        "features (Rymut 2016 eq. 4.46-4.50).",
+        "Objective: the voxels' likelihood, keypoints alone, or a function of image features "
+        "(Rymut 2016 eq. 4.46-4.50).",
         "Song et al.",
         choices=OBJECTIVES,
     )
@@ -50,11 +50,16 @@ class Method(Config):
     )
     both_ways: bool = setting(
         True,
-        "Whether a take is tracked back, too, see `apf.tracking.two_way`; image features are not.",
+        "Whether a take is also tracked backward, see `apf.tracking.two_way`; not with image "
+        "features.",
         "docs/accuracy.md",
     )
     runs: int = setting(
-        2, "Number of runs, each both ways, that make a track then.", "docs/accuracy.md", least=1
+        2,
+        "Number of runs, each with a forward and a backward pass, that are then fused into a "
+        "track.",
+        "docs/accuracy.md",
+        least=1,
     )
     filter: FilterConfig = part(
         FilterConfig,
@@ -64,7 +69,7 @@ class Method(Config):
     swarm: SwarmConfig = part(SwarmConfig, "Settings of the particle swarm.")
     sir: SirConfig = part(SirConfig, "Settings of the particle filter with resampling.")
     image: ObjectiveConfig = part(ObjectiveConfig, "Settings of the objectives over images.")
-    features: FeatureConfig = part(FeatureConfig, "Which image features are looked at.")
+    features: FeatureConfig = part(FeatureConfig, "The image features.")
 
     @model_validator(mode="before")
     @classmethod
