@@ -6,7 +6,8 @@ flags of single settings.
 
 from __future__ import annotations
 
-from psfs.background.config import BackgroundModelConfig, ScreenConfig, TakeConfig
+from psfs.background.config import ScreenConfig
+from psfs.background.estimation_config import BackgroundModelConfig, TakeConfig
 from psfs.calibration.config import CalibrationConfig
 from psfs.common.config import Config, part
 from psfs.diagnostics.config import (

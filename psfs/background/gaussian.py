@@ -12,7 +12,7 @@ from itertools import chain, islice
 import cv2
 import numpy as np
 
-from psfs.background.config import BackgroundModelConfig
+from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.cameras.camera import CameraRig
 from psfs.footage.media import Media
 

@@ -8,7 +8,7 @@ from threading import Lock
 import cv2
 import numpy as np
 
-from psfs.background.config import BackgroundModelConfig
+from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.footage.media import Media
 
 #: OpenCV's label of foreground; its label of shadows is 127.

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from psfs.background.config import BackgroundConfig, BackgroundModelConfig, LightConfig, TakeConfig
+from psfs.background.config import BackgroundConfig, LightConfig
+from psfs.background.estimation_config import BackgroundModelConfig, TakeConfig
 from psfs.background.gaussian import Background, median_moments, sorted_stack, with_prior
 from psfs.background.ghosts import find_ghost, moving_region
 from psfs.background.hull import CoarseHull

@@ -40,10 +40,10 @@ def find_swapped_cameras(tangency: Tangency, config: FaultConfig) -> list[int]:
         return tangency.rig[a].size == tangency.rig[b].size
 
     order = list(range(len(tangency.rig)))
-    cost = tangency.compared(order).cost
+    cost = tangency.compare(order).cost
     for _ in range(len(order) - 1):
         pairs = [pair for pair in combinations(range(len(order)), 2) if alike(*pair)]
-        tried = {pair: tangency.compared(_swap(order, *pair)).cost for pair in pairs}
+        tried = {pair: tangency.compare(_swap(order, *pair)).cost for pair in pairs}
         known = {pair: value for pair, value in tried.items() if np.isfinite(value)}
         if not known:
             break
@@ -72,12 +72,12 @@ def find_flipped_cameras(
     With it come the cameras that it applies to, all or one, and the cost that is left.
     """
     views = list(range(len(tangency.rig)))
-    cost = tangency.compared().cost
+    cost = tangency.compare().cost
     guesses: list[tuple[Way, list[int]]] = [("mirrored", views)]
     if len(views) > 2:
         ways: tuple[Way, ...] = ("mirrored", "turned")
         guesses += [(way, [view]) for way in ways for view in views]
-    tried = [tangency.compared(**{way: cameras}).cost for way, cameras in guesses]
+    tried = [tangency.compare(**{way: cameras}).cost for way, cameras in guesses]
     if not np.isfinite(tried).any():
         return None
     best = int(np.nanargmin(tried))
@@ -220,7 +220,7 @@ def find_convention(
     costs = {}
     for name, mended in CONVENTIONS.items():
         tried = Tangency(CameraRig(tuple(mended(camera) for camera in rig)), outlines)
-        costs[name] = tried.compared().cost
+        costs[name] = tried.compare().cost
     known = {name: value for name, value in costs.items() if np.isfinite(value)}
     best = min(known, key=lambda name: known[name], default=None)
     return best if best is not None and known[best] < config.mirror_share * cost else None

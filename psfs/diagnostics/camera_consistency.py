@@ -64,7 +64,7 @@ def find_inconsistent_cameras(
             break
         worst = int(np.nanargmin(scores))
         others = float(np.nanmedian(np.delete(scores, worst)))
-        if others < limits.find_agreeing_passes or not scores[worst] < limits.low_share * others:
+        if others < limits.agreeing or not scores[worst] < limits.low_share * others:
             break
         view = left.pop(worst)
         reason = (known or {}).get(rig.names[view]) or judge.reason(view, left)
@@ -151,7 +151,7 @@ class _Judge:
         size = (self.rig.height, self.rig.width)
         camera = self.rig.cameras[view]
         expected = voxel_silhouette(camera, self.grid.centres(shape), self._extents[view], size)
-        own = of_person(evidence[view] > 0, expected)
+        own = select_person(evidence[view] > 0, expected)
         if (own & expected).sum() >= self.limits.agrees * own.sum():
             expected &= evidence[view] != UNKNOWN  # hidden by furniture, not by an error
         return iou(expected, own)
@@ -192,7 +192,7 @@ class _Judge:
         return best if scores[best] > scores[0] + self.limits.rise else 0
 
 
-def of_person(shown: np.ndarray, expected: np.ndarray) -> np.ndarray:
+def select_person(shown: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Return the connected parts of a silhouette (H, W) bool that overlap the expected one.
 
     The others are clutter, or people elsewhere. If no part overlaps, return the whole silhouette:

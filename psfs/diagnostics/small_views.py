@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from cl import Device, NumpyDevice
-from psfs.backend import evidence_ahead
+from psfs.backend import make_evidence_pipeline
 from psfs.background.chroma_key import ChromaKey
 from psfs.background.gaussian import Background, stack_median
 from psfs.cameras.camera import CameraRig
@@ -75,13 +75,13 @@ def small_views(
     config = config or FaultConfig()
     shrink = Shrink(sequence.rig, config.longest_side)
     background = shrink.background(sequence.background)
-    begin = evidence_ahead(device, shrink.small, background, _SILHOUETTES)
+    begin = make_evidence_pipeline(device, shrink.small, background, _SILHOUETTES)
     frames = _select_frames(sequence, config)
     kept = np.unique(np.linspace(0, len(frames) - 1, config.samples).round().astype(int))
     backgrounds = None if background is None else _grey(background.mean.astype(np.uint8))
     outlines, foreground, gains, masks, pictures = [], [], [], [], []
     shown = (shrink.frame(frame) for frame in sequence.frames(slice(frames.start, frames.stop)))
-    for number, (small, evidence) in enumerate(_one_ahead(shown, begin)):
+    for number, (small, evidence) in enumerate(_compute_ahead(shown, begin)):
         silhouettes = evidence > 0
         pairs = list(zip(shrink.small, silhouettes, strict=True))
         outlines.append([extract_outline(mask[: c.size[1], : c.size[0]]) for c, mask in pairs])
@@ -98,7 +98,7 @@ def small_views(
     )  # fmt: skip
 
 
-def _one_ahead(
+def _compute_ahead(
     frames: Iterable[Frame], begin: Callable[[Frame], Callable[[], np.ndarray]]
 ) -> Iterator[tuple[Frame, np.ndarray]]:
     """Yield frames with their evidence, while that of the next frame is computed."""
@@ -112,7 +112,7 @@ def _one_ahead(
         yield before[0], before[1]()
 
 
-def contact_sheet(views: SmallViews, columns: int = 6) -> np.ndarray:
+def draw_contact_sheet(views: SmallViews, columns: int = 6) -> np.ndarray:
     """Draw a picture (h, w, 3) uint8 BGR: a row per camera with some of its frames, silhouettes in
     green."""
     chosen = np.unique(np.linspace(0, len(views.samples) - 1, columns).round().astype(int))

@@ -98,7 +98,7 @@ class Tangency:
             self._rays[key] = own.rays(turned) if len(points) else np.zeros((0, 3))
         return self._rays[key]
 
-    def compared(
+    def compare(
         self,
         order: Sequence[int] | None = None,
         shifts: Sequence[int] | None = None,

@@ -11,7 +11,7 @@ import numpy as np
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.sequence import Frame
-from psfs.voxels.clouds import coarsened
+from psfs.voxels.clouds import coarsen
 from psfs.voxels.grid import VoxelCloud
 from psfs.voxels.host_voxels import voxel_silhouette
 from psfs.voxels.normals import estimate_normals
@@ -57,7 +57,7 @@ def _coarsen_for_picture(cloud: VoxelCloud) -> VoxelCloud:
         return cloud
     ijk = np.stack(np.unravel_index(cloud.indices, cloud.grid.shape))
     longest = int(np.ptp(ijk, axis=1).max()) + 1
-    return coarsened(cloud, -(-longest // _MAX_VOXELS))
+    return coarsen(cloud, -(-longest // _MAX_VOXELS))
 
 
 def draw_sheet(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array
-from psfs.voxels.bricks import Bricks, bricks_along, lane_defines
+from psfs.voxels.bricks import Bricks, count_bricks, lane_defines
 
 
 class Occupancy:
@@ -28,7 +28,7 @@ class Occupancy:
         self._bricks = bricks
         self.probability = device.empty(shape, np.float32, f"a grid of {nx * ny * nz:,} voxels")
         lanes = lane_defines(device, 0)
-        along, group = bricks_along(shape), int(lanes["LANES"])
+        along, group = count_bricks(shape), int(lanes["LANES"])
         self._launch = device.launch(
             device.kernel("reconstruction/occupancy", "occupancy", **bricks.defines, **lanes),
             (along[2] * group, along[1], along[0]),

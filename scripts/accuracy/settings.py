@@ -29,6 +29,11 @@ class Setting:
     observations: str = "voxels"
     preset: str = ""
 
+    @property
+    def recording(self) -> tuple[str, int, int, str]:
+        """The settings that choose a recording: those of one are done together."""
+        return self.sequence, self.cameras, self.step, self.preset
+
 
 #: The observations of a suite's runs: keypoints triangulated, without a body; the voxels; the
 #: keypoints instead of voxels; voxels and keypoints.

@@ -8,7 +8,7 @@ import numpy as np
 
 from apf.body.kinematics import posed_points
 from apf.body.model import Joint
-from apf.filters.config import KEYPOINTS_ON
+from apf.filters.term_weights import KEYPOINTS_ON
 from apf.initialisation.from_joints import fit_to_joints
 from apf.keypoints.landmarks import locate_points
 from apf.likelihood.keypoint_model import KeypointModel

@@ -10,8 +10,9 @@ import pytest
 from apf.body import load_body
 from apf.cli import main
 from apf.cli.commands import COMMANDS
-from apf.filters.config import FilterConfig, likelihood_weights
+from apf.filters.config import FilterConfig
 from apf.filters.method import Method
+from apf.filters.term_weights import likelihood_weights
 from apf.presets import PRESETS, Preset, preset
 from apf.tracking.recovery import Judge, RecoveryConfig
 from cl import InputError

@@ -283,7 +283,7 @@ def test_no_memory(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def none(*_: Any, **__: Any) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("psfs.session.reconstructor_for", none)
+    monkeypatch.setattr("psfs.session.make_reconstructor", none)
     faults.refused(reconstruct(stock), stock, "not enough memory")
 
 

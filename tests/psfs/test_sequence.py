@@ -16,7 +16,7 @@ from helpers.shared import shared_data
 
 from cl import InputError
 from psfs.background import gaussian
-from psfs.background.config import BackgroundModelConfig
+from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.background.gaussian import (
     clipped_moments,
     estimate_background,

@@ -28,7 +28,8 @@ from timings.tables.whole import papers, table_3
 from timings.whole_frame import Problem, WholeFrame, sequence_run, stage_times, stream_run
 
 from apf.body import load_body
-from apf.filters.config import KEYPOINTS_ON, FilterConfig
+from apf.filters.config import FilterConfig
+from apf.filters.term_weights import KEYPOINTS_ON
 from apf.initialisation.from_joints import fit_to_joints
 from apf.synthetic.render import SyntheticScene
 from apf.synthetic.scene import SceneConfig

@@ -17,7 +17,7 @@ from apf.likelihood.contour import (
     REACH,
     full_contrast,
 )
-from apf.likelihood.part_colour import scored_parts
+from apf.likelihood.part_colour import list_scored_parts
 from apf.likelihood.term import SharedTwin, TermTwin
 from apf.likelihood.terms.contour import ContourConfig
 from apf.reference.likelihood.part_colour import hidden_by_trunk, lookup_pixels
@@ -91,15 +91,16 @@ def contour_means(
     """
     corners = project_outlines(camera, cones)
     sums, counts = np.zeros(len(cones)), np.zeros(len(cones))
-    for (number, t, _, _), part in zip(rows, row_parts, strict=True):
+    for row, part in zip(rows, row_parts, strict=True):
         if part < 0:
             continue
+        number, t, _, _ = row
         quad = corners[:, int(number)]
         for near, far in ((0, 3), (1, 2)):
             line = quad[:, far] - quad[:, near]
             pixels = quad[:, near] + t * line
             y, x, seen = lookup_pixels(camera, pixels)
-            hidden = hidden_by_trunk(camera, body, cones, corners, int(number), t, pixels[:, None])
+            hidden = hidden_by_trunk(camera, body, cones, corners, row, pixels[:, None])
             seen &= ~hidden[:, 0]
             sums += np.where(seen, contours[_normals(line), y, x].astype(float), 0)
             counts += seen
@@ -120,7 +121,7 @@ class NumpyContours(TermTwin):
 
     def __init__(self, shared: SharedTwin, settings: ContourConfig) -> None:
         self._scene, self._settings, self._rows = shared.scene, settings, shared.rows
-        self._row_parts = scored_parts(shared.scene.body, shared.rows)
+        self._row_parts = list_scored_parts(shared.scene.body, shared.rows)
         self.contours: np.ndarray | None = None
 
     def observe(self, voxels: HostVoxels, maps: np.ndarray) -> None:

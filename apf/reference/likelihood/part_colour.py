@@ -3,6 +3,8 @@ part_colour.cl and the term in likelihood.cl."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from apf.body.cones import project_outlines
@@ -13,11 +15,11 @@ from apf.likelihood.part_colour import (
     N_CODES,
     RATIO_STEPS,
     ROWS,
+    find_trunk_cone,
     fit_palette,
-    histogram_parts,
-    part_names,
-    scored_parts,
-    trunk_cone,
+    list_histogram_parts,
+    list_part_names,
+    list_scored_parts,
 )
 from apf.likelihood.term import SharedTwin, TermTwin
 from apf.likelihood.terms.part_colour import PartColourConfig
@@ -65,8 +67,8 @@ def count_codes(rig: CameraRig, body: BodyModel, pose: np.ndarray, codes: np.nda
     """Return (P, N_CODES) how many samples of each part show each of the codes (V, H, W) at a pose
     (D,): of those that no other cone lies before or behind."""
     cones = posed_cones(body, pose[None])
-    parts = histogram_parts(body)
-    counts = np.zeros((len(part_names(body)), N_CODES))
+    parts = list_histogram_parts(body)
+    counts = np.zeros((len(list_part_names(body)), N_CODES))
     t = ((np.arange(ROWS) + 0.5) / ROWS)[:, None, None]
     u = ((np.arange(COLUMNS) + 0.5) / COLUMNS)[:, None]
     for camera, view in zip(rig, codes, strict=True):
@@ -100,14 +102,13 @@ def hidden_by_trunk(
     body: BodyModel,
     cones: np.ndarray,
     corners: np.ndarray,
-    cone: int,
-    share: float,
+    row: np.ndarray,
     pixels: np.ndarray,
 ) -> np.ndarray:
-    """Return (N, K) whether the trunk hides samples at pixels (N, K, 2), that lie at this share of
-    a cone's length: they do in the outline of its cone, where that point lies further from the
-    camera than the trunk's middle. cones (N, C, 16), corners (N, C, 4, 2): their outlines."""
-    trunk = trunk_cone(body)
+    """Return (N, K) whether the trunk hides samples at pixels (N, K, 2), that lie in a row (4,) of
+    a cone: they do in the outline of its cone, where the row lies further from the camera than the
+    trunk's middle. cones (N, C, 16), corners (N, C, 4, 2): their outlines."""
+    trunk, cone, share = find_trunk_cone(body), int(row[0]), row[1]
     if trunk < 0:
         return np.zeros(pixels.shape[:2], bool)
     own = cones[:, cone, 0:3] + share * (cones[:, cone, 4:7] - cones[:, cone, 0:3])
@@ -116,28 +117,34 @@ def hidden_by_trunk(
     return further[:, None] & is_in_outline(corners[:, trunk, None], pixels)
 
 
+class Look(NamedTuple):
+    """The learned colours: ratios (P, N_CODES) int8, see `ratios_of`, the parts (R,) whose rows
+    they judge, -1 for rows that count nothing, and the rows (R, 4), see `make_sample_rows`."""
+
+    ratios: np.ndarray
+    row_parts: np.ndarray
+    rows: np.ndarray
+
+
 def colour_means(
     camera: Camera,
     body: BodyModel,
     cones: np.ndarray,
     codes: np.ndarray,
-    ratios: np.ndarray,
-    row_parts: np.ndarray,
-    rows: np.ndarray,
+    look: Look,
 ) -> np.ndarray:
-    """Return (N,) the mean of what `ratios` say, as shares of the bound, of the codes (H, W) that a
-    camera sees in the rows (R, 4) of cones (N, C, 16); 0 where it sees none.
+    """Return (N,) the mean of what the ratios of `look` say, as shares of the bound, of the codes
+    (H, W) that a camera sees in the rows of cones (N, C, 16); 0 where it sees none.
 
-    Rows of parts (R,) -1 count nothing; nor do samples in the outline of the trunk's cone whose
-    row lies further from the camera than the trunk's middle.
+    Samples that the trunk hides count nothing.
     """
     corners = project_outlines(camera, cones)
     sums, counts = np.zeros(len(cones)), np.zeros(len(cones))
-    for (number, t, n_columns, _), part in zip(rows, row_parts, strict=True):
+    for row, part in zip(look.rows, look.row_parts, strict=True):
         if part < 0:
             continue
-        c = int(number)
-        quad = corners[:, c, :, None]
+        number, t, n_columns, _ = row
+        quad = corners[:, int(number), :, None]
         left, right = (
             quad[:, 0] + t * (quad[:, 3] - quad[:, 0]),
             quad[:, 1] + t * (quad[:, 2] - quad[:, 1]),
@@ -145,8 +152,8 @@ def colour_means(
         u = ((np.arange(int(n_columns)) + 0.5) / n_columns)[:, None]
         pixels = left + u * (right - left)  # (N, columns, 2)
         code = _lookup_codes(camera, codes, pixels)
-        seen = (code >= 0) & ~hidden_by_trunk(camera, body, cones, corners, c, t, pixels)
-        sums += np.where(seen, ratios[part][np.maximum(code, 0)].astype(float), 0).sum(1)
+        seen = (code >= 0) & ~hidden_by_trunk(camera, body, cones, corners, row, pixels)
+        sums += np.where(seen, look.ratios[part][np.maximum(code, 0)].astype(float), 0).sum(1)
         counts += seen.sum(1)
     means: np.ndarray = sums / (RATIO_STEPS * np.maximum(counts, 1))
     return means
@@ -158,13 +165,13 @@ class NumpyPartColours(TermTwin):
 
     def __init__(self, shared: SharedTwin, settings: PartColourConfig) -> None:
         self._scene, self._settings, self._rows = shared.scene, settings, shared.rows
-        self._row_parts = scored_parts(shared.scene.body, shared.rows)
+        self._row_parts = list_scored_parts(shared.scene.body, shared.rows)
         self.codes: np.ndarray | None = None
         self._palette: np.ndarray | None = None
         self.forget()
 
     def forget(self) -> None:
-        self.histograms = np.zeros((len(part_names(self._scene.body)), N_CODES))
+        self.histograms = np.zeros((len(list_part_names(self._scene.body)), N_CODES))
         self.ratios = np.zeros(self.histograms.shape, np.int8)
 
     def learn(self, pose: np.ndarray) -> None:
@@ -186,5 +193,5 @@ class NumpyPartColours(TermTwin):
         if self.codes is None:
             return None
         camera, body, codes = self._scene.rig[view], self._scene.body, self.codes[view]
-        look = self.ratios, self._row_parts, self._rows
-        return -self._settings.weight * colour_means(camera, body, cones, codes, *look)
+        look = Look(self.ratios, self._row_parts, self._rows)
+        return -self._settings.weight * colour_means(camera, body, cones, codes, look)

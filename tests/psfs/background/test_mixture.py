@@ -8,7 +8,7 @@ import numpy as np
 from helpers import footage
 from helpers.shared import shared_data
 
-from psfs.background.config import BackgroundModelConfig
+from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.background.mixture import Mixture
 from psfs.sequence import Sequence
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import scenes
 
-from psfs.background.config import BackgroundModelConfig, TakeConfig
+from psfs.background.estimation_config import BackgroundModelConfig, TakeConfig
 from psfs.background.ghosts import find_ghost, moving_region
 from psfs.background.hull import CoarseHull
 from psfs.background.take import estimate_background_from_take, masked_moments

@@ -8,7 +8,7 @@ import pytest
 from helpers import scenes
 
 from cl import Device
-from psfs.backend import evidence_ahead, evidence_for
+from psfs.backend import make_evidence_function, make_evidence_pipeline
 from psfs.diagnostics.small_views import extract_outline
 from psfs.diagnostics.tangency import CAP, Tangency
 from psfs.sequence import Frame
@@ -73,8 +73,8 @@ def test_evidence_of_one_frame_ahead(device: Device) -> None:
     frames = [
         Frame(k, None, random.integers(0, 256, (2, 48, 64)).astype(np.uint8)) for k in range(4)
     ]
-    now = evidence_for(device, rig, None, SilhouetteConfig())
-    begin = evidence_ahead(device, rig, None, SilhouetteConfig())
+    now = make_evidence_function(device, rig, None, SilhouetteConfig())
+    begin = make_evidence_pipeline(device, rig, None, SilhouetteConfig())
     before = begin(frames[0])
     for number, frame in enumerate(frames[1:]):
         begun = begin(frame)
