@@ -33,7 +33,7 @@ def load_body(name_or_path: str | Path) -> BodyModel:
     path = Path(name_or_path)
     shipped = {file.stem: file for file in sorted(_BODIES.glob("*.toml"))}
     path = shipped.get(str(name_or_path), path)
-    if not path.is_file():
+    if not path.exists():
         wanted = f"a TOML file or one of {listed(shipped)}"
         raise MissingFileError(f"{path}: no body model; expected {wanted}")
     return _validate(read_toml(path), path)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+import socket
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
+from urllib.parse import urlsplit
 
 from apf.cluster.workers import Share, make_setup_plugin
 from cl import InputError
@@ -25,6 +27,10 @@ class _SchedulerFile(Table):
 
 #: Number of workers that may die during a task before the scheduler gives it up.
 ATTEMPTS = 3
+#: Networks of Dask whose servers are not asked for their greeting.
+_OTHER_NETWORKS = ("tls", "ucx", "ucxx", "ws", "wss")
+#: Bytes; of a scheduler about 200.
+_LONGEST_GREETING = 2**16
 
 
 def import_distributed() -> ModuleType:
@@ -87,13 +93,13 @@ def connect_cluster(address: str, shared: Path, patience: float = 10.0) -> Itera
     `shared`.
     """
     distributed = import_distributed()
-    where: dict[str, str] = {"address": address}
-    if Path(address).is_file():
+    where = address
+    if Path(address).exists():
         what = "the file that a `dask scheduler` wrote"
-        checked(_SchedulerFile, read_json(Path(address), what), address)
-        where = {"scheduler_file": address}
+        where = checked(_SchedulerFile, read_json(Path(address), what), address).address
     try:
-        client = distributed.Client(**where, timeout=patience)
+        _check_answer(where, patience)
+        client = distributed.Client(where, timeout=patience)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(
             f"--scheduler {address}: no scheduler answers ({str(error) or 'timed out'}); expected "
@@ -109,6 +115,27 @@ def connect_cluster(address: str, shared: Path, patience: float = 10.0) -> Itera
         _check_workers(client, shared)
         client.register_plugin(make_setup_plugin(embedded=False))
         yield client
+
+
+def _check_answer(address: str, patience: float) -> None:
+    """Raise OSError, TimeoutError or ValueError unless a Dask scheduler listens at `address`.
+
+    It sends its greeting, after the greeting's length, before it is asked anything. Dask's own
+    client takes the first bytes of any other server for a length, and waits or allocates.
+    """
+    parts = urlsplit(address if "//" in address else f"tcp://{address}")
+    if parts.scheme != "tcp":  # encrypted, or of another network
+        if parts.scheme not in _OTHER_NETWORKS:
+            raise ValueError(f"{parts.scheme}:// is not a scheduler's")
+        return
+    if not parts.hostname or not parts.port:
+        raise ValueError("it names no host and port")
+    with socket.create_connection((parts.hostname, parts.port), patience) as connection:
+        connection.settimeout(patience)
+        greeting = connection.recv(8, socket.MSG_WAITALL)
+    length = int.from_bytes(greeting, "little")
+    if len(greeting) < 8 or not 0 < length < _LONGEST_GREETING:
+        raise ValueError("another kind of server answers")
 
 
 def _check_workers(client: Any, shared: Path) -> None:

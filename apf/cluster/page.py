@@ -15,6 +15,8 @@ from apf.cluster.take_row import THUMBNAIL, TakeRow
 from psfs.common.files import resolve_path, written_whole
 
 LOGS = "logs"
+#: The files of the overview.
+FILES = ("index.html", "takes.csv")
 #: Columns of the page: field of the row, heading, explanation.
 _COLUMNS = (
     ("name", "take", "folder of the results"),

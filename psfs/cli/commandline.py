@@ -156,7 +156,7 @@ def log_line(text: str) -> None:
 def _opened(path: Path) -> TextIO:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        if path.is_file() and not _is_log(path):
+        if path.exists() and not (path.is_file() and _is_log(path)):
             raise InputError(f"--log-file {path}: is no log of psfs or apf; expected another file")
         return path.open("a", encoding="utf-8", buffering=1)
     except OSError as error:
@@ -199,6 +199,15 @@ def add_message_flags(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="append all messages to FILE, with the times and the traceback of an error",
+    )
+
+
+def add_overwrite_flag(parser: argparse.ArgumentParser) -> None:
+    """Add --overwrite, for commands that write a single file where the user says."""
+    parser.add_argument(
+        "--overwrite",
+        action="store_true",
+        help="replace FILE even if it was not written by this program",
     )
 
 

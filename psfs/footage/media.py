@@ -16,10 +16,11 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 import cv2
 import numpy as np
 
-from cl import InputError, MissingFileError
+from cl import InputError
 from psfs.cameras.names import natural_key
 from psfs.common.picture_size import check_picture_size
 from psfs.common.pictures import read_picture
+from psfs.common.reading import open_input
 
 if hasattr(cv2, "setLogLevel"):  # OpenCV 4
     cv2.setLogLevel(0)
@@ -255,8 +256,7 @@ class SelectingDecoder:
 
 
 def _open_capture(path: Path) -> cv2.VideoCapture:
-    if not path.is_file():
-        raise MissingFileError(f"{path}: no such file; expected a video")
+    open_input(path, "a video").close()
     capture = cv2.VideoCapture(_name_for_opencv(path), cv2.CAP_FFMPEG)
     if not capture.isOpened():
         raise InputError(f"{path}: cannot be opened as a video; it is damaged or truncated")

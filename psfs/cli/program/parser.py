@@ -22,6 +22,7 @@ from psfs.cli.commandline import (
 )
 from psfs.cli.program.command import Command
 from psfs.cli.program.outcome import exit_code
+from psfs.common.single_files import guard_files
 from psfs.common.versions import versions
 
 #: The shells that shtab writes completions for.
@@ -84,7 +85,7 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
         from psfs.cli.settings import with_settings
 
         args = with_settings(parser, args, words)
-        with messages(args):
+        with guard_files(getattr(args, "overwrite", False)), messages(args):
             _logged(parser.prog, args, words)
 
     return exit_code(parser.prog, run)
