@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import logging
+import os
+import shutil
 import socket
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, gettempdir
 from types import ModuleType
 from typing import Any
 from urllib.parse import urlsplit
@@ -16,6 +18,7 @@ from apf.cluster.workers import Share, make_setup_plugin
 from cl import InputError
 from psfs.common.files import read_json
 from psfs.common.schema import Table, checked
+from psfs.common.system import is_alive
 from psfs.common.versions import versions
 
 
@@ -27,6 +30,9 @@ class _SchedulerFile(Table):
 
 #: Number of workers that may die during a task before the scheduler gives it up.
 ATTEMPTS = 3
+#: Beginning of the names of the workers' temporary folders; the number of the command's process
+#: follows.
+_SCRATCH = "apf-workers-"
 #: Networks of Dask whose servers are not asked for their greeting.
 _OTHER_NETWORKS = ("tls", "ucx", "ucxx", "ws", "wss")
 #: Bytes; of a scheduler about 200.
@@ -64,7 +70,8 @@ def start_cluster(shares: Sequence[Share]) -> Iterator[Any]:
         "distributed.worker.profile.enabled": False,
     }
     local = {"host": "127.0.0.1", "dashboard": False, "silence_logs": logging.CRITICAL}
-    with TemporaryDirectory(prefix="apf-workers-") as scratch, dask.config.set(quiet):
+    _clear_scratch()
+    with TemporaryDirectory(prefix=f"{_SCRATCH}{os.getpid()}-") as scratch, dask.config.set(quiet):
         common = {**local, "nthreads": 1, "memory_limit": 0, "local_directory": scratch}
         workers = {
             number: {"cls": distributed.Nanny, "options": {**common, "env": share.environment}}
@@ -81,6 +88,14 @@ def start_cluster(shares: Sequence[Share]) -> Iterator[Any]:
             client.wait_for_workers(len(shares))
             client.register_plugin(make_setup_plugin(embedded=True))
             yield client
+
+
+def _clear_scratch() -> None:
+    """Remove the temporary folders of commands that were killed."""
+    for folder in Path(gettempdir()).glob(f"{_SCRATCH}*-*"):
+        process = folder.name.removeprefix(_SCRATCH).split("-")[0]
+        if process.isdigit() and not is_alive(int(process)):
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 import re
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -127,6 +128,12 @@ def messages(args: argparse.Namespace) -> Iterator[None]:
             log = make_log_console(file)
             handlers.append(logging.StreamHandler(file))
             handlers[-1].setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
+        if not sys.warnoptions:
+            # Those of NumPy and other libraries say nothing that a user can mend; --verbose and
+            # the log file have them.
+            handlers[0].addFilter(lambda record: args.verbose or record.name != "py.warnings")
+            logging.captureWarnings(True)
+            stack.callback(logging.captureWarnings, False)
         for handler in handlers:
             root.addHandler(handler)
             stack.callback(root.removeHandler, handler)

@@ -19,7 +19,7 @@ from cl import InputError
 from psfs.cli.commandline import path_or_name
 from psfs.cli.recording import RecordingParser
 from psfs.common.config import Config, part_kind
-from psfs.common.files import resolve_path, written_whole
+from psfs.common.files import resolve_path, write_text
 from psfs.common.presets import Presets, overlaid, read_preset
 from psfs.common.toml import read_toml
 
@@ -140,8 +140,7 @@ def write_settings(
         "default.\n\n"
     )
     path = folder / FILE
-    with written_whole(path) as temporary:
-        temporary.write_text(head + tomli_w.dumps({**flags, **tables}), encoding="utf-8")
+    write_text(path, head + tomli_w.dumps({**flags, **tables}))
     return path
 
 

@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from cl import InputError
 from psfs.common.outputs import claim, temporary_name
@@ -53,14 +53,16 @@ def read_numbers(path: Path) -> np.ndarray:
         raise InputError(f"{path}: expected numbers only: {error}") from None
 
 
-def read_json(path: Path, what: str, most_bytes: int = MOST_BYTES) -> Any:
+def read_json(path: Path, what: str, most_bytes: int = MOST_BYTES, nan: bool = False) -> Any:
     """Read a JSON file of at most `most_bytes`. Raises InputError, or MissingFileError if the file
     is absent.
 
-    what: description of the expected file, for errors.
+    what: description of the expected file, for errors. nan: allow NaN and Infinity, which JSON does
+    not have.
     """
     try:
-        return json.loads(read_text(path, what, most_bytes), parse_constant=_reject_constant)
+        constants = None if nan else _reject_constant
+        return json.loads(read_text(path, what, most_bytes), parse_constant=constants)
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
@@ -116,10 +118,26 @@ def written_whole(path: str | Path) -> Iterator[Path]:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
+@contextmanager
+def open_text(path: str | Path) -> Iterator[TextIO]:
+    """Yield a text file (UTF-8, lines end with LF) that gets its name on success. What is no UTF-8,
+    as names may be, is escaped. Raises InputError as `written_whole` does."""
+    with (
+        written_whole(path) as temporary,
+        temporary.open("w", encoding="utf-8", newline="", errors="backslashreplace") as file,
+    ):
+        yield file
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text file like `open_text`."""
+    with open_text(path) as file:
+        file.write(text)
+
+
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write plain values as JSON. Raises InputError as `written_whole` does."""
-    with written_whole(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
+    write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
 def check_picture_name(path: Path, inputs: Iterable[Path]) -> None:

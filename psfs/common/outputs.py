@@ -31,7 +31,10 @@ _lock = threading.RLock()
 
 
 def temporary_name(path: Path) -> Path:
-    """Return the temporary name beside `path`, with the same suffix."""
+    """Return the temporary name beside `path`, with the same suffix. Raises InputError for the root
+    folder."""
+    if not path.name:
+        raise InputError(f"{path}: has no name of its own; expected a folder inside it")
     return path.with_name(f"{_TEMPORARY}{os.getpid()}-{path.name}")
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from pathlib import Path
 from typing import Any
 
 from apf.cli.batch.chunks import PARTS, course_of
@@ -22,6 +21,7 @@ from apf.cluster.workers import share_machine
 from cl import InputError
 from psfs.cli.settings import stated_words
 from psfs.common.files import resolve_path
+from psfs.common.names import check_name
 from psfs.common.outputs import MANIFEST, output_folder
 from psfs.common.ranges import check_number
 
@@ -73,8 +73,8 @@ def jobs_of(args: argparse.Namespace) -> list[TakeJob]:
     jobs: dict[str, TakeJob] = {}
     for take in takes:
         name = next(found) if take.name is None else take.name
-        folder = Path(name).name == name and not name.startswith(".") and name not in _TAKEN
-        if not folder or name in jobs:
+        check_name(name, f"the take {take.source}")
+        if name.startswith(".") or name in _TAKEN or name in jobs:
             wanted = f"names of folders that differ, and not {' or '.join(_TAKEN)}"
             raise InputError(f"a take is called {name!r}; expected {wanted}")
         if take.source in (out / name, out, *out.parents):

@@ -91,7 +91,7 @@ def _is_openpose(path: Path) -> bool:
 
 
 def _read_picture(path: Path) -> Any:
-    return read_json(path, "OpenPose's JSON of a picture", _MOST_JSON_BYTES)
+    return read_json(path, "OpenPose's JSON of a picture", _MOST_JSON_BYTES, nan=True)
 
 
 def _parse_persons(path: Path, content: Any) -> list[np.ndarray]:
