@@ -34,6 +34,8 @@ _MOST_GAPS = 20
 #: Most persons of a picture, numbers of a person, and bytes of all keypoints of a camera. Holistic
 #: networks list 553 points.
 _MOST_PERSONS, _MOST_NUMBERS, _MOST_BYTES = 200, 3000, 2**30
+#: Most persons in all frames of a camera together; an hour of ten persons has so many.
+_MOST_OF_ALL_FRAMES = 2_000_000
 #: Largest JSON file, which is of one picture.
 _MOST_JSON_BYTES = 16 * 2**20
 _PICKLED = "a pickle of plain lists of frames, persons and pose_keypoints_2d"
@@ -79,6 +81,8 @@ def read_opencap(folder: Path, paths: Sequence[Path]) -> RawKeypoints:
         frames = read_plain_pickle(path, _PICKLED)
         if not isinstance(frames, list):
             raise InputError(f"{path}: holds a {type(frames).__name__}; expected {_PICKLED}")
+        if sum(len(frame) for frame in frames if isinstance(frame, list)) > _MOST_OF_ALL_FRAMES:
+            raise InputError(f"{path}: more than {_MOST_OF_ALL_FRAMES:,} persons in all frames")
         parts = (*path.relative_to(folder).parent.parts, path.stem)
         people[parts] = [_parse_persons(path, {"people": frame}) for frame in frames]
     return _build_raw(folder, people)

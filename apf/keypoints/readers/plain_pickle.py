@@ -45,11 +45,12 @@ def read_plain_pickle(path: Path, what: str) -> Any:
 def _check_operations(path: Path, data: bytes, what: str) -> None:
     """Raise InputError for an operation that makes no plain value, or that stores a value under a
     number for which the reader would allocate more than the file's size."""
+    text: object = ""
     for operation, value, _ in pickletools.genops(data):
         if operation.name not in _PLAIN:
-            named = f" {value!r:.80}" if value is not None else ""
-            raise InputError(
-                f"{path}: names{named} ({operation.name}), which is never run; expected {what}"
-            )
+            named = f"{text if value is None else value}"[:80]
+            raise InputError(f"{path}: names code ({named}), which is never run; expected {what}")
         if operation.name in _STORING and isinstance(value, int) and value > len(data):
             raise InputError(f"{path}: damaged (value number {value:,}); expected {what}")
+        if isinstance(value, str):
+            text = value
