@@ -116,8 +116,8 @@ def write_openpose(folder: Path, camera: str, points: np.ndarray) -> None:
         if np.isfinite(person).any():
             flat = np.round(np.nan_to_num(person), 3).ravel().tolist()
             people = [{"person_id": [-1], "pose_keypoints_2d": flat}]
-        people = {"version": 1.3, "people": people}
-        write_text(folder / f"{camera}_{frame:06d}.json", json.dumps(people))
+        path, content = folder / f"{camera}_{frame:06d}.json", {"version": 1.3, "people": people}
+        write_text(path, json.dumps(content))
 
 
 class _Crop:

@@ -118,7 +118,7 @@ def _read_array(path: Path, name: str, file: IO[bytes], nbytes: int) -> np.ndarr
     if dtype.itemsize == 0:
         return np.zeros(shape, dtype)
     content = np.empty(claimed, np.uint8)
-    if _read_into(file, memoryview(content)) < claimed:
+    if _read_into(file, content.data) < claimed:
         raise InputError(f"{path}: {name} ends early; the file is damaged")
     flat = content.view(dtype)
     return flat.reshape(shape[::-1]).T if fortran else flat.reshape(shape)

@@ -100,14 +100,10 @@ def test_opencaps_pickles_are_read_and_nothing_in_them_is_run(tmp_path: Path) ->
     with pytest.raises(apf.InputError, match="matches no file"):
         Keypoints.open(session / "Cam*" / "none", RIG)
     path.write_bytes(pickle.dumps(SimpleNamespace(people=[])))
-    with pytest.raises(
-        apf.InputError, match=r"SimpleNamespace.*never run; expected a pickle of plain"
-    ):
+    with pytest.raises(apf.InputError, match=r"SimpleNamespace.*never run; expected"):
         Keypoints.open(path, RIG)
     path.write_bytes(pickle.dumps({"people": []}))
-    with pytest.raises(
-        apf.InputError, match="holds a dict; expected a pickle of plain lists of frames"
-    ):
+    with pytest.raises(apf.InputError, match="holds a dict; expected a pickle of plain"):
         Keypoints.open(path, RIG)
 
 
