@@ -56,7 +56,7 @@ def seeds(folder: Path) -> None:
     np.savez(folder / "truth.npz", joint_names=np.array(truth.joint_names), joints=truth.joints,
              fps=truth.fps, frames=truth.frames)  # fmt: skip
     (folder / "body.toml").write_text(bodies.STICK)
-    (folder / "pose.txt").write_text("0.1 # a\n" * 31)
+    (folder / "pose.txt").write_text("0.1 " * 31)
     (folder / "summary.json").write_text(json.dumps({"frames": [{"index": 1, "a": [1.5, None]}]}))
     points = np.random.default_rng(1).uniform(0, 60, (3, 4, 17, 3)) % (64, 48, 1)
     np.savez(folder / "keypoints.npz", keypoints=points, camera_names=["a", "b", "c"])
@@ -102,8 +102,8 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "json/a_000000.json": lambda path: read_raw(path.parent),
     "dlc.csv": read_raw,
     "calibration.toml": read_calibration,
-    "projections.txt": read_calibration,
-    "cameras.mat": read_calibration,
+    "projections.txt": lambda path: read_calibration(path, sizes=(64, 48)),
+    "cameras.mat": lambda path: read_calibration(path, sizes=(64, 48)),
     "camera.yml": read_calibration,
     "camera.xml": read_calibration,
     "transforms.json": read_calibration,
