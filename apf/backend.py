@@ -29,7 +29,7 @@ from apf.reference.image_objective import render
 from apf.reference.image_objective.features import NumpyFeatures
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
-from psfs.backend import reconstructor_for
+from psfs.backend import make_reconstructor
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.sequence import Frame
@@ -157,7 +157,7 @@ def observer_for(
     if observes == "voxels":
         if grid is None:
             raise InputError("no voxel grid; expected one for an objective over voxels")
-        return reconstructor_for(
+        return make_reconstructor(
             device, footage.rig, grid, footage.background, reconstruction, sparse=True
         )
     config = method.features

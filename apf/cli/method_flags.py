@@ -7,10 +7,10 @@ import argparse
 from pydantic.fields import FieldInfo
 
 from apf.cli.shape_flags import SHAPE_FLAGS, add_shape_flags, shape_settings
-from apf.filters.config import TERMS, USUAL_TERMS, likelihood_weights
 from apf.filters.method import Method
 from apf.filters.objectives import OBJECTIVES
 from apf.filters.searches import SEARCHES
+from apf.filters.term_weights import TERMS, USUAL_TERMS, likelihood_weights
 from apf.image_objective.config import ObjectiveConfig
 from apf.settings import Settings
 from cl import InputError

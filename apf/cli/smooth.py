@@ -7,7 +7,7 @@ import argparse
 from apf.cli.takes.opened_track import opened_track
 from apf.cli.track import RESULTS, write_files
 from apf.tracking.config import SmoothingConfig
-from apf.tracking.smoothing import smoothed
+from apf.tracking.smoothing import smooth_track
 from cl import InputError
 from psfs.cli.commandline import stdout
 from psfs.cli.settings import write_settings
@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> None:
 def _smooth(args: argparse.Namespace, config: SmoothingConfig) -> None:
     track = opened_track(args)
     try:
-        track = smoothed(track, config)
+        track = smooth_track(track, config)
     except InputError as error:
         raise InputError(f"{args.track}: {error}") from None
     write_files(args.output, track, track.its_body)

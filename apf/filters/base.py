@@ -86,7 +86,7 @@ class Tracker:
         """Yield the estimate for each of `observations`."""
         return map(self.step, observations)
 
-    def errors_of(self, poses: np.ndarray) -> np.ndarray:
+    def score_poses(self, poses: np.ndarray) -> np.ndarray:
         """Score poses (N, D) against the last observation; return errors (N,) in the likelihood's
         `unit`."""
         raise NotImplementedError
@@ -195,7 +195,7 @@ class DeviceTracker(Tracker):
         """Return each run's estimate for what was observed, the second half of `step_runs`."""
         return self._begin_search()()
 
-    def errors_of(self, poses: np.ndarray) -> np.ndarray:
+    def score_poses(self, poses: np.ndarray) -> np.ndarray:
         """Score poses (N, D) against the last observation; return errors (N,) in the likelihood's
         `unit`. Average them over the runs, as each run has its own colour model."""
         self._settle()

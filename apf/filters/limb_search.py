@@ -66,8 +66,8 @@ class LimbSearch(Stage):
         self.n_dof = n = body.n_dof
         self._n_particles = config.search.n_particles
         limbs = limb_masks(body)
-        looked_for = config.searches_limbs and likelihood.refines
-        self._n_limbs = len(limbs) if looked_for else 0
+        is_used = config.searches_limbs and likelihood.refines
+        self._n_limbs = len(limbs) if is_used else 0
         self._per_run = 1 + 2 * self._n_limbs
         self._group = _GPU_GROUP if device.is_gpu else _CPU_GROUP
         super().__init__(

@@ -30,7 +30,7 @@ OUTER_MARGIN = MARGIN + REACH
 _STRIP = 8
 
 
-def contrast_of(config: ContourConfig) -> int:
+def full_contrast(config: ContourConfig) -> int:
     """Return the result of the Sobel operator that counts as a full contour."""
     return max(1, round(config.contrast * SOBEL_GAIN))
 
@@ -84,7 +84,7 @@ class Contours(Term):
             ),
             self.launch(
                 "find_contours", self._size(OUTER_MARGIN),
-                self._group(OUTER_MARGIN), **shape, contrast=contrast_of(self._settings),
+                self._group(OUTER_MARGIN), **shape, contrast=full_contrast(self._settings),
                 gradients=self._gradients, contours=self.contours,
             ),
         ]  # fmt: skip

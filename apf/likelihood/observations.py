@@ -114,12 +114,12 @@ def joined(parts: Sequence[PointObservations]) -> PointObservations:
         moved = [np.where(v >= 0, v + n, v) for v, n in zip(values, first, strict=True)]
         return np.concatenate(moved)
 
-    def all_of(name: str) -> np.ndarray:
+    def concatenate(name: str) -> np.ndarray:
         return np.concatenate([getattr(part, name) for part in parts])
 
     return PointObservations(
-        all_of("bone"), all_of("position"), numbers("point"), numbers("partner"),
-        all_of("camera"), all_of("pixel"), all_of("inverse_scale"),
+        concatenate("bone"), concatenate("position"), numbers("point"), numbers("partner"),
+        concatenate("camera"), concatenate("pixel"), concatenate("inverse_scale"),
         sum(part.most for part in parts), sum(part.usual for part in parts),
     )  # fmt: skip
 

@@ -47,7 +47,7 @@ def _two_sided(name: str) -> str:
     return name[2:] if name[:2] in ("l_", "r_") else name
 
 
-def part_of(body: BodyModel, cone: int, share: float) -> int:
+def find_part(body: BodyModel, cone: int, share: float) -> int:
     """Return the index in `part_names` of the part at `share` of a cone's length; -1 for a cone
     that is not compared with images.
 
@@ -70,16 +70,16 @@ def scored_parts(body: BodyModel, rows: np.ndarray) -> np.ndarray:
     as other parts are in front of it in most pictures."""
     trunk = trunk_bones(body)
     parts = [
-        -1 if body.cones[int(row[0])].bone in trunk else part_of(body, int(row[0]), float(row[1]))
+        -1 if body.cones[int(row[0])].bone in trunk else find_part(body, int(row[0]), float(row[1]))
         for row in rows
     ]
     return np.array(parts, np.int32)
 
 
-def learnt_parts(body: BodyModel) -> np.ndarray:
+def histogram_parts(body: BodyModel) -> np.ndarray:
     """Return (C, ROWS) int32 the part of each row of samples for the histograms."""
     shares = (np.arange(ROWS) + 0.5) / ROWS
-    parts = [[part_of(body, c, share) for share in shares] for c in range(len(body.cones))]
+    parts = [[find_part(body, c, share) for share in shares] for c in range(len(body.cones))]
     return np.array(parts, np.int32)
 
 
@@ -91,7 +91,7 @@ def trunk_cone(body: BodyModel) -> int:
     return max(chosen, key=lambda c: float(np.mean(body.cones[c].radii)), default=-1)
 
 
-def palette_of(
+def fit_palette(
     pictures: np.ndarray, silhouettes: np.ndarray, config: PartColourConfig
 ) -> np.ndarray | None:
     """Fit a palette to the colours of pictures (V, H, W, 3) uint8 BGR inside silhouettes (V, H, W).
@@ -141,7 +141,7 @@ class PartColours(Term):
         )  # fmt: skip
         self.settings, self._maps, self._rig = settings, shared.maps, rig
         self._cameras = shared.cameras
-        self.codes, self._learnt_from = shared.seen["codes"]
+        self.codes, self._histogram_codes = shared.seen["codes"]
         for each in shared.seen["codes"]:
             each.fill(N_CODES - 1)
         self._palette = device.empty((N_COLOURS,), np.uint8)
@@ -150,14 +150,14 @@ class PartColours(Term):
         self.histograms = device.zeros(histograms, np.float32)
         self.ratios = device.zeros(histograms, np.int8)
         self._counts = device.zeros(histograms, np.int32)
-        self._rows = device.to_device(learnt_parts(body))
+        self._rows = device.to_device(histogram_parts(body))
         self._body = device.to_device(pack_body(body), "the body model")
         self._pictures: Array | None = None
 
     def change_body(self, body: BodyModel) -> None:
         """Update from poses of `body` from now on; only its numbers may differ."""
         self._body.set(pack_body(body))
-        self._rows.set(learnt_parts(body))
+        self._rows.set(histogram_parts(body))
 
     def forget(self, run: int | None = None) -> None:
         """Reset the colour models of one run, or of all runs, before a new track."""
@@ -177,7 +177,7 @@ class PartColours(Term):
         if pictures is not self._pictures:
             self._pictures, self._encode = pictures, self._encoding(pictures)
         if not self._has_palette:
-            palette = palette_of(pictures.get(), self._maps.get()[..., 0], self.settings)
+            palette = fit_palette(pictures.get(), self._maps.get()[..., 0], self.settings)
             if palette is None:
                 return
             self._palette.set(palette)
@@ -213,7 +213,7 @@ class PartColours(Term):
                 poses=pose,
                 table=self._body,
                 row_parts=self._rows,
-                codes=self._learnt_from,
+                codes=self._histogram_codes,
                 counts=self._counts,
             ),
             self.launch(

@@ -257,18 +257,19 @@ class VoxelLikelihood(Likelihood):
         recall_weight: float,
         misfits: Array | None = None,
     ) -> list[Launch]:
-        config = self.config
-        weights = config.weights, config.posture_prior_weight
-        points = self._point_arguments
-        n = poses.shape[0]
-        score = self._launch(n, poses, subset, *weights, errors, points, misfits)
+        config, n = self.config, poses.shape[0]
+        arguments: dict[str, Argument] = {
+            **{"weights": config.weights, "posture_weight": config.posture_prior_weight},
+            **{"errors": errors, "misfits": misfits, **self._point_arguments},
+        }
+        score = self._launch(n, poses, subset, **arguments)
         self._weighed.append(score)
         score.set(**self._weights)
         launches = [score]
         if recall_weight > 0:
             if self._recall is None:  # for rescoring alone; before the first frame
                 self._recall = self._silhouette_recall()
-            score.set(posed=self._recall.cones_of(n))
+            score.set(posed=self._recall.cone_buffer(n))
             launches.append(self._recall.launch(subset, recall_weight, errors))
         for name, term in self.terms.items():
             launches += term.launcher(poses, len(self.rig) * config.terms[name].weight, errors)
@@ -278,23 +279,15 @@ class VoxelLikelihood(Likelihood):
         """Return the launches that write the misfits of the first R of `poses` (.., D) to `misfits`
         (R,) float32: silhouette and surface term, averaged over the cameras."""
         weights = np.array([0, 1, 1, 0], np.float32) / np.float32(len(self.rig))
-        points = {**self._point_arguments, "observed": None}
-        n, misfits = self.misfits.size, self.misfits
-        return [self._launch(n, poses, PointSubset(0, 1), weights, 0.0, misfits, points)]
+        arguments: dict[str, Argument] = {
+            **{"weights": weights, "posture_weight": 0.0, "errors": self.misfits, "misfits": None},
+            **{**self._point_arguments, "observed": None},
+        }
+        return [self._launch(self.misfits.size, poses, PointSubset(0, 1), **arguments)]
 
-    def _launch(
-        self,
-        n: int,
-        poses: Array,
-        subset: PointSubset,
-        weights: np.ndarray,
-        posture_weight: float,
-        errors: Array,
-        points: dict[str, Argument],
-        misfits: Array | None = None,
-    ) -> Launch:
+    def _launch(self, n: int, poses: Array, subset: PointSubset, **arguments: Argument) -> Launch:
         """Return the launch that scores the first `n` of `poses` by a subset of the samples and by
-        the term of observed points."""
+        the term of observed points; arguments: of the kernel, the weights and arrays."""
         config = self.config
         launch = self.device.launch(
             self._kernel("score_poses"),
@@ -317,16 +310,12 @@ class VoxelLikelihood(Likelihood):
             n_pairs=self._n_pairs,
             pairs=self._pairs,
             posture=self._posture,
-            weights=weights,
-            posture_weight=posture_weight,
             n_per_run=max(1, n // self.misfits.size),
             **self._arguments,
             colour_weight=0.0,
             contour_weight=0.0,
-            **points,
-            errors=errors,
-            misfits=misfits,
             posed=None,
+            **arguments,
         )
         self._scores.append(launch)
         return launch

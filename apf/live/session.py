@@ -234,7 +234,7 @@ class Live:
     def keep(self, observed: Observed, estimate: Estimate, latency: float) -> None:
         """Add the estimate to the result. A lost estimate gets the last good pose, moved with the
         voxels, so that the track does not drift."""
-        estimate = self._judge.judged(estimate)
+        estimate = self._judge.judge(estimate)
         if (
             not self._searches[0].uses_voxels
             and estimate.least_error[-1] >= self._config.max_objective_error

@@ -113,22 +113,21 @@ class TwoWayConfig(Config):
     )
     steady: float = setting(
         0.15,
-        "Time about each frame through whose frames a parabola goes, see `steadied`; through those "
-        "of the window, where that begins or ends.",
+        "Length of the Savitzky-Golay window that smooths the poses, see `smooth_poses`.",
         "longer ones flatten fast motion",
         "s",
         above=0,
     )
     steady_within: float = setting(
         0.01,
-        "Distance from the parabolas of its joints within which a limb stays.",
+        "Largest distance of a limb's joints from their smoothed positions.",
         unit="m",
         above=0,
     )
     overlap: int = setting(
         30,
-        "Number of frames that the way back goes before a window's poses are final; a third of a "
-        "short one's.",
+        "Number of frames at a window's end that are tracked again in the next window, so that the "
+        "backward pass has converged where poses become final; at most a third of the window.",
         unit="frames",
         least=1,
     )

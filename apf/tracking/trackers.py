@@ -15,7 +15,7 @@ from apf.initialisation.kept_voxels import stored
 from apf.likelihood.observations import parted
 from apf.scene import Scene
 from apf.tracking.config import RecoveryConfig
-from apf.tracking.recovery import SeparateRuns, Watched, WatchedRuns
+from apf.tracking.recovery import RecoveringRuns, RecoveringTracker, SeparateRuns
 
 #: Settings of the global search for a lost person: one attempt, because it is repeated soon.
 _ONE_ATTEMPT = StartConfig(acceptance=AcceptanceConfig(n_attempts=1))
@@ -23,7 +23,7 @@ _ONE_ATTEMPT = StartConfig(acceptance=AcceptanceConfig(n_attempts=1))
 _GOLDEN = 0x9E3779B97F4A7C15
 
 
-def seeded(method: Method, seeds: list[int]) -> list[Method]:
+def with_seeds(method: Method, seeds: list[int]) -> list[Method]:
     """Return `method` with each of `seeds`. Raises InputError for a seed that is out of range."""
     return [method.replace(filter=method.filter.changed(seed=seed)) for seed in seeds]
 
@@ -37,22 +37,24 @@ def run_seeds(seed: int, n_runs: int) -> list[int]:
     return [(seed + run * _GOLDEN) % 2**64 for run in range(n_runs)]
 
 
-def watched_runs(scene: Scene, method: Method, seeds: list[int]) -> WatchedRuns | SeparateRuns:
+def make_recovering_runs(
+    scene: Scene, method: Method, seeds: list[int]
+) -> RecoveringRuns | SeparateRuns:
     """Make the recovering trackers of `method` with each of `seeds`, batched into one if the method
     allows it."""
-    methods = seeded(method, seeds)
+    methods = with_seeds(method, seeds)
     if len(seeds) == 1 or not shares_launches(scene.device, method):
-        return SeparateRuns([watched(scene, of) for of in methods])
+        return SeparateRuns([make_recovering_tracker(scene, of) for of in methods])
 
-    def watch(run: int, restart: Any) -> Watched:
-        return watched(scene, methods[run], restart)
+    def watch(run: int, restart: Any) -> RecoveringTracker:
+        return make_recovering_tracker(scene, methods[run], restart)
 
-    return WatchedRuns(device_tracker(scene, method, seeds), len(seeds), watch)
+    return RecoveringRuns(device_tracker(scene, method, seeds), len(seeds), watch)
 
 
-def watched(
+def make_recovering_tracker(
     scene: Scene, method: Method, tracker: Any = None, config: RecoveryConfig | None = None
-) -> Watched:
+) -> RecoveringTracker:
     """Make the recovering tracker of `method`, see `recovery`; it wraps `tracker`, if given, which
     must search by that method."""
     config = (config or RecoveryConfig()).for_body(scene.body)
@@ -86,7 +88,7 @@ def watched(
         points = parted(observation).points
         return method.uses_voxels or points is None or not points.few
 
-    return Watched(
+    return RecoveringTracker(
         tracker or tracker_for(scene, method),
         lambda: tracker_for(scene, wider),
         everywhere if method.uses_voxels or method.uses_keypoints else None,

@@ -20,7 +20,7 @@ from psfs.diagnostics.camera_consistency import (
 from psfs.diagnostics.definitions import DEFINITION
 from psfs.diagnostics.examination import Examination
 from psfs.diagnostics.faults import diagnose
-from psfs.diagnostics.reprojection_iou import Checker, cut_by_volume
+from psfs.diagnostics.reprojection_iou import Checker, describe_cut_silhouettes
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.session import Session, SessionSettings
 
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
     bad = find_inconsistent_cameras(session, diagnosis.reasons)
     names, found = sequence.rig.names, np.array(scores)
     comments = Examination(session, diagnosis, tuple(bad)).warnings[len(bad) :]
-    cut = cut_by_volume(names, np.array(checker.beyond))
+    cut = describe_cut_silhouettes(names, np.array(checker.beyond))
     comments += [cut] if cut else []
     named = {suspect.camera for suspect in bad} | set(diagnosis.reasons)
     if not comments:

@@ -58,7 +58,7 @@ def add_sequence_flags(
         )
     group.add_argument(
         "--sync",
-        type=sync_of,
+        type=parse_sync,
         metavar="auto|CAMERA=N,...",
         help="cameras that come N of their frames later than the others, or earlier (-N); auto: "
         "found in the pictures (default: as many are said to come late, none is shifted)",
@@ -90,7 +90,7 @@ def add_sequence_flags(
     )
 
 
-def sync_of(text: str) -> str | dict[str, int]:
+def parse_sync(text: str) -> str | dict[str, int]:
     """Return `auto`, or `cam03=5,cam01=-2` as a mapping (argparse type)."""
     if text == "auto":
         return text

@@ -72,7 +72,10 @@ class Bricks:
         lanes = int(self.defines["TILE_LANES"])
         self._launch = device.launch(
             device.kernel(
-                "reconstruction/occupancy", "evidence_tiles", **self.defines, **lanes_of(device, 0)
+                "reconstruction/occupancy",
+                "evidence_tiles",
+                **self.defines,
+                **lane_defines(device, 0),
             ),
             (columns * rows * lanes, views),
             (lanes, 1),
@@ -101,7 +104,7 @@ class Bricks:
         self._launch()
 
 
-def lanes_of(device: Device, halo: int) -> dict[str, Define]:
+def lane_defines(device: Device, halo: int) -> dict[str, Define]:
     """Return the definitions of a brick kernel's work-group: one work-item on CPUs; on GPUs enough
     along z for a whole row of the brick, times several rows."""
     depth = BRICK[2] + 2 * halo
@@ -110,7 +113,7 @@ def lanes_of(device: Device, halo: int) -> dict[str, Define]:
     return {"HALO": halo, "LANES": depth * (10 if halo else 8), "LANES_Z": depth}
 
 
-def bricks_along(shape: tuple[int, int, int]) -> tuple[int, int, int]:
+def count_bricks(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     """Return the number of bricks along x, y, z that cover `shape` voxels."""
     nx, ny, nz = (-(-n // b) for n, b in zip(shape, BRICK, strict=True))
     return nx, ny, nz

@@ -57,7 +57,7 @@ class SurfaceList:
         for launch in self._launches:
             launch()
 
-    def gathered(self, count: int, kernel: Kernel, **source: Array) -> np.ndarray:
+    def gather(self, count: int, kernel: Kernel, **source: Array) -> np.ndarray:
         """Download the `count` float32 values that `kernel` gathers from its `source` at the
         surface voxels. Each call must pass the same kernel."""
         if self._gather is None or self._gathered.size < count:
@@ -116,4 +116,4 @@ class Surface:
 
     def surface_probability(self, count: int) -> np.ndarray:
         """Download the probabilities (count,) float32 of the surface voxels."""
-        return self.list.gathered(count, self._gather, probability=self.probability)
+        return self.list.gather(count, self._gather, probability=self.probability)

@@ -55,7 +55,7 @@ def _file_of_kernel() -> dict[str, str]:
     return found
 
 
-def stage_of(command: str) -> str:
+def find_stage(command: str) -> str:
     """Return the stage of a profiled command: a kernel, a copy, a fill."""
     if command in _OF_COMMAND:
         return _OF_COMMAND[command]

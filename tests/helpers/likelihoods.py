@@ -12,7 +12,7 @@ from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.likelihood.voxel import VoxelLikelihood, cone_sampling
-from apf.reference.likelihood.voxel import posture_errors, subset, total_errors
+from apf.reference.likelihood.voxel import FrameEvidence, posture_errors, subset, total_errors
 from apf.scene import Scene
 from cl import Array, Device
 from helpers import bodies, scenes
@@ -93,9 +93,8 @@ class Setup:
         cones = posed_cones(self.body, self.poses)
         sampling = cone_sampling(self.body, self.config.reprojection.sample_spacing)
         seen = subset(points, turn, self.config.samples.point_turns)
-        errors = total_errors(
-            self.rig, cones, self.maps, seen, sampling, self.body.apart, self.config
-        )
+        observed = FrameEvidence(self.maps, seen)
+        errors = total_errors(self.rig, cones, observed, sampling, self.body.apart, self.config)
         posture = posture_errors(self.body, self.poses.astype(float))
         return errors + len(self.rig) * self.config.posture_prior_weight * posture
 

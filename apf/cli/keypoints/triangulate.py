@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.cli.flags.shared import TRIANGULATE
-from apf.cli.keypoints.flags import keypoints_of
+from apf.cli.keypoints.flags import read_keypoints
 from apf.cli.method_flags import METHOD_FLAGS
 from apf.report.overlay import write_overlay
 from apf.tracking.config import TriangulatedConfig
@@ -55,7 +55,7 @@ def run_triangulate(args: argparse.Namespace, names: list[str]) -> None:
         raise InputError(f"{len(failed)} of {len(names)} takes failed: {listed(failed)}")
 
 
-def config_of(args: argparse.Namespace) -> TriangulatedConfig:
+def read_config(args: argparse.Namespace) -> TriangulatedConfig:
     """Return the settings that the flags of `add_triangulation_flags` select. Raises InputError."""
     stated = {
         name: getattr(args, name)
@@ -71,11 +71,11 @@ def config_of(args: argparse.Namespace) -> TriangulatedConfig:
 
 def _one(args: argparse.Namespace, folder: str, output: Path) -> None:
     """Triangulate one take, and write track.npz, joints.trc, joints.csv and overlay.mp4."""
-    config = config_of(args)
+    config = read_config(args)
     job = argparse.Namespace(**{**vars(args), "folder": folder, "output": output})
     sequence = open_sequence(job)
     frames = selected_frames(job, sequence)
-    keypoints = keypoints_of(job, sequence)
+    keypoints = read_keypoints(job, sequence)
     assert keypoints is not None
     selection = slice(frames.start, frames.stop, frames.step)
     with output_folder(output, args.parser.prog, sequence.inputs, RESULTS):

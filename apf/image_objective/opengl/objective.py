@@ -69,7 +69,7 @@ class OpenGLObjective(Likelihood):
         inside = [maps[view, y0:y1, x0:x1, 0] for view, (x0, y0, x1, y1) in enumerate(regions)]
         areas = np.array([np.count_nonzero(region > 127) for region in inside], np.int32)
         with self.renderer:
-            self.renderer.look_at(regions)
+            self.renderer.select_regions(regions)
             self._maps.write(np.ascontiguousarray(maps).tobytes())
             self._areas.write(areas.tobytes())
 

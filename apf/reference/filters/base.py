@@ -54,7 +54,7 @@ class NumpyTracker(Tracker):
             candidate_errors=ended.errors, misfit=misfit,
         )  # fmt: skip
 
-    def errors_of(self, poses: np.ndarray) -> np.ndarray:
+    def score_poses(self, poses: np.ndarray) -> np.ndarray:
         """Score poses (N, D) against the last observation; return errors (N,) in the likelihood's
         `unit`."""
         return self.likelihood.rescore(poses, 1) / self.likelihood.unit

@@ -22,6 +22,7 @@ def propose(
     config: FilterConfig,
     frame: int,
     seen: np.ndarray | None = None,
+    *,
     round: int = 0,
     best: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -78,7 +79,7 @@ def searched(
         stride = config.likelihood.samples.point_turns
         tried: np.ndarray | None = None
         for round in range(1 + config.limb_search.rounds):
-            poses, kinds = propose(body, mean, config, frame, seen, round, tried)
+            poses, kinds = propose(body, mean, config, frame, seen, round=round, best=tried)
             errors = likelihood.rescore(poses, stride)
             of_kind = [np.flatnonzero(kinds == kind) for kind in range(2 * n_limbs)]
             tried = np.stack(

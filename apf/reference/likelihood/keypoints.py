@@ -63,8 +63,8 @@ def missed_shares(
             return np.where(np.isfinite(square), square / (1 + square), 1.0)
 
     own, as_other = shares(observations.point), shares(observations.partner)
-    exchanged = config.exchange + (1 - config.exchange) * as_other
-    return np.where(observations.partner >= 0, np.minimum(own, exchanged), own)
+    swapped = config.exchange + (1 - config.exchange) * as_other
+    return np.where(observations.partner >= 0, np.minimum(own, swapped), own)
 
 
 class NumpyKeypointLikelihood(NumpyLikelihood):

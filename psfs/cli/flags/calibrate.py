@@ -8,7 +8,7 @@ from pathlib import Path
 from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.targets.dictionaries import DICTIONARIES
 from psfs.cli.commandline import frame_range
-from psfs.cli.sequence_flags import frame_rate, sync_of
+from psfs.cli.sequence_flags import frame_rate, parse_sync
 from psfs.cli.settings import add_configs
 from psfs.settings import Settings
 
@@ -56,7 +56,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--fps", type=frame_rate, metavar="N", help="frames per second")
     group.add_argument(
-        "--sync", type=sync_of, metavar="CAMERA=N,...",
+        "--sync", type=parse_sync, metavar="CAMERA=N,...",
         help="cameras that come N of their frames later than the others, or earlier (-N)",
     )  # fmt: skip
     add_configs(parser, Settings, "calibration")

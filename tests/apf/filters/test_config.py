@@ -6,13 +6,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from apf.filters.config import (
-    FilterConfig,
-    LimbSearchConfig,
-    RefinementConfig,
-    SearchConfig,
-    likelihood_weights,
-)
+from apf.filters.config import FilterConfig, LimbSearchConfig, RefinementConfig, SearchConfig
+from apf.filters.term_weights import likelihood_weights
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.terms import TERMS as REGISTERED
 from cl import InputError

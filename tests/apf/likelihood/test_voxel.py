@@ -13,6 +13,7 @@ from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.likelihood.voxel import VoxelLikelihood, cone_sampling
 from apf.reference.likelihood.voxel import (
+    FrameEvidence,
     sampled_surface,
     total_errors,
 )
@@ -177,12 +178,13 @@ def test_misfit_is_silhouette_and_surface_error_of_one_pose(device: Device) -> N
     for launch in setup.likelihood.misfit_launcher(setup.on_device):
         launch()
     config = CONFIG.likelihood
+    points = sampled_surface(grid.centres(indices), config.samples.n_points)
+    seen = FrameEvidence(setup.maps, points)
     expected = sum(
         total_errors(
             rig,
             posed_cones(body, setup.poses[:1]),
-            setup.maps,
-            sampled_surface(grid.centres(indices), config.samples.n_points),
+            seen,
             cone_sampling(body, config.reprojection.sample_spacing),
             (),
             only(term).likelihood,

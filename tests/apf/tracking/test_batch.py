@@ -289,7 +289,7 @@ def test_interrupted_takes_leave_whole_results(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    real = apf.tracking.pipeline.observed
+    real = apf.tracking.pipeline.observe_frames
 
     def interrupting(observe: object, frames: Iterator) -> Iterator:
         for number, seen in enumerate(real(observe, frames)):
@@ -298,7 +298,7 @@ def test_interrupted_takes_leave_whole_results(
                 time.sleep(0.5)  # the main thread has to notice
             yield seen
 
-    monkeypatch.setattr(apf.tracking.pipeline, "observed", interrupting)
+    monkeypatch.setattr(apf.tracking.pipeline, "observe_frames", interrupting)
     folders = [str(folder) for folder in walks]
     assert main(["track", *folders, "-o", str(tmp_path), *FLAGS, "--at-once", "1"]) == 130
     said = capsys.readouterr()

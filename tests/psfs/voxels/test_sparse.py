@@ -10,7 +10,7 @@ from helpers import scenes
 from scipy import ndimage
 
 from cl import Device, NumpyDevice
-from psfs.backend import reconstructor_for
+from psfs.backend import make_reconstructor
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import ReconstructionConfig, Reconstructor
 from psfs.reference.occupancy import occupancy
@@ -145,7 +145,7 @@ def test_pictures_of_either_mode_agree_with_the_twin(device: Device) -> None:
     frame, background = scenes.pictures_of(rig)
     config = ReconstructionConfig()
     clouds = [
-        reconstructor_for(where, rig, scenes.small_grid(), background, config, sparse=True)(
+        make_reconstructor(where, rig, scenes.small_grid(), background, config, sparse=True)(
             frame
         ).cloud()
         for where in (device, NumpyDevice())
