@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
     noise = method.filter.search.noise
     if method.uses_voxels and args.noise is None and "method" not in args.configs:
         noise = config.noise
-    method = method.replace(filter=method.filter.changed(velocity=0.0, noise=noise))
+    method = method.replace(filter=method.filter.with_changes(velocity=0.0, noise=noise))
     device = select_device(args.device)
     if not isinstance(device, Device):
         raise InputError("--device numpy is no device for live tracking; expected an OpenCL device")
@@ -111,7 +111,7 @@ def _live(
         result = live.run(Progress(pace.wanted, None, say, late))
     if not result.frames:
         raise InputError("no frame was tracked; expected at least one before the end")
-    track = _track(body, source, result, {**method.described(), "device": device.name})
+    track = _track(body, source, result, {**method.describe(), "device": device.name})
     write_files(args.output, track, body)
     write_settings(args.output, args, {"method": method, "live": config}, METHOD_FLAGS)
     summary = live.timeline.summary() | {"sizes": result.sizes, "scale": scale}

@@ -10,12 +10,13 @@ from apf.tracking.config import SmoothingConfig
 from apf.tracking.smoothing import smooth_track
 from cl import InputError
 from psfs.cli.commandline import stdout
+from psfs.cli.setting_flags import with_flags
 from psfs.cli.settings import write_settings
 from psfs.common.outputs import output_folder
 
 
 def run(args: argparse.Namespace) -> None:
-    config = SmoothingConfig(cutoff=args.cutoff, lag=args.lag)
+    config = with_flags(SmoothingConfig(), args)
     folder = args.track if args.track.is_dir() else args.track.parent
     inputs = [folder, *([args.body] if args.body else [])]
     with output_folder(args.output, args.parser.prog, inputs, RESULTS):

@@ -29,7 +29,7 @@ from apf.report.names import PAGE
 from apf.report.overlay import write_overlay
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
-from apf.tracking.batch import at_once
+from apf.tracking.batch import run_at_once
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import Take, check_cameras, track_take
 from apf.tracking.track import PARTS, Track, spans
@@ -146,7 +146,7 @@ def _run_many(args: argparse.Namespace, method: Method) -> None:
         with (
             output_folder(args.output, args.parser.prog, folders) as outer,
             bar,
-            closing(at_once(device, work, len(names), args.at_once)) as outcomes,
+            closing(run_at_once(device, work, len(names), args.at_once)) as outcomes,
         ):
             outer.begin()  # remove the results of an earlier single take
             for number, outcome in outcomes:

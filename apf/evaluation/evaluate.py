@@ -16,7 +16,7 @@ from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints, match
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import JointSeries, read_trc
 from apf.tracking.track import Track
-from apf.tracking.uncertainty import inside
+from apf.tracking.uncertainty import is_inside_ellipsoid
 from cl import InputError
 from psfs.common.files import write_json, written_whole
 from psfs.common.npz import Values, get_scalar, read_npz
@@ -112,7 +112,7 @@ class Evaluation:
         where the track reports no covariance."""
         found = np.full(self.errors.shape, np.nan)
         known = np.isfinite(self.covariance).all((-2, -1)) & np.isfinite(self.errors)
-        found[known] = inside(self.offsets[known], self.covariance[known])
+        found[known] = is_inside_ellipsoid(self.offsets[known], self.covariance[known])
         return found
 
     @cached_property

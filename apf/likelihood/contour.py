@@ -67,14 +67,14 @@ class Contours(Term):
         if pictures is None or not self._has_room:
             return
         if pictures is not self._pictures:
-            self._pictures, self._launches = pictures, self._finding(pictures)
+            self._pictures, self._launches = pictures, self._contour_launch(pictures)
         for launch in self._launches:
             launch()
 
     def score_weights(self) -> dict[str, float]:
         return {"contour_weight": self._settings.weight if self.known else 0.0}
 
-    def _finding(self, pictures: Array) -> list[Launch]:
+    def _contour_launch(self, pictures: Array) -> list[Launch]:
         rig = self._rig
         shape: dict[str, Argument] = {"width": rig.width, "height": rig.height, "maps": self._maps}
         return [

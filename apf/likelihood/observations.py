@@ -95,7 +95,7 @@ class PointObservations:
         return n
 
 
-def no_observations() -> PointObservations:
+def make_empty_observations() -> PointObservations:
     """Return an empty set of observations."""
     none = np.zeros(0, int)
     return PointObservations(
@@ -103,10 +103,10 @@ def no_observations() -> PointObservations:
     )
 
 
-def joined(parts: Sequence[PointObservations]) -> PointObservations:
+def concatenate_observations(parts: Sequence[PointObservations]) -> PointObservations:
     """Concatenate `parts`, for example keypoints and optical flow."""
     if not parts:
-        return no_observations()
+        return make_empty_observations()
     first = np.cumsum([0, *[len(part.bone) for part in parts[:-1]]])
 
     def numbers(name: str) -> np.ndarray:
@@ -161,7 +161,7 @@ def with_points(observation: Any, points: PointObservations | None) -> Any:
     return observation if points is None else Observed(observation, points)
 
 
-def parted(observation: Observation) -> Observed:
+def split_observation(observation: Observation) -> Observed:
     """Return any observation as an `Observed`."""
     return observation if isinstance(observation, Observed) else Observed(observation, None)
 
@@ -177,7 +177,7 @@ class ObservedPoints:
         size = 4 + OBSERVED_FLOATS * room
         self.table = device.empty((size,), np.float32, "the observed points")
         self._upload = Upload(self.table)
-        self.set(no_observations())
+        self.set(make_empty_observations())
 
     def set(self, observations: PointObservations) -> None:
         """Enqueue the upload of a frame's points. Raises InputError if they belong to another body

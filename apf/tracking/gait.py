@@ -52,7 +52,7 @@ class Gait:
     step_length: float
     speed: float
 
-    def described(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, Any]:
         """Return all figures as plain values with units in their names, for JSON."""
         return {
             "n_steps": self.n_steps,

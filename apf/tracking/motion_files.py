@@ -75,7 +75,7 @@ def _write(track: Track, gait: Gait | None, kind: str, path: Path, axes: str) ->
     elif kind == "gait":
         if gait is None:
             return None
-        write_json(path, gait.described())
+        write_json(path, gait.describe())
     else:
         track.save(path, axes)
     return path

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from apf.backend import observer_for
+from apf.backend import make_observer
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
@@ -118,7 +118,7 @@ def observations(session: Session, task: TrackingTask) -> Iterator[tuple[int, An
         if method.uses_voxels:
             observe = session.reconstructor(automatic_grid(session))
         else:
-            observe = observer_for(session.device, session, None, method, session.reconstruction)
+            observe = make_observer(session.device, session, None, method, session.reconstruction)
         seen = observe_frames(observe, session.sequence.frames(session.settings.selection))
         if method.uses_voxels:
             seen = _keep_in_session(session, seen)
@@ -151,7 +151,7 @@ def _provenance(
             "voxel_size": grid.voxel_size,
             "shape": list(grid.shape),
         }
-    return [{**provenance, **of.described()} for of in with_seeds(task.method, task.seeds)]
+    return [{**provenance, **of.describe()} for of in with_seeds(task.method, task.seeds)]
 
 
 def track_forward(

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from apf.backend import device_tracker, shares_launches, tracker_for
+from apf.backend import make_device_tracker, make_tracker, shares_launches
 from apf.filters.method import Method
 from apf.initialisation import StartConfig, StartError, find_start
 from apf.initialisation.config import AcceptanceConfig
-from apf.initialisation.from_keypoints import pose_of_points
-from apf.initialisation.kept_voxels import stored
-from apf.likelihood.observations import parted
+from apf.initialisation.from_keypoints import fit_pose_to_points
+from apf.initialisation.kept_voxels import store_voxels
+from apf.likelihood.observations import split_observation
 from apf.scene import Scene
 from apf.tracking.config import RecoveryConfig
 from apf.tracking.recovery import RecoveringRuns, RecoveringTracker, SeparateRuns
@@ -25,7 +25,7 @@ _GOLDEN = 0x9E3779B97F4A7C15
 
 def with_seeds(method: Method, seeds: list[int]) -> list[Method]:
     """Return `method` with each of `seeds`. Raises InputError for a seed that is out of range."""
-    return [method.replace(filter=method.filter.changed(seed=seed)) for seed in seeds]
+    return [method.replace(filter=method.filter.with_changes(seed=seed)) for seed in seeds]
 
 
 def run_seeds(seed: int, n_runs: int) -> list[int]:
@@ -49,7 +49,7 @@ def make_recovering_runs(
     def watch(run: int, restart: Any) -> RecoveringTracker:
         return make_recovering_tracker(scene, methods[run], restart)
 
-    return RecoveringRuns(device_tracker(scene, method, seeds), len(seeds), watch)
+    return RecoveringRuns(make_device_tracker(scene, method, seeds), len(seeds), watch)
 
 
 def make_recovering_tracker(
@@ -63,18 +63,18 @@ def make_recovering_tracker(
         config = config.replace(retry=1)
     search = method.filter.search
     longer = {} if method.search == "sir" else {"n_layers": config.longer * search.n_layers}
-    wide = method.filter.changed(noise=config.wider * search.noise, **longer)
+    wide = method.filter.with_changes(noise=config.wider * search.noise, **longer)
     wider = method.replace(filter=wide)
 
     def everywhere(observation: Any) -> list[np.ndarray]:
-        shown, points = parted(observation)
+        shown, points = split_observation(observation)
         if points is not None and not points.few:
-            by_points = pose_of_points(scene.body, scene.rig, points)
+            by_points = fit_pose_to_points(scene.body, scene.rig, points)
             if by_points is not None:
                 return [by_points]
         if not method.uses_voxels:
             return []
-        voxels = stored(scene.device, shown)
+        voxels = store_voxels(scene.device, shown)
         try:
             found = find_start(
                 scene, [voxels], search.noise, keep_shape=True,
@@ -85,12 +85,12 @@ def make_recovering_tracker(
         return [found.pose]
 
     def enough(observation: Any) -> bool:
-        points = parted(observation).points
+        points = split_observation(observation).points
         return method.uses_voxels or points is None or not points.few
 
     return RecoveringTracker(
-        tracker or tracker_for(scene, method),
-        lambda: tracker_for(scene, wider),
+        tracker or make_tracker(scene, method),
+        lambda: make_tracker(scene, wider),
         everywhere if method.uses_voxels or method.uses_keypoints else None,
         config,
         enough,

@@ -25,7 +25,7 @@ from psfs.sequence import Sequence
 BODY_NAME = "triangulated"
 
 
-def triangulated_track(
+def triangulate_track(
     sequence: Sequence,
     keypoints: Keypoints,
     config: TriangulatedConfig | None = None,

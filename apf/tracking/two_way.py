@@ -26,8 +26,8 @@ from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_ends, limb_joints, limb_masks, solve_inverse_kinematics
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
-from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, cropped
-from apf.likelihood.observations import parted, with_points
+from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, crop_voxels
+from apf.likelihood.observations import split_observation, with_points
 from apf.tracking.config import TwoWayConfig
 from apf.tracking.foot_contact import find_stances
 from apf.tracking.limb_confidence import REGRESSION
@@ -95,18 +95,18 @@ def track_both_ways(
 
 def _keep(device: Device | NumpyDevice, observation: Any) -> Any:
     """Return a copy of an observation that stays valid when the next one is made."""
-    shown, points = parted(observation)
-    return with_points(None if shown is None else cropped(device, shown), points)
+    shown, points = split_observation(observation)
+    return with_points(None if shown is None else crop_voxels(device, shown), points)
 
 
 def _n_bytes(kept: Any) -> int:
-    shown = parted(kept).shown
+    shown = split_observation(kept).shown
     return shown.nbytes if isinstance(shown, CroppedVoxels) else 0
 
 
 def _reverse_observations(device: Device | NumpyDevice, window: list[Seen]) -> Iterator[Any]:
     """Yield the observations of a window in reverse order; each overwrites the one before."""
-    parts = [parted(kept) for _, kept, _ in reversed(window)]
+    parts = [split_observation(kept) for _, kept, _ in reversed(window)]
     crops = [shown for shown, _ in parts if isinstance(shown, CroppedVoxels)]
     restored = RestoredVoxels(device, crops) if crops and isinstance(device, Device) else None
     for shown, points in parts:

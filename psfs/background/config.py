@@ -32,14 +32,15 @@ class BackgroundConfig(Config):
     shadow_high: float = setting(1.1, "Greatest light factor alpha.", least=1)
     shadow_width_grey: float = setting(
         0.02,
-        "Standard deviation of alpha around 1 before a grey background: a grey wall under less "
-        "light looks like many clothes.",
+        "Standard deviation of alpha around 1 for a grey background; small, because a grey "
+        "wall under less light looks like many clothes.",
         above=0,
     )
     shadow_width_colour: float = setting(
         0.06,
-        "Standard deviation of alpha around 1 before a background of full saturation, linear "
-        "between: a green carpet under less light looks like nothing else.",
+        "Standard deviation of alpha around 1 for a background of full saturation, "
+        "interpolated linearly between the two: a green carpet under less light is not "
+        "mistaken for clothes.",
         above=0,
     )
 
@@ -75,7 +76,7 @@ class LightConfig(Config):
     )
     narrowest: float = setting(
         3.0,
-        "The same in the last steps: what is farther off than a few of these is somebody.",
+        "The same scale in the last steps; residuals beyond a few of these belong to a person.",
         unit="standard deviations",
         above=0,
     )
@@ -112,15 +113,15 @@ class AdaptationConfig(Config):
 
     rate: float = setting(
         0.025,
-        "Share of the difference to the frame that the mean takes on per frame where nobody is; 0 "
-        "switches that off. It needs `AppearanceConfig.learn`.",
+        "Share of the difference to the frame by which the mean changes per frame where no "
+        "person is; 0 turns adaptation off. It needs `AppearanceConfig.learn`.",
         least=0,
         below=1,
     )
     period: int = setting(
         8,
-        "Number of frames in which every pixel is looked at once, a part of the picture in each: "
-        "more often takes more time.",
+        "Number of frames over which all pixels are updated once, a part of the picture in "
+        "each frame; fewer frames take more time.",
         unit="frames",
         least=1,
     )
@@ -131,8 +132,8 @@ class AdaptationConfig(Config):
     )
     nearest: float = setting(
         30.0,
-        "Squared distance to the background of what it may drift to. Shadows and whatever else "
-        "passes for background are further away, and leave no trace.",
+        "Greatest squared distance to the background of pixels that update it. Shadows and "
+        "other changes that count as background are further away and do not change it.",
         unit="squared standard deviations",
         above=0,
     )
@@ -155,13 +156,11 @@ class ScreenConfig(Config):
 
     samples: int = setting(
         12,
-        "Number of frames of every camera in which the screen's colour is looked for.",
+        "Number of frames of every camera from which the screen's colour is estimated.",
         unit="frames",
         least=1,
     )
-    stride: int = setting(
-        2, "Distance, along both axes, of the pixels that are looked at.", unit="px", least=1
-    )
+    stride: int = setting(2, "Stride, along both axes, of the sampled pixels.", unit="px", least=1)
     brightest: float = setting(
         30.0,
         "Brightest channel below which a pixel's chromaticity is noise.",
@@ -246,20 +245,20 @@ class EvidenceConfig(Config):
     )
     foreground_limit: float = setting(
         6.0,
-        "Most that a single pixel may say for the foreground in the mean over 3x3 pixels.",
+        "Greatest evidence for the foreground of a single pixel in the mean over 3x3 pixels.",
         unit="nats",
         above=0,
     )
     background_limit: float = setting(
         10.0,
-        "Most that a single pixel may say for the background in the mean over 3x3 pixels.",
+        "Greatest evidence for the background of a single pixel in the mean over 3x3 pixels.",
         unit="nats",
         above=0,
     )
     independent_pixels: float = setting(
         1.5,
-        "Number of independent pixels that those 3x3 count for: few, since where background and "
-        "clothes look alike they do so all over.",
+        "Effective number of independent pixels among those 3x3; low, because errors of "
+        "neighbouring pixels are correlated where background and clothes look alike.",
         above=0,
     )
 

@@ -15,20 +15,21 @@ class BackgroundModelConfig(Config):
 
     std_floor: float = setting(
         2.0,
-        "Least standard deviation that is learnt: a noiseless background must not make "
-        "N(I; mu, sigma) explode.",
+        "Least standard deviation of the background's estimate: without it, N(I; mu, sigma) of"
+        " a noiseless background would be unbounded.",
         unit="grey levels",
         above=0,
     )
     prior_std: float = setting(
         6.0,
-        "Standard deviation that is believed in before any frame is seen.",
+        "Prior standard deviation of a pixel, before any frame is read.",
         unit="grey levels",
         above=0,
     )
     prior_frames: float = setting(
         2.0,
-        "Weight of `prior_std`. A single picture as background thus gets 4.9 grey levels.",
+        "Weight of `prior_std`; a background of a single picture thus has a standard deviation"
+        " of 4.9 grey levels.",
         unit="frames",
         least=0,
     )
@@ -41,23 +42,24 @@ class BackgroundModelConfig(Config):
     )
     samples: int = setting(
         25,
-        "Number of frames that a background is learnt from when the scene is never empty.",
+        "Number of frames from which the background is estimated if there is no film of the "
+        "empty scene.",
         "by hand: enough for a median",
         "frames",
         least=1,
     )
     mixture_samples: int = setting(
         50,
-        "Number of frames that mixtures of Gaussians are learnt from when the scene is never "
-        "empty.",
+        "Number of frames to which mixtures of Gaussians are fitted if there is no film of the"
+        " empty scene.",
         unit="frames",
         least=1,
     )
     mixture_rate: float = setting(
         0.0005,
-        "Share of a frame in a mixture that goes on learning, alpha of Rymut 2016 eq. (2.5). "
-        "OpenCV takes for scene what is a tenth of the mixture, so somebody may stand still for "
-        "210 frames.",
+        "Learning rate of an adaptive mixture, alpha of Rymut 2016 eq. (2.5). OpenCV counts a "
+        "component as background once it is a tenth of the mixture, so a person may stand "
+        "still for 210 frames.",
         "by hand; Rymut does not state his",
         least=0,
         most=1,
@@ -74,27 +76,32 @@ class TakeConfig(Config):
 
     longest_side: int = setting(
         320,
-        "Longest side of the small pictures that people are looked for in.",
+        "Longest side of the small pictures in which people are searched.",
         unit="px",
         least=32,
     )
     moving: float = setting(
         18.0,
-        "Change of a pixel over the take from which on something moved there.",
+        "Least change of a pixel over the take that counts as motion.",
         unit="grey levels",
         above=0,
     )
-    gap: int = setting(9, "Width of gaps between what moved that are closed.", unit="px", least=1)
-    least_area: float = setting(40.0, "Area below which what moved is noise.", unit="px^2", least=0)
+    gap: int = setting(
+        9, "Width of the gaps in the moving region that are closed.", unit="px", least=1
+    )
+    least_area: float = setting(
+        40.0, "Area below which a moving region counts as noise.", unit="px^2", least=0
+    )
     around: int = setting(
         30,
-        "Distance from what moved of the pixels that say how the background looks.",
+        "Distance from the moving region within which pixels are samples of the background.",
         unit="px",
         least=1,
     )
     unlike: float = setting(
         14.0,
-        "Difference from the background around from which on a pixel looks like somebody at first.",
+        "Least difference from the surrounding background at which a pixel is first labelled "
+        "as person.",
         unit="grey levels",
         least=0,
     )
@@ -104,48 +111,56 @@ class TakeConfig(Config):
     )
     explained: float = setting(
         0.62,
-        "Share of the silhouettes before the medians that all cameras' hull must explain, else "
-        "somebody is looked for in the medians.",
+        "Least share of the silhouettes (against the medians) that the hull of all cameras "
+        "explains; below it, the medians are searched for a person.",
         "between people who walk about (0.78) and who stay in a place (0.39, 0.46)",
         least=0,
         most=1,
     )
-    judged: int = setting(4, "Number of samples of which one is judged so.", least=1)
+    judged: int = setting(4, "Stride of the samples for which this share is computed.", least=1)
     denials: int = setting(
         1,
-        "Number of cameras, of more than three, that may deny a voxel: their background may hold "
-        "somebody.",
+        "Number of cameras, out of more than three, that may contradict a voxel, because their"
+        " background may contain a person.",
         least=0,
     )
-    margin: int = setting(1, "Distance by which the hull's picture is grown.", unit="px", least=0)
+    margin: int = setting(1, "Distance by which the projected hull is dilated.", unit="px", least=0)
     somebody: float = setting(
         5.0,
-        "Distance from the background from which on a pixel is somebody.",
+        "Least distance from the background at which a pixel counts as person.",
         unit="standard deviations",
         above=0,
     )
     shadow_width: float = setting(
-        0.06, "Standard deviation of the light factor around 1 of what is background.", above=0
+        0.06, "Standard deviation of the light factor of background pixels around 1.", above=0
     )
     rounds: int = setting(
-        3, "Number of times that hull and background are made of each other, at most.", least=1
+        3,
+        "Greatest number of alternations between estimating the hull and the background.",
+        least=1,
     )
     rest: float = setting(
         0.002,
-        "Share of the pixels that change sides below which nothing more is learnt.",
+        "Share of pixels that change label below which the alternation stops.",
         least=0,
         most=1,
     )
     least_free: int = setting(
-        3, "Number of frames that must show a pixel of the background.", unit="frames", least=1
+        3,
+        "Least number of frames in which a background pixel must be visible.",
+        unit="frames",
+        least=1,
     )
     free_share: float = setting(
-        0.1, "Share of the frames that must show a pixel of the background.", least=0, most=1
+        0.1,
+        "Least share of the frames in which a background pixel must be visible.",
+        least=0,
+        most=1,
     )
     hidden_prior: float = setting(
         1.0,
-        "Log odds of somebody where the background is never seen and its median looks like "
-        "somebody.",
+        "Prior log-odds of a person at pixels whose background is never visible and whose "
+        "median looks like a person.",
         unit="nats",
         least=0,
     )

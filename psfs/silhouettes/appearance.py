@@ -203,6 +203,14 @@ def most_samples(rig: CameraRig, config: AppearanceConfig) -> int:
     return int(config.most * len(rig) * rows * columns)
 
 
+def looks_again(first: bool, new: bool, config: AppearanceConfig) -> int:
+    """Return how often a frame is worked on again: the very `first` one, one that is `new` since it
+    does not follow another, or any other."""
+    if first:
+        return config.first_looks
+    return int(new and config.look_again)
+
+
 def follows(before: int, index: int, config: AppearanceConfig) -> bool:
     """Return whether the frame `index` comes at most `max_gap` frames after the frame `before`."""
     return 0 <= index - before <= config.max_gap

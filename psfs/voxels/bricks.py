@@ -41,6 +41,7 @@ class Bricks:
         check_size(grid)
         config = config or OccupancyConfig()
         self.device, self.shape, self.evidence = device, grid.shape, evidence
+        self.closed_surface = config.closed_surface
         views, width, height = len(rig), rig.width, rig.height
         columns, rows = -(-width // COARSE_TILE), -(-height // COARSE_TILE)
         fine = -(-width // TILE) * -(-height // TILE)
@@ -49,6 +50,7 @@ class Bricks:
             **{"WIDTH": width, "HEIGHT": height, "N_CAMERAS": views},
             "MIN_CAMERAS": config.seeing_cameras(views),
             "THRESHOLD": float(config.threshold),
+            "FACES": int(config.smoothing == "faces"),
             "UNKNOWN": UNKNOWN,
             "FIND_LANES": 32 if device.is_gpu else 1,
             "TILE_LANES": 16 if device.is_gpu else 1,

@@ -43,7 +43,7 @@ class SparseSurface:
         self.capacity = min(n_bricks, max(_ROOM, size // 8) // brick_voxels)
         what = f"a sparse grid of {size:,} voxels"
         self._bits = device.zeros((*shape[:2], along[2]), np.uint16, what)
-        self.list = SurfaceList(device, shape, self._bits)
+        self.list = SurfaceList(device, shape, self._bits, bricks.closed_surface)
         self.slots = device.empty(along, np.int32, what)
         self._listed = device.empty(n_bricks, np.int32, what)
         self._pool = device.empty((self.capacity, brick_voxels), np.float32, what)

@@ -11,7 +11,7 @@ from apf.presets import Preset, preset
 
 
 def _filter(settings: Preset, **changes: Any) -> Preset:
-    changed = settings.method.filter.changed(**changes)
+    changed = settings.method.filter.with_changes(**changes)
     return settings.replace(method=settings.method.replace(filter=changed))
 
 

@@ -105,7 +105,7 @@ def _sized(method: Method, setting: Setting, seed: int) -> Method:
     size = {"n_particles": setting.particles, "n_layers": setting.layers, "seed": seed}
     if setting.method == "sir":  # it has no layers: use as many evaluations in one
         size |= {"n_particles": setting.particles * setting.layers, "n_layers": 1}
-    return method.replace(filter=method.filter.changed(**size))
+    return method.replace(filter=method.filter.with_changes(**size))
 
 
 def _shaped(method: Method, vertices: str) -> Method:
@@ -132,7 +132,7 @@ def tracked(
         seen = recording.features(device, method.features)
     frames, estimates = track_voxels(tracker, pose, seen)
     return [
-        build_track(body, recording.fps, frames, list(run), of.described())
+        build_track(body, recording.fps, frames, list(run), of.describe())
         for of, run in zip(with_seeds(method, seeds), zip(*estimates, strict=True), strict=True)
     ]
 

@@ -38,10 +38,11 @@ from apf.keypoints import Keypoints
 from apf.presets import Preset
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import Take, track_take
-from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
+from apf.tracking.triangulated import TriangulatedConfig, triangulate_track
 from cl import Device, InputError
 from psfs.api import exclude_inconsistent_cameras
 from psfs.common.files import write_json
+from psfs.diagnostics.cloud_scores import CloudScore, mean_scores, score_cloud
 from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.diagnostics.silhouette_scores import score_silhouettes, truth_frames
 from psfs.sequence import Sequence
@@ -160,7 +161,7 @@ def _triangulated(sequence: Sequence, setting: Setting, truth: JointSeries) -> R
     """Triangulate keypoints and filter them with a low pass, the usual way without a body."""
     began = time.perf_counter()
     keypoints = Keypoints.open(sequence.folder, sequence)
-    track = triangulated_track(sequence, keypoints, TriangulatedConfig(low_pass=LOW_PASS))
+    track = triangulate_track(sequence, keypoints, TriangulatedConfig(low_pass=LOW_PASS))
     run = evaluate_run(track, truth, setting, 0, time.perf_counter() - began)
     first = {"heading": _heading(track.joint_names, track.joints[:1], truth, track.frames[0])}
     return replace(run, **first, **_of_suite(evaluate(track, truth)))
@@ -256,17 +257,21 @@ def _failed(setting: Setting, seed: int, why: str) -> Run:
 
 def evaluate_silhouettes(session: Session, check: Callable[[], object]) -> dict[str, Any]:
     """Return the IoU with the true masks: the mean, and per frame those of the cameras; see
-    psfs.diagnostics.silhouette_scores."""
+    psfs.diagnostics.silhouette_scores. Then the means over frames of the clouds' scores; see
+    psfs.diagnostics.cloud_scores."""
     wanted = truth_frames(session.sequence)
     frames: dict[str, list[float | None]] = {}
+    clouds: list[CloudScore] = []
     shown_ones = score_silhouettes(session, wanted) if wanted else ()
     for shown in shown_ones:
         check()
         if shown is not None:
             scores = shown.scores[:, 0]
             frames[str(shown.frame.index)] = [None if np.isnan(s) else float(s) for s in scores]
+            clouds.append(score_cloud(session.rig, shown.cloud, shown.truth))
     known = [score for scores in frames.values() for score in scores if score is not None]
-    return {"mean_iou": float(np.mean(known)) if known else None, "frames": frames}
+    means = mean_scores(clouds)
+    return {"mean_iou": float(np.mean(known)) if known else None, "frames": frames, "cloud": means}
 
 
 @dataclass

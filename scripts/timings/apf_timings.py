@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from apf.filters.annealed import AnnealedParticleFilter, voxel_likelihood
+from apf.filters.annealed import AnnealedParticleFilter, make_voxel_likelihood
 from apf.reference.filters.annealed import numpy_voxel_likelihood
 from cl import NumpyDevice
 from psfs.cli.commandline import add_command
@@ -109,8 +109,8 @@ def scoring(place: Place, problem: Problem, n: int, runs: int) -> Timing:
     """Measure the wall-clock time of one evaluation of `n` poses, with given voxels and maps."""
     device, scene, grid = place.device(), problem.scene, make_grid(problem.shape)
     reconstruct = Reconstructor(device, scene.rig, grid, scene.background)
-    config = problem.config.changed(n_particles=n)
-    likelihood = voxel_likelihood(problem.on(device), config)
+    config = problem.config.with_changes(n_particles=n)
+    likelihood = make_voxel_likelihood(problem.on(device), config)
     likelihood.observe(reconstruct(scene.frames[0]))
     launches = likelihood.launcher(device.to_device(spread(problem, n)))
 

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from apf.backend import filter_for
+from apf.backend import make_filter
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
 from apf.filters.base import Estimate
@@ -60,7 +60,7 @@ class Problem:
         """Return the problem with other settings of the filter, `shape` or `cameras`."""
         scene = self.scene.part(changes.pop("cameras", len(self.scene.rig)))
         shape = changes.pop("shape", self.shape)
-        return replace(self, scene=scene, shape=shape, config=self.config.changed(**changes))
+        return replace(self, scene=scene, shape=shape, config=self.config.with_changes(**changes))
 
 
 @lru_cache(maxsize=2)
@@ -86,7 +86,7 @@ class WholeFrame:
         scene, grid = problem.scene, make_grid(problem.shape)
         self.device, self.problem = device, problem
         self.reconstruct: Any = make_reconstructor(device, scene.rig, grid, scene.background)
-        self.tracker = filter_for(problem.on(device), problem.config)
+        self.tracker = make_filter(problem.on(device), problem.config)
         self.tracker.start(problem.pose)
         self.setup_ms = 1e3 * (time.perf_counter() - started)
         self.parts_ms = np.zeros(3)

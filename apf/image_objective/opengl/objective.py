@@ -75,9 +75,9 @@ class OpenGLObjective(Likelihood):
 
     def launcher(self, poses: Array) -> list[Step]:
         """Return what scores `poses` (N, D) float32 into `errors`; the last of it waits."""
-        return [*self.kinematics.launcher(poses), self._scored]
+        return [*self.kinematics.launcher(poses), self._score_hypotheses]
 
-    def _scored(self) -> None:
+    def _score_hypotheses(self) -> None:
         cones = self.kinematics.cones.get()
         with self.renderer:
             self.upload(cones)

@@ -17,7 +17,7 @@ from apf.likelihood.contour import (
     REACH,
     full_contrast,
 )
-from apf.likelihood.part_colour import scored_parts
+from apf.likelihood.part_colour import list_scored_parts
 from apf.likelihood.term import SharedTwin, TermTwin
 from apf.likelihood.terms.contour import ContourConfig
 from apf.reference.likelihood.part_colour import hidden_by_trunk, lookup_pixels
@@ -121,7 +121,7 @@ class NumpyContours(TermTwin):
 
     def __init__(self, shared: SharedTwin, settings: ContourConfig) -> None:
         self._scene, self._settings, self._rows = shared.scene, settings, shared.rows
-        self._row_parts = scored_parts(shared.scene.body, shared.rows)
+        self._row_parts = list_scored_parts(shared.scene.body, shared.rows)
         self.contours: np.ndarray | None = None
 
     def observe(self, voxels: HostVoxels, maps: np.ndarray) -> None:

@@ -15,11 +15,11 @@ from apf.likelihood.part_colour import (
     N_CODES,
     RATIO_STEPS,
     ROWS,
+    find_trunk_cone,
     fit_palette,
-    histogram_parts,
-    part_names,
-    scored_parts,
-    trunk_cone,
+    list_histogram_parts,
+    list_part_names,
+    list_scored_parts,
 )
 from apf.likelihood.term import SharedTwin, TermTwin
 from apf.likelihood.terms.part_colour import PartColourConfig
@@ -67,8 +67,8 @@ def count_codes(rig: CameraRig, body: BodyModel, pose: np.ndarray, codes: np.nda
     """Return (P, N_CODES) how many samples of each part show each of the codes (V, H, W) at a pose
     (D,): of those that no other cone lies before or behind."""
     cones = posed_cones(body, pose[None])
-    parts = histogram_parts(body)
-    counts = np.zeros((len(part_names(body)), N_CODES))
+    parts = list_histogram_parts(body)
+    counts = np.zeros((len(list_part_names(body)), N_CODES))
     t = ((np.arange(ROWS) + 0.5) / ROWS)[:, None, None]
     u = ((np.arange(COLUMNS) + 0.5) / COLUMNS)[:, None]
     for camera, view in zip(rig, codes, strict=True):
@@ -108,7 +108,7 @@ def hidden_by_trunk(
     """Return (N, K) whether the trunk hides samples at pixels (N, K, 2), that lie in a row (4,) of
     a cone: they do in the outline of its cone, where the row lies further from the camera than the
     trunk's middle. cones (N, C, 16), corners (N, C, 4, 2): their outlines."""
-    trunk, cone, share = trunk_cone(body), int(row[0]), row[1]
+    trunk, cone, share = find_trunk_cone(body), int(row[0]), row[1]
     if trunk < 0:
         return np.zeros(pixels.shape[:2], bool)
     own = cones[:, cone, 0:3] + share * (cones[:, cone, 4:7] - cones[:, cone, 0:3])
@@ -119,7 +119,7 @@ def hidden_by_trunk(
 
 class Look(NamedTuple):
     """The learned colours: ratios (P, N_CODES) int8, see `ratios_of`, the parts (R,) whose rows
-    they judge, -1 for rows that count nothing, and the rows (R, 4), see `sample_rows`."""
+    they judge, -1 for rows that count nothing, and the rows (R, 4), see `make_sample_rows`."""
 
     ratios: np.ndarray
     row_parts: np.ndarray
@@ -165,13 +165,13 @@ class NumpyPartColours(TermTwin):
 
     def __init__(self, shared: SharedTwin, settings: PartColourConfig) -> None:
         self._scene, self._settings, self._rows = shared.scene, settings, shared.rows
-        self._row_parts = scored_parts(shared.scene.body, shared.rows)
+        self._row_parts = list_scored_parts(shared.scene.body, shared.rows)
         self.codes: np.ndarray | None = None
         self._palette: np.ndarray | None = None
         self.forget()
 
     def forget(self) -> None:
-        self.histograms = np.zeros((len(part_names(self._scene.body)), N_CODES))
+        self.histograms = np.zeros((len(list_part_names(self._scene.body)), N_CODES))
         self.ratios = np.zeros(self.histograms.shape, np.int8)
 
     def learn(self, pose: np.ndarray) -> None:

@@ -14,7 +14,7 @@ from apf.body.model import BodyModel
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.term import SharedTwin, TermTwin
 from apf.likelihood.terms import TERMS
-from apf.likelihood.voxel import cone_sampling, sample_rows
+from apf.likelihood.voxel import choose_cone_sampling, make_sample_rows
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.reference.likelihood.silhouette_recall import uncovered_errors
 from apf.scene import Scene
@@ -144,9 +144,9 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         self._reprojection = NumpyReprojection(
             NumpyDevice(), scene.rig, scene.voxel_grid, join=config.reprojection.foreground_join
         )
-        self._sampling = cone_sampling(scene.body, config.reprojection.sample_spacing)
+        self._sampling = choose_cone_sampling(scene.body, config.reprojection.sample_spacing)
         self.points: np.ndarray = np.empty((0, 3))
-        shared = SharedTwin(scene, velocity, sample_rows(self._sampling))
+        shared = SharedTwin(scene, velocity, make_sample_rows(self._sampling))
         self.terms: dict[str, TermTwin] = {
             name: resolve_name(TERMS[name].twin)(shared, settings)
             for name, settings in config.terms.items()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers import bodies, rendered, scenes
 
-from apf.backend import check_renderer, device_tracker
+from apf.backend import check_renderer, make_device_tracker
 from apf.body.mesh import cone_mesh
 from apf.filters.method import Method
 from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
@@ -112,7 +112,7 @@ def test_a_swarm_tracks_by_opengl_from_any_thread(device: Device) -> None:
         found.append(tracker.step(observed).pose)
 
     for _ in range(2):
-        tracker = device_tracker(scene, method)
+        tracker = make_device_tracker(scene, method)
         threads = [threading.Thread(target=track, args=(tracker,)) for _ in range(2)]
         for thread in threads:
             thread.start()

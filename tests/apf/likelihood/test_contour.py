@@ -15,8 +15,8 @@ from apf.body.kinematics import posed_cones
 from apf.filters.config import FilterConfig
 from apf.likelihood.config import ContourConfig
 from apf.likelihood.contour import N_NORMALS, SOBEL_GAIN, Contours, full_contrast
-from apf.likelihood.part_colour import scored_parts
-from apf.likelihood.voxel import VoxelLikelihood, cone_sampling, sample_rows
+from apf.likelihood.part_colour import list_scored_parts
+from apf.likelihood.voxel import VoxelLikelihood, choose_cone_sampling, make_sample_rows
 from apf.reference.image_objective.render import draw_hypotheses
 from apf.reference.likelihood.contour import compute_contours, compute_gradients, contour_means
 from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
@@ -48,8 +48,8 @@ def painted(pose: np.ndarray, arms: int) -> tuple[np.ndarray, np.ndarray]:
 
 def means(poses: np.ndarray, contours: np.ndarray) -> np.ndarray:
     """The term's means (N,) over the cameras."""
-    rows = sample_rows(cone_sampling(SONG, 0.06))
-    look = scored_parts(SONG, rows), rows
+    rows = make_sample_rows(choose_cone_sampling(SONG, 0.06))
+    look = list_scored_parts(SONG, rows), rows
     cones = posed_cones(SONG, poses)
     views = zip(RIG, contours, strict=True)
     return np.mean([contour_means(camera, SONG, cones, view, *look) for camera, view in views], 0)
@@ -109,7 +109,7 @@ def test_the_term_agrees_with_the_twin(device: Device, name: str, kind: str) -> 
     device = device if kind == "own" else other_kind(device)
     body, rig, grid = bodies.named(name), scenes.ring(2, (161, 121)), scenes.small_grid(0.1)
     poses = bodies.random_poses(body, 37)
-    config = only("none").changed(part_colour_weight=0.0, contour_weight=1.5)
+    config = only("none").with_changes(part_colour_weight=0.0, contour_weight=1.5)
     setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
     likelihood = setup.likelihood
     assert isinstance(likelihood.terms["contour"], Contours)
@@ -117,8 +117,10 @@ def test_the_term_agrees_with_the_twin(device: Device, name: str, kind: str) -> 
     contours = np.ascontiguousarray(np.moveaxis(np.concatenate(both, -1), -1, 1))
     assert contours.shape[1] == N_NORMALS
     likelihood.seen["contours"].set(contours)
-    rows = sample_rows(cone_sampling(body, config.likelihood.reprojection.sample_spacing))
-    look = scored_parts(body, rows), rows
+    rows = make_sample_rows(
+        choose_cone_sampling(body, config.likelihood.reprojection.sample_spacing)
+    )
+    look = list_scored_parts(body, rows), rows
     cones = posed_cones(body, setup.poses)
     views = zip(rig, contours, strict=True)
     expected = np.mean([1 - contour_means(c, body, cones, v, *look) for c, v in views], 0)

@@ -23,13 +23,13 @@ from apf.likelihood.part_colour import (
     RATIO_STEPS,
     PartColours,
     find_part,
+    find_trunk_cone,
     fit_palette,
-    histogram_parts,
-    part_names,
-    scored_parts,
-    trunk_cone,
+    list_histogram_parts,
+    list_part_names,
+    list_scored_parts,
 )
-from apf.likelihood.voxel import VoxelLikelihood, cone_sampling, sample_rows
+from apf.likelihood.voxel import VoxelLikelihood, choose_cone_sampling, make_sample_rows
 from apf.reference.image_objective.render import draw_hypotheses
 from apf.reference.likelihood.part_colour import (
     Look,
@@ -64,8 +64,8 @@ def painted(rig: CameraRig, pose: np.ndarray, arms: int) -> np.ndarray:
 
 def means(poses: np.ndarray, codes: np.ndarray, ratios: np.ndarray) -> np.ndarray:
     """The term's means (N,) over the cameras."""
-    rows = sample_rows(cone_sampling(SONG, 0.06))
-    look = Look(ratios, scored_parts(SONG, rows), rows)
+    rows = make_sample_rows(choose_cone_sampling(SONG, 0.06))
+    look = Look(ratios, list_scored_parts(SONG, rows), rows)
     cones = posed_cones(SONG, poses)
     views = zip(RIG, codes, strict=True)
     return np.mean([colour_means(camera, SONG, cones, view, look) for camera, view in views], 0)
@@ -87,13 +87,13 @@ def test_an_arm_before_the_trunk_is_found_by_its_colour(arms: int) -> None:
 def test_a_hidden_arm_teaches_nothing() -> None:
     """The codes are those of hanging arms; a pose that has the arm on the belly learns no shirt."""
     codes = painted(RIG, SONG.rest_pose, SKIN)
-    forearm = part_names(SONG).index("forearm")
+    forearm = list_part_names(SONG).index("forearm")
     counts = count_codes(RIG, SONG, bodies.crossing(), codes)
     assert counts[forearm, SHIRT] < 0.25 * counts[forearm].sum()
 
 
 def test_left_and_right_are_one_part_and_hands_are_as_bare_as_the_head() -> None:
-    names = part_names(SONG)
+    names = list_part_names(SONG)
     assert len(names) == len(set(names)) == 6  # torso, thigh, calf, upper arm, forearm, head
     cones = [cone.name for cone in SONG.cones]
     for side in "lr":
@@ -101,13 +101,13 @@ def test_left_and_right_are_one_part_and_hands_are_as_bare_as_the_head() -> None
         shares = [names[find_part(SONG, forearm, share)] for share in (0.1, 0.6, 0.9)]
         assert shares == ["forearm", "forearm", "head"]
     assert find_part(SONG, cones.index("hips"), 0.5) == -1
-    assert cones[trunk_cone(SONG)] == "torso"
-    rows = sample_rows(cone_sampling(SONG, 0.06))
-    parts = scored_parts(SONG, rows)
+    assert cones[find_trunk_cone(SONG)] == "torso"
+    rows = make_sample_rows(choose_cone_sampling(SONG, 0.06))
+    parts = list_scored_parts(SONG, rows)
     of_torso = rows[:, 0] == cones.index("torso")
     assert (parts[of_torso] == -1).all() and (parts[~of_torso] >= 0).all()
     lower = bodies.named("stick")
-    assert histogram_parts(lower).max() < len(part_names(lower))
+    assert list_histogram_parts(lower).max() < len(list_part_names(lower))
 
 
 def test_a_palette_tells_a_persons_colours_apart() -> None:
@@ -173,12 +173,14 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, kind: str) -> No
     device = device if kind == "own" else other_kind(device)
     body, rig, grid = bodies.named(name), scenes.ring(2, (161, 121)), scenes.small_grid(0.1)
     poses = bodies.random_poses(body, 37)
-    config = only("none").changed(part_colour_weight=1.5)
+    config = only("none").with_changes(part_colour_weight=1.5)
     setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
     likelihood, colours = setup.likelihood, setup.likelihood.terms["part_colour"]
     assert isinstance(colours, PartColours)
-    histograms = np.zeros((len(part_names(body)), N_CODES))
-    rows = sample_rows(cone_sampling(body, config.likelihood.reprojection.sample_spacing))
+    histograms = np.zeros((len(list_part_names(body)), N_CODES))
+    rows = make_sample_rows(
+        choose_cone_sampling(body, config.likelihood.reprojection.sample_spacing)
+    )
     cones = posed_cones(body, setup.poses)
     for frame in range(3):
         codes = smooth_maps(rig, frame)[..., 0] // 5
@@ -190,7 +192,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, kind: str) -> No
             ratios = colours.ratios.get()[0]
         else:
             assert not colours.ratios.get().any()
-        look = Look(ratios, scored_parts(body, rows), rows)
+        look = Look(ratios, list_scored_parts(body, rows), rows)
         views = zip(rig, codes, strict=True)
         expected = np.mean([colour_means(c, body, cones, v, look) for c, v in views], 0)
         # What the launches know is set where a frame is observed.

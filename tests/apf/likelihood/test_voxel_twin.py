@@ -13,7 +13,7 @@ from helpers.likelihoods import FRONT
 from apf.body.cones import cone_distances, overlap_errors
 from apf.body.kinematics import CONE_FLOATS, posed_cones
 from apf.likelihood.config import LikelihoodConfig
-from apf.likelihood.voxel import cone_sampling
+from apf.likelihood.voxel import choose_cone_sampling
 from apf.reference.likelihood.voxel import (
     FrameEvidence,
     image_errors,
@@ -74,14 +74,14 @@ def test_samples_outside_the_picture_do_not_count() -> None:
 
 def test_unseen_parts_are_left_out() -> None:
     body = bodies.named("song31")
-    sampling = cone_sampling(body, 0.04)
+    sampling = choose_cone_sampling(body, 0.04)
     for cone, (rows, columns) in zip(body.cones, sampling, strict=True):
         assert (rows > 0) == (columns > 0) == cone.in_images, cone.name
         if cone.in_images:
             length = np.linalg.norm(cone.end - cone.start)
             assert rows >= 4 and columns >= 3
             assert rows == 4 or length / rows <= 0.04 <= length / (rows - 1) + 1e-9
-    finer = cone_sampling(body, 0.02)
+    finer = choose_cone_sampling(body, 0.02)
     assert finer.sum() > 1.5 * sampling.sum()
 
 
@@ -178,7 +178,7 @@ def test_the_true_pose_has_the_least_error(song_alone: bool) -> None:
     poses = np.clip(
         truth + np.concatenate([0 * steps[:1], 3 * steps, 12 * steps]), body.lower, body.upper
     )
-    seen, sampling = FrameEvidence(maps, points), cone_sampling(body, 0.04)
+    seen, sampling = FrameEvidence(maps, points), choose_cone_sampling(body, 0.04)
     errors = total_errors(rig, posed_cones(body, poses), seen, sampling, body.apart, config)
     assert errors[0] == errors.min()
     assert errors[0] < np.median(errors[1:31]) < np.median(errors[31:])

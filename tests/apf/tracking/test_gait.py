@@ -59,7 +59,7 @@ def test_a_tracked_body_with_noise() -> None:
         done = event.time * stride.speed / stride.length + 0.5 * (event.side == "right")
         late = (done - (STANCE if event.kind == "off" else 0) + 0.5) % 1 - 0.5
         assert abs(late) < 0.08, event
-    plain = json.loads(json.dumps(gait.described()))
+    plain = json.loads(json.dumps(gait.describe()))
     assert plain["n_steps"] == gait.n_steps and len(plain["events"]) == len(gait.events)
     assert plain["events"][0]["step_length_m"] is None
 

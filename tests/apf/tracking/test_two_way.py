@@ -12,13 +12,13 @@ from helpers import bodies, scenes
 from helpers.walkers import GRID, SONG, surface_voxels, walker
 from helpers.worlds import World
 
-from apf.backend import tracker_for
+from apf.backend import make_tracker
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_masks, limb_names
 from apf.filters.base import Estimate
 from apf.filters.method import Method
-from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, cropped
+from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, crop_voxels
 from apf.reference.kept_voxels import uncropped
 from apf.scene import Scene
 from apf.tracking.limb_confidence import REGRESSION
@@ -253,7 +253,7 @@ def frames(n: int, ending: BaseException | None = None) -> Iterator[tuple[int, f
 
 @pytest.fixture
 def kept_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("apf.tracking.two_way.cropped", lambda device, shown: shown)
+    monkeypatch.setattr("apf.tracking.two_way.crop_voxels", lambda device, shown: shown)
 
 
 CONFIG = TwoWayConfig(overlap=3, longest=12)
@@ -300,12 +300,12 @@ def test_kept_frames_are_restored_about_the_foreground(device: Device) -> None:
     before = surface_voxels(device, walker(0))
     before.evidence = device.to_device(evidence)
     before.frame = Frame(0, pictures, None)
-    kept = cropped(device, before)
+    kept = crop_voxels(device, before)
     assert isinstance(kept, CroppedVoxels) and kept.nbytes < 0.5 * 4 * evidence.size
     later = surface_voxels(device, walker(5))
     later.evidence = device.to_device(-evidence)  # foreground all over
     later.frame = Frame(1, pictures[::-1], None)
-    other = cropped(device, later)
+    other = crop_voxels(device, later)
     assert isinstance(other, CroppedVoxels)
     restored = RestoredVoxels(device, [kept, other])
     restored.show(other)  # of which nothing remains
@@ -369,7 +369,7 @@ def test_errors_are_the_twins(device: Device) -> None:
     world, found = World(device), []
     wrong = moved(world.pose(0), l_upper_arm__rx=-0.9)
     for own, voxels in ((device, world.voxels(0)), (NumpyDevice(), world.twin(0))):
-        tracker = tracker_for(world.scene(own), method)
+        tracker = make_tracker(world.scene(own), method)
         tracker.start(world.pose(0))
         tracker.step(voxels)
         found.append(tracker.score_poses(exchange_limbs(BODY, np.stack([world.pose(0), wrong]))))
