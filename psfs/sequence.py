@@ -271,7 +271,9 @@ class Sequence:
             raise InputError(f"{self.folder}: background kind {kind} needs {what}; found none")
         if kind == "frames" and self.settings.background is None:
             self.notes.append(
-                "no empty background: learnt from the frames; who never moves becomes part of it"
+                "no film of the empty scene: the background is estimated from the frames; a "
+                "person who "
+                "never moves becomes part of it"
             )
         return kind
 

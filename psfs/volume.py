@@ -145,6 +145,6 @@ def describe_expected_person(sequence: Sequence) -> str:
     if sequence.empty_scene:
         return "a person in view of the cameras"
     return (
-        "a person who moves, since the background is learnt from the frames themselves, or "
+        "a person who moves, since the background is estimated from the frames themselves, or "
         "pictures of the empty scene in background/"
     )

@@ -153,7 +153,7 @@ def _add_suite_flags(group: argparse._ArgumentGroup) -> None:
         nargs="+",
         choices=OBSERVATIONS,
         default=["voxels"],
-        help="what is looked at, side by side: keypoints triangulated, voxels, keypoints in their "
+        help="the observations to compare: keypoints triangulated, voxels, keypoints in their "
         "place, both; those of keypoints where a sequence has some (voxels)",
     )
     ablated = "the defaults without each of their parts, too"

@@ -60,5 +60,5 @@ def print_export(written: Export, gait_wanted: bool) -> None:
             soft_wrap=True,
         )
     elif gait_wanted:
-        stdout.print("gait: nobody walks two steps here")
+        stdout.print("gait: no walk of two steps in this track")
     stdout.print("wrote " + ", ".join(str(path) for path in written.files), soft_wrap=True)

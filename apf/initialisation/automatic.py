@@ -207,9 +207,9 @@ def _find_people(voxels: Sequence[Any], config: StartConfig) -> list[np.ndarray]
     people = [select_person_points(v.grid, v.cloud().indices, config.frames) for v in voxels]
     shown = [len(points) >= least for points in people]
     if not shown[0]:
-        later = "; somebody comes in after it" if any(shown) else ""
+        later = "; a person appears later" if any(shown) else ""
         raise StartError(
-            f"nobody is in the first frame: {len(people[0])} surface voxels of "
+            f"no person is in the first frame: {len(people[0])} surface voxels of "
             f"{voxels[0].grid.voxel_size:g} m; expected at least {least} of a person{later}"
         )
     return people[: [*shown, False].index(False)]

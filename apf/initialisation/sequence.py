@@ -71,7 +71,10 @@ def initialise(
     turned = forward(start.body, start.pose) @ forward(again.body, again.pose) < 0
     if not turned or again.rival < start.rival:
         return start
-    log.info("%s: the person looks the other way, as longer looks tell", session.sequence.name)
+    log.info(
+        "%s: the person looks the other way, according to a search over more frames",
+        session.sequence.name,
+    )
     return again
 
 

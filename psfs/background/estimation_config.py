@@ -71,7 +71,8 @@ class TakeConfig(Config):
     `psfs.background.take`."""
 
     SOURCE: ClassVar = (
-        "by hand, on synth_box_4cam, synth_pickup_6cam, synth_walk_4cam without their plates"
+        "by hand, on synth_box_4cam, synth_pickup_6cam, synth_walk_4cam without films of the empty "
+        "scene"
     )
 
     longest_side: int = setting(

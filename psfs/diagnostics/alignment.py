@@ -21,7 +21,7 @@ from psfs.diagnostics.small_views import Outline, SmallViews, small_views
 from psfs.diagnostics.tangency import Tangency
 from psfs.session import Session
 
-#: Numbers of a camera's correction: a rotation vector, rad, and the log of the focal length's
+#: Parameters of a camera's correction: a rotation vector, rad, and the log of the focal length's
 #: factor.
 _N = 4
 #: Step of the finite differences.
@@ -45,8 +45,8 @@ class Alignment:
 
     def __str__(self) -> str:
         return (
-            f"the cameras look {np.sqrt(np.mean(self.moved**2)):.1f} px past where they are said "
-            f"to; turned, their silhouettes are {1000 * self.after:.0f} mm apart instead of "
+            f"the calibration is off by {np.sqrt(np.mean(self.moved**2)):.1f} px; with corrected "
+            f"directions the silhouettes differ by {1000 * self.after:.0f} mm instead of "
             f"{1000 * self.before:.0f}"
         )
 

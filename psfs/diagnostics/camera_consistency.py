@@ -170,7 +170,7 @@ class _Judge:
                 "is not this camera's?"
             )
         if not shown:
-            return "it shows nobody"
+            return "it shows no person"
         lag = self._lag(view, others)
         if lag:
             return f"its pictures come about {abs(lag)} frames {'late' if lag > 0 else 'early'}"

@@ -107,8 +107,9 @@ def _find_faults(sequence: Sequence, device: Device | NumpyDevice) -> Diagnosis:
 def _check_single_camera(sequence: Sequence) -> list[Fault]:
     names = sequence.rig.names
     text = (
-        f"camera {names[0]} is the only one and tells no depth: what it sees goes on to the end of "
-        "the volume; expected two or more"
+        f"camera {names[0]} is the only one, which gives no depth: its silhouette extends to "
+        "the end "
+        "of the volume; expected two or more"
     )
     return [Fault("alone", (names[0],), text)] if len(names) == 1 else []
 
@@ -212,7 +213,7 @@ def _describe_poor_silhouettes(views: SmallViews) -> str:
         areas = np.array([0 if row[view] is None else row[view].area for row in views.outlines])  # type: ignore[union-attr]
         shares = areas / np.maximum(views.foreground[:, view] * pixels, 1)
         if (areas == 0).mean() > 0.3:
-            poor.append(f"{camera.name} often shows nobody")
+            poor.append(f"{camera.name} often shows no person")
         elif np.median(shares) < 0.5:
             poor.append(f"{camera.name}'s are in pieces")
         elif np.median(np.abs(np.diff(areas))) > 0.25 * np.median(areas):

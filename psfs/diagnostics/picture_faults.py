@@ -78,7 +78,7 @@ def _find_empty_pictures(
             "nobody",
             (),
             f"nothing stands out from the background in {len(views.frames)} frames; expected "
-            "somebody in view of the cameras",
+            "a person in view of the cameras",
             serious=False,  # the reconstruction itself stops if no frame shows a person
         )
 
@@ -156,8 +156,8 @@ def _find_foreign_backgrounds(
             yield Fault(
                 "background",
                 (names[view],),
-                f"camera {names[view]}: its pictures are {way} beside its background; turn those "
-                "that lie wrong",
+                f"camera {names[view]}: its pictures are {way} relative to its background; turn "
+                "those that are wrong",
             )
     for view in wrong:
         fits = int(alike[view].argmax())
@@ -231,7 +231,7 @@ def _find_moved_cameras(
             yield Fault(
                 "knocked",
                 (camera.name,),
-                f"camera {camera.name}: its pictures lie {pixels:.0f} px beside its background"
+                f"camera {camera.name}: its background is {pixels:.0f} px off its pictures"
                 f"{since}; it was moved: leave it out (--cameras), or film and calibrate again",
             )
 
@@ -292,9 +292,10 @@ def _find_ghosts(sequence: Sequence, views: SmallViews, config: PictureConfig) -
         typical = views.typical[view, : camera.size[1], : camera.size[0]]
         if _has_ghost(background, silhouettes, pictures, typical, usual, config):
             holds = (
-                "the background learnt from its pictures holds somebody who stands still in many"
+                "the background estimated from its pictures contains a person who stands "
+                "still in many"
                 if estimated
-                else "its background holds somebody who is not in the pictures"
+                else "its background contains a person who is not in the pictures"
             )
             yield Fault(
                 "ghost",

@@ -57,10 +57,14 @@ static inline uint surface_bits(__global const ushort *restrict bits, int x, int
     if (here == 0 || x == 0 || x == NX - 1 || y == 0 || y == NY - 1) return here;
     uint enclosed = within_row(bits, at, word) & bits[at - WORDS] & bits[at + WORDS] &
                     bits[at - NY * WORDS] & bits[at + NY * WORDS];
-    if (CLOSED && enclosed != 0)
+    if (CLOSED && enclosed != 0) {
+        // Unrolled, the loads do not wait for each other.
+#pragma unroll
         for (int dx = -1; dx <= 1; ++dx)
+#pragma unroll
             for (int dy = -1; dy <= 1; ++dy)
                 enclosed &= within_row(bits, at + (dx * NY + dy) * WORDS, word);
+    }
     return here & ~enclosed;
 }
 

@@ -95,7 +95,7 @@ def test_points_without_a_body(tmp_path: Path, capfd: pytest.CaptureFixture[str]
 def test_who_does_not_walk(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     walker(10).save(tmp_path / "track.npz")
     assert main(["export", str(tmp_path), "--to", "gait", "csv"]) == 0
-    assert "nobody walks" in capfd.readouterr().out
+    assert "no walk of two steps" in capfd.readouterr().out
     assert not (tmp_path / "gait.json").exists() and (tmp_path / "angles.csv").exists()
 
 

@@ -202,7 +202,7 @@ def test_what_speaks_against_a_start() -> None:
     (doubt,) = start(2.0, 1.5).doubts
     assert "fits badly" in doubt and "1.30 m high and 2.0 times as thick" in doubt
     (doubt,) = start(1.0, 1.02).doubts
-    assert "which way the person looks" in doubt
+    assert "the heading is ambiguous" in doubt
 
 
 def test_debris_is_no_person() -> None:
