@@ -151,14 +151,14 @@ class _Fit:
         that differ from it by a step in one number."""
         near = [correction, *(correction + _STEP * np.eye(_N))]
         cameras = [correct_camera(self.rig[view], one) for one in near]
-        return [self._tangency.rays_of(view, camera) for camera in cameras]
+        return [self._tangency.trace_outlines(view, camera) for camera in cameras]
 
     def _planes(
         self, view: int, rays: list[np.ndarray], other: int
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the planes (2 F,) of a view around the line to another camera, and their
         derivatives (2 F, 4) by its correction."""
-        planes, *moved = (self._tangency.planes_of(view, own, other).ravel() for own in rays)
+        planes, *moved = (self._tangency.measure_planes(view, own, other).ravel() for own in rays)
         return planes, np.stack([(one - planes) / _STEP for one in moved], -1)
 
     def linearise(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
