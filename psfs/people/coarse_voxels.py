@@ -17,6 +17,8 @@ from psfs.voxels.occupied_box import reachable_box
 
 #: Levels of each colour channel in a histogram, and height bands of a person.
 _LEVELS, BANDS = 4, 3
+#: Greatest number of voxels.
+_MOST_VOXELS = 1_500_000
 #: Evidence maps are held as bytes in the same order, as OpenCV needs them; this is no evidence.
 _RAISED = 128
 
@@ -35,7 +37,8 @@ class CoarseVoxels:
     """Coarse voxels within reach of the cameras, and the pixels that they fall on.
 
     rig: of the small pictures. stated: the volume, if one is stated. grid: of all voxels. `used`
-    (N,): flat indices of those that enough cameras see.
+    (N,): flat indices of those that enough cameras see. config: with the size of the voxels, larger
+    in wide rigs.
     """
 
     def __init__(
@@ -48,6 +51,8 @@ class CoarseVoxels:
         low, high = stated or reachable_box(rig, reconstruction.volume)
         low, high = np.array(low, float), np.array(high, float)
         high[2] = max(low[2] + config.voxel, min(high[2], config.ceiling))
+        finest = float(np.cbrt(np.prod(high - low) / _MOST_VOXELS))
+        config = config.replace(voxel=max(config.voxel, finest))
         self.rig, self.config = rig, config
         self.grid = VoxelGrid.covering(low, high, config.voxel)
         centres = self.grid.centres()

@@ -76,14 +76,14 @@ def _exchange(first: Trajectory, second: Trajectory, seen: Seen, after: int) -> 
         (ours.colours, theirs.colours),
         (ours.unexplained, theirs.unexplained),
     ):
-        a = {index: of for index, of in mine.items() if index > after}  # type: ignore[attr-defined]
-        b = {index: of for index, of in other.items() if index > after}  # type: ignore[attr-defined]
+        a = {index: of for index, of in mine.items() if index > after}
+        b = {index: of for index, of in other.items() if index > after}
         for index in a:
-            del mine[index]  # type: ignore[arg-type]
+            del mine[index]
         for index in b:
-            del other[index]  # type: ignore[arg-type]
-        mine.update(b)  # type: ignore[arg-type]
-        other.update(a)  # type: ignore[arg-type]
+            del other[index]
+        mine.update(b)
+        other.update(a)
 
 
 def join_returning(seen: Seen, grid: VoxelGrid, config: PeopleConfig, fps: float) -> Seen:

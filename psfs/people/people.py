@@ -99,7 +99,7 @@ class _Search:
     def __init__(
         self, session: Session, config: PeopleConfig, every: int, number: int | None = None
     ) -> None:
-        self.session, self.config, self.number = session, config, number
+        self.session, self.number = session, number
         self.frames = check_frames(session)[::every]
         self.rate = session.rate / every
         shrink = Shrink(session.rig, config.longest_side)
@@ -111,6 +111,7 @@ class _Search:
         self.space = CoarseVoxels(
             shrink.small, session.sequence.volume, session.reconstruction, config
         )
+        self.config = self.space.config
 
     def run(self) -> People:
         """Return the people."""
