@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.api import given_start, template_of
+from apf.api import given_start, load_template
 from apf.backend import check_renderer
 from apf.body import BodyModel, save_body
 from apf.cli.first_pose import check_start, naming_init, warn_of_doubts
-from apf.cli.keypoints.flags import keypoints_of
+from apf.cli.keypoints.flags import read_keypoints
 from apf.cli.keypoints.triangulate import TRIANGULATE, run_triangulate
 from apf.cli.method_flags import METHOD_FLAGS, chosen_method
 from apf.cli.takes.job import TrackJob, chosen_seeds, take_names
@@ -30,7 +30,7 @@ from apf.report.names import PAGE
 from apf.report.overlay import write_overlay
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
-from apf.tracking.batch import at_once
+from apf.tracking.batch import run_at_once
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import Take, check_cameras, track_take
 from apf.tracking.track import PARTS, Track, spans
@@ -121,7 +121,7 @@ def track_one(
                 print_outcome(judgement, done.n_frames)
             if done.interrupted:
                 raise KeyboardInterrupt
-            for line_of_spread in spread_of(done.take):
+            for line_of_spread in describe_spread(done.take):
                 stdout.print(line_of_spread)
     return everybody[0].take
 
@@ -146,7 +146,7 @@ def _run_many(args: argparse.Namespace, method: Method) -> None:
         ):
             for done in _tracked_and_judged(out, job, line):
                 _raise_error(done.take, done.n_frames, done.folder)
-                spread = spread_of(done.take)
+                spread = describe_spread(done.take)
                 report.tracked(name, done.take, done.n_frames, done.judgements, spread)
                 if done.interrupted:
                     raise KeyboardInterrupt
@@ -156,7 +156,7 @@ def _run_many(args: argparse.Namespace, method: Method) -> None:
         with (
             output_folder(args.output, args.parser.prog, folders) as outer,
             bar,
-            closing(at_once(device, work, len(names), args.at_once)) as outcomes,
+            closing(run_at_once(device, work, len(names), args.at_once)) as outcomes,
         ):
             outer.begin()  # remove the results of an earlier single take
             for number, outcome in outcomes:
@@ -215,7 +215,7 @@ def _one_tracked(
 def _opened(out: OutputFolder, job: TrackJob) -> Sequence:
     """Return the take's sequence, which keeps its frames in memory if they fit."""
     if job.method.uses_images:
-        job.method.image.mesh(template_of(job.args.body)[0])  # check the mesh files early
+        job.method.image.mesh(load_template(job.args.body)[0])  # check the mesh files early
     sequence = open_sequence(job.args)
     sequence.keep_frames()
     out.check_inputs(sequence.inputs)
@@ -237,7 +237,7 @@ def _tracked(
 ) -> Take:
     """Track a take, and write the files of each seed's track, except those of `finish_take`."""
     args, sequence = job.args, session.sequence
-    template, keep_shape = template_of(args.body)
+    template, keep_shape = load_template(args.body)
     settings = TakeSettings(
         method=job.method,
         seeds=tuple(job.seeds),
@@ -245,7 +245,7 @@ def _tracked(
         keep_shape=keep_shape,
         height=args.height,
         given=given,
-        keypoints=keypoints_of(args, sequence),
+        keypoints=read_keypoints(args, sequence),
     )
     with naming_init(sequence):
         take = track_take(session, settings, line, Keeper(job.folders))
@@ -278,12 +278,9 @@ def finish_take(job: TrackJob, examination: Examination, take: Take, line: Line)
     doubts = take.start.doubts if take.start is not None else []
     warnings = [*getattr(args, "remarks", ()), *doubts]  # keypoints alone are not examined
     sequence = sequence_facts(take.sequence, job.folders[0], stated(args), reasons)
-    facts = (
-        run_facts(
-            job.device, sequence, _config(args), (n_done, line.n_frames), warnings, take.seconds
-        )
-        | job.of_people
-    )
+    facts = run_facts(
+        job.device, sequence, _config(args), (n_done, line.n_frames), warnings, take.seconds
+    ) | dict(job.of_people)
     found = []
     for track, folder in zip(take.tracks, job.folders, strict=True):
         quality = Quality(track, None)
@@ -332,7 +329,7 @@ def print_outcome(judgement: Judgement, n_frames: int) -> None:
     stdout.print(f"wrote {', '.join(judgement.files)}", soft_wrap=True)
 
 
-def spread_of(take: Take) -> list[str]:
+def describe_spread(take: Take) -> list[str]:
     """Describe the differences between several runs and, if the truth is known, their errors."""
     tracks = take.tracks
     if len(tracks) == 1:

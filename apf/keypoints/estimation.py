@@ -20,7 +20,7 @@ from apf.keypoints.config import CropConfig
 from apf.keypoints.network import PoseNetwork, check_network
 from apf.keypoints.readers.orders import MEDIAPIPE
 from cl import DeviceError, InputError, select_device
-from psfs.backend import evidence_for
+from psfs.backend import make_evidence_function
 from psfs.common.files import written_whole
 from psfs.common.regions import keep_large_regions
 from psfs.common.system import ignore_signals
@@ -130,7 +130,7 @@ class _Crop:
     def __init__(self, sequence: Sequence, device: str, config: CropConfig | None = None) -> None:
         self._config, self.moved = config or CropConfig(), False
         self._size = sequence.rig[0].size
-        self._evidence = evidence_for(
+        self._evidence = make_evidence_function(
             select_device(device), sequence.rig, sequence.background, SilhouetteConfig()
         )
         self._box: np.ndarray | None = None

@@ -6,7 +6,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from psfs.background.config import TakeConfig
+from psfs.background.estimation_config import TakeConfig
 
 
 def moving_region(frames: np.ndarray, config: TakeConfig) -> np.ndarray:

@@ -15,7 +15,7 @@ from psfs.common.files import write_picture
 from psfs.diagnostics.examination import examine
 from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
-from psfs.diagnostics.small_views import contact_sheet
+from psfs.diagnostics.small_views import draw_contact_sheet
 from psfs.people.people import count_people
 from psfs.sequence import Sequence
 from psfs.session import Session
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> None:
         session = Session(sequence, select_device(args.device))
         _say_faults(session, info.warnings)
         if args.masks is not None:
-            write_picture(args.masks, contact_sheet(diagnose(session).views))
+            write_picture(args.masks, draw_contact_sheet(diagnose(session).views))
             stdout.print(f"wrote {args.masks}", soft_wrap=True, markup=False)
     else:
         for warning in info.warnings:

@@ -142,7 +142,7 @@ def write_settings(
     return path
 
 
-def settings_of(args: argparse.Namespace) -> dict[str, Any]:
+def collect_settings(args: argparse.Namespace) -> dict[str, Any]:
     """Return the values of all settings that `args` hold, by destination, and the configs."""
     flags = {a.dest: getattr(args, a.dest) for a in _settings(args.parser)}
     return {**flags, **{name: config.to_dict() for name, config in args.configs.items()}}

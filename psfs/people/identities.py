@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -12,6 +13,8 @@ from psfs.people.coarse_voxels import BANDS, likeness
 from psfs.people.config import PeopleConfig
 from psfs.people.following import Trajectory
 from psfs.voxels.grid import VoxelGrid
+
+T = TypeVar("T")
 
 #: By how much exchanged people must be more alike than unexchanged ones, for both pairs together.
 _SWAPPED = 0.1
@@ -70,20 +73,19 @@ def _contacts(touching: Iterable[int], gap: float) -> list[tuple[int, int]]:
 
 
 def _exchange(first: Trajectory, second: Trajectory, seen: Seen, after: int) -> None:
+    """Exchange all that two trajectories have in the frames after `after`."""
     ours, theirs = seen[first], seen[second]
-    for mine, other in (
-        (first.voxels, second.voxels),
-        (ours.colours, theirs.colours),
-        (ours.unexplained, theirs.unexplained),
-    ):
-        a = {index: of for index, of in mine.items() if index > after}
-        b = {index: of for index, of in other.items() if index > after}
-        for index in a:
-            del mine[index]
-        for index in b:
-            del other[index]
-        mine.update(b)
-        other.update(a)
+    _exchange_after(first.voxels, second.voxels, after)
+    _exchange_after(ours.colours, theirs.colours, after)
+    _exchange_after(ours.unexplained, theirs.unexplained, after)
+
+
+def _exchange_after(first: dict[int, T], second: dict[int, T], after: int) -> None:
+    late = [{index: of for index, of in one.items() if index > after} for one in (first, second)]
+    for one, own, other in ((first, *late), (second, *late[::-1])):
+        for index in own:
+            del one[index]
+        one.update(other)
 
 
 def join_returning(seen: Seen, grid: VoxelGrid, config: PeopleConfig, fps: float) -> Seen:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psfs.backend import evidence_for
+from psfs.backend import make_evidence_function
 from psfs.diagnostics.small_views import Shrink
 from psfs.people.coarse_voxels import CoarseFrame, CoarseVoxels
 from psfs.people.config import PeopleConfig
@@ -76,7 +76,9 @@ def count_people(session: Session, config: PeopleConfig | None = None) -> People
     """Return the people in some of the session's frames, see `PeopleConfig.rate`."""
     config = config or PeopleConfig()
     every = max(1, round(session.rate / config.rate))
-    return session.once((count_people, config), lambda: _Search(session, config, every).run())
+    return session.compute_once(
+        (count_people, config), lambda: _Search(session, config, every).run()
+    )
 
 
 def follow_people(
@@ -88,7 +90,7 @@ def follow_people(
     is selected.
     """
     config = config or PeopleConfig()
-    return session.once(
+    return session.compute_once(
         (follow_people, number, config), lambda: _Search(session, config, 1, number).run()
     )
 
@@ -104,7 +106,7 @@ class _Search:
         self.rate = session.rate / every
         shrink = Shrink(session.rig, config.longest_side)
         self._shrink = shrink
-        self._evidence_of = evidence_for(
+        self._evidence_of = make_evidence_function(
             session.device, shrink.small, shrink.background(session.background),
             SilhouetteConfig().without_memory(),
         )  # fmt: skip

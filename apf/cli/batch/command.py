@@ -8,7 +8,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from apf.cli.batch.chunks import PARTS, course_of
+from apf.cli.batch.chunks import PARTS, plan_take
 from apf.cli.batch.report import BatchReport
 from apf.cli.batch.take import TakeJob, finished
 from apf.cli.batch.takes import listed_takes
@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
     import_distributed()  # before anything that takes time
     if args.part_frames is not None:
         check_number("--part-frames", args.part_frames, 2)
-    jobs = jobs_of(args)
+    jobs = make_jobs(args)
     if args.scheduler is None and args.workers is not None:
         share_machine(args.device, args.workers)  # before anything is written
     inputs = [job.source for job in jobs]
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> None:
 
 def _do(args: argparse.Namespace, jobs: list[TakeJob], report: BatchReport) -> None:
     with _cluster(args, len(jobs)) as client:
-        courses = {job.name: course_of(job) for job in jobs}
+        courses = {job.name: plan_take(job) for job in jobs}
         pool = Pool(client, report.progress)
         with closing(run_workflows(pool, courses)) as outcomes:
             for name, outcome in outcomes:
@@ -64,7 +64,7 @@ def _do(args: argparse.Namespace, jobs: list[TakeJob], report: BatchReport) -> N
         clear_partial(job.out, of_all=True)
 
 
-def jobs_of(args: argparse.Namespace) -> list[TakeJob]:
+def make_jobs(args: argparse.Namespace) -> list[TakeJob]:
     """Return a job for each take, by its name. Raises InputError if two takes have the same name,
     if OUT lies in a take or is one, or if a take has a flag that `apf track` does not have."""
     out, takes = resolve_path(args.output), listed_takes(args.folders)

@@ -12,7 +12,7 @@ from typing import Any
 from rich.progress import TaskID
 
 from apf.cli.batch.take import TakeDone
-from apf.cli.takes.take_report import reports_of
+from apf.cli.takes.take_report import count_reports
 from apf.cluster.page import LOGS, write_index
 from apf.cluster.take_row import TakeRow
 from apf.cluster.task_side import Progress
@@ -59,7 +59,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             return
         if report.task not in self._lines:
             self._lines[report.task] = self._bar.add_task(report.task, total=None)
-        total = reports_of(report.stage, report.total)
+        total = count_reports(report.stage, report.total)
         self._bar.update(
             self._lines[report.task],
             description=f"{report.task}: {report.stage}",

@@ -23,7 +23,7 @@ from apf.tracking.take import Take
 from cl import Device, InputError, NumpyDevice
 from psfs.cli.commandline import CommandParser
 from psfs.cli.program import program_parser
-from psfs.cli.settings import settings_of, with_settings
+from psfs.cli.settings import collect_settings, with_settings
 from psfs.common.outputs import MANIFEST, output_folder
 
 
@@ -68,7 +68,7 @@ class TakeJob:
         """Return the record of the inputs and settings of the results; see
         `TakeRecord.describe_take`."""
         own = {"part_frames": self.part_frames, "exports": self.exports}
-        settings = settings_of(self.arguments()) | own
+        settings = collect_settings(self.arguments()) | own
         return TakeRecord.describe_take(self.source, settings, known)
 
 

@@ -149,7 +149,7 @@ def _build_raw(path: Path, people: dict[tuple[str, ...], list[list[np.ndarray]]]
     """Stack persons (K, 3) of all frames of all cameras."""
     counts = sorted({len(p) for frames in people.values() for frame in frames for p in frame})
     if not counts:
-        raise InputError(f"{path}: nobody was found in any frame of any camera")
+        raise InputError(f"{path}: no person was found in any frame of any camera")
     if len(counts) > 1:
         found = listed(map(str, counts))
         raise InputError(f"{path}: persons have {found} keypoints; expected the same number of all")

@@ -17,12 +17,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--no-pictures",
         dest="pictures",
         action="store_false",
-        help="do not look at the pictures for what is wrong with them, which takes seconds",
+        help="do not examine the pictures for faults, which takes seconds",
     )
     parser.add_argument(
         "--masks",
         type=Path,
         metavar="FILE",
-        help="write what was looked at as one picture: silhouettes of all cameras, in some frames",
+        help="write the examined silhouettes of all cameras, in some frames, as one picture",
     )
     add_device_flag(parser)

@@ -20,7 +20,7 @@ from apf.formats import write_angle_csv, write_c3d
 from apf.formats.angles import opensim_coordinates
 from apf.formats.c3d import C3dEvent
 from apf.formats.trc import JointSeries, read_trc
-from apf.tracking.smoothing import smoothed
+from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
 from cl import InputError
 
@@ -198,7 +198,7 @@ def test_points_of_a_track_without_its_body(tmp_path: Path) -> None:
 
 
 def test_what_the_files_say_of_themselves(tmp_path: Path) -> None:
-    for track, said in ((strider(10), "not smoothed"), (smoothed(strider(10)), "smoothed")):
+    for track, said in ((strider(10), "not smoothed"), (smooth_track(strider(10)), "smoothed")):
         track.save(tmp_path / "a.c3d")
         remark = ezc3d.c3d(str(tmp_path / "a.c3d"))["parameters"]["MANUFACTURER"]["REMARK"]
         assert remark["value"][0].endswith(said) and "song31" in remark["value"][0]

@@ -184,7 +184,7 @@ def test_bad_json_is_one_clear_error(tmp_path: Path) -> None:
     nobody = write(tmp_path / "nobody", "openpose", good)
     for path in nobody.rglob("*.json"):
         path.write_text('{"people": []}')
-    with pytest.raises(apf.InputError, match="nobody was found in any frame"):
+    with pytest.raises(apf.InputError, match="no person was found in any frame"):
         Keypoints.open(nobody, RIG)
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from helpers import scenes
 
-from psfs.background.config import PlateConfig, TakeConfig
+from psfs.background.estimation_config import BackgroundModelConfig, TakeConfig
 from psfs.background.ghosts import find_ghost, moving_region
 from psfs.background.hull import CoarseHull
-from psfs.background.take import background_from_take, masked_moments
+from psfs.background.take import estimate_background_from_take, masked_moments
 from psfs.footage.media import Media
 
 SIZE = (201, 153)
@@ -78,7 +78,7 @@ def test_somebody_who_walks_about_is_not_in_it() -> None:
     gains = np.linspace(0.85, 1.2, 24)[:, None] * np.linspace([1, 1, 1], [1.1, 1, 0.9], 24)
     gains[9:] *= 0.85
     rig, scene, media = take(shifts, gains)
-    background = background_from_take(rig, media)
+    background = estimate_background_from_take(rig, media)
     assert wrong_share(background, scene, rig) < 2e-3
     assert (background.std < 6).mean() > 0.97
 
@@ -88,7 +88,7 @@ def test_somebody_who_stays_in_a_place_is_unknown() -> None:
     sway = np.arange(24.0)
     shifts = 0.08 * np.stack([np.sin(sway), np.cos(1.7 * sway)], -1)
     rig, scene, media = take(shifts, np.ones((24, 3)))
-    background = background_from_take(rig, media)
+    background = estimate_background_from_take(rig, media)
     assert wrong_share(background, scene, rig) < 0.02
     there = np.abs(np.stack([m.held[0] for m in media[:1]])[0] - scene[0, :, :]).max(-1) > 60
     height, width = media[0].size[::-1]
@@ -140,7 +140,7 @@ def test_moments_leave_out_what_is_hidden() -> None:
     hidden = random.random((20, 8, 9)) < 0.6
     hidden[:, 2, 3] = True
     frames[hidden] = 250
-    mean, std, known = masked_moments(frames, hidden, PlateConfig(), CONFIG)
+    mean, std, known = masked_moments(frames, hidden, BackgroundModelConfig(), CONFIG)
     assert np.abs(mean[known] - 100).max() < 6 and std[known].max() < 11
     assert not known[2, 3] and mean[2, 3, 0] == 250
     seen = np.ma.masked_array(frames, np.repeat(hidden[..., None], 3, -1))
