@@ -8,7 +8,7 @@ from psfs.common.config import Config, setting
 
 
 class PeopleConfig(Config):
-    """What counts as a person, and how people are followed from frame to frame."""
+    """Settings of what counts as a person, and of following people from frame to frame."""
 
     SOURCE: ClassVar = "by hand, on `hard_duo_6cam` and single people in other rooms"
 

@@ -214,12 +214,12 @@ def follow(
 ) -> list[Trajectory]:
     """Follow everything from the frame with most standing regions on to both ends of the take.
 
-    fps: of the frames. People who touch at the beginning are thus told apart by where they come
-    from later.
+    fps: of the frames. People who touch at the beginning are thus distinguished by where they
+    go later.
     """
     if not frames:
         return []
-    middle = _most([_people_in(frame, grid, config) for frame in frames])
+    middle = _most([_count_standing(frame, grid, config) for frame in frames])
     forward, back = Follower(grid, config, fps), Follower(grid, config, fps)
     for frame in frames[middle:]:
         forward(frame)
@@ -229,7 +229,7 @@ def follow(
     return back.all
 
 
-def _people_in(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -> tuple[int, int]:
+def _count_standing(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -> tuple[int, int]:
     """Return the numbers of large regions that stand, and of all large ones."""
     sizes = np.bincount(frame.regions) if len(frame.regions) else np.zeros(0, int)
     regions = np.flatnonzero(sizes >= large(config))

@@ -26,7 +26,7 @@ _APART = 0.9
 
 @dataclass(eq=False)
 class Looks:
-    """What some frames show of a trajectory: its colours (BANDS, K) by frame, and the share of its
+    """The appearance of a trajectory in some frames: its colours (BANDS, K) by frame, and the share of its
     silhouettes that nobody else explains (see `CoarseVoxels.unexplained`) by frame."""
 
     colours: dict[int, np.ndarray] = field(default_factory=dict)

@@ -26,7 +26,7 @@ from psfs.session import Session, check_frames
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.voxels.grid import VoxelGrid
 
-#: Colours are looked at that often per second.
+#: Number of frames per second whose colours are compared.
 _LOOKS = 4.0
 
 
