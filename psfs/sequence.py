@@ -99,6 +99,7 @@ class Sequence:
         self.rig: CameraRig = rotate_rig(footage.rig, rotation_to_z_up(settings.up or "z"))
         self.background_kind = self._background_kind()
         self.volume: tuple[np.ndarray, np.ndarray] | None = self._volume()
+        self._masks_of: Callable[[int], np.ndarray] | None = None
         self._kept: np.ndarray | None = None
         self._n_kept = 0
 
@@ -135,6 +136,14 @@ class Sequence:
         """Return the same views with `rig`, a revised calibration of the same cameras."""
         other = copy(self)
         other.rig = rig
+        return other
+
+    def with_masks(self, masks_of: Callable[[int], np.ndarray]) -> Sequence:
+        """Return the same views with other silhouettes: the masks (V, H, W) uint8 that `masks_of`
+        returns for the number of a frame."""
+        other = copy(self)
+        other.background_kind, other._masks_of = "masks", masks_of
+        vars(other).pop("background", None)  # the property's kept value
         return other
 
     def synchronise(self, late: Mapping[str, int]) -> Sequence:
@@ -251,7 +260,8 @@ class Sequence:
     @property
     def _views(self) -> tuple[Media, ...]:
         """All media that a frame is decoded from."""
-        masks = self.footage.masks if self.background_kind == "masks" else None
+        read = self.background_kind == "masks" and self._masks_of is None
+        masks = self.footage.masks if read else None
         return (*(self.footage.images or ()), *(masks or ()))
 
     def _background_kind(self) -> str:
@@ -325,8 +335,9 @@ class Sequence:
     def _frame(
         self, index: int, decoders: list[Decoder], pool: Threads, mixture: Mixture | None
     ) -> Frame:
+        given = None if self._masks_of is None else self._masks_of(index)
         if self._kept is not None and index < self._n_kept:
-            return Frame(index, self._kept[index], None)
+            return Frame(index, self._kept[index], given)
         shape = (len(self.rig), self.rig.height, self.rig.width)
         keeps, images, masks = self._kept is not None and index == self._n_kept, None, None
         if self.has_images:
@@ -337,7 +348,9 @@ class Sequence:
                 images = np.empty((*shape, 3), np.uint8)
         pictures = self._pictures(index, decoders, pool, images)
         seen = pictures[: len(self.rig)]
-        if self.background_kind == "masks":
+        if given is not None:
+            masks = list(given)
+        elif self.background_kind == "masks":
             masks = [picture.max(axis=-1) for picture in pictures[-len(self.rig) :]]
         elif self.background_kind == "threshold":
             masks = pool.map(partial(find_bright, settings=self.settings), seen)

@@ -18,6 +18,7 @@ from psfs.diagnostics.config import (
     PictureConfig,
 )
 from psfs.footage import settings as footage
+from psfs.people.config import PeopleConfig
 from psfs.voxels.config import EdgeConfig, ReconstructionConfig
 
 
@@ -57,4 +58,5 @@ class Settings(Config):
     diagnostics: DiagnosticsSettings = part(
         DiagnosticsSettings, "When footage and cameras count as faulty."
     )
+    people: PeopleConfig = part(PeopleConfig, "Who counts as a person, and is followed.")
     calibration: CalibrationConfig = part(CalibrationConfig, "How cameras are calibrated.")

@@ -31,6 +31,11 @@ def run(args: argparse.Namespace) -> None:
     track, summary = Track.open(folder), read_summary(folder)
     if not len(track):
         raise InputError(f"{folder}: holds no tracked frame; expected at least one")
+    if summary.get("people", 1) > 1:
+        raise InputError(
+            f"{folder}: one of {summary['people']} people, whose silhouettes are separated only "
+            "while they are tracked; expected a track of one person (apf track writes the page)"
+        )
     last = int(track.frames.max())
     with name_file_in_errors(folder / "track.npz"):
         read_tracked_grid(track)  # before anything is written

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from apf.cli.keypoints.triangulate import TRIANGULATE, run_triangulate
 from apf.cli.method_flags import METHOD_FLAGS, chosen_method
 from apf.cli.takes.job import TrackJob, chosen_seeds, take_names
 from apf.cli.takes.kept_parts import Keeper, remove_parts
+from apf.cli.takes.people import PEOPLE, chosen_people, find_persons, write_people
 from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport, was_interrupted
 from apf.evaluation.evaluate import evaluate, load_truth
 from apf.filters.method import Method
@@ -51,7 +52,7 @@ from psfs.session import Session, SessionSettings
 from psfs.voxels.config import ReconstructionConfig
 
 #: The files and folders of a take's results.
-RESULTS = (*FILES, SUMMARY, PAGE, PARTS)
+RESULTS = (*FILES, SUMMARY, PAGE, PARTS, PEOPLE)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -60,6 +61,7 @@ def run(args: argparse.Namespace) -> None:
         return
     method = chosen_method(args)
     chosen_seeds(args, method)
+    chosen_people(args, method)
     check_start(args)
     if args.at_once is not None and args.at_once < 1:
         raise InputError(f"--at-once is {args.at_once}; expected at least 1")
@@ -81,10 +83,18 @@ def run(args: argparse.Namespace) -> None:
 
 @dataclass(frozen=True, eq=False)
 class FinishedTake:
-    """A tracked take with the judgement of each seed's track."""
+    """A tracked take of one person with the judgement of each seed's track. n_frames: that were to
+    be tracked. folder: of its files."""
 
     take: Take
     judgements: list[Judgement]
+    n_frames: int
+    folder: Path
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether an interrupt ended it."""
+        return was_interrupted(self.take.tracks[0], self.n_frames)
 
 
 def track_one(
@@ -93,7 +103,8 @@ def track_one(
     line: Line,
     before_words: Callable[[], object] = lambda: None,
 ) -> Take:
-    """Track one take, named by the flags, on `device`; write its files and print the results.
+    """Track one take, named by the flags, on `device`; write its files and print the results. Of
+    several people, return the first one's take.
 
     before_words: called after the line has ended, before anything is printed. Raises UserError;
     raises KeyboardInterrupt after writing the track so far, if `line` raised one.
@@ -101,17 +112,18 @@ def track_one(
     job = TrackJob.of(args, device, folder=args.folders[0])
     with output_folder(args.output, args.parser.prog, job.inputs, RESULTS) as out:
         try:
-            done = _tracked_and_judged(out, job, line)
+            everybody = _tracked_and_judged(out, job, line)
         finally:
             before_words()
-        _raise_error(done.take, line.n_frames, args.output)
-        for judgement in done.judgements:
-            print_outcome(judgement, line.n_frames)
-        if was_interrupted(done.take.tracks[0], line.n_frames):
-            raise KeyboardInterrupt
-        for line_of_spread in describe_spread(done.take):
-            stdout.print(line_of_spread)
-    return done.take
+        for done in everybody:
+            _raise_error(done.take, done.n_frames, done.folder)
+            for judgement in done.judgements:
+                print_outcome(judgement, done.n_frames)
+            if done.interrupted:
+                raise KeyboardInterrupt
+            for line_of_spread in describe_spread(done.take):
+                stdout.print(line_of_spread)
+    return everybody[0].take
 
 
 def _run_many(args: argparse.Namespace, method: Method) -> None:
@@ -128,18 +140,16 @@ def _run_many(args: argparse.Namespace, method: Method) -> None:
     def work(own: Device | NumpyDevice, number: int, check: Callable[[], None]) -> None:
         name = names[number]
         job = TrackJob.of(args, own, folder=args.folders[number], output=args.output / name)
-        folder = job.args.output
         with (
             closing(TakeLine(bar, name, check)) as line,
-            output_folder(folder, args.parser.prog, job.inputs, RESULTS) as out,
+            output_folder(job.args.output, args.parser.prog, job.inputs, RESULTS) as out,
         ):
-            done = _tracked_and_judged(out, job, line)
-            _raise_error(done.take, line.n_frames, folder)
-            report.tracked(
-                name, done.take, line.n_frames, done.judgements, describe_spread(done.take)
-            )
-            if was_interrupted(done.take.tracks[0], line.n_frames):
-                raise KeyboardInterrupt
+            for done in _tracked_and_judged(out, job, line):
+                _raise_error(done.take, done.n_frames, done.folder)
+                spread = describe_spread(done.take)
+                report.tracked(name, done.take, done.n_frames, done.judgements, spread)
+                if done.interrupted:
+                    raise KeyboardInterrupt
 
     folders = [Path(folder) for folder in args.folders]
     try:
@@ -161,8 +171,8 @@ def _run_many(args: argparse.Namespace, method: Method) -> None:
         raise InputError(f"{len(report.errors)} of {len(names)} takes failed: {failed}")
 
 
-def _tracked_and_judged(out: OutputFolder, job: TrackJob, line: Line) -> FinishedTake:
-    """Run all stages of a take and write its files."""
+def _tracked_and_judged(out: OutputFolder, job: TrackJob, line: Line) -> list[FinishedTake]:
+    """Run all stages of a take and write its files: of the only person, or of each of several."""
     args, opened = job.args, _opened(out, job)
     first = chosen_frames(args, opened)[0]
     given = given_start(opened.folder, first, args.body, args.init, args.convention)
@@ -173,10 +183,33 @@ def _tracked_and_judged(out: OutputFolder, job: TrackJob, line: Line) -> Finishe
     del opened  # free its frames: the examined sequence may have other cameras
     session = examination.session
     line.n_frames = len(selected_frames(args, session.sequence))
-    if job.method.uses_voxels and not args.no_report:
+    persons = find_persons(job, session, given, line) if line.n_frames else None
+    if persons is None:
+        return [_one_tracked(job, examination, given, line)]
+    done = []
+    for own_job, own in persons.jobs(job):
+        line.n_frames = len(own.frames)
+        done.append(_one_tracked(own_job, replace(examination, session=own), None, line))
+        if done[-1].interrupted or done[-1].take.error is not None:
+            break
+    judged = [one.judgements[0].quality for one in done]
+    write_people(args.output / PEOPLE, persons.people, judged)
+    return done
+
+
+def _one_tracked(
+    job: TrackJob,
+    examination: Examination,
+    given: tuple[BodyModel, np.ndarray] | None,
+    line: Line,
+) -> FinishedTake:
+    """Track one person in a session, and write their files."""
+    session = examination.session
+    if job.method.uses_voxels and not job.args.no_report:
         keep_judged_frames(session)
     take = _tracked(job, session, given, line)
-    return FinishedTake(take, finish_take(job, examination, take, line))
+    judgements = finish_take(job, examination, take, line)
+    return FinishedTake(take, judgements, line.n_frames, job.args.output)
 
 
 def _opened(out: OutputFolder, job: TrackJob) -> Sequence:
@@ -247,7 +280,7 @@ def finish_take(job: TrackJob, examination: Examination, take: Take, line: Line)
     sequence = sequence_facts(take.sequence, job.folders[0], stated(args), reasons)
     facts = run_facts(
         job.device, sequence, _config(args), (n_done, line.n_frames), warnings, take.seconds
-    )
+    ) | dict(job.of_people)
     found = []
     for track, folder in zip(take.tracks, job.folders, strict=True):
         quality = Quality(track, None)

@@ -6,7 +6,7 @@ import numpy as np
 
 from apf.body.mesh import BodyMesh
 from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
-from apf.image_objective.renderer import renderer_for, silhouette_shape
+from apf.image_objective.renderer import make_renderer, silhouette_shape
 from apf.likelihood.base import Likelihood
 from apf.likelihood.observations import FeatureMaps
 from apf.scene import Scene
@@ -45,7 +45,7 @@ class ImageObjective(Likelihood):
         self._areas = device.empty((len(rig),), np.int32, "the silhouettes' areas")
         self.errors = device.empty((n_hypotheses,), np.float32, "the errors")
         mesh = mesh or config.mesh(body)
-        self._renderer = renderer_for(scene, n_hypotheses, mesh, config.round_ends, rows)
+        self._renderer = make_renderer(scene, n_hypotheses, mesh, config.round_ends, rows)
         self._observed: tuple[Array, ...] = ()
         self._preparation: list[Launch] = []
 

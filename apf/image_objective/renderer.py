@@ -240,7 +240,7 @@ def packed_binds(mesh: BodyMesh) -> tuple[np.ndarray, np.ndarray]:
     return binds, bones
 
 
-def renderer_for(
+def make_renderer(
     scene: Scene,
     n: int,
     mesh: BodyMesh | None = None,
@@ -272,7 +272,7 @@ def draw_hypotheses(
     """
     device, rig = scene.opencl, scene.rig
     n, shape = len(poses), (len(rig), rig.height, rig.width)
-    renderer = renderer_for(scene, n, mesh=mesh, round_ends=round_ends)
+    renderer = make_renderer(scene, n, mesh=mesh, round_ends=round_ends)
     pictures = device.zeros((n, *shape, 2), np.uint8, "the pictures")
     silhouettes = device.zeros(silhouette_shape(rig), np.uint32, "the silhouettes")
     proximity = device.zeros(shape, np.uint8, "the edge proximity")

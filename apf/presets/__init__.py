@@ -7,12 +7,12 @@ from typing import Any
 
 from apf.filters.method import Method
 from psfs.common.config import Config, part, setting
-from psfs.common.presets import presets_in, read_preset
+from psfs.common.presets import find_presets, read_preset
 from psfs.presets import PRESETS as OF_RECONSTRUCTION
 from psfs.voxels.config import ReconstructionConfig
 
 #: Their files by name; one of the reconstruction's name begins with that.
-PRESETS = presets_in(Path(__file__).parent, OF_RECONSTRUCTION)
+PRESETS = find_presets(Path(__file__).parent, OF_RECONSTRUCTION)
 
 
 class Preset(Config):

@@ -10,6 +10,9 @@ from psfs.common.config import Config, setting
 if TYPE_CHECKING:
     import numpy as np
 
+#: Evidence count of a pixel without information; all others are -127 to 127.
+UNKNOWN = -128
+
 
 class BackgroundConfig(Config):
     """Settings of the density of a background pixel's colour: N(I; alpha mu, sigma), which is Song
@@ -243,6 +246,14 @@ class EvidenceConfig(Config):
         above=0,
         below=0.5,
     )
+    unknown_mask: int | None = setting(
+        None,
+        "Value of pixels of ready masks that say nothing, as where something hides the person; "
+        "none if all say something.",
+        "those of one of several people have some",
+        least=0,
+        most=255,
+    )
     foreground_limit: float = setting(
         6.0,
         "Greatest evidence for the foreground of a single pixel in the mean over 3x3 pixels.",
@@ -325,8 +336,12 @@ class EvidenceConfig(Config):
         return slm
 
     def mask_counts(self, masks: np.ndarray) -> np.ndarray:
-        """Return the evidence counts, int8, of ready masks, 0..255."""
+        """Return the evidence counts, int8, of ready masks, 0..255: `UNKNOWN` where they say
+        nothing."""
         import numpy as np
 
         evidence = self.log_odds(np.asarray(masks) / 255, self.mask_clamp)
-        return np.rint(evidence / self.step).astype(np.int8)
+        counts = np.rint(evidence / self.step).astype(np.int8)
+        if self.unknown_mask is not None:
+            counts[np.asarray(masks) == self.unknown_mask] = UNKNOWN
+        return counts

@@ -16,6 +16,7 @@ from psfs.diagnostics.examination import examine
 from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
 from psfs.diagnostics.small_views import draw_contact_sheet
+from psfs.people.people import count_people
 from psfs.sequence import Sequence
 from psfs.session import Session
 
@@ -59,6 +60,8 @@ def _say_faults(session: Session, warnings: list[str]) -> None:
     left_out = found.left_out
     for text in (*warnings, *map(str, left_out), *found.warnings[len(left_out) :]):
         warn(text, stdout)
+    if session.sequence.subject == "person" and len(found.session.rig) > 1:
+        remark("note", "cyan", count_people(found.session).described())
 
 
 def _cameras(info: SequenceInfo) -> Table:

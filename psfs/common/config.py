@@ -72,7 +72,8 @@ class Config(BaseModel):
 
     def replace(self: C, **changes: Any) -> C:
         """Return these settings with other values of some; raise InputError as the class does."""
-        return type(self)(**{**dict(self), **changes})
+        own = {name: getattr(self, name) for name in type(self).model_fields}  # nothing cached
+        return type(self)(**{**own, **changes})
 
     def overlaid(self: C, values: Mapping[str, Any], where: str = "") -> C:
         """Return these settings with `values` as JSON and TOML hold them, tables for the parts:

@@ -13,7 +13,7 @@ from psfs.common.toml import read_toml
 Presets: TypeAlias = Mapping[str, Sequence[Path]]
 
 
-def presets_in(folder: Path, before: Presets | None = None) -> dict[str, list[Path]]:
+def find_presets(folder: Path, before: Presets | None = None) -> dict[str, list[Path]]:
     """Return the presets that lie in `folder`, NAME.toml each; one whose name is known `before`
     adds to that."""
     known = before or {}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from psfs.common.presets import presets_in, read_preset
+from psfs.common.presets import find_presets, read_preset
 from psfs.voxels.config import ReconstructionConfig
 
 #: Their files by name.
-PRESETS = presets_in(Path(__file__).parent)
+PRESETS = find_presets(Path(__file__).parent)
 
 
 def preset(name: str) -> ReconstructionConfig:

@@ -36,7 +36,7 @@ def estimate_light(
     return light
 
 
-def lit_by(background: Background, light: np.ndarray, density: BackgroundConfig) -> Background:
+def apply_light(background: Background, light: np.ndarray, density: BackgroundConfig) -> Background:
     """Return the background, in float64, relit by `light` (V, LIGHT_FLOATS)."""
     mean, std = np.empty((2, *background.mean.shape))
     for view, (own, field) in enumerate(zip(light, _fields(light, mean.shape), strict=True)):

@@ -11,7 +11,7 @@ from psfs.background.chroma_key import ChromaKey
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL
 from psfs.reference.chroma_key import chroma_ratio
-from psfs.reference.light import estimate_light, lit_by
+from psfs.reference.light import apply_light, estimate_light
 from psfs.silhouettes.appearance import BINS
 from psfs.silhouettes.config import SPAN, SilhouetteConfig
 from psfs.silhouettes.floor_shadow import floor_points
@@ -40,7 +40,7 @@ def silhouette_evidence(
     if not isinstance(background, ChromaKey):
         if light is None:
             light = estimate_light(images, rig, background, config.light, config.background)
-        lit = lit_by(background, light, config.background)
+        lit = apply_light(background, light, config.background)
     ratios = []
     for view, nats in enumerate(_log_ratios(images, rig, background, lit, config)):
         ratios.append(

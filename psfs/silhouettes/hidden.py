@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array, Device, Launch
+from psfs.background.config import UNKNOWN as UNKNOWN
 
-#: Evidence count of a pixel without information; all others are -127 to 127.
-UNKNOWN = -128
 #: Pixels per work-item.
 _LOT = 16
 

@@ -53,7 +53,7 @@ BANNED_PARTS = {
     *("habits", "strain", "settled", "sideways", "somebody", "nobody"),
 }
 #: A function whose name ends so names neither its verb nor its object.
-ENDINGS = ("_of", "_as", "_at", "_than", "_out_of")
+ENDINGS = ("_of", "_as", "_at", "_in", "_by", "_than", "_out_of")
 
 
 def room_of(path: str) -> str:

@@ -139,7 +139,7 @@ def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob])
             track = Track.open(chunk.out)
             if find_seam(tracks[-1], track).distance > ChunksConfig().agreement:
                 print(f"{chunk.name}: does not agree with the part before; tracked again")
-                track = _tracked_on(progress, chunk, tracks[-1])
+                track = _track_chunk_from(progress, chunk, tracks[-1])
             tracks.append(track)
         whole, seams = join_tracks(tracks)
         apart = ", ".join(f"{to_millimetres(s.distance)} at {s.frame}" for s in seams)
@@ -165,7 +165,7 @@ def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob])
         return done
 
 
-def _tracked_on(progress: TaskProgress, chunk: TakeJob, before: Track) -> Track:
+def _track_chunk_from(progress: TaskProgress, chunk: TakeJob, before: Track) -> Track:
     """Track a chunk from the pose that the chunk before it has in its first frame; return the
     track."""
     first = chunk.arguments().frames.start

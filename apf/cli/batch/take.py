@@ -61,6 +61,12 @@ class TakeJob:
             )
         if args.method == track.TRIANGULATE:
             raise InputError(f"{self.where}: {args.method} has no body; expected apf track for it")
+        if args.people not in ("auto", "1"):
+            raise InputError(
+                f"{self.where}: --people is {args.people}; apf batch tracks one person of a take; "
+                "expected apf track for several"
+            )
+        args.people = "1"
         args.configs = {**self.configs, **args.configs}
         return args
 

@@ -65,6 +65,13 @@ def add_track_flags(parser: argparse.ArgumentParser) -> None:
         help="make N runs at once, with seeds from --seed on, into OUT/seed0 and so on, and say "
         "how far they differ",
     )
+    parser.add_argument(
+        "--people",
+        default="auto",
+        metavar="N",
+        help="track N people, each into OUT/person1 and so on; auto: as many as are seen, one of "
+        "them into OUT itself (default: %(default)s)",
+    )
     add_configs(parser, Settings, "reconstruction")
     add_preset_flag(parser, PRESETS)
     parser.add_argument(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from apf.cli.first_pose import check_start
@@ -20,12 +21,14 @@ MOST_SEEDS = 1000
 @dataclass(frozen=True)
 class TrackJob:
     """One take of the command: its flags, with its own `folder` and `output`, and the settings that
-    they set."""
+    they set. of_people: which person of how many it tracks, for the summary; empty for the only
+    one."""
 
     args: argparse.Namespace
     method: Method
     seeds: list[int]
     device: Device | NumpyDevice
+    of_people: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
     def of(cls, args: argparse.Namespace, device: Device | NumpyDevice, **own: object) -> TrackJob:
@@ -34,6 +37,12 @@ class TrackJob:
         seeds = chosen_seeds(args, method)
         check_start(args)
         return cls(argparse.Namespace(**{**vars(args), **own}), method, seeds, device)
+
+    def person(self, number: int, of: int) -> TrackJob:
+        """Return the job of one person, counted from 1, with a folder in this one's."""
+        own = {**vars(self.args), "output": self.args.output / f"person{number}"}
+        facts = {"person": number, "people": of}
+        return replace(self, args=argparse.Namespace(**own), of_people=facts)
 
     @property
     def folders(self) -> list[Path]:

@@ -111,12 +111,12 @@ class TakeReport:
     def tracked(
         self, name: str, take: Take, n_frames: int, judgements: list[Judgement], spread: list[str]
     ) -> None:
-        """Record a take, of which `n_frames` were requested, with a judgement per seed. spread:
-        lines on the differences between seeds."""
+        """Record a take, of which `n_frames` were requested, with a judgement per seed; call it
+        once for each person. spread: lines on the differences between seeds."""
         start = "given" if take.start is None else f"{take.start.registration_error:.2f}"
         done = len(take.tracks[0])
         frames = str(done) if done == n_frames else f"{done} of {n_frames}"
-        self.rows[name] = [
+        self.rows[name] = self.rows.get(name, []) + [
             (
                 frames,
                 f"{done / take.seconds:.1f}",
@@ -127,7 +127,7 @@ class TakeReport:
             )
             for one in judgements
         ]
-        self.spreads[name] = spread
+        self.spreads[name] = self.spreads.get(name, []) + spread
 
     def failed(self, name: str, error: Exception) -> None:
         """Record a take with invalid input."""

@@ -115,7 +115,7 @@ class CharucoFinder:
     """Detector of the inner corners of a ChArUco board (cv2.aruco.CharucoDetector).
 
     dictionary: a name of `DICTIONARIES`, or "auto": the first that is detected. Boards made by
-    OpenCV before 4.6 are detected, too.
+    OpenCV before 4.6, and boards printed white on black, are detected, too.
     """
 
     def __init__(
@@ -133,7 +133,12 @@ class CharucoFinder:
             for name in names
             for old in ((False, True) if squares[1] % 2 == 0 else (False,))
         ]
-        self._detectors = [cv2.aruco.CharucoDetector(board) for board in self._boards]
+        #: Detectors, and whether black and white are exchanged before.
+        self._detectors = [
+            (cv2.aruco.CharucoDetector(board), inverted)
+            for inverted in (False, True)
+            for board in self._boards
+        ]
         points = np.asarray(self._boards[0].getChessboardCorners(), np.float64)
         name = f"ChArUco board of {squares[0]}x{squares[1]} squares"
         self.target = Target(name, points, np.arange(len(points))[None])
@@ -141,14 +146,14 @@ class CharucoFinder:
     def __call__(self, view: int, picture: np.ndarray) -> Found | None:
         """Return ids (N,) and pixels (N, 2) of the target's points; None if it is not seen."""
         grey = to_grey(picture)
-        for detector in self._detectors:
-            corners, ids, *_ = detector.detectBoard(grey)
+        for detector, inverted in self._detectors:
+            corners, ids, *_ = detector.detectBoard(255 - grey if inverted else grey)
             if ids is None or len(ids) < _CORNERS:
                 continue
             ids = ids.ravel()
             rows, columns = np.divmod(ids, self.squares[0] - 1)
             if min(len(set(rows)), len(set(columns))) >= _LINES:
-                self._detectors = [detector]  # the others detect other boards
+                self._detectors = [(detector, inverted)]  # the others detect other boards
                 return ids, np.float64(corners.reshape(-1, 2))
         return None
 

@@ -31,7 +31,7 @@ def read_machines(folders: list[Path]) -> list[Machine]:
     the report is based."""
     machines = []
     for folder in folders:
-        results = _results_in(folder)
+        results = _read_results(folder)
         if set(results) <= {BATCH}:
             continue
         if "whole" not in results or not results["whole"].starting("column "):
@@ -46,11 +46,11 @@ def read_machines(folders: list[Path]) -> list[Machine]:
 
 def read_batches(folders: list[Path]) -> list[Machine]:
     """Read a machine from each folder that holds results of `compare_timings.py batch`."""
-    found = [(folder, _results_in(folder)) for folder in folders]
+    found = [(folder, _read_results(folder)) for folder in folders]
     return [Machine(path.name, _title(of), of) for path, of in found if BATCH in of]
 
 
-def _results_in(folder: Path) -> dict[str, Results]:
+def _read_results(folder: Path) -> dict[str, Results]:
     return {file.stem: read_results(file) for file in sorted(folder.glob("*.json"))}
 
 

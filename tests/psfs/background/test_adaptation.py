@@ -14,7 +14,7 @@ from psfs.background.light import steady_light
 from psfs.cameras.cells import cells
 from psfs.reconstructor import ReconstructionConfig, Reconstructor
 from psfs.reference.adaptation import NumpyAdaptation
-from psfs.reference.light import lit_by
+from psfs.reference.light import apply_light
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import background_planes
 
@@ -32,7 +32,7 @@ def test_the_drift_agrees_with_the_twin(device: Device, views: int) -> None:
     )
     light = steady_light(views)
     light[:, :3], light[:, 3:6], light[:, 7], light[:, 9] = (0.9, 1.0, 1.1), 2.0, 1e-3, 0.8
-    seen = lit_by(plate, light, CONFIG.background).mean + random.normal(0, 8, (*shape, 3))
+    seen = apply_light(plate, light, CONFIG.background).mean + random.normal(0, 8, (*shape, 3))
     images = np.clip(seen, 0, 255).astype(np.uint8)
     evidence = np.where(random.random(shape) < 0.01, 20, -20).astype(np.int8)
     marks = random.random((views, *cells(rig))) < 0.01

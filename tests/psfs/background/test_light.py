@@ -12,7 +12,7 @@ from psfs.background.config import LightConfig
 from psfs.background.gaussian import Background
 from psfs.background.light import steady_light, unlit_picture
 from psfs.reconstructor import ReconstructionConfig, Reconstructor
-from psfs.reference.light import estimate_light, lit_by, unlit
+from psfs.reference.light import apply_light, estimate_light, unlit
 from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
 
@@ -82,7 +82,7 @@ def test_light_that_is_not_followed_is_the_backgrounds_own() -> None:
     rig, background, images = changed(2, (97, 75))
     light = estimated(rig, background, images, LightConfig(follow=False))
     np.testing.assert_array_equal(light, steady_light(2))
-    lit = lit_by(background, light, CONFIG.background)
+    lit = apply_light(background, light, CONFIG.background)
     np.testing.assert_array_equal(lit.mean, background.mean)
 
 

@@ -53,12 +53,14 @@ def test_a_chessboards_corners_are_found_in_their_order(turned: int) -> None:
     assert other(0, picture) is None and other.hint(picture) == "a chessboard of 6x5 squares"
 
 
-def test_a_board_in_part_is_of_use_only_if_it_tells_its_numbers() -> None:
+@pytest.mark.parametrize("inverted", [False, True])
+def test_a_board_in_part_is_of_use_only_if_it_tells_its_numbers(inverted: bool) -> None:
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
     board = cv2.aruco.CharucoBoard(SQUARES, SQUARE, 0.14, dictionary)
     flat = board.generateImage((100 * SQUARES[0], 100 * SQUARES[1]))
     near = made.rigid(CAMERA.R.T, CAMERA.centre + CAMERA.R.T @ [-0.55, -0.05, 1.0])
     finder = CharucoFinder(SQUARES, SQUARE, 0.14)
+    flat = 255 - flat if inverted else flat
     found = finder(0, pictured(made.board_picture(flat, SQUARE, SQUARES), near))
     assert found is not None and 6 <= len(found[0]) < 20
     true, _ = CAMERA.project(finder.target.points[found[0]] @ near[:3, :3].T + near[:3, 3])

@@ -16,7 +16,7 @@ from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
 from psfs.reference.appearance import NumpyForeground
-from psfs.reference.light import lit_by
+from psfs.reference.light import apply_light
 from psfs.reference.silhouette import (
     background_ratio,
     box_sums,
@@ -59,7 +59,7 @@ def launch_of(
 
 def in_light_of(launch: Traced, background: Background) -> Background:
     """The background in the light that a launch was given."""
-    return lit_by(background, launch.before["light"].astype(float), CONFIG.background)
+    return apply_light(background, launch.before["light"].astype(float), CONFIG.background)
 
 
 def in_counts(nats: np.ndarray) -> np.ndarray:

@@ -1,0 +1,108 @@
+"""The people of a take: whether there are several, and a session and a folder for each."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from apf.body import BodyModel
+from apf.cli.takes.job import TrackJob
+from apf.cli.takes.take_report import Line
+from apf.filters.method import Method
+from apf.report.quality import Quality
+from apf.tracking.track import spans
+from cl import InputError
+from psfs.cli.commandline import stderr
+from psfs.common.files import write_json
+from psfs.people.people import People, count_people, follow_people
+from psfs.people.separation import separate
+from psfs.session import Session
+
+log = logging.getLogger(__name__)
+
+#: The summary of several people.
+PEOPLE = "people.json"
+#: Greatest number of people for --people.
+MOST_PEOPLE = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Persons:
+    """Several people, and the session of each."""
+
+    people: People
+    sessions: list[Session]
+
+    def jobs(self, job: TrackJob) -> Iterator[tuple[TrackJob, Session]]:
+        """Yield the job and the session of each person."""
+        for number, session in enumerate(self.sessions, start=1):
+            yield job.person(number, len(self.sessions)), session
+
+
+def chosen_people(args: argparse.Namespace, method: Method) -> int | None:
+    """Return how many people --people asks for, None for as many as are seen. Raises InputError if
+    there are several and another flag is of one."""
+    if args.people == "auto":
+        return None
+    number = int(args.people) if args.people.isdecimal() else 0
+    if not 1 <= number <= MOST_PEOPLE:
+        raise InputError(f"--people is {args.people}; expected 1 to {MOST_PEOPLE}, or auto")
+    why = _one_only(args, method)
+    if number > 1 and why is not None:
+        raise InputError(f"--people {number}: {why}; expected one person")
+    return number
+
+
+def _one_only(args: argparse.Namespace, method: Method) -> str | None:
+    """Return why only one person can be tracked, None if several can."""
+    if not method.uses_voxels:
+        return f"--objective {method.objective} tracks one person"
+    own_body = args.body is not None and Path(args.body).suffix == ".toml"
+    flags = {"--init": args.init, "--height": args.height, "--keypoints": args.keypoints}
+    stated = [flag for flag, value in flags.items() if value is not None]
+    stated += ["--body FILE"] if own_body else []
+    return f"{stated[0]} is of one person" if stated else None
+
+
+def find_persons(
+    job: TrackJob, session: Session, given: tuple[BodyModel, np.ndarray] | None, line: Line
+) -> Persons | None:
+    """Return the people of a session, None if one person is to be tracked as if alone: one is seen,
+    --people says so, or a flag is of one person."""
+    args, sequence = job.args, session.sequence
+    wanted = chosen_people(args, job.method)
+    alone = given is not None or sequence.subject == "object"
+    if wanted == 1 or (wanted is None and (alone or _one_only(args, job.method) is not None)):
+        return None
+    line("people")
+    if wanted is None and len(count_people(session)) < 2:
+        return None
+    people = follow_people(session, wanted)
+    if wanted is not None and len(people) != wanted:
+        log.warning("%s: --people is %d; %s", sequence.name, wanted, people.described())
+    if len(people) < 2:
+        return None
+    stderr.print(f"{sequence.name}: {people.described()}", soft_wrap=True, markup=False)
+    return Persons(people, separate(session, people, lambda: line("people")))
+
+
+def write_people(path: Path, people: People, judged: list[Quality]) -> None:
+    """Write who is where and when, and how good the track of each is."""
+    persons = [
+        {
+            "folder": f"person{number}",
+            "frames": len(person.frames),
+            "seen": spans(person.frames.tolist()),
+            "verdict": quality.verdict,
+        }
+        for number, (person, quality) in enumerate(zip(people, judged, strict=False), start=1)
+    ]
+    counts = np.bincount(people.counts)
+    frames_with = {str(n): int(count) for n, count in enumerate(counts) if count}
+    facts = {"people": len(people), "objects": people.objects, "frames_with": frames_with}
+    write_json(path, {**facts, "persons": persons})

@@ -1,0 +1,167 @@
+"""The connected regions of occupied space in coarse voxels, frame by frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from psfs.cameras.camera import CameraRig
+from psfs.people.config import PeopleConfig
+from psfs.silhouettes.hidden import UNKNOWN
+from psfs.voxels.config import ReconstructionConfig
+from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.occupied_box import reachable_box
+
+#: Levels of each colour channel in a histogram, and height bands of a person.
+_LEVELS, BANDS = 4, 3
+#: Greatest number of voxels.
+_MOST_VOXELS = 1_500_000
+#: Evidence maps are held as bytes in the same order, as OpenCV needs them; this is no evidence.
+_RAISED = 128
+
+
+@dataclass(frozen=True, eq=False)
+class CoarseFrame:
+    """The occupied coarse voxels (N,) of one frame, as flat indices, with the `regions` (N,) that
+    they belong to, from 0 on."""
+
+    index: int
+    voxels: np.ndarray
+    regions: np.ndarray
+
+
+class CoarseVoxels:
+    """Coarse voxels within reach of the cameras, and the pixels that they fall on.
+
+    rig: of the small pictures. stated: the volume, if one is stated. grid: of all voxels. `used`
+    (N,): flat indices of those that enough cameras see. config: with the size of the voxels, larger
+    in wide rigs.
+    """
+
+    def __init__(
+        self,
+        rig: CameraRig,
+        stated: tuple[np.ndarray, np.ndarray] | None,
+        reconstruction: ReconstructionConfig,
+        config: PeopleConfig,
+    ) -> None:
+        low, high = stated or reachable_box(rig, reconstruction.volume)
+        low, high = np.array(low, float), np.array(high, float)
+        high[2] = max(low[2] + config.voxel, min(high[2], config.ceiling))
+        finest = float(np.cbrt(np.prod(high - low) / _MOST_VOXELS))
+        config = config.replace(voxel=max(config.voxel, finest))
+        self.rig, self.config = rig, config
+        self.grid = VoxelGrid.covering(low, high, config.voxel)
+        centres = self.grid.centres()
+        places = np.full((len(rig), len(centres)), -1, np.int32)
+        depths = np.zeros((len(rig), len(centres)), np.float32)
+        self._widths = []
+        for view, camera in enumerate(rig):
+            inside, row, column, depth = camera.look_up(centres)
+            places[view, inside], depths[view, inside] = row * rig.width + column, depth
+            middle = float(np.median(depth)) if len(depth) else 1.0
+            self._widths.append(max(1, round(config.voxel * camera.K[0, 0] / middle)))
+        needed = reconstruction.occupancy.seeing_cameras(len(rig))
+        self.used = np.flatnonzero((places >= 0).sum(0) >= needed)
+        self._places = np.ascontiguousarray(places[:, self.used])
+        self._depths = np.ascontiguousarray(depths[:, self.used])
+        self.rows = np.full(self.grid.size, -1, np.int32)
+        self.rows[self.used] = np.arange(len(self.used))
+
+    def __call__(self, index: int, evidence: np.ndarray) -> CoarseFrame:
+        """Carve a frame with the evidence maps (V, H, W) int8 of its small pictures."""
+        votes = np.zeros(len(self.used), np.int32)
+        for view, (counts, width) in enumerate(zip(evidence, self._widths, strict=True)):
+            raised = counts.view(np.uint8) ^ np.uint8(_RAISED)
+            raised[counts == UNKNOWN] = _RAISED
+            wide = cv2.dilate(cv2.medianBlur(raised, 5), np.ones((width, width), np.uint8))
+            flat = wide.ravel().astype(np.int16) - _RAISED
+            at = self._places[view]
+            votes += np.where(at >= 0, flat[at], 0)
+        occupied = np.zeros(self.grid.size, bool)
+        occupied[self.used[votes > 0]] = True
+        labels, _ = ndimage.label(occupied.reshape(self.grid.shape), np.ones((3, 3, 3)))
+        voxels = np.flatnonzero(occupied)
+        return CoarseFrame(index, voxels, labels.ravel()[voxels] - 1)
+
+    def unexplained(self, evidence: np.ndarray, voxels: np.ndarray, others: np.ndarray) -> float:
+        """Return the share of the silhouettes of `voxels` (N,), in the camera where it is second
+        largest, that are foreground and that the `others` (M,) do not cover: a shadow has some in
+        one camera."""
+        shares = [0.0, 0.0]
+        for view in range(len(self.rig)):
+            own, rest = (self._covered(view, those) for those in (voxels, others))
+            if own.any():
+                free = own & ~rest & (evidence[view] > 0)
+                shares.append(float(free.sum() / own.sum()))
+        return sorted(shares)[-2]
+
+    def _covered(self, view: int, voxels: np.ndarray) -> np.ndarray:
+        at = self._places[view, self.rows[voxels]]
+        shown = np.zeros(self.rig.height * self.rig.width, np.uint8)
+        shown[at[at >= 0]] = 1
+        width = self._widths[view]
+        picture = shown.reshape(self.rig.height, self.rig.width)
+        return cv2.dilate(picture, np.ones((width, width), np.uint8)) > 0
+
+    def colours(
+        self, images: np.ndarray, evidence: np.ndarray, parts: list[np.ndarray]
+    ) -> list[np.ndarray]:
+        """Return for each of `parts`, flat indices of voxels, its colours: a histogram (BANDS,
+        LEVELS^3) for each band of height, from the pixels (V, H, W, 3) of the voxels that no other
+        voxel hides; zeros where nothing shows."""
+        rows = [self.rows[part] for part in parts]
+        everything = np.concatenate(rows) if rows else np.zeros(0, int)
+        found = [np.zeros((BANDS, _LEVELS**3)) for _ in parts]
+        bands = [self._bands(part) for part in parts]
+        for view in range(len(self.rig)):
+            nearest = self._nearest(view, everything)
+            codes = _codes(images[view])
+            for part, band, into in zip(rows, bands, found, strict=True):
+                at, depth = self._places[view, part], self._depths[view, part]
+                seen = (at >= 0) & (depth < nearest[self._cells(view, at)] + self.config.voxel)
+                seen &= evidence[view].ravel()[at] > 0
+                np.add.at(into, (band[seen], codes[at[seen]]), 1)
+        return found
+
+    def _bands(self, voxels: np.ndarray) -> np.ndarray:
+        heights = self.grid.centres(voxels)[:, 2]
+        low, high = heights.min(), heights.max() + 1e-6
+        return ((heights - low) / (high - low) * BANDS).astype(int)
+
+    def _cells(self, view: int, at: np.ndarray) -> np.ndarray:
+        """Return the cells, of about a voxel's width, that flat pixels lie in."""
+        width = self._widths[view]
+        across = -(-self.rig.width // width)
+        return (at // self.rig.width) // width * across + (at % self.rig.width) // width
+
+    def _nearest(self, view: int, rows: np.ndarray) -> np.ndarray:
+        """Return the least depth of the voxels in each cell."""
+        width = self._widths[view]
+        n_cells = -(-self.rig.width // width) * -(-self.rig.height // width)
+        nearest = np.full(n_cells, np.inf)
+        at = self._places[view, rows]
+        inside = at >= 0
+        cells = self._cells(view, at[inside])
+        np.minimum.at(nearest, cells, self._depths[view, rows][inside])
+        return nearest
+
+
+def _codes(image: np.ndarray) -> np.ndarray:
+    """Return the histogram's bin (H W,) of each pixel of an image (H, W, 3)."""
+    levels = image.reshape(-1, 3).astype(np.int32) * _LEVELS // 256
+    return (levels[:, 0] * _LEVELS + levels[:, 1]) * _LEVELS + levels[:, 2]
+
+
+def likeness(first: np.ndarray, second: np.ndarray) -> float:
+    """Return the mean Bhattacharyya coefficient of two histograms (BANDS, K) over the bands that
+    both have; 1 if there is none."""
+    sums = first.sum(1), second.sum(1)
+    both = (sums[0] > 0) & (sums[1] > 0)
+    if not both.any():
+        return 1.0
+    shares = (first[both] / sums[0][both, None]) * (second[both] / sums[1][both, None])
+    return float(np.sqrt(shares).sum(1).mean())

@@ -1,0 +1,245 @@
+"""Follow people through the coarse voxels, frame by frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial import cKDTree
+
+from psfs.people.coarse_voxels import CoarseFrame
+from psfs.people.config import PeopleConfig
+from psfs.voxels.grid import VoxelGrid
+
+#: Weight of the distance from the predicted axis of a person beside that from the voxels of the
+#: frame before, where people touch.
+_AXIS = 0.5
+#: Share of a velocity that the last step has.
+_BLEND = 0.5
+#: A region with fewer voxels than this is debris.
+_DEBRIS = 8
+#: Distance from a trajectory's voxels up to which a region is a part of it, m.
+_TORN = 0.4
+
+
+@dataclass(eq=False)
+class Trajectory:
+    """Somebody, or something, that is followed.
+
+    voxels: flat indices, by frame. touching: frames in which another one shared the region.
+    """
+
+    voxels: dict[int, np.ndarray] = field(default_factory=dict)
+    touching: set[int] = field(default_factory=set)
+
+    @property
+    def frames(self) -> np.ndarray:
+        """Numbers (F,) of its frames, ascending."""
+        return np.array(sorted(self.voxels))
+
+
+@dataclass(frozen=True, eq=False)
+class _Going:
+    """A trajectory with its voxels' centres (N, 3) m in the last frame, and its velocity (2,) on
+    the floor, m per frame."""
+
+    one: Trajectory
+    points: np.ndarray
+    speed: np.ndarray
+
+    @property
+    def moved(self) -> np.ndarray:
+        """The points where they are expected in the next frame."""
+        return self.points + np.append(self.speed, 0)
+
+    def at(self, points: np.ndarray, reach: float) -> _Going:
+        """Return the trajectory with its `points` of the next frame."""
+        step = np.clip(_middle(points) - _middle(self.points), -reach, reach)
+        return _Going(self.one, points, (1 - _BLEND) * self.speed + _BLEND * step)
+
+
+def large(config: PeopleConfig) -> int:
+    """Return the least number of voxels of what is followed."""
+    return max(_DEBRIS, round(config.least_volume / config.voxel**3))
+
+
+def stands(points: np.ndarray, config: PeopleConfig) -> bool:
+    """Return whether voxels with centres (N, 3) m reach from near the floor as high as a person."""
+    low, high = points[:, 2].min(), points[:, 2].max()
+    return bool(high - low + config.voxel >= config.least_height and low <= config.lowest)
+
+
+class Follower:
+    """Assignment of the regions of one frame after the other to trajectories.
+
+    A trajectory takes the region that most of its voxels, moved by its velocity, lie in, else the
+    nearest one within reach. A region of several is split among them, see `_split`. What is left
+    is part of the nearest trajectory if it is near one and does not stand as a person does, such as
+    a leg that is torn off; else it begins a trajectory, if it is large.
+    """
+
+    def __init__(self, grid: VoxelGrid, config: PeopleConfig, fps: float) -> None:
+        self.grid, self._config = grid, config
+        self._reach = max(0.4, 1.5 * config.speed / fps)
+        self.all: list[Trajectory] = []
+        self._going: list[_Going] = []
+
+    def begin(self, trajectories: list[Trajectory], frame: int) -> None:
+        """Go on from `frame` of these trajectories."""
+        self.all = list(trajectories)
+        self._going = [
+            _Going(one, self.grid.centres(one.voxels[frame]), np.zeros(2))
+            for one in trajectories
+            if frame in one.voxels
+        ]
+
+    def __call__(self, frame: CoarseFrame) -> None:
+        """Assign the regions of the next frame."""
+        points = self.grid.centres(frame.voxels)
+        n_regions = int(frame.regions.max()) + 1 if len(frame.regions) else 0
+        sizes = np.bincount(frame.regions, minlength=n_regions)
+        moved = [of.moved for of in self._going]
+        owners = self._owners(points, frame.regions, sizes, moved)
+        rows: list[np.ndarray] = [np.zeros(0, int) for _ in moved]
+        for region in sorted({region for region in owners if region >= 0}):
+            own = np.flatnonzero(frame.regions == region)
+            who = [k for k, of in enumerate(owners) if of == region]
+            parts = _split(points[own], [moved[k] for k in who])
+            for k, part in zip(who, parts, strict=True):
+                rows[k] = own[part]
+                if len(who) > 1:
+                    self._going[k].one.touching.add(frame.index)
+        new = self._rest(points, frame.regions, sizes, owners, rows)
+        going = []
+        for k, own in enumerate(rows):
+            if len(own) >= _DEBRIS:
+                self._going[k].one.voxels[frame.index] = frame.voxels[own]
+                going.append(self._going[k].at(points[own], self._reach))
+        for own in new:
+            self.all.append(Trajectory({frame.index: frame.voxels[own]}))
+            going.append(_Going(self.all[-1], points[own], np.zeros(2)))
+        self._going = going
+
+    def _rest(
+        self,
+        points: np.ndarray,
+        regions: np.ndarray,
+        sizes: np.ndarray,
+        owners: list[int],
+        rows: list[np.ndarray],
+    ) -> list[np.ndarray]:
+        """Give each region without an owner to the nearest trajectory, by adding to its `rows`, or
+        return the rows of those that begin; those that stand first."""
+        owned = [own for own in range(len(sizes)) if own not in owners]
+        free = [np.flatnonzero(regions == region) for region in owned]
+        standing = [
+            len(own) >= large(self._config) and stands(points[own], self._config) for own in free
+        ]
+        parts = list(rows)
+        for k in sorted(range(len(free)), key=lambda k: (standing[k], len(free[k])), reverse=True):
+            own = free[k]
+            apart = [
+                cKDTree(points[own]).query(points[part])[0].min() if len(part) else np.inf
+                for part in parts
+            ]
+            nearest = int(np.argmin(apart)) if apart else -1
+            if standing[k] or (nearest < 0 or apart[nearest] > _TORN):
+                if len(own) >= large(self._config):
+                    parts.append(own)
+            else:
+                parts[nearest] = np.concatenate([parts[nearest], own])
+        rows[:] = parts[: len(rows)]
+        return parts[len(rows) :]
+
+    def _owners(
+        self, points: np.ndarray, regions: np.ndarray, sizes: np.ndarray, moved: list[np.ndarray]
+    ) -> list[int]:
+        """Return for each trajectory the region that it takes, -1 for none."""
+        if not len(points):
+            return [-1] * len(moved)
+        tree = cKDTree(points)
+        owners, reach = [], 1.5 * self.grid.voxel_size
+        for were in moved:
+            distance, nearest = tree.query(were, distance_upper_bound=reach)
+            hit = np.isfinite(distance)
+            votes = np.bincount(regions[nearest[hit]], minlength=len(sizes))
+            owners.append(int(votes.argmax()) if votes.sum() >= 0.2 * len(were) else -1)
+        self._take_nearest(points, regions, sizes, moved, owners)
+        return owners
+
+    def _take_nearest(
+        self,
+        points: np.ndarray,
+        regions: np.ndarray,
+        sizes: np.ndarray,
+        moved: list[np.ndarray],
+        owners: list[int],
+    ) -> None:
+        """Give those without a region the free ones that are nearest on the floor, all at once
+        (Hungarian method), within reach."""
+        lost = [k for k, of in enumerate(owners) if of < 0]
+        free = [int(r) for r in np.flatnonzero(sizes >= _DEBRIS) if int(r) not in owners]
+        if not lost or not free:
+            return
+        middles = [_middle(points[regions == region]) for region in free]
+        apart = np.array(
+            [[np.linalg.norm(_middle(moved[k]) - middle) for middle in middles] for k in lost]
+        )
+        for row, column in zip(*linear_sum_assignment(apart), strict=True):
+            if apart[row, column] <= self._reach:
+                owners[lost[row]] = free[column]
+
+
+def _split(points: np.ndarray, moved: list[np.ndarray]) -> list[np.ndarray]:
+    """Return the rows of points (N, 3) that belong to each of those whose voxels (M, 3) were
+    there before: to the one whose voxels and axis are nearest."""
+    if len(moved) == 1:
+        return [np.arange(len(points))]
+    costs = []
+    for were in moved:
+        distance = cKDTree(were).query(points)[0]
+        costs.append(distance + _AXIS * np.linalg.norm(points[:, :2] - _middle(were), axis=1))
+    nearest = np.argmin(costs, axis=0)
+    return [np.flatnonzero(nearest == k) for k in range(len(moved))]
+
+
+def _middle(points: np.ndarray) -> np.ndarray:
+    """Return where on the floor (2,) most of the points (N, 3) are."""
+    return np.median(points[:, :2], axis=0)
+
+
+def follow(
+    frames: list[CoarseFrame], grid: VoxelGrid, config: PeopleConfig, fps: float
+) -> list[Trajectory]:
+    """Follow everything from the frame with most standing regions on to both ends of the take.
+
+    fps: of the frames. People who touch at the beginning are thus distinguished by where they
+    go later.
+    """
+    if not frames:
+        return []
+    middle = _most([_count_standing(frame, grid, config) for frame in frames])
+    forward, back = Follower(grid, config, fps), Follower(grid, config, fps)
+    for frame in frames[middle:]:
+        forward(frame)
+    back.begin(forward.all, frames[middle].index)
+    for frame in reversed(frames[:middle]):
+        back(frame)
+    return back.all
+
+
+def _count_standing(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -> tuple[int, int]:
+    """Return the numbers of large regions that stand, and of all large ones."""
+    sizes = np.bincount(frame.regions) if len(frame.regions) else np.zeros(0, int)
+    regions = np.flatnonzero(sizes >= large(config))
+    points = grid.centres(frame.voxels)
+    return sum(stands(points[frame.regions == r], config) for r in regions), min(1, len(regions))
+
+
+def _most(counts: list[tuple[int, int]]) -> int:
+    """Return the middle of the longest run of the greatest count."""
+    best = np.array([k for k, count in enumerate(counts) if count == max(counts)])
+    runs = np.split(best, np.flatnonzero(np.diff(best) > 1) + 1)
+    longest = max(runs, key=len)
+    return int(longest[len(longest) // 2])

@@ -1,0 +1,159 @@
+"""Who of those that were followed is the same person, and who is a person at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from psfs.people.coarse_voxels import BANDS, likeness
+from psfs.people.config import PeopleConfig
+from psfs.people.following import Trajectory
+from psfs.voxels.grid import VoxelGrid
+
+T = TypeVar("T")
+
+#: By how much exchanged people must be more alike than unexchanged ones, for both pairs together.
+_SWAPPED = 0.1
+#: A person is in a frame that shows at least this share of his usual volume.
+_PRESENT = 0.35
+#: Who touches another one in more than this share of the frames is a part of him.
+_APART = 0.9
+
+
+@dataclass(eq=False)
+class Looks:
+    """The appearance of a trajectory in some frames: its colours (BANDS, K) by frame, and the share of its
+    silhouettes that nobody else explains (see `CoarseVoxels.unexplained`) by frame."""
+
+    colours: dict[int, np.ndarray] = field(default_factory=dict)
+    unexplained: dict[int, float] = field(default_factory=dict)
+
+    def between(self, first: float, last: float) -> np.ndarray:
+        """Return the sum of the colours in frames from `first` to `last`."""
+        inside = [of for index, of in self.colours.items() if first <= index <= last]
+        return sum(inside, np.zeros((BANDS, 1)))
+
+
+Seen = dict[Trajectory, Looks]
+
+
+def volume(one: Trajectory) -> float:
+    """Return the median number of voxels."""
+    return float(np.median([len(of) for of in one.voxels.values()])) if one.voxels else 0.0
+
+
+def undo_swaps(seen: Seen, window: float) -> None:
+    """Exchange two trajectories from a contact on, where their colours before and after it, within
+    `window` frames, say that they were mistaken for one another."""
+    ones = list(seen)
+    for k, first in enumerate(ones):
+        for second in ones[k + 1 :]:
+            for start, stop in _contacts(first.touching & second.touching, window / 4):
+                before, after = (start - window, start - 1), (stop + 1, stop + window)
+                a, b = (seen[one].between(*before) for one in (first, second))
+                c, d = (seen[one].between(*after) for one in (first, second))
+                if not all(of.any() for of in (a, b, c, d)):
+                    continue
+                kept = likeness(a, c) + likeness(b, d)
+                if likeness(a, d) + likeness(b, c) > kept + _SWAPPED:
+                    _exchange(first, second, seen, stop)
+
+
+def _contacts(touching: Iterable[int], gap: float) -> list[tuple[int, int]]:
+    """Return the first and last frame of every contact; those closer than `gap` are one."""
+    frames = np.array(sorted(touching), int)
+    if not len(frames):
+        return []
+    runs = np.split(frames, np.flatnonzero(np.diff(frames) > max(1.0, gap)) + 1)
+    return [(int(run[0]), int(run[-1])) for run in runs]
+
+
+def _exchange(first: Trajectory, second: Trajectory, seen: Seen, after: int) -> None:
+    """Exchange all that two trajectories have in the frames after `after`."""
+    ours, theirs = seen[first], seen[second]
+    _exchange_after(first.voxels, second.voxels, after)
+    _exchange_after(ours.colours, theirs.colours, after)
+    _exchange_after(ours.unexplained, theirs.unexplained, after)
+
+
+def _exchange_after(first: dict[int, T], second: dict[int, T], after: int) -> None:
+    late = [{index: of for index, of in one.items() if index > after} for one in (first, second)]
+    for one, own, other in ((first, *late), (second, *late[::-1])):
+        for index in own:
+            del one[index]
+        one.update(other)
+
+
+def join_returning(seen: Seen, grid: VoxelGrid, config: PeopleConfig, fps: float) -> Seen:
+    """Join trajectories of one person who left and came back, or was lost for some frames: the
+    most alike first (Hungarian method), again until none is left."""
+    joined = dict(seen)
+    while True:
+        ones = sorted(joined, key=lambda one: int(one.frames[0]))
+        costs = np.full((len(ones), len(ones)), 1e3)
+        for i, early in enumerate(ones):
+            for j, late in enumerate(ones):
+                if early.frames[-1] < late.frames[0]:
+                    costs[i, j] = _cost(early, late, joined, grid, config, fps)
+        pairs = [(i, j) for i, j in zip(*linear_sum_assignment(costs), strict=True)
+                 if costs[i, j] < 1e3]  # fmt: skip
+        if not pairs:
+            return joined
+        i, j = min(pairs, key=lambda pair: costs[pair])
+        ones[i].voxels.update(ones[j].voxels)
+        ones[i].touching.update(ones[j].touching)
+        joined[ones[i]].colours.update(joined[ones[j]].colours)
+        joined[ones[i]].unexplained.update(joined[ones[j]].unexplained)
+        del joined[ones[j]]
+
+
+def _cost(
+    early: Trajectory,
+    late: Trajectory,
+    seen: Seen,
+    grid: VoxelGrid,
+    config: PeopleConfig,
+    fps: float,
+) -> float:
+    """Return how unlike both are, 1e3 where they cannot be the same person."""
+    last, first = int(early.frames[-1]), int(late.frames[0])
+    seconds = (first - last) / fps
+    ends = (grid.centres(early.voxels[last]), grid.centres(late.voxels[first]))
+    middles = [np.median(points[:, :2], axis=0) for points in ends]
+    apart = float(np.linalg.norm(middles[0] - middles[1]))
+    if apart > config.speed * seconds + 0.3:
+        return 1e3
+    alike = likeness(seen[early].between(-np.inf, np.inf), seen[late].between(-np.inf, np.inf))
+    size = abs(np.log(volume(early) / volume(late)))
+    at_once = seconds < 0.5 and apart < 0.5
+    if not at_once and (alike < config.likeness or size > 0.7):
+        return 1e3
+    return 1 - alike + 0.3 * size + min(apart, 1.0) * 0.2
+
+
+def is_person(
+    one: Trajectory, looks: Looks, grid: VoxelGrid, largest: float, config: PeopleConfig
+) -> bool:
+    """Return whether a trajectory is a second person beside one of `largest` volume."""
+    if volume(one) < config.least_share * largest:
+        return False
+    if len(one.touching) > _APART * len(one.voxels):
+        return False  # a part of somebody
+    picked = one.frames[np.linspace(0, len(one.frames) - 1, 15).round().astype(int)]
+    heights = np.array([grid.centres(one.voxels[int(index)])[:, 2] for index in picked],
+                       dtype=object)  # fmt: skip
+    low, high = (np.median([float(end(of)) for of in heights]) for end in (np.min, np.max))
+    if high - low + config.voxel < config.least_height or low > config.lowest:
+        return False
+    shares = list(looks.unexplained.values())
+    return not shares or float(np.median(shares)) >= config.unexplained
+
+
+def present(one: Trajectory) -> np.ndarray:
+    """Return the frames (F,) in which enough of the person is seen."""
+    least = _PRESENT * volume(one)
+    return np.array([index for index in one.frames if len(one.voxels[int(index)]) >= least], int)

@@ -1,0 +1,171 @@
+"""The stage `find_people`: how many people a take shows, who is who, and where each is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from psfs.backend import make_evidence_function
+from psfs.diagnostics.small_views import Shrink
+from psfs.people.coarse_voxels import CoarseFrame, CoarseVoxels
+from psfs.people.config import PeopleConfig
+from psfs.people.following import follow
+from psfs.people.identities import (
+    Looks,
+    Seen,
+    is_person,
+    join_returning,
+    present,
+    undo_swaps,
+    volume,
+)
+from psfs.sequence import Frame
+from psfs.session import Session, check_frames
+from psfs.silhouettes.config import SilhouetteConfig
+from psfs.voxels.grid import VoxelGrid
+
+#: Number of frames per second whose colours are compared.
+_LOOKS = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Person:
+    """One person: the coarse voxels by frame, as flat indices, of the frames (F,) that show enough
+    of him."""
+
+    frames: np.ndarray
+    voxels: dict[int, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class People:
+    """The people in `frames`, the largest first, in coarse voxels of `grid`; `objects`: the number
+    of other things that move."""
+
+    frames: range
+    grid: VoxelGrid
+    persons: tuple[Person, ...]
+    objects: int = 0
+
+    def __len__(self) -> int:
+        return len(self.persons)
+
+    def __iter__(self) -> Iterator[Person]:
+        return iter(self.persons)
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Number (F,) of people in each of `frames`."""
+        return np.sum([np.isin(self.frames, person.frames) for person in self.persons], axis=0)
+
+    def described(self) -> str:
+        """Say how many there are, in words."""
+        n = len(self)
+        text = "one person is seen" if n == 1 else f"{n or 'no'} people are seen"
+        if n > 1 and not (self.counts == n).all():
+            text += f", {int(self.counts.min())} to {int(self.counts.max())} at a time"
+        if self.objects:
+            text += f"; {self.objects} more that move{'s are' if self.objects > 1 else ' is'}"
+            text += " no people" if self.objects > 1 else " no person"
+        return text
+
+
+def count_people(session: Session, config: PeopleConfig | None = None) -> People:
+    """Return the people in some of the session's frames, see `PeopleConfig.rate`."""
+    config = config or PeopleConfig()
+    every = max(1, round(session.rate / config.rate))
+    return session.compute_once(
+        (count_people, config), lambda: _Search(session, config, every).run()
+    )
+
+
+def follow_people(
+    session: Session, number: int | None = None, config: PeopleConfig | None = None
+) -> People:
+    """Return the people in all of the session's frames.
+
+    number: how many there are, if that is known: the largest so many. Raises InputError if no frame
+    is selected.
+    """
+    config = config or PeopleConfig()
+    return session.compute_once(
+        (follow_people, number, config), lambda: _Search(session, config, 1, number).run()
+    )
+
+
+class _Search:
+    """The search for people in every `every`-th frame of a session."""
+
+    def __init__(
+        self, session: Session, config: PeopleConfig, every: int, number: int | None = None
+    ) -> None:
+        self.session, self.number = session, number
+        self.frames = check_frames(session)[::every]
+        self.rate = session.rate / every
+        shrink = Shrink(session.rig, config.longest_side)
+        self._shrink = shrink
+        self._evidence_of = make_evidence_function(
+            session.device, shrink.small, shrink.background(session.background),
+            SilhouetteConfig().without_memory(),
+        )  # fmt: skip
+        self.space = CoarseVoxels(
+            shrink.small, session.sequence.volume, session.reconstruction, config
+        )
+        self.config = self.space.config
+
+    def run(self) -> People:
+        """Return the people."""
+        frames = [self._carved(frame) for frame in self._shown(self.frames)]
+        grid, fps = self.space.grid, self.session.sequence.fps
+        found = follow(frames, grid, self.config, self.rate)
+        lasting = min(self.config.least_seconds * self.rate, len(frames) / 2)
+        found = [one for one in found if len(one.voxels) >= max(2, lasting / 2)]
+        found = found or follow(frames, grid, self.config, self.rate)
+        if len(found) < 2:
+            persons = tuple(Person(present(one), one.voxels) for one in found)
+            return People(self.frames, grid, persons)
+        seen: Seen = {one: Looks() for one in found}
+        self._look(seen)
+        undo_swaps(seen, 2 * fps)
+        seen = join_returning(seen, grid, self.config, fps)
+        ranked = sorted(seen, key=lambda one: volume(one) * len(one.voxels), reverse=True)
+        largest = ranked[0]
+        rest = [one for one in ranked[1:] if len(one.voxels) >= lasting]
+        chosen = [
+            one for one in rest if is_person(one, seen[one], grid, volume(largest), self.config)
+        ]
+        if self.number is not None:
+            others = [one for one in rest if one not in chosen]
+            chosen = [*chosen, *others][: self.number - 1]
+        persons = tuple(Person(present(one), one.voxels) for one in (largest, *chosen))
+        return People(self.frames, grid, persons, len(rest) - len(chosen))
+
+    def _shown(self, indices: range) -> Iterator[Frame]:
+        """Yield the frames in small pictures."""
+        stop = indices[-1] + (1 if indices.step > 0 else -1)
+        wanted = slice(indices.start, stop if stop >= 0 else None, indices.step)
+        for frame in self.session.sequence.frames(wanted):
+            yield self._shrink.frame(frame)
+
+    def _carved(self, frame: Frame) -> CoarseFrame:
+        return self.space(frame.index, self._evidence_of(frame))
+
+    def _look(self, seen: Seen) -> None:
+        """Look at the colours of all trajectories in some frames, and at what only they explain."""
+        every = max(1, round(self.rate / _LOOKS))
+        for frame in self._shown(self.frames[::every]):
+            ones = [one for one in seen if frame.index in one.voxels]
+            evidence = self._evidence_of(frame)
+            parts = [one.voxels[frame.index] for one in ones]
+            for k, one in enumerate(ones):
+                others = [part for j, part in enumerate(parts) if j != k]
+                rest = np.concatenate(others) if others else np.zeros(0, int)
+                seen[one].unexplained[frame.index] = self.space.unexplained(
+                    evidence, parts[k], rest
+                )
+            if frame.images is not None:
+                colours = self.space.colours(frame.images, evidence, parts)
+                for one, found in zip(ones, colours, strict=True):
+                    seen[one].colours[frame.index] = found

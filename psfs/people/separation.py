@@ -1,0 +1,228 @@
+"""One session for each of several people, in which the others do not count.
+
+All people are reconstructed together. Each surface voxel belongs to the person whose coarse voxels
+are nearest, and a pixel of the foreground to the people whose voxels cover it, or to the nearest. A
+person's masks are the evidence in their own pixels, nothing ("unknown") where somebody else stands
+before them, and background in the pixels of the others.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import threading
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.footprints import voxel_footprints
+from psfs.people.people import People
+from psfs.session import Session, SessionSettings
+from psfs.silhouettes.hidden import UNKNOWN
+from psfs.volume import Volume, automatic_grid, find_volume
+from psfs.voxels.config import ReconstructionConfig
+from psfs.voxels.grid import VoxelCloud
+
+#: Value of masks that says nothing.
+_UNKNOWN_MASK = 128
+#: Distance from a person's coarse voxels up to which voxels are theirs, m.
+_NEAR = 0.2
+#: Distance from a person's silhouette up to which foreground may be theirs, m: an arm that was
+#: carved away.
+_BESIDE = 0.35
+#: Depth by which another one must be nearer to the camera to hide a person, m.
+_BEFORE = 0.05
+#: Depth where nothing is drawn, m.
+FAR = 1e6
+#: Room around the coarse voxels of all people, and of one, m.
+_MARGIN = 0.2
+
+
+def separate(
+    session: Session, people: People, progress: Callable[[], object] | None = None
+) -> list[Session]:
+    """Return a session for each of `people`, over the frames from the first to the last that show
+    them. progress: called after each frame."""
+    everybody = _joint(session, people)
+    store = MaskStore(len(session.rig), session.rig.height, session.rig.width)
+    attribution = Attribution(session.rig, session.reconstruction)
+    grid = automatic_grid(everybody)
+    footprints = voxel_footprints(session.rig, grid.voxel_size)
+    reconstruct = everybody.reconstructor(grid)
+    boxes: list[list[np.ndarray]] = [[] for _ in people]
+    for frame in everybody.sequence.frames(everybody.settings.selection):
+        cloud = reconstruct(frame).cloud()
+        clouds = split_cloud(cloud, people, frame.index)
+        for box, points in zip(boxes, clouds, strict=False):
+            if len(points):
+                box.append(np.stack([points.min(0), points.max(0)]))
+        masks = attribution(reconstruct.evidence(), clouds, footprints, len(people))
+        for number, own in enumerate(masks):
+            store.add(number, frame.index, own)
+        if progress is not None:
+            progress()
+    return [_own(session, people, number, box, store) for number, box in enumerate(boxes)]
+
+
+def _joint(session: Session, people: People) -> Session:
+    """Return a session whose volume holds everybody."""
+    points = [people.grid.centres(np.concatenate(list(p.voxels.values()))) for p in people]
+    low = np.min([of.min(0) for of in points], axis=0) - _MARGIN
+    high = np.max([of.max(0) for of in points], axis=0) + _MARGIN
+    joint = Session(session.sequence, session.device, session.settings)
+    if session.background is not None and session.background is not session.sequence.background:
+        joint.revise_background(session.background)
+    joint.replace_result(find_volume, Volume(low, high))
+    return joint
+
+
+def _own(
+    session: Session, people: People, number: int, boxes: list[np.ndarray], store: MaskStore
+) -> Session:
+    """Return the session of one person."""
+    frames, step = people.persons[number].frames, session.frames.step
+    sequence = session.sequence.with_masks(lambda index: store.get(number, index))
+    sequence.rig = _hiding(session.rig)
+    changes = {
+        "silhouette": {"evidence": {"unknown_mask": _UNKNOWN_MASK}},
+        "occupancy": {"min_cameras": 1},  # what others hide is not seen, yet may be occupied
+    }
+    settings = SessionSettings(
+        session.reconstruction.overlaid(changes),
+        slice(int(frames[0]), int(frames[-1]) + 1, step),
+        session.settings.voxel_size,
+    )
+    own = Session(sequence, session.device, settings)
+    low, high = np.min([box[0] for box in boxes], 0), np.max([box[1] for box in boxes], 0)
+    own.replace_result(find_volume, Volume(low - _MARGIN, high + _MARGIN))
+    return own
+
+
+def _hiding(rig: CameraRig) -> CameraRig:
+    """Return the rig with a map of hidden pixels in every camera, empty where it had none: its
+    evidence may then be unknown."""
+    return CameraRig(
+        tuple(
+            camera if camera.hidden is not None
+            else replace(camera, hidden=np.zeros(camera.size[::-1], bool))
+            for camera in rig
+        )
+    )  # fmt: skip
+
+
+def split_cloud(cloud: VoxelCloud, people: People, index: int) -> list[np.ndarray]:
+    """Return the centres (N, 3) of the surface voxels of each person in frame `index`, and at the
+    end those of nobody."""
+    points = cloud.centres
+    nearest = np.full((len(people) + 1, len(points)), np.inf)
+    nearest[-1] = _NEAR
+    for number, person in enumerate(people):
+        if index in person.voxels:
+            tree = cKDTree(people.grid.centres(person.voxels[index]))
+            nearest[number] = tree.query(points, distance_upper_bound=2 * _NEAR)[0]
+    owner = nearest.argmin(0)
+    return [points[owner == number] for number in range(len(people) + 1)]
+
+
+@dataclass(frozen=True, eq=False)
+class Attribution:
+    """Assignment of evidence maps (V, H, W) to people."""
+
+    rig: CameraRig
+    config: ReconstructionConfig
+
+    def __call__(
+        self, evidence: np.ndarray, clouds: list[np.ndarray], footprints: np.ndarray, n_people: int
+    ) -> np.ndarray:
+        """Return masks (P, V, H, W) uint8 of the people, whose voxels are the first `clouds`."""
+        of_counts = self._masks_of_counts()
+        masks = np.zeros((n_people, *evidence.shape), np.uint8)
+        for view, (camera, counts) in enumerate(zip(self.rig, evidence, strict=True)):
+            drawn = [draw(camera, points, footprints[view], counts.shape) for points in clouds]
+            depths = np.stack([depth for depth, _ in drawn])
+            beside = np.stack([distance for _, distance in drawn])
+            plain = of_counts[counts.view(np.uint8)]
+            for number in range(n_people):
+                if not len(clouds[number]):
+                    continue
+                rest = [k for k in range(len(clouds)) if k != number]
+                masks[number, view] = self._own(
+                    plain, counts, depths[number], depths[rest].min(0), beside[number],
+                    beside[rest].min(0),
+                )  # fmt: skip
+        return masks
+
+    def _own(
+        self,
+        plain: np.ndarray,
+        counts: np.ndarray,
+        depth: np.ndarray,
+        other_depth: np.ndarray,
+        beside: np.ndarray,
+        other_beside: np.ndarray,
+    ) -> np.ndarray:
+        """Return the mask (H, W) of one person in one camera."""
+        mine = (beside <= other_beside) & (beside < _BESIDE)
+        mask = np.where(mine | (counts <= 0), plain, 0).astype(np.uint8)
+        hidden = (beside == 0) & (other_depth < depth - _BEFORE) & (counts > 0)
+        mask[hidden] = _UNKNOWN_MASK
+        return mask
+
+    def _masks_of_counts(self) -> np.ndarray:
+        """Return the mask (256,) uint8 for each count of evidence, by its bits."""
+        counts = np.arange(256).astype(np.uint8).view(np.int8)
+        masks = np.rint(255 * self.config.silhouette.evidence.likelihood(counts)).astype(int)
+        masks = np.where((masks == _UNKNOWN_MASK) & (counts != 0), _UNKNOWN_MASK + 1, masks)
+        masks = np.where(masks == _UNKNOWN_MASK, _UNKNOWN_MASK - 1, masks)
+        masks[counts == UNKNOWN] = _UNKNOWN_MASK
+        return np.clip(masks, 0, 255).astype(np.uint8)
+
+
+def draw(
+    camera: Camera, points: np.ndarray, footprint: np.ndarray, shape: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draw voxels with centres (N, 3) m: return the depth (H, W) m of the nearest in each pixel,
+    `FAR` where there is none, and the distance (H, W) from the pixel to their silhouette, in metres
+    at their mean depth."""
+    depths = np.full(shape, FAR, np.float32)  # OpenCV erodes no infinite values
+    inside, row, column, depth = camera.look_up(points)
+    if not inside.any():
+        return depths, np.full(shape, FAR, np.float32)
+    order = np.argsort(-depth, kind="stable")  # the nearest is written last
+    depths[row[order], column[order]] = depth[order]
+    middle = float(np.median(depth))
+    width = max(3, 2 * int(np.ceil(float(footprint.max()) / middle)) + 1)
+    depths = np.asarray(cv2.erode(depths, np.ones((width, width), np.uint8)))
+    free = (depths >= FAR).astype(np.uint8)
+    distance = cv2.distanceTransform(free, cv2.DIST_L2, 3)
+    return depths, distance * np.float32(middle / camera.K[0, 0])
+
+
+class MaskStore:
+    """Masks (V, H, W) uint8 of people and frames, compressed in a temporary file."""
+
+    def __init__(self, *shape: int) -> None:
+        self._shape = shape
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - as long as the store
+        self._places: dict[tuple[int, int], tuple[int, int]] = {}
+        self._lock = threading.Lock()  # frames are read ahead in other threads
+
+    def add(self, number: int, index: int, masks: np.ndarray) -> None:
+        """Keep the masks of a person in a frame."""
+        packed = zlib.compress(masks.tobytes(), 1)
+        self._places[number, index] = self._file.seek(0, 2), len(packed)
+        self._file.write(packed)
+
+    def get(self, number: int, index: int) -> np.ndarray:
+        """Return the masks of a person in a frame, black in one that was not kept."""
+        if (number, index) not in self._places:
+            return np.zeros(self._shape, np.uint8)
+        place, length = self._places[number, index]
+        with self._lock:
+            self._file.seek(place)
+            packed = self._file.read(length)
+        return np.frombuffer(zlib.decompress(packed), np.uint8).reshape(self._shape)

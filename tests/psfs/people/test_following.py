@@ -1,0 +1,118 @@
+"""People keep their identity from frame to frame, in coarse voxels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from psfs.people.coarse_voxels import BANDS, CoarseFrame, likeness
+from psfs.people.config import PeopleConfig
+from psfs.people.following import Trajectory, follow
+from psfs.people.identities import Looks, is_person, join_returning, present, undo_swaps, volume
+from psfs.voxels.grid import VoxelGrid
+
+CONFIG, FPS = PeopleConfig(), 10.0
+GRID = VoxelGrid.covering(np.array([-2.0, -2.0, 0.0]), np.array([2.0, 2.0, 2.0]), CONFIG.voxel)
+PLACES = GRID.centres()
+
+
+def column(x: float, y: float, low: float = 0.0, high: float = 1.7) -> np.ndarray:
+    """Voxels (nx ny nz,) bool of somebody who stands at x, y."""
+    beside = np.abs(PLACES[:, :2] - [x, y]).max(1) < 0.22
+    return beside & (PLACES[:, 2] > low) & (PLACES[:, 2] < high)
+
+
+def frame(index: int, *columns: np.ndarray) -> CoarseFrame:
+    occupied = np.any([np.zeros(GRID.size, bool), *columns], axis=0)
+    labels, _ = ndimage.label(occupied.reshape(GRID.shape), np.ones((3, 3, 3)))
+    voxels = np.flatnonzero(occupied)
+    return CoarseFrame(index, voxels, labels.ravel()[voxels] - 1)
+
+
+def where(one: Trajectory, index: int) -> np.ndarray:
+    middle: np.ndarray = np.median(GRID.centres(one.voxels[index])[:, :2], axis=0)
+    return middle
+
+
+@pytest.mark.parametrize("ahead", [True, False])
+def test_people_who_pass_each_other_and_touch_keep_their_names(ahead: bool) -> None:
+    times = range(21) if ahead else range(20, -1, -1)
+    frames = [
+        frame(n, column(0.15 * t - 1.5, -0.2), column(1.5 - 0.15 * t, 0.2))
+        for n, t in enumerate(times)
+    ]
+    found = follow(frames, GRID, CONFIG, FPS)
+    assert len(found) == 2
+    for one in found:
+        assert len(one.voxels) == 21
+        assert abs(where(one, 0)[0] + where(one, 20)[0]) < 0.2  # on the other side
+        assert abs(where(one, 0)[1] - where(one, 20)[1]) < 0.1  # in the own lane
+        assert 10 in one.touching and 0 not in one.touching
+
+
+def test_who_touches_at_first_is_known_from_later() -> None:
+    frames = [frame(n, column(-0.2 - 0.08 * n, 0), column(0.2 + 0.08 * n, 0)) for n in range(15)]
+    found = follow(frames, GRID, CONFIG, FPS)
+    assert [len(one.voxels) for one in found] == [15, 15]
+    assert sorted(float(np.sign(where(one, 0)[0])) for one in found) == [-1, 1]
+
+
+def test_a_body_torn_in_two_is_one_person() -> None:
+    frames = [
+        frame(n, column(0, 0, 0, 0.7), column(0, 0, 0.8 + 0.2 * (n % 2), 1.7)) for n in range(8)
+    ]
+    found = follow(frames, GRID, CONFIG, FPS)
+    assert len(found) == 1
+    assert len(found[0].voxels) == 8
+
+
+def test_a_low_thing_is_followed_but_no_person() -> None:
+    frames = [frame(n, column(0.05 * n, 0), column(1.2, 1.2, 0, 0.5)) for n in range(8)]
+    found = follow(frames, GRID, CONFIG, FPS)
+    assert len(found) == 2
+    largest = max(volume(one) for one in found)
+    assert [is_person(one, Looks(), GRID, largest, CONFIG) for one in found].count(True) == 1
+
+
+def test_a_hull_that_nobody_fills_is_no_person() -> None:
+    one = follow([frame(n, column(0, 0)) for n in range(5)], GRID, CONFIG, FPS)[0]
+    assert is_person(one, Looks(unexplained={0: 0.5}), GRID, volume(one), CONFIG)
+    assert not is_person(one, Looks(unexplained={0: 0.05}), GRID, volume(one), CONFIG)
+
+
+def coloured(code: int) -> np.ndarray:
+    histogram = np.zeros((BANDS, 64))
+    histogram[:, code] = 10
+    return histogram
+
+
+def test_who_comes_back_is_known_by_the_colours() -> None:
+    """Two leave; one of them returns."""
+    here = [frame(n, column(-1, 0), column(1, 0)) for n in range(6)]
+    back = [frame(n, column(0, 1.2)) for n in range(20, 26)]
+    found = follow([*here, *[frame(n) for n in range(6, 20)], *back], GRID, CONFIG, FPS)
+    assert len(found) == 3
+    late = next(one for one in found if one.frames[0] == 20)
+    left, right = (one for one in found if one is not late)
+    seen = {left: Looks({0: coloured(3)}), right: Looks({0: coloured(9)})}
+    joined = join_returning({**seen, late: Looks({20: coloured(9)})}, GRID, CONFIG, FPS)
+    assert set(joined) == {left, right}
+    assert (len(left.voxels), len(right.voxels)) == (6, 12)
+    assert present(right).tolist() == [*range(6), *range(20, 26)]
+
+
+def test_an_exchange_in_a_contact_is_undone_by_the_colours() -> None:
+    first, second = Trajectory(), Trajectory()
+    for one, side in ((first, 0), (second, 1)):
+        one.voxels = {n: np.array([side]) for n in range(30)}
+        one.touching = set(range(10, 15))
+    colours = {first: (3, 9), second: (9, 3)}
+    seen = {
+        one: Looks({n: coloured(codes[n >= 12]) for n in range(30)})
+        for one, codes in colours.items()
+    }
+    undo_swaps(seen, 20)
+    assert [int(first.voxels[n][0]) for n in (0, 14, 15, 29)] == [0, 0, 1, 1]
+    assert [int(second.voxels[n][0]) for n in (0, 14, 15, 29)] == [1, 1, 0, 0]
+    assert likeness(seen[first].between(0, 5), seen[first].between(20, 29)) == pytest.approx(1)

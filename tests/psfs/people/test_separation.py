@@ -1,0 +1,85 @@
+"""Of two people each gets masks of their own."""
+
+from __future__ import annotations
+
+import numpy as np
+from helpers import scenes
+
+from psfs.background.config import UNKNOWN, EvidenceConfig
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.footprints import voxel_footprints
+from psfs.people.people import People, Person
+from psfs.people.separation import FAR, Attribution, MaskStore, draw, split_cloud
+from psfs.voxels.config import ReconstructionConfig
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+SIZE = 0.05
+GRID = VoxelGrid.covering(np.array([-1.0, -1.0, 0.0]), np.array([1.0, 1.0, 1.8]), SIZE)
+
+
+def block(x: float) -> np.ndarray:
+    """Flat indices of the voxels of somebody at x, y = 0."""
+    beside = np.abs(GRID.centres()[:, :2] - [x, 0]).max(1) < 0.15
+    return np.flatnonzero(beside & (GRID.centres()[:, 2] < 1.5))
+
+
+def rig() -> CameraRig:
+    """A camera that sees both side by side, and one that sees them behind one another."""
+    target, size = np.array([0.0, 0.0, 0.8]), (120, 120)
+    aside = scenes.looking_at("aside", np.array([0.0, -4.0, 0.8]), target, size, 140)
+    before = scenes.looking_at("before", np.array([4.0, 0.0, 0.8]), target, size, 140)
+    return scenes.without_distortion(CameraRig((aside, before)))
+
+
+def test_voxels_belong_to_the_nearest_and_far_ones_to_nobody() -> None:
+    left, right, far = block(-0.5), block(0.5), np.array([GRID.size - 1])
+    voxels = np.sort(np.concatenate([left, right, far]))
+    cloud = VoxelCloud(GRID, voxels.astype(np.int32), np.ones(len(voxels), np.float32))
+    both = (Person(np.array([7]), {7: left}), Person(np.array([7]), {7: right}))
+    clouds = split_cloud(cloud, People(range(8), GRID, both), 7)
+    assert [len(points) for points in clouds] == [len(left), len(right), 1]
+    assert clouds[0][:, 0].max() < 0 < clouds[1][:, 0].min()
+
+
+def test_pixels_of_the_other_are_background_or_unknown() -> None:
+    cameras, config = rig(), ReconstructionConfig()
+    footprints = voxel_footprints(cameras, SIZE)
+    clouds = [GRID.centres(block(x)) for x in (-0.5, 0.5)]  # the second is nearer to `before`
+    evidence = np.full((2, 120, 120), -60, np.int8)
+    covered = []
+    for view, camera in enumerate(cameras):
+        depths = [draw(camera, points, footprints[view], (120, 120))[0] for points in clouds]
+        covered.append(np.array(depths) < FAR)
+        evidence[view][covered[-1].any(0)] = 12
+    first, second = Attribution(cameras, config)(evidence, clouds, footprints, 2)
+    table = config.silhouette.evidence.replace(unknown_mask=128)
+    counts = [table.mask_counts(masks) for masks in (first, second)]
+    own, other = covered[0]
+    assert (counts[0][0][own & ~other] > 8).all()
+    assert (counts[0][0][other & ~own] < -90).all()
+    assert (counts[1][0][other & ~own] > 8).all()
+    behind, before = covered[1]
+    assert (counts[1][1][before] > 8).all()
+    hidden = behind & before
+    assert hidden.sum() > 500
+    assert (counts[0][1][hidden] == UNKNOWN).all()
+    assert (counts[0][1][behind & ~before] != UNKNOWN).all()
+
+
+def test_masks_say_nothing_at_one_value_only_if_it_is_stated() -> None:
+    masks = np.arange(256)
+    plain = EvidenceConfig().mask_counts(masks)
+    stated = EvidenceConfig(unknown_mask=128).mask_counts(masks)
+    assert (plain != UNKNOWN).all()
+    assert np.flatnonzero(stated != plain).tolist() == [128]
+    assert stated[128] == UNKNOWN
+
+
+def test_stored_masks_come_back() -> None:
+    store = MaskStore(2, 5, 7)
+    masks = np.random.default_rng(1).integers(0, 256, (2, 5, 7)).astype(np.uint8)
+    store.add(0, 3, masks)
+    store.add(1, 3, masks[::-1].copy())
+    assert (store.get(0, 3) == masks).all()
+    assert (store.get(1, 3) == masks[::-1]).all()
+    assert not store.get(0, 4).any()
