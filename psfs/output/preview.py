@@ -10,6 +10,7 @@ import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
+from psfs.common.names import escape_unprintable
 from psfs.sequence import Frame
 from psfs.voxels.clouds import coarsen
 from psfs.voxels.grid import VoxelCloud
@@ -72,6 +73,7 @@ def draw_sheet(
     The outline of `silhouette(view)`, (h, w) bool, is drawn into the pictures.
     """
     above = np.hstack(views)
+    text = escape_unprintable(text)  # OpenCV crashes on text that is not UTF-8
     cv2.putText(above, text, (14, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.55, _INK, 1, cv2.LINE_AA)
     return np.vstack([above, _picture_row(silhouette, rig, frame, above.shape[1])])
 
