@@ -73,7 +73,7 @@ class TakeConfig(Config):
     `psfs.background.take`."""
 
     SOURCE: ClassVar = (
-        "by hand, on synth_box_4cam, synth_pickup_6cam, synth_walk_4cam without their plates"
+        "by hand, on synth_box_4cam, synth_jacks_6cam, synth_pickup_6cam without their plates"
     )
 
     longest_side: int = setting(
@@ -90,27 +90,45 @@ class TakeConfig(Config):
     )
     gap: int = setting(9, "Width of gaps between what moved that are closed.", unit="px", least=1)
     least_area: float = setting(40.0, "Area below which what moved is noise.", unit="px^2", least=0)
-    around: int = setting(
-        30,
-        "Distance from what moved of the pixels that say how the background looks.",
-        unit="px",
-        least=1,
+    extrapolated_std: float = setting(
+        10.0,
+        "Standard deviation of a background that is extrapolated into the region where something "
+        "moved.",
+        unit="grey levels",
+        above=0,
     )
     unlike: float = setting(
-        14.0,
-        "Difference from the background around from which on a pixel looks like somebody at first.",
-        unit="grey levels",
-        least=0,
+        -2.0,
+        "Evidence for the person below which an extrapolated background replaces one that is never "
+        "seen.",
+        unit="nats",
     )
-    cuts: int = setting(4, "Number of iterations of GrabCut.", least=1)
+    least_std: float = setting(
+        5.0, "Least standard deviation of a learnt background.", unit="grey levels", above=0
+    )
+    median_blur: float = setting(
+        1.5,
+        "Standard deviation of the blur of the map that says where the median is background.",
+        unit="px",
+        above=0,
+    )
+    colour_limit: float = setting(
+        4.0, "Most that a pixel's colour may say for or against the person.", unit="nats", above=0
+    )
+    least_evidence: float = setting(
+        -1.0,
+        "Mean over 3 x 3 pixels of what their colours say for the person, from which on a pixel "
+        "may be the person's.",
+        unit="nats",
+    )
     voxels: int = setting(
         60_000, "Number of voxels of the coarse hull, at most.", unit="voxels", least=1000
     )
     explained: float = setting(
         0.62,
         "Share of the silhouettes before the medians that all cameras' hull must explain, else "
-        "somebody is looked for in the medians.",
-        "between people who walk about (0.78) and who stay in a place (0.39, 0.46)",
+        "the medians show somebody.",
+        "between people who walk about and who stay in a place",
         least=0,
         most=1,
     )
@@ -122,12 +140,6 @@ class TakeConfig(Config):
         least=0,
     )
     margin: int = setting(1, "Distance by which the hull's picture is grown.", unit="px", least=0)
-    somebody: float = setting(
-        5.0,
-        "Distance from the background from which on a pixel is somebody.",
-        unit="standard deviations",
-        above=0,
-    )
     shadow_width: float = setting(
         0.06, "Standard deviation of the light factor around 1 of what is background.", above=0
     )
@@ -148,8 +160,7 @@ class TakeConfig(Config):
     )
     hidden_prior: float = setting(
         1.0,
-        "Log odds of somebody where the background is never seen and its median looks like "
-        "somebody.",
+        "Log odds of somebody where the background is never seen.",
         unit="nats",
         least=0,
     )
