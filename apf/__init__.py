@@ -6,13 +6,13 @@
     track.joints  # (frames, joints, 3) m in the world, Z up
     track.angles["l_knee_flexion"]  # (frames,) degrees
     track.confidence  # (frames,) 0 to 1
-    apf.smoothed(track).save("walk.bvh")
+    apf.smooth_track(track).save("walk.bvh")
 
-`track` does what `apf track` does: finds the person, follows, and finds again whom it lost. The
-parts below it: a `Method` is a search (`AnnealedParticleFilter`, `ParticleSwarm`,
+`track` does what `apf track` does: finds the person, tracks the person, and searches again after
+losing track. The parts below it: a `Method` is a search (`AnnealedParticleFilter`, `ParticleSwarm`,
 `SirParticleFilter`), an objective and their settings (`FilterConfig` and others); a search in a
-`Scene` (device, rig, grid, body) gives an `Estimate` per frame of voxels; `initialise` looks for
-the first pose. Angles are radians, lengths metres. What a user can mend raises `InputError`,
+`Scene` (device, rig, grid, body) gives an `Estimate` per frame of voxels; `initialise` finds the
+first pose. Angles are radians, lengths metres. What a user can mend raises `InputError`,
 `MissingFileError` or `DeviceError`, all of them `UserError`.
 """
 

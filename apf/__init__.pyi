@@ -48,11 +48,11 @@ from .tracking.config import GaitConfig as GaitConfig
 from .tracking.config import RecoveryConfig as RecoveryConfig
 from .tracking.config import SmoothingConfig as SmoothingConfig
 from .tracking.gait import Gait as Gait
-from .tracking.gait import gait_of as gait_of
+from .tracking.gait import measure_gait as measure_gait
 from .tracking.motion_files import Export as Export
 from .tracking.motion_files import export as export
 from .tracking.settings import TakeSettings as TakeSettings
-from .tracking.smoothing import smoothed as smoothed
+from .tracking.smoothing import smooth_track as smooth_track
 from .tracking.take import Take as Take
 from .tracking.take import track_take as track_take
 from .tracking.track import Track as Track

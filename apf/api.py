@@ -84,7 +84,7 @@ def track(
     sequence = session.sequence
     if not session.frames:
         raise InputError(f"{frames} chooses none of the {len(sequence)} frames of {sequence.name}")
-    template, keep_shape = template_of(body)
+    template, keep_shape = load_template(body)
     take_settings = TakeSettings(
         method=method or Method(),
         template=template,
@@ -131,7 +131,7 @@ def _opened(keypoints: Keypoints | str | Path | None, sequence: Sequence) -> Key
     return found
 
 
-def template_of(body: BodyModel | str | Path | None) -> tuple[BodyModel, bool]:
+def load_template(body: BodyModel | str | Path | None) -> tuple[BodyModel, bool]:
     """Return the body to start with, and whether it comes from a file and so has the person's own
     shape."""
     if isinstance(body, BodyModel):
@@ -152,7 +152,7 @@ def given_start(
     body, init: as of `track`. convention: axes of a TRC. Raises InputError.
     """
     own = body is None and is_bodytrack(folder)
-    model = read_body(folder) if own else template_of(body)[0]
+    model = read_body(folder) if own else load_template(body)[0]
     if init is None:
         return (model, model.rest_pose) if own else None
     if isinstance(init, np.ndarray):

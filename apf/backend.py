@@ -29,7 +29,7 @@ from apf.reference.image_objective import render
 from apf.reference.image_objective.features import NumpyFeatures
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
-from psfs.backend import reconstructor_for
+from psfs.backend import make_reconstructor
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.sequence import Frame
@@ -53,7 +53,7 @@ class Footage(Protocol):
     def has_images(self) -> bool: ...
 
 
-def filter_for(
+def make_filter(
     scene: Scene, config: FilterConfig
 ) -> AnnealedParticleFilter | NumpyAnnealedParticleFilter:
     """Return the annealed particle filter over voxels for the scene's device."""
@@ -62,14 +62,14 @@ def filter_for(
     return AnnealedParticleFilter(scene, config)
 
 
-def tracker_for(scene: Scene, method: Method) -> Tracker:
+def make_tracker(scene: Scene, method: Method) -> Tracker:
     """Return the tracker of `method` for the scene's device."""
     if isinstance(scene.device, NumpyDevice):
-        return _numpy_tracker(scene, method)
-    return device_tracker(scene, method)
+        return _make_numpy_tracker(scene, method)
+    return make_device_tracker(scene, method)
 
 
-def device_tracker(
+def make_device_tracker(
     scene: Scene, method: Method, seeds: Sequence[int] | None = None
 ) -> DeviceTracker:
     """Return the tracker of `method` on OpenCL; only a tracker by voxels needs the scene's grid.
@@ -109,7 +109,7 @@ def shares_launches(device: Device | NumpyDevice, method: Method) -> bool:
     return fits and isinstance(device, Device)
 
 
-def _numpy_tracker(scene: Scene, method: Method) -> NumpyTracker:
+def _make_numpy_tracker(scene: Scene, method: Method) -> NumpyTracker:
     check_renderer(scene.device, method)
     search, objective = SEARCHES[method.search], OBJECTIVES[method.objective]
     likelihood = resolve_name(objective.twin)(scene, method, 1)
@@ -124,7 +124,7 @@ def _own_settings(method: Method) -> dict[str, Any]:
     return {name: getattr(method, name) for name in SEARCHES[method.search].settings}
 
 
-def features_for(
+def make_feature_extractor(
     device: Device | NumpyDevice,
     rig: CameraRig,
     background: Background | None,
@@ -137,7 +137,7 @@ def features_for(
     return Features(device, rig, background, config, silhouette)
 
 
-def observer_for(
+def make_observer(
     device: Device | NumpyDevice,
     footage: Footage,
     grid: VoxelGrid | None,
@@ -157,14 +157,14 @@ def observer_for(
     if observes == "voxels":
         if grid is None:
             raise InputError("no voxel grid; expected one for an objective over voxels")
-        return reconstructor_for(
+        return make_reconstructor(
             device, footage.rig, grid, footage.background, reconstruction, sparse=True
         )
     config = method.features
     if not footage.has_images:
         config = config.replace(edges="outline")
     silhouette = None if reconstruction is None else reconstruction.silhouette
-    features = features_for(device, footage.rig, footage.background, config, silhouette)
+    features = make_feature_extractor(device, footage.rig, footage.background, config, silhouette)
 
     def observe(frame: Frame) -> AnyFeatures:
         features(frame)
@@ -173,7 +173,7 @@ def observer_for(
     return observe
 
 
-def pictures_for(
+def draw_poses(
     scene: Scene, poses: np.ndarray, mesh: BodyMesh | None = None, round_ends: bool = False
 ) -> np.ndarray:
     """Draw `poses` (N, D) into pictures (N, V, H, W, 2) uint8 on the scene's device.

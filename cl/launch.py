@@ -14,7 +14,7 @@ from cl.errors import DeviceError, device_failure
 from cl.signature import Argument, Signatures
 
 
-def _enqueue_of(library: str) -> Callable[..., int] | None:
+def _load_enqueue(library: str) -> Callable[..., int] | None:
     """Return clEnqueueNDRangeKernel of the OpenCL loader that pyopencl is linked to; None if it
     cannot be reached through pyopencl (Windows)."""
     try:
@@ -27,7 +27,7 @@ def _enqueue_of(library: str) -> Callable[..., int] | None:
 
 #: Calling OpenCL directly avoids pyopencl's event, which is not used: a launch then takes 5.6 us of
 #: host time instead of 8.2 us (H200).
-_ENQUEUE = _enqueue_of(pyopencl._cl.__file__)
+_ENQUEUE = _load_enqueue(pyopencl._cl.__file__)
 
 
 #: Part of a frame's work, done when called: a `Launch`, or a computation by another library that

@@ -116,8 +116,8 @@ def try_apart(handle: Any, target: str | None) -> Probe:
         return Probe(f"it cannot be tried: {error}")
     if ended.returncode == 0:
         return Probe(**json.loads(ended.stdout.splitlines()[-1]))
-    said = [line.strip() for line in ended.stderr.splitlines() if line.strip()]
-    last = f" ({said[-1][:160]})" if said else ""
+    lines = [line.strip() for line in ended.stderr.splitlines() if line.strip()]
+    last = f" ({lines[-1][:160]})" if lines else ""
     return Probe(f"its driver ended the process of a first small kernel{last}")
 
 

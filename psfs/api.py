@@ -16,14 +16,14 @@ from cl import MissingFileError as MissingFileError
 from cl import NumpyDevice as NumpyDevice
 from cl import UserError as UserError
 from cl import select_device as select_device
-from psfs.backend import reconstructor_for
+from psfs.backend import make_reconstructor
 from psfs.common.ranges import check_kind, check_number
 from psfs.diagnostics.examination import examine
 from psfs.footage.settings import Settings
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import Volume, automatic_grid, find_volume
-from psfs.voxels.clouds import without_debris
+from psfs.voxels.clouds import remove_debris
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud
 from psfs.voxels.limits import DEBRIS_SHARE, VOXEL_EDGES
@@ -64,7 +64,7 @@ def reconstruct(
     sequence's, or found, see `automatic_grid`. colour: give the clouds the pictures' colours, if
     there are pictures. sparse: compute only bricks of voxels that can be occupied, which gives the
     same voxels in less time and memory. debris: connected parts smaller than this share of the
-    largest are dropped, see `without_debris`. all_cameras: keep cameras that disagree with the
+    largest are dropped, see `remove_debris`. all_cameras: keep cameras that disagree with the
     others; by default they are left out, with a warning in the log, see `examine`. config: settings
     of silhouettes and occupancy. Raises InputError if nothing stands out from the background,
     DeviceError if the device cannot be used.
@@ -85,7 +85,7 @@ def reconstruct(
     if sparse:
         reconstructor = session.reconstructor(grid)
     else:
-        reconstructor = reconstructor_for(
+        reconstructor = make_reconstructor(
             session.device, session.rig, grid, session.background, session.reconstruction
         )
 
@@ -93,7 +93,7 @@ def reconstruct(
         for frame in session.sequence.frames(frames):
             voxels = reconstructor(frame)
             cloud = voxels.cloud(colour=colour and frame.images is not None)
-            yield without_debris(cloud, debris)
+            yield remove_debris(cloud, debris)
 
     return clouds()
 

@@ -22,11 +22,11 @@ from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid
 
-#: The result of `reconstructor_for`.
+#: The result of `make_reconstructor`.
 AnyReconstructor = Reconstructor | NumpyReconstructor
 
 
-def reconstructor_for(
+def make_reconstructor(
     device: Device | NumpyDevice,
     rig: CameraRig,
     grid: VoxelGrid,
@@ -42,7 +42,7 @@ def reconstructor_for(
     return Reconstructor(device, rig, grid, background, config, sparse=sparse)
 
 
-def evidence_for(
+def make_evidence_function(
     device: Device | NumpyDevice,
     rig: CameraRig,
     background: Background | None,
@@ -59,14 +59,14 @@ def evidence_for(
     return lambda frame: silhouette(frame_input(frame, background)).get()
 
 
-def evidence_ahead(
+def make_evidence_pipeline(
     device: Device | NumpyDevice,
     rig: CameraRig,
     background: Background | None,
     config: SilhouetteConfig,
 ) -> Callable[[Frame], Callable[[], np.ndarray]]:
-    """Return `evidence_for` in two steps: a function that enqueues a frame and returns a second
-    function, which waits and returns the counts.
+    """Return `make_evidence_function` in two steps: a function that enqueues a frame and returns a
+    second function, which waits and returns the counts.
 
     A device overwrites the counts with those of the next frame but one.
 
@@ -74,7 +74,7 @@ def evidence_ahead(
     a core busy in a GPU's driver.
     """
     if isinstance(device, NumpyDevice):
-        evidence_of = evidence_for(device, rig, background, config)
+        evidence_of = make_evidence_function(device, rig, background, config)
         return lambda frame: partial(evidence_of, frame)
     silhouette = Silhouette(device, rig, background, config)
     download = Download(silhouette.evidence)

@@ -11,7 +11,7 @@ from cl.staging import Uploads
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.sequence import Frame, frame_input
-from psfs.silhouettes.appearance import follows
+from psfs.silhouettes.appearance import follows, looks_again
 from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.bricks import Bricks
 from psfs.voxels.config import ReconstructionConfig
@@ -35,9 +35,9 @@ class Reconstructor:
     to be only as large as the person, not the room (see `Follower`).
 
     The appearance model of the silhouettes is fitted to every frame for the next one (see
-    `Foreground`), unless `AppearanceConfig.learn` is off. The first frame is reconstructed twice,
-    the second time with the model; so is a frame after a gap, unless `AppearanceConfig.look_again`
-    is off.
+    `Foreground`), unless `AppearanceConfig.learn` is off. The first frame is reconstructed again,
+    with the model, `AppearanceConfig.first_looks` times; a frame after a gap once, unless
+    `AppearanceConfig.look_again` is off.
     """
 
     def __init__(
@@ -63,8 +63,7 @@ class Reconstructor:
             self._stages = [self.surface]
         else:
             occupancy = Occupancy(self._bricks)
-            threshold = config.occupancy.threshold
-            self.surface = Surface(device, grid.shape, occupancy.probability, threshold)
+            self.surface = Surface(device, grid.shape, occupancy.probability, config.occupancy)
             self._stages = [occupancy, self.surface]
         self.voxels = Voxels(grid, self.silhouette, self.surface, config.colour)
         self._follower = Follower(device, grid, self.surface.list) if follow else None
@@ -125,8 +124,8 @@ class Reconstructor:
         self._ahead, self.voxels.frame = None, frame
         self._carve()
         if foreground is not None:
-            if new and (before is None or appearance.look_again):
-                foreground.learn(self.voxels)  # and repeat with the appearance model
+            for _ in range(looks_again(before is None, new, appearance)):
+                foreground.learn(self.voxels)
                 self.silhouette.compute()
                 self._carve()
             foreground.learn(self.voxels)

@@ -9,19 +9,19 @@ from collections.abc import Sequence as Items
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from cl import InputError
+from psfs.background.brightness import find_bright
 from psfs.background.chroma_key import key_from_media
-from psfs.background.gaussian import Background, background_from_plates
+from psfs.background.gaussian import Background, estimate_background
 from psfs.background.mixture import Mixture
-from psfs.background.take import background_from_take
+from psfs.background.take import estimate_background_from_take
 from psfs.cameras.calibration.handedness import LEFT_HANDED, MIRROR
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up
@@ -120,7 +120,7 @@ class Sequence:
         settings = settings.over(layout.defaults)
         try:
             sequence = cls(folder, layout.name, layout.read(folder, settings), settings)
-            _check_used(stated, sequence)
+            _refuse_unused(stated, sequence)
             return sequence
         except InputError as error:
             if str(folder) in str(error):
@@ -137,7 +137,7 @@ class Sequence:
         other.rig = rig
         return other
 
-    def synchronised(self, late: Mapping[str, int]) -> Sequence:
+    def synchronise(self, late: Mapping[str, int]) -> Sequence:
         """Return the same views with late ones shifted; `late`: number of frames, by the camera's
         name."""
         before = self.settings.sync if isinstance(self.settings.sync, Mapping) else {}
@@ -173,9 +173,9 @@ class Sequence:
         indices = range(len(self))[selection or slice(None)]
         nbytes = 4 * len(self.rig) * self.rig.width * self.rig.height
         depth = max(1, min(_QUEUE_FRAMES, _QUEUE_BYTES // nbytes))
-        return prefetch(self._decoded(indices), depth)
+        return prefetch(self._decode(indices), depth)
 
-    def frames_at(self, indices: Items[int]) -> Iterator[Frame]:
+    def select_frames(self, indices: Items[int]) -> Iterator[Frame]:
         """Yield the frames of these numbers, decoded ahead of the caller if they are evenly spaced.
         Raises InputError as `frames` does."""
         steps = {second - first for first, second in pairwise(indices)}
@@ -219,10 +219,10 @@ class Sequence:
         """The empty scene, or None if frames come with masks. It is estimated on first use."""
         if self.background_kind == "gaussian":
             assert self.footage.background is not None
-            return background_from_plates(self.rig, self.footage.background)
+            return estimate_background(self.rig, self.footage.background)
         if self.background_kind == "frames":
             assert self.footage.images is not None
-            return background_from_take(self.rig, self.footage.images)
+            return estimate_background_from_take(self.rig, self.footage.images)
         if self.background_kind == "chroma":
             empty = self.footage.background
             assert self.footage.images is not None
@@ -271,7 +271,9 @@ class Sequence:
             raise InputError(f"{self.folder}: background kind {kind} needs {what}; found none")
         if kind == "frames" and self.settings.background is None:
             self.notes.append(
-                "no empty background: learnt from the frames; who never moves becomes part of it"
+                "no film of the empty scene: the background is estimated from the frames; a "
+                "person who "
+                "never moves becomes part of it"
             )
         return kind
 
@@ -314,7 +316,7 @@ class Sequence:
             for decoder in decoders:
                 decoder.close()
 
-    def _decoded(self, indices: range) -> Generator[Frame, None, None]:
+    def _decode(self, indices: range) -> Generator[Frame, None, None]:
         """Decode frames in order."""
         with self.reader() as read:
             for index in indices:
@@ -338,7 +340,7 @@ class Sequence:
         if self.background_kind == "masks":
             masks = [picture.max(axis=-1) for picture in pictures[-len(self.rig) :]]
         elif self.background_kind == "threshold":
-            masks = pool.map(self._thresholded, seen)
+            masks = pool.map(partial(find_bright, settings=self.settings), seen)
         elif self.background_kind in MIXTURES:
             masks = pool.map(mixture or self._mixture, range(len(seen)), seen)
         if images is not None:
@@ -371,22 +373,6 @@ class Sequence:
                 f"{TIMEOUT_S:g} s; expected a file that can be read"
             ) from None
 
-    def _thresholded(self, image: np.ndarray) -> np.ndarray:
-        """Return the mask (h, w) uint8 of pixels brighter than the threshold, closed with a square
-        (dilated, then eroded)."""
-        assert self.settings.threshold is not None
-        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        mask: np.ndarray = np.where(
-            grey > self.settings.threshold * 255, np.uint8(255), np.uint8(0)
-        )
-        for radius, operation in (
-            (self.settings.dilate, cv2.dilate),
-            (self.settings.erode, cv2.erode),
-        ):
-            if radius:
-                mask = operation(mask, np.ones((2 * radius + 1, 2 * radius + 1), np.uint8))
-        return mask
-
 
 def _pad(pictures: list[np.ndarray], into: np.ndarray) -> np.ndarray:
     """Copy pictures into `into` (V, H, W, ...), zero padded; those that are there already are not
@@ -399,7 +385,7 @@ def _pad(pictures: list[np.ndarray], into: np.ndarray) -> np.ndarray:
     return into
 
 
-def _check_used(stated: Settings, sequence: Sequence) -> None:
+def _refuse_unused(stated: Settings, sequence: Sequence) -> None:
     """Raise InputError for a key that the caller states and a sequence does not use."""
     kind = sequence.background_kind
     owners = {"key": "chroma", **dict.fromkeys(("threshold", "dilate", "erode"), "threshold")}

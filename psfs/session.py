@@ -18,7 +18,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from cl import Device, InputError, NumpyDevice
-from psfs.backend import AnyReconstructor, evidence_for, reconstructor_for
+from psfs.backend import AnyReconstructor, make_evidence_function, make_reconstructor
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import Reconstructor
@@ -133,7 +133,7 @@ class Session:
             sequence.keep_frames()
         return Session(sequence, self.device, self.settings)
 
-    def once(self, key: Hashable, compute: Callable[[], R]) -> R:
+    def compute_once(self, key: Hashable, compute: Callable[[], R]) -> R:
         """Return the result kept under `key`, and compute it if there is none yet."""
         if key not in self._results:
             self._results[key] = compute()
@@ -151,7 +151,7 @@ class Session:
         missing = [index for index in dict.fromkeys(wanted) if index not in found]
         if missing:
             if self._evidence_of is None:
-                self._evidence_of = evidence_for(
+                self._evidence_of = make_evidence_function(
                     self.device, self.rig, self.background, self.reconstruction.silhouette
                 )
             with self.sequence.reader(learning=False) as read:
@@ -176,21 +176,21 @@ class Session:
             return known
         # Free their memory before the next reconstructor is created.
         self._reconstructor = self._evidence_of = None
-        self._reconstructor = reconstructor_for(
+        self._reconstructor = make_reconstructor(
             self.device, self.rig, grid, self.background, self.reconstruction, sparse=True
         )
         return self._reconstructor
 
     def keep_carved(self, indices: Collection[int]) -> None:
-        """Keep the frames of these numbers when the next stage passes them to `carved_by`."""
+        """Keep the frames of these numbers when the next stage passes them to `record_carved`."""
         self._carved = _CarvedFrames(frozenset(indices))
 
-    def carved_by(self, index: int, voxels: Voxels | HostVoxels) -> None:
+    def record_carved(self, index: int, voxels: Voxels | HostVoxels) -> None:
         """Keep frame `index` as it was carved, if `keep_carved` named it."""
         if self._carved is not None:
             self._carved.add(index, voxels, self.sequence.has_images)
 
-    def carved(self, grid: VoxelGrid, indices: Items[int]) -> Iterator[CarvedFrame]:
+    def iterate_carved(self, grid: VoxelGrid, indices: Items[int]) -> Iterator[CarvedFrame]:
         """Yield the frames of `indices` as they were carved in `grid`.
 
         If all were kept, they are returned; otherwise all are reconstructed again, in their order.
@@ -199,7 +199,7 @@ class Session:
             yield from map(self._carved.get, indices)
             return
         reconstruct = self.reconstructor(grid)
-        for frame in self.sequence.frames_at(indices):
+        for frame in self.sequence.select_frames(indices):
             voxels = reconstruct(frame)
             evidence, cloud = reconstruct.evidence(), voxels.cloud(colour=frame.images is not None)
             yield CarvedFrame(frame.index, evidence > 0, evidence != UNKNOWN, cloud)
@@ -231,7 +231,7 @@ class _CarvedFrames:
     def holds(self, grid: VoxelGrid, indices: Items[int]) -> bool:
         """Return whether all frames of `indices` are kept, carved in `grid`."""
         frames = self._frames
-        return all(i in frames and frames[i][-1].grid.same_as(grid) for i in indices)
+        return all(i in frames and frames[i][-1].grid.equals(grid) for i in indices)
 
     def get(self, index: int) -> CarvedFrame:
         shown, known, cloud = self._frames[index]

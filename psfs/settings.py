@@ -6,7 +6,8 @@ flags of single settings.
 
 from __future__ import annotations
 
-from psfs.background.config import PlateConfig, ScreenConfig, TakeConfig
+from psfs.background.config import ScreenConfig
+from psfs.background.estimation_config import BackgroundModelConfig, TakeConfig
 from psfs.calibration.config import CalibrationConfig
 from psfs.common.config import Config, part
 from psfs.diagnostics.config import (
@@ -23,7 +24,9 @@ from psfs.voxels.config import EdgeConfig, ReconstructionConfig
 class BackgroundSettings(Config):
     """The estimation of the background from pictures of the empty scene."""
 
-    model: PlateConfig = part(PlateConfig, "The empty scene as a density per pixel.")
+    model: BackgroundModelConfig = part(
+        BackgroundModelConfig, "The empty scene as a density per pixel."
+    )
     screen: ScreenConfig = part(ScreenConfig, "The screen of one colour.")
     take: TakeConfig = part(TakeConfig, "The empty scene, when only the take itself shows it.")
 

@@ -17,7 +17,7 @@ from psfs.voxels.occupied_box import (
     default_voxel_size,
     largest_parts_box,
     reachable_box,
-    without_speckle,
+    remove_speckle,
 )
 
 
@@ -44,7 +44,7 @@ def automatic_grid(session: Session) -> VoxelGrid:
             voxel_size = default_voxel_size(session.rig, volume.low, volume.high, config)
         return VoxelGrid.covering(volume.low, volume.high, voxel_size)
 
-    return session.once(automatic_grid, compute)
+    return session.compute_once(automatic_grid, compute)
 
 
 def find_volume(session: Session) -> Volume:
@@ -57,7 +57,7 @@ def find_volume(session: Session) -> Volume:
     reconstructed parts do, see `VolumeConfig.floor_depth`. Raises InputError if no frame shows
     foreground.
     """
-    return session.once(find_volume, lambda: _stated_or_found(session))
+    return session.compute_once(find_volume, lambda: _find_box(session))
 
 
 def volume_config(sequence: Sequence, config: ReconstructionConfig | None = None) -> VolumeConfig:
@@ -72,7 +72,7 @@ def volume_config(sequence: Sequence, config: ReconstructionConfig | None = None
     return volume
 
 
-def _stated_or_found(session: Session) -> Volume:
+def _find_box(session: Session) -> Volume:
     stated = session.sequence.volume
     if stated is not None:
         return Volume(np.asarray(stated[0], np.float64), np.asarray(stated[1], np.float64))
@@ -83,7 +83,7 @@ def _stated_or_found(session: Session) -> Volume:
     evidence = session.evidence([frames[int(i)] for i in picked])
     search = BoxSearch(
         session.rig,
-        [without_speckle(maps) for maps in evidence],
+        [remove_speckle(maps) for maps in evidence],
         volume_config(session.sequence, config),
         config.occupancy.seeing_cameras(len(session.rig)),
     )
@@ -91,7 +91,8 @@ def _stated_or_found(session: Session) -> Volume:
     if box is None:
         raise InputError(
             f"{session.sequence.folder}: nothing stands out from the background in "
-            f"{len(picked)} of the selected frames; expected {expected_person(session.sequence)}"
+            f"{len(picked)} of the selected frames; expected "
+            f"{describe_expected_person(session.sequence)}"
         )
     return Volume(*box)
 
@@ -102,7 +103,7 @@ Box = tuple[np.ndarray, np.ndarray]
 @dataclass(frozen=True, eq=False)
 class BoxSearch:
     """Search for the box around the largest part of each frame, coarse to fine. evidence: maps of
-    each frame, from `without_speckle`. min_cameras: least number of cameras that see an occupied
+    each frame, from `remove_speckle`. min_cameras: least number of cameras that see an occupied
     voxel."""
 
     rig: CameraRig
@@ -139,11 +140,11 @@ class BoxSearch:
         return np.maximum(found[0] - margin, low), np.minimum(found[1] + margin, high)
 
 
-def expected_person(sequence: Sequence) -> str:
+def describe_expected_person(sequence: Sequence) -> str:
     """Return the advice for an error message, if nothing stands out from the background."""
     if sequence.empty_scene:
         return "a person in view of the cameras"
     return (
-        "a person who moves, since the background is learnt from the frames themselves, or "
+        "a person who moves, since the background is estimated from the frames themselves, or "
         "pictures of the empty scene in background/"
     )

@@ -28,12 +28,12 @@ from pathlib import Path
 from typing import Any
 
 from accuracy.ablation import ABLATIONS
-from accuracy.processes import do_jobs, workers_of
+from accuracy.processes import do_jobs, start_workers
 from accuracy.published import publish_suite
 from accuracy.recordings import Recording, record
 from accuracy.report import grids, headline, joints, plot, write_summary, write_tables
 from accuracy.runs import Results, run, together
-from accuracy.settings import DEFAULT_TABLES, DIMENSIONS, WITNESSES, Setting, Table
+from accuracy.settings import DEFAULT_TABLES, DIMENSIONS, OBSERVATIONS, Setting, Table
 from accuracy.suite import (
     STARTS,
     Job,
@@ -51,9 +51,10 @@ from timings.report.readme import replace_marked
 from timings.results import checked_out_commit
 from timings.tables.grid import Grid
 
-from apf.filters.config import TERMS, FilterConfig
+from apf.filters.config import FilterConfig
 from apf.filters.objectives import OBJECTIVES
 from apf.filters.searches import SEARCHES
+from apf.filters.term_weights import TERMS
 from apf.presets import PRESETS, preset
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
@@ -128,20 +129,7 @@ def main() -> int:
         help="a paper's settings, too, with --suite; with --thesis in the defaults' place",
     )
     parser.add_argument("--presets-only", action="store_true", help="without the defaults")
-    group = parser.add_argument_group("of --suite")
-    group.add_argument("--start", nargs="+", choices=STARTS, default=list(STARTS), help="both")
-    group.add_argument(
-        "--by",
-        nargs="+",
-        choices=WITNESSES,
-        default=["voxels"],
-        help="what is looked at, side by side: keypoints triangulated, voxels, keypoints in their "
-        "place, both; those of keypoints where a sequence has some (voxels)",
-    )
-    ablated = "the defaults without each of their parts, too"
-    group.add_argument("--ablation", action="store_true", help=ablated)
-    group.add_argument("--processes", type=int, default=1, metavar="P", help="at once (1)")
-    group.add_argument("--scheduler", metavar="ADDRESS", help="on the workers of a Dask cluster")
+    _add_suite_flags(parser.add_argument_group("of --suite"))
     parser.add_argument(
         "--readme",
         action="store_true",
@@ -156,6 +144,22 @@ def main() -> int:
     add_device_flag(parser)
     parser.set_defaults(run=_run)
     return run_command(parser)
+
+
+def _add_suite_flags(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--start", nargs="+", choices=STARTS, default=list(STARTS), help="both")
+    group.add_argument(
+        "--by",
+        nargs="+",
+        choices=OBSERVATIONS,
+        default=["voxels"],
+        help="the observations to compare: keypoints triangulated, voxels, keypoints in their "
+        "place, both; those of keypoints where a sequence has some (voxels)",
+    )
+    ablated = "the defaults without each of their parts, too"
+    group.add_argument("--ablation", action="store_true", help=ablated)
+    group.add_argument("--processes", type=int, default=1, metavar="P", help="at once (1)")
+    group.add_argument("--scheduler", metavar="ADDRESS", help="on the workers of a Dask cluster")
 
 
 def _run(args: argparse.Namespace) -> None:
@@ -245,7 +249,7 @@ def _run_suite(args: argparse.Namespace, device: Device) -> None:
         with ExitStack() as stack:
             client = None
             if jobs and (args.processes > 1 or args.scheduler is not None):
-                workers = workers_of(args.out, args.device, args.processes, args.scheduler)
+                workers = start_workers(args.out, args.device, args.processes, args.scheduler)
                 client = stack.enter_context(workers)
             bar = stack.enter_context(progress_bar())
             task = bar.add_task("suite", total=len(jobs))
@@ -356,7 +360,7 @@ def do_runs(
         for setting, part in todo:
             if time.monotonic() > end:
                 return
-            wanted = _recording_key(setting)
+            wanted = setting.recording
             if recording is None or wanted != shown:
                 of = silhouettes_name(setting.sequence, setting.preset)
                 name = f"{of}_{setting.cameras}cam_step{setting.step}.npz"
@@ -365,7 +369,7 @@ def do_runs(
                 frames = bar.add_task("frames")
                 advance = partial(bar.advance, frames)
                 settings = preset(setting.preset) if setting.preset else None
-                recording = record(device, folder, *wanted[1:3], cache, advance, settings)
+                recording = record(device, folder, *wanted[1:3], cache, advance, settings=settings)
                 bar.remove_task(frames)
                 shown = wanted
             bar.update(task, description=_described(setting, part))
@@ -381,11 +385,7 @@ def lacking(
     settings = dict.fromkeys(setting for part in plan.values() for setting in part)
     left = {s: [k for k in range(seeds) if results.lacks(s, k)] for s in settings}
     todo = [(s, part) for s, rest in left.items() for part in together(device, s, rest) if part]
-    return sorted(todo, key=lambda item: (_recording_key(item[0]), item[1][0]))
-
-
-def _recording_key(setting: Setting) -> tuple[str, int, int, str]:
-    return setting.sequence, setting.cameras, setting.step, setting.preset
+    return sorted(todo, key=lambda item: (item[0].recording, item[1][0]))
 
 
 def _described(setting: Setting, seeds: list[int]) -> str:

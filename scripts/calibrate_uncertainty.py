@@ -23,7 +23,7 @@ from rich.table import Table
 from apf.body.model import sideless
 from apf.evaluation.evaluate import LOST_LIMB, evaluate, load_truth
 from apf.tracking.track import Track
-from apf.tracking.uncertainty import CALIBRATION, Calibration, inside
+from apf.tracking.uncertainty import CALIBRATION, Calibration, is_inside_ellipsoid
 from cl import InputError
 from psfs.cli.commandline import add_message_flags, stdout
 from psfs.cli.program import run_command
@@ -50,7 +50,9 @@ class Sample:
 
     def share(self, scale: float, floor: float) -> float:
         """Return the share of offsets inside their ellipsoids."""
-        return float(inside(self.offsets, self.covariance(scale, floor), _SHARE).mean())
+        return float(
+            is_inside_ellipsoid(self.offsets, self.covariance(scale, floor), _SHARE).mean()
+        )
 
     def covariance(self, scale: float, floor: float) -> np.ndarray:
         return scale**2 * self.raw + floor**2 * np.eye(3)

@@ -21,8 +21,8 @@ from rich.table import Table
 
 from apf.evaluation.evaluate import evaluate, load_truth
 from apf.formats.trc import CONVENTIONS, JointSeries
-from apf.tracking.foot_contact import stances
-from apf.tracking.smoothing import SmoothingConfig, smoothed
+from apf.tracking.foot_contact import find_stances
+from apf.tracking.smoothing import SmoothingConfig, smooth_track
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cli.commandline import add_message_flags, stdout
@@ -58,7 +58,7 @@ def _run(args: argparse.Namespace) -> None:
         for poses, shown in variants(track, args.cutoff).items():
             stands = true_stances(truth, track)
             if stands is None:
-                stands = smoothed(track, SmoothingConfig(cutoff=args.cutoff)).standing
+                stands = smooth_track(track, SmoothingConfig(cutoff=args.cutoff)).standing
             n_stances, travel = slides(shown, stands)
             error = 1000 * evaluate(shown, truth).mean_error
             figures = f"{error:.2f}", f"{jitter(shown):.2f}", f"{n_stances}", f"{travel:.1f}"
@@ -70,8 +70,8 @@ def variants(track: Track, cutoff: float) -> dict[str, Track]:
     """Return the track as it is, smoothed, and smoothed with feet held."""
     return {
         "as tracked": track,
-        "smoothed": smoothed(track, SmoothingConfig(cutoff=cutoff, contact=None)),
-        "feet held": smoothed(track, SmoothingConfig(cutoff=cutoff)),
+        "smoothed": smooth_track(track, SmoothingConfig(cutoff=cutoff, contact=None)),
+        "feet held": smooth_track(track, SmoothingConfig(cutoff=cutoff)),
     }
 
 
@@ -106,7 +106,7 @@ def slides(track: Track, stands: np.ndarray) -> tuple[int, float]:
     travels = [0.0]
     for foot, side in enumerate(_SIDES):
         ankle = track.joints[:, track.joint_names.index(f"{side}_ankle"), :2]
-        for stance in stances(stands[:, foot]):
+        for stance in find_stances(stands[:, foot]):
             if stance.stop - stance.start >= _SHORTEST:
                 places = ankle[stance]
                 travels.append(np.linalg.norm(places[:, None] - places[None], axis=-1).max())

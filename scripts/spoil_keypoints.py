@@ -27,7 +27,7 @@ from apf.keypoints import Keypoints, locate_points
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import track_take
 from apf.tracking.track import Track
-from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
+from apf.tracking.triangulated import TriangulatedConfig, triangulate_track
 from cl import select_device
 from psfs.cli.commandline import add_message_flags, stdout
 from psfs.cli.program import run_command
@@ -78,7 +78,7 @@ def _run(args: argparse.Namespace) -> None:
         keypoints, clean = Keypoints.open(folder, sequence), np.nan
         for kind in KINDS:
             seen = spoilt(keypoints, kind, args.camera, args.seed)
-            without = triangulated_track(sequence, seen, TriangulatedConfig(low_pass=6.0))
+            without = triangulate_track(sequence, seen, TriangulatedConfig(low_pass=6.0))
             method = Method.of(objective=objective, seed=args.seed)
             settings = TakeSettings(method=method, keypoints=seen)
             take = track_take(Session(sequence, device), settings)

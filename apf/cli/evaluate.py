@@ -120,19 +120,19 @@ def print_evaluation(evaluation: Evaluation) -> None:
     if summary["limbs_said_to_be_lost"]:
         shares = ", ".join(f"{n} {s:.1%}" for n, s in summary["limbs_said_to_be_lost"].items())
         lines.append(
-            f"frames in which the track says that a limb is lost: {shares}; of limbs beyond "
+            f"frames in which the track reports a limb as lost: {shares}; of limbs beyond "
             f"{1000 * LOST_LIMB:.0f} mm {_share(summary['limbs_beyond_200_mm_flagged'])}, of those "
             f"within {1000 * LOST_JOINT:.0f} mm {_share(summary['limbs_within_150_mm_flagged'])}; "
             f"in 95 %, of joints without: {_share(summary['inside_95_unflagged'])}"
         )
     if summary["lost_frames"]:
         lost = spans(summary["lost_frames"])
-        lines.append(f"frames in which the track says to have lost the person: {lost}")
+        lines.append(f"frames in which the track reports the person as lost: {lost}")
     for side, names in summary["not_compared"].items():
         if names:
             lines.append(f"not compared, of the {side}: {', '.join(names)}")
     if evaluation.n_ignored:
-        lines.append(f"ignored for want of truth: {evaluation.n_ignored} joint-frames")
+        lines.append(f"ignored, because the truth is missing: {evaluation.n_ignored} joint-frames")
     for line in lines:
         stdout.print(line, soft_wrap=True)
     for warning in evaluation.warnings:

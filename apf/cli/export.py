@@ -10,6 +10,7 @@ from apf.tracking.config import SmoothingConfig
 from apf.tracking.motion_files import Export, export
 from apf.tracking.track import spans
 from psfs.cli.commandline import stdout
+from psfs.cli.setting_flags import with_flags
 from psfs.cli.settings import refuse_unused
 from psfs.common.outputs import output_folder
 
@@ -19,7 +20,7 @@ def run(args: argparse.Namespace) -> None:
         refuse_unused(args, ["cutoff"], "is of the smoothing; expected none with --raw")
     if args.to is not None and "trc" not in args.to:
         refuse_unused(args, ["axes"], "is of the TRC; expected --to trc with it")
-    config = SmoothingConfig(cutoff=args.cutoff)
+    config = with_flags(SmoothingConfig(), args)
     track = opened_track(args)
     folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
     with output_folder(folder, args.parser.prog, addition=True):
@@ -59,5 +60,5 @@ def print_export(written: Export, gait_wanted: bool) -> None:
             soft_wrap=True,
         )
     elif gait_wanted:
-        stdout.print("gait: nobody walks two steps here")
+        stdout.print("gait: no walk of two steps in this track")
     stdout.print("wrote " + ", ".join(str(path) for path in written.files), soft_wrap=True)

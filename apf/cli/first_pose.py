@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from apf.api import template_of
+from apf.api import load_template
 from apf.body import BodyModel
 from apf.initialisation import Start, StartError, initialise
 from cl import InputError
@@ -35,7 +35,7 @@ def found_start(
 ) -> tuple[BodyModel, np.ndarray]:
     """Return the body and its first pose (D,) found in the voxels; a body from a file keeps its
     shape."""
-    template, keep_shape = template_of(args.body)
+    template, keep_shape = load_template(args.body)
     with naming_init(session.sequence):
         found = initialise(
             session, template, height=args.height, keep_shape=keep_shape, seed=seed,

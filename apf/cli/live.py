@@ -20,14 +20,14 @@ from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
 from apf.live.budget import sizes
-from apf.live.captures import box_around, cameras_of
+from apf.live.captures import box_around, open_cameras
 from apf.live.config import LiveConfig
 from apf.live.error import live_errors
 from apf.live.pace import Pace, Progress
 from apf.live.pictures import fitting_factor
 from apf.live.session import Live, LiveResult, LiveStart
 from apf.live.sources import Replay, Source
-from apf.tracking.pipeline import track_of
+from apf.tracking.pipeline import build_track
 from apf.tracking.track import Track
 from cl import Device, InputError, select_device
 from psfs.cli.commandline import stderr, stdout, warn
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
     noise = method.filter.search.noise
     if method.uses_voxels and args.noise is None and "method" not in args.configs:
         noise = config.noise
-    method = method.replace(filter=method.filter.changed(velocity=0.0, noise=noise))
+    method = method.replace(filter=method.filter.with_changes(velocity=0.0, noise=noise))
     device = select_device(args.device)
     if not isinstance(device, Device):
         raise InputError("--device numpy is no device for live tracking; expected an OpenCL device")
@@ -111,7 +111,7 @@ def _live(
         result = live.run(Progress(pace.wanted, None, say, late))
     if not result.frames:
         raise InputError("no frame was tracked; expected at least one before the end")
-    track = _track(body, source, result, {**method.described(), "device": device.name})
+    track = _track(body, source, result, {**method.describe(), "device": device.name})
     write_files(args.output, track, body)
     write_settings(args.output, args, {"method": method, "live": config}, METHOD_FLAGS)
     summary = live.timeline.summary() | {"sizes": result.sizes, "scale": scale}
@@ -157,7 +157,7 @@ def _captures(args: argparse.Namespace, method: Method) -> tuple[Source, LiveSta
     start = given_start(Path(args.folder), 0, args.body, args.init, args.convention)
     if start is None:
         raise InputError("cameras have no first pose; expected --init with a pose file or joints")
-    source = cameras_of(Path(args.folder), stated(args), args.captures, args.empty)
+    source = open_cameras(Path(args.folder), stated(args), args.captures, args.empty)
     grid = None
     if method.uses_voxels:
         low, high = np.array(args.volume) if args.volume else box_around(*start)
@@ -180,7 +180,7 @@ def _track(
         replace(e, ess=padded(e.ess), beta=padded(e.beta), least_error=padded(e.least_error))
         for e in result.estimates
     ]
-    return track_of(body, source.fps, result.frames, estimates, provenance).judged
+    return build_track(body, source.fps, result.frames, estimates, provenance).judged
 
 
 def _print_summary(summary: dict[str, Any], folder: Path) -> None:

@@ -6,11 +6,11 @@ import argparse
 
 from pydantic.fields import FieldInfo
 
-from apf.cli.shape_flags import SHAPE_FLAGS, add_shape_flags, shape_settings
-from apf.filters.config import TERMS, USUAL_TERMS, likelihood_weights
+from apf.cli.shape_flags import OF_SHAPES, add_shape_flags, shape_settings
 from apf.filters.method import Method
 from apf.filters.objectives import OBJECTIVES
 from apf.filters.searches import SEARCHES
+from apf.filters.term_weights import TERMS, USUAL_TERMS, likelihood_weights
 from apf.image_objective.config import ObjectiveConfig
 from apf.settings import Settings
 from cl import InputError
@@ -32,7 +32,7 @@ _OWNERS = {
 #: Flags that apply only to image objectives, only to the voxels' likelihood, and to both.
 _OF_IMAGES = (
     *(f for p, f in _FLAGS.items() if p[0] in ("image", "features") and f not in _WEIGHTS),
-    *SHAPE_FLAGS,
+    "shape",
 )
 _OF_VOXELS = ("likelihood", "surface_weight")
 _OF_PICTURES = (*_WEIGHTS, "voxel_size", "all_cameras")
@@ -41,7 +41,7 @@ _OF_PICTURES = (*_WEIGHTS, "voxel_size", "all_cameras")
 METHOD_FLAGS = (
     *("method", "objective", "likelihood", "one_way"),
     *dict.fromkeys(_FLAGS.values()),
-    *SHAPE_FLAGS,
+    "shape",
 )
 
 
@@ -72,7 +72,7 @@ def add_method_flags(
         f"pictures (default: {','.join(USUAL_TERMS)}, and silhouette_recall where limbs are "
         "searched for)",
     )
-    add_setting_flags(group, Method, _default)
+    add_setting_flags(group, Method, _default, without=OF_SHAPES)
     add_shape_flags(parser)
 
 
@@ -92,7 +92,7 @@ def chosen_method(args: argparse.Namespace) -> Method:
     _refuse_others(args, method)
     shape = shape_settings(args)
     if args.likelihood is not None:
-        method = method.replace(filter=method.filter.changed(**_terms(args.likelihood)))
+        method = method.replace(filter=method.filter.with_changes(**_terms(args.likelihood)))
     if shape:
         method = method.replace(image=method.image.replace(**shape))
     others = ("filter.likelihood",) if method.uses_images else ("image", "features")

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from apf.backend import pictures_for
+from apf.backend import draw_poses
 from apf.body import BodyModel, load_body
 from apf.body.mesh import BodyMesh
 from apf.cli.shape_flags import shape_settings
@@ -21,6 +21,7 @@ from cl import Device, InputError, NumpyDevice, select_device
 from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import progress_bar, stdout
 from psfs.cli.sequence_flags import open_sequence, selected_frames
+from psfs.cli.setting_flags import with_flags
 from psfs.cli.settings import FILE, refuse_unused, write_settings
 from psfs.common.files import write_picture
 from psfs.common.outputs import OutputFolder, output_folder
@@ -34,7 +35,7 @@ _WHITE, _TINT = (255, 255, 255), 0.45
 def run(args: argparse.Namespace) -> None:
     if args.opengl:
         refuse_unused(args, ["round_ends", "device"], "is OpenCL's; expected none with --opengl")
-    look = ObjectiveConfig(**shape_settings(args))
+    look = with_flags(ObjectiveConfig(**shape_settings(args)), args)
     files = (args.body, look.mesh_file, look.mesh_weights, look.mesh_pose)
     given = [Path(path) for path in files if path]
     inputs = [Path(args.folder), args.track, *given]
@@ -89,7 +90,7 @@ def _drawn(
     """Render parts and edges (V, H, W, 2) uint8 of `pose` (D,); without a device by OpenGL."""
     if device is None:
         return draw_by_opengl(body, rig, pose[None], mesh)[0]
-    return pictures_for(Scene(device, rig, None, body), pose[None], mesh, round_ends)[0]
+    return draw_poses(Scene(device, rig, None, body), pose[None], mesh, round_ends)[0]
 
 
 def tinted(picture: np.ndarray, parts: np.ndarray, edges: np.ndarray) -> np.ndarray:

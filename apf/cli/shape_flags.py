@@ -5,13 +5,17 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from pydantic.fields import FieldInfo
+
 from apf.image_objective.config import ObjectiveConfig
 from cl import InputError
 from psfs.cli.commandline import path_or_name
+from psfs.cli.setting_flags import Names, add_setting_flags
 from psfs.common.config import field_choices
 
-#: The settings of `ObjectiveConfig` among these flags.
-SHAPE_FLAGS = ("shape", "shape_weights", "shape_pose", "round_ends")
+#: The settings with a flag of their own here, besides --shape.
+OF_SHAPES = ("mesh_weights", "mesh_pose", "round_ends")
+_PARSERS = {"mesh_weights": path_or_name, "mesh_pose": path_or_name}
 
 
 def add_shape_flags(parser: argparse.ArgumentParser) -> None:
@@ -27,39 +31,22 @@ def add_shape_flags(parser: argparse.ArgumentParser) -> None:
         f"({known}); or a mesh of the person, metres, that trimesh reads, made for the body of "
         "--body (default: 4)",
     )
-    group.add_argument(
-        "--shape-weights",
-        type=path_or_name,
-        metavar="NPZ",
-        help="how the bones move the mesh: weights, vertices x bones (default: the nearest cone's)",
-    )
-    group.add_argument(
-        "--shape-pose",
-        type=path_or_name,
-        metavar="P",
-        help="pose that the mesh shows, a text file (default: the body's rest)",
-    )
-    group.add_argument(
-        "--round-ends",
-        action="store_true",
-        default=None,
-        help="trapezoids with the cones' round ends",
-    )
+    add_setting_flags(group, ObjectiveConfig, _default, only=OF_SHAPES, parsers=_PARSERS)
+
+
+def _default(path: Names, field: FieldInfo) -> str:
+    usual = {"mesh_weights": "the nearest cone's", "mesh_pose": "the body's rest"}
+    return usual.get(path[-1], "off")
 
 
 def shape_settings(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the settings of an ObjectiveConfig that the flags set. Raises InputError."""
-    settings: dict[str, Any] = {}
-    if args.shape is not None and args.shape.isdigit():
-        settings |= {"vertices_per_part": int(args.shape), "mesh_file": ""}
-    elif args.shape is not None:
-        settings["mesh_file"] = args.shape
-    for flag, name in (("shape_weights", "mesh_weights"), ("shape_pose", "mesh_pose")):
-        if getattr(args, flag) is not None:
-            settings[name] = getattr(args, flag)
-            if not settings.get("mesh_file"):
-                shown = flag.replace("_", "-")
-                raise InputError(f"--{shown} is of a mesh; expected --shape FILE with it")
-    if args.round_ends is not None:
-        settings["round_ends"] = args.round_ends
-    return settings
+    """Return the settings of an ObjectiveConfig that --shape sets. Raises InputError if another
+    flag is of a mesh and --shape names none."""
+    if args.shape is not None and not args.shape.isdigit():
+        return {"mesh_file": args.shape}
+    for name, flag in (("mesh_weights", "--shape-weights"), ("mesh_pose", "--shape-pose")):
+        if getattr(args, name) is not None:
+            raise InputError(f"{flag} is of a mesh; expected --shape FILE with it")
+    if args.shape is None:
+        return {}
+    return {"vertices_per_part": int(args.shape), "mesh_file": ""}

@@ -7,15 +7,16 @@ import argparse
 from apf.cli.takes.opened_track import opened_track
 from apf.cli.track import RESULTS, write_files
 from apf.tracking.config import SmoothingConfig
-from apf.tracking.smoothing import smoothed
+from apf.tracking.smoothing import smooth_track
 from cl import InputError
 from psfs.cli.commandline import stdout
+from psfs.cli.setting_flags import with_flags
 from psfs.cli.settings import write_settings
 from psfs.common.outputs import output_folder
 
 
 def run(args: argparse.Namespace) -> None:
-    config = SmoothingConfig(cutoff=args.cutoff, lag=args.lag)
+    config = with_flags(SmoothingConfig(), args)
     folder = args.track if args.track.is_dir() else args.track.parent
     inputs = [folder, *([args.body] if args.body else [])]
     with output_folder(args.output, args.parser.prog, inputs, RESULTS):
@@ -25,7 +26,7 @@ def run(args: argparse.Namespace) -> None:
 def _smooth(args: argparse.Namespace, config: SmoothingConfig) -> None:
     track = opened_track(args)
     try:
-        track = smoothed(track, config)
+        track = smooth_track(track, config)
     except InputError as error:
         raise InputError(f"{args.track}: {error}") from None
     write_files(args.output, track, track.its_body)

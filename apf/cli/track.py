@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.api import given_start, template_of
+from apf.api import given_start, load_template
 from apf.backend import check_renderer
 from apf.body import BodyModel, save_body
 from apf.cli.first_pose import check_start, naming_init, warn_of_doubts
-from apf.cli.keypoints.flags import keypoints_of
+from apf.cli.keypoints.flags import read_keypoints
 from apf.cli.keypoints.triangulate import TRIANGULATE, run_triangulate
 from apf.cli.method_flags import METHOD_FLAGS, chosen_method
 from apf.cli.takes.job import TrackJob, chosen_seeds, take_names
@@ -29,7 +29,7 @@ from apf.report.names import PAGE
 from apf.report.overlay import write_overlay
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
-from apf.tracking.batch import at_once
+from apf.tracking.batch import run_at_once
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import Take, check_cameras, track_take
 from apf.tracking.track import PARTS, Track, spans
@@ -109,7 +109,7 @@ def track_one(
             print_outcome(judgement, line.n_frames)
         if was_interrupted(done.take.tracks[0], line.n_frames):
             raise KeyboardInterrupt
-        for line_of_spread in spread_of(done.take):
+        for line_of_spread in describe_spread(done.take):
             stdout.print(line_of_spread)
     return done.take
 
@@ -135,7 +135,9 @@ def _run_many(args: argparse.Namespace, method: Method) -> None:
         ):
             done = _tracked_and_judged(out, job, line)
             _raise_error(done.take, line.n_frames, folder)
-            report.tracked(name, done.take, line.n_frames, done.judgements, spread_of(done.take))
+            report.tracked(
+                name, done.take, line.n_frames, done.judgements, describe_spread(done.take)
+            )
             if was_interrupted(done.take.tracks[0], line.n_frames):
                 raise KeyboardInterrupt
 
@@ -144,7 +146,7 @@ def _run_many(args: argparse.Namespace, method: Method) -> None:
         with (
             output_folder(args.output, args.parser.prog, folders) as outer,
             bar,
-            closing(at_once(device, work, len(names), args.at_once)) as outcomes,
+            closing(run_at_once(device, work, len(names), args.at_once)) as outcomes,
         ):
             outer.begin()  # remove the results of an earlier single take
             for number, outcome in outcomes:
@@ -180,7 +182,7 @@ def _tracked_and_judged(out: OutputFolder, job: TrackJob, line: Line) -> Finishe
 def _opened(out: OutputFolder, job: TrackJob) -> Sequence:
     """Return the take's sequence, which keeps its frames in memory if they fit."""
     if job.method.uses_images:
-        job.method.image.mesh(template_of(job.args.body)[0])  # check the mesh files early
+        job.method.image.mesh(load_template(job.args.body)[0])  # check the mesh files early
     sequence = open_sequence(job.args)
     sequence.keep_frames()
     out.check_inputs(sequence.inputs)
@@ -202,7 +204,7 @@ def _tracked(
 ) -> Take:
     """Track a take, and write the files of each seed's track, except those of `finish_take`."""
     args, sequence = job.args, session.sequence
-    template, keep_shape = template_of(args.body)
+    template, keep_shape = load_template(args.body)
     settings = TakeSettings(
         method=job.method,
         seeds=tuple(job.seeds),
@@ -210,7 +212,7 @@ def _tracked(
         keep_shape=keep_shape,
         height=args.height,
         given=given,
-        keypoints=keypoints_of(args, sequence),
+        keypoints=read_keypoints(args, sequence),
     )
     with naming_init(sequence):
         take = track_take(session, settings, line, Keeper(job.folders))
@@ -294,7 +296,7 @@ def print_outcome(judgement: Judgement, n_frames: int) -> None:
     stdout.print(f"wrote {', '.join(judgement.files)}", soft_wrap=True)
 
 
-def spread_of(take: Take) -> list[str]:
+def describe_spread(take: Take) -> list[str]:
     """Describe the differences between several runs and, if the truth is known, their errors."""
     tracks = take.tracks
     if len(tracks) == 1:

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from apf.body.limbs import LIMB_ENDS
-from apf.evaluation.flags import FlagCounts, flagged_joints, said_lost
+from apf.evaluation.flags import FlagCounts, compute_lost_fractions, flagged_joints
 from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints, match_joints
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import JointSeries, read_trc
 from apf.tracking.track import Track
-from apf.tracking.uncertainty import inside
+from apf.tracking.uncertainty import is_inside_ellipsoid
 from cl import InputError
-from psfs.common.files import write_json, written_whole
+from psfs.common.files import open_text, write_json
 from psfs.common.npz import Values, get_scalar, read_npz
 
 #: A joint farther than this from the truth, m, counts as lost in that frame.
@@ -48,9 +48,9 @@ class Evaluation:
     (F, J, 3, 3) axes of the bone that carries each point. covariance: (F, J, 3, 3) m^2 reported by
     the track, else NaN. lost: (F,) frames that the track reports as lost; they count like all
     others. unmatched_track, unmatched_truth: names not compared. n_ignored: joint-frames without
-    truth. warnings: for the reader of the figures. said_lost: share of the frames in which the
-    track reports a limb as lost, by name; flagged: (F, J) bool, joints of such limbs in these
-    frames; they count like all others.
+    truth. warnings: for the reader of the figures. predicted_lost_fraction: share of the frames in
+    which the track reports a limb as lost, by name; flagged: (F, J) bool, joints of such limbs in
+    these frames; they count like all others.
     """
 
     joint_names: tuple[str, ...]
@@ -64,7 +64,7 @@ class Evaluation:
     unmatched_truth: tuple[str, ...]
     n_ignored: int
     warnings: tuple[str, ...]
-    said_lost: dict[str, float] = field(default_factory=dict)
+    predicted_lost_fraction: dict[str, float] = field(default_factory=dict)
     flagged: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), bool))
 
     @cached_property
@@ -112,7 +112,7 @@ class Evaluation:
         where the track reports no covariance."""
         found = np.full(self.errors.shape, np.nan)
         known = np.isfinite(self.covariance).all((-2, -1)) & np.isfinite(self.errors)
-        found[known] = inside(self.offsets[known], self.covariance[known])
+        found[known] = is_inside_ellipsoid(self.offsets[known], self.covariance[known])
         return found
 
     @cached_property
@@ -170,7 +170,9 @@ class Evaluation:
             "rest_mm": _millimetres(rest.mean()),
             "lost_joint_share": round(self.lost_share, 5),
             "lost_limbs": [limb for limb, lost in self.lost_limbs.items() if lost],
-            "limbs_said_to_be_lost": {n: round(share, 5) for n, share in self.said_lost.items()},
+            "limbs_said_to_be_lost": {
+                n: round(share, 5) for n, share in self.predicted_lost_fraction.items()
+            },
             "limbs_beyond_200_mm_flagged": _rounded(self.flags.found),
             "limbs_within_150_mm_flagged": _rounded(self.flags.falsely),
             "inside_95": _mean_share(self.inside),
@@ -193,7 +195,7 @@ class Evaluation:
     def write_csv(self, path: str | Path) -> None:
         """Write one row per frame: frame, time_s, mean_mm, then <joint>_mm, blank without truth."""
         header = ["frame", "time_s", "mean_mm", *(f"{name}_mm" for name in self.joint_names)]
-        with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+        with open_text(path) as file:
             file.write(",".join(header) + "\n")
             for frame, mean, row in zip(self.frames, self.frame_errors, self.errors, strict=True):
                 cells = ("" if np.isnan(e) else f"{1000 * e:.2f}" for e in (mean, *row))
@@ -222,6 +224,8 @@ def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
     if fps.size != 1:
         raise InputError(f"{path}: fps has the shape {fps.shape}; expected one number")
     frames = data.get("frames", np.arange(len(joints)))
+    if np.any(np.diff(frames) <= 0):
+        raise InputError(f"{path}: frames are not ascending; expected each once, in their order")
     return JointSeries(names, joints, float(get_scalar(fps)), frames.astype(np.int64))
 
 
@@ -244,7 +248,7 @@ def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
     stated = _stated(track, tuple(names))[rows]
     axes = _body_frames(true[true_rows])
     common = frames, rows
-    found = evaluation_of(track, truth, common, tuple(names), offsets, axes, covariance=stated)
+    found = evaluate_points(track, truth, common, tuple(names), offsets, axes, covariance=stated)
     kept = found.joint_names
     return replace(
         found,
@@ -267,7 +271,7 @@ def common_frames(
     return frames, rows, true_rows
 
 
-def evaluation_of(
+def evaluate_points(
     track: Track | JointSeries,
     truth: JointSeries,
     common: tuple[np.ndarray, np.ndarray],
@@ -302,7 +306,7 @@ def evaluation_of(
         unmatched_truth=(),
         n_ignored=int(missing.sum()),
         warnings=_warnings(track, truth, len(frames)),
-        said_lost=said_lost(track, rows[compared]),
+        predicted_lost_fraction=compute_lost_fractions(track, rows[compared]),
         flagged=flagged_joints(track, names)[rows][compared][:, with_truth],
     )
 

@@ -44,7 +44,7 @@ def flagged_joints(track: Track | JointSeries, names: tuple[str, ...]) -> np.nda
     return found
 
 
-def said_lost(track: Track | JointSeries, rows: np.ndarray) -> dict[str, float]:
+def compute_lost_fractions(track: Track | JointSeries, rows: np.ndarray) -> dict[str, float]:
     """Return the share of `rows` in which the track reports a limb as lost, by limb; limbs that are
     never lost are left out."""
     if not isinstance(track, Track) or track.body is None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.body.kinematics import bone_matrices
-from apf.evaluation.evaluate import Evaluation, common_frames, evaluation_of
+from apf.evaluation.evaluate import Evaluation, common_frames, evaluate_points
 from apf.evaluation.marker_sets import FOLDER, SHIPPED
 from apf.formats.trc import JointSeries
 from apf.keypoints.landmarks import Landmark, locate_points, parse_landmarks
@@ -71,7 +71,7 @@ def evaluate_markers(track: Track, markers: MarkerSet, truth: JointSeries) -> Ev
     frames, rows, true_rows = common_frames(track, truth)
     offsets = (origins[:, points.bones] + turned)[rows] - truth.joints[true_rows][:, points.columns]
     axes = rotations[rows][:, points.bones]
-    found = evaluation_of(track, truth, (frames, rows), points.names, offsets, axes)
+    found = evaluate_points(track, truth, (frames, rows), points.names, offsets, axes)
     unused = sorted(set(range(len(labels))) - set(points.columns.tolist()))
     return replace(
         found,

@@ -14,15 +14,15 @@ from apf.scene import Scene
 from cl import Step
 
 
-def voxel_likelihood(scene: Scene, config: FilterConfig, n_runs: int = 1) -> Likelihood:
+def make_voxel_likelihood(scene: Scene, config: FilterConfig, n_runs: int = 1) -> Likelihood:
     """Return the voxel likelihood for `n_runs` runs of a filter; include the keypoint term if its
     weight is not 0."""
     search = config.search
     voxels = VoxelLikelihood(scene, config.likelihood, search.n_particles, n_runs, search.velocity)
-    return with_keypoints(scene, config, voxels, n_runs)
+    return add_keypoint_term(scene, config, voxels, n_runs)
 
 
-def with_keypoints(
+def add_keypoint_term(
     scene: Scene, config: FilterConfig, base: Likelihood | None, n_runs: int = 1
 ) -> Likelihood:
     """Add the keypoint term to the likelihood `base` if the term's weight is not 0.
@@ -53,7 +53,7 @@ class AnnealedParticleFilter(DeviceTracker):
     ) -> None:
         config = config or FilterConfig()
         if likelihood is None:
-            likelihood = voxel_likelihood(scene, config, len(seeds or [0]))
+            likelihood = make_voxel_likelihood(scene, config, len(seeds or [0]))
         particles = ParticleSet(scene.opencl, scene.body, config.search, seeds)
         super().__init__(scene, likelihood, particles, config)
 

@@ -86,7 +86,7 @@ class Tracker:
         """Yield the estimate for each of `observations`."""
         return map(self.step, observations)
 
-    def errors_of(self, poses: np.ndarray) -> np.ndarray:
+    def score_poses(self, poses: np.ndarray) -> np.ndarray:
         """Score poses (N, D) against the last observation; return errors (N,) in the likelihood's
         `unit`."""
         raise NotImplementedError
@@ -134,14 +134,14 @@ class DeviceTracker(Tracker):
     def start(self, pose: np.ndarray) -> None:
         """Put all particles of all runs at `pose` (D,). Raises InputError for an impossible one."""
         self._settle()
-        self.particles.start(checked_pose(self.body, pose))
+        self.particles.start(check_pose(self.body, pose))
         self._n_frames = 0
         self.likelihood.forget()
 
     def restart(self, run: int, pose: np.ndarray) -> None:
         """Put all particles of one run at `pose` (D,), while the others go on."""
         self._settle()
-        self.particles.restart(run, checked_pose(self.body, pose))
+        self.particles.restart(run, check_pose(self.body, pose))
         self.likelihood.forget(run)
 
     def step(self, observation: Shown, keypoints: PointObservations | None = None) -> Estimate:
@@ -195,7 +195,7 @@ class DeviceTracker(Tracker):
         """Return each run's estimate for what was observed, the second half of `step_runs`."""
         return self._begin_search()()
 
-    def errors_of(self, poses: np.ndarray) -> np.ndarray:
+    def score_poses(self, poses: np.ndarray) -> np.ndarray:
         """Score poses (N, D) against the last observation; return errors (N,) in the likelihood's
         `unit`. Average them over the runs, as each run has its own colour model."""
         self._settle()
@@ -235,7 +235,7 @@ class DeviceTracker(Tracker):
             launch()
         self._n_frames += 1
         report, n_layers = self._download.fetch(), self.particles.config.n_layers
-        return lambda: unpacked(report(), self.body, self.particles.n_runs, n_layers)
+        return lambda: unpack_report(report(), self.body, self.particles.n_runs, n_layers)
 
     def _frame_launches(self, source: int) -> list[Step]:
         """Return the launches of a frame that starts from the particles in set `source`."""
@@ -259,7 +259,7 @@ class DeviceTracker(Tracker):
         raise NotImplementedError
 
 
-def checked_pose(body: BodyModel, pose: np.ndarray) -> np.ndarray:
+def check_pose(body: BodyModel, pose: np.ndarray) -> np.ndarray:
     """Return `pose` as (D,) float64 within the limits of `body`; InputError if it cannot be one."""
     pose = np.asarray(pose, np.float64)
     if pose.shape != (body.n_dof,) or not np.isfinite(pose).all():
@@ -279,7 +279,9 @@ def _symmetric_indices(n: int) -> np.ndarray:
     return np.maximum(indices, indices.T)
 
 
-def unpacked(report: np.ndarray, body: BodyModel, n_runs: int, n_layers: int) -> list[Estimate]:
+def unpack_report(
+    report: np.ndarray, body: BodyModel, n_runs: int, n_layers: int
+) -> list[Estimate]:
     """Return each run's Estimate from the downloaded `report`.
 
     The report holds, each for all runs: `ParticleSet.result` of `n_layers` layers, the lower

@@ -89,9 +89,9 @@ class SearchConfig(Config):
     )
     velocity: float = setting(
         0.5,
-        "Share of the last change that is expected again: 0 for Song et al. eq. (13), 1 for "
-        "constant velocity.",
-        "tuned: no legs are swapped at low frame rates",
+        "Share of the last change by which the next frame's particles are shifted: 0 for Song "
+        "et al. eq. (13), 1 for constant velocity.",
+        "tuned: legs are not swapped at low frame rates",
         least=0,
         most=1000,
     )
@@ -161,8 +161,8 @@ class RefinementConfig(Config):
     )
     reach: float = setting(
         0.06,
-        "Scale that voxels are weighed by in the first step; it shrinks to `scale`, so that those "
-        "far from any cone pull first (graduated non-convexity, Blake & Zisserman 1987).",
+        "Scale of the voxels' weights in the first step; it shrinks to `scale` (graduated "
+        "non-convexity, Blake & Zisserman 1987).",
         unit="m",
         above=0,
     )
@@ -178,20 +178,21 @@ class RefinementConfig(Config):
     )
     point_strength: float = setting(
         1.0,
-        "Weight of each observed point's squared distance, in deviations, against the prior's.",
-        "1 where their errors have nothing to do with each other",
+        "Weight of each observed point's squared distance, in standard deviations, relative to"
+        " the prior's.",
+        "1 for independent errors",
         above=0,
     )
     point_scale: float = setting(
         2.5,
-        "Distance at which an observed point is half missed.",
+        "Distance at which the cost of an observed point is half its maximum.",
         unit="standard deviations",
         above=0,
     )
     point_reach: float = setting(
         10.0,
-        "Scale that observed points are weighed by in the first step; it shrinks to `point_scale`, "
-        "as `reach` does.",
+        "Scale of the observed points' weights in the first step; it shrinks to `point_scale`,"
+        " as `reach` does.",
         unit="standard deviations",
         above=0,
     )
@@ -219,17 +220,18 @@ class LimbSearchConfig(Config):
 
     reach: float = setting(
         16.0,
-        "Distance within which limbs are looked for, and anywhere within their limits; 0 for not "
-        "at all.",
+        "Distance within which limbs are searched, beside a search anywhere within their "
+        "limits; 0 turns the limb search off.",
         "tuned on the synthetic walks",
         "of the body's sigmas",
         least=0,
     )
     rounds: int = setting(
         4,
-        "Number of rounds that look about the best of the round before, each half as far.",
-        "tuned on synth_box_4cam and synth_salsa_4cam_hd: without them arms that were lost were "
-        "seldom found again, for few poses that are anywhere have a forearm where its outlines are",
+        "Number of further rounds, each around the best poses of the previous round and half "
+        "as wide.",
+        "tuned on synth_box_4cam and synth_salsa_4cam_hd: without them lost arms were seldom "
+        "found again, because few random poses have the forearm in its outline",
         least=0,
     )
     round_reach: float = setting(
@@ -241,32 +243,32 @@ class LimbSearchConfig(Config):
     )
     near_margin: float = setting(
         0.01,
-        "Share by which the error must fall for a limb to be moved within that reach.",
+        "Least relative decrease of the error for a limb to be moved within `reach`.",
         "tuned on the synthetic walks",
         least=0,
     )
     far_margin: float = setting(
         0.05,
-        "Share by which the error must fall for a limb to be moved anywhere.",
+        "Least relative decrease of the error for a limb to be moved anywhere.",
         "tuned: with 0.03 limbs were moved that had been right",
         least=0,
     )
     least_recall: float = setting(
         2.0,
-        "Least weight of the silhouette recall when the best are compared: two legs may hide in "
-        "the silhouette of one.",
+        "Least weight of the silhouette recall when the best poses are compared, because both "
+        "legs may lie in the silhouette of one.",
         "tuned on the synthetic walks",
         least=0,
     )
     point_steps: int = setting(
         6,
-        "Number of Gauss-Newton steps by observed points alone, whose pose of each limb is among "
-        "those tried.",
+        "Number of Gauss-Newton steps on the observed points alone; the limbs of their result "
+        "are among the poses that are compared.",
         least=1,
     )
     point_reach: float = setting(
         60.0,
-        "Scale that observed points are weighed by in the first of these steps.",
+        "Scale of the observed points' weights in the first of these steps.",
         "by hand: about 250 px",
         "standard deviations",
         above=0,
@@ -274,7 +276,7 @@ class LimbSearchConfig(Config):
     point_width: float = setting(
         40.0,
         "Standard deviation of the prior about the mean in these steps.",
-        "by hand: as far as a limb swings in a few frames",
+        "by hand: about the motion of a limb in a few frames",
         "of the first layer's noise",
         above=0,
     )
@@ -295,18 +297,20 @@ class FilterConfig(Config):
     search: SearchConfig = part(SearchConfig, "The particles and their layers.")
     likelihood: LikelihoodConfig = part(LikelihoodConfig, "The terms of the likelihood.")
     refinement: RefinementConfig = part(
-        RefinementConfig, "What brings an estimate closer to the voxels."
+        RefinementConfig, "The refinement of the estimate on the voxels."
     )
-    limb_search: LimbSearchConfig = part(LimbSearchConfig, "The search for limbs elsewhere.")
+    limb_search: LimbSearchConfig = part(
+        LimbSearchConfig, "The search for better poses of single limbs."
+    )
     keypoints: KeypointConfig = part(KeypointConfig, "The observed points.")
 
     @classmethod
     def of(cls, **settings: Any) -> FilterConfig:
         """Return the defaults, except for single `settings`. Raises InputError for bad values and
         TypeError for unknown names."""
-        return cls().changed(**settings)
+        return cls().with_changes(**settings)
 
-    def changed(self, **settings: Any) -> FilterConfig:
+    def with_changes(self, **settings: Any) -> FilterConfig:
         """Return a copy of these settings with single ones changed, named as in `of`."""
         unknown = sorted(settings.keys() - _PATHS.keys())
         if unknown:
@@ -329,7 +333,7 @@ class FilterConfig(Config):
     def by_points(self) -> FilterConfig:
         """Settings of the refinement that moves limbs to observed points."""
         search = self.limb_search
-        return self.changed(
+        return self.with_changes(
             refinement_steps=search.point_steps, refinement_point_reach=search.point_reach,
             refinement_width=search.point_width,
         )  # fmt: skip
@@ -344,7 +348,7 @@ class FilterConfig(Config):
         with the time between frames."""
         longer, settings = SIGMA_FPS / fps, self.settings
         growing = ["noise", *(f"{t.name}_{s}" for t in REGISTERED.values() for s in t.per_interval)]
-        return self.changed(**{name: settings[name] * longer for name in growing})
+        return self.with_changes(**{name: settings[name] * longer for name in growing})
 
 
 #: Parts whose settings have names of their own; those of all others begin with the part's.
@@ -357,58 +361,3 @@ def _short(path: tuple[str, ...]) -> str:
 
 #: The path of names to each single setting, by the setting's name in `FilterConfig.of`.
 _PATHS = {_short(path): path for path, _ in fields_below(FilterConfig)}
-
-
-def _usual_terms() -> dict[str, str]:
-    """Return the settings that weigh the terms which are on by default, by the term's name."""
-    default = LikelihoodConfig()
-    return {
-        "edge": "edge_weight",
-        "silhouette": "silhouette_weight",
-        "surface": "surface_weight",
-        "overlap": "overlap_weight",
-        "posture": "posture_prior_weight",
-        **{name: f"{name}_weight" for name in default.terms},
-        "pictures": "foreground_join_on",
-    }
-
-
-def _other_terms() -> dict[str, tuple[str, float]]:
-    """Return those of the other terms, with the weight that they have when they are chosen by name.
-    Silhouette recall weighs as in the limb search; keypoints by hand."""
-    usual = LikelihoodConfig().terms
-    others = {t.name: (f"{t.name}_weight", t.chosen_weight) for t in REGISTERED.values()}
-    return {
-        "silhouette_recall": ("silhouette_recall_weight", 2.0),
-        **{name: weighed for name, weighed in others.items() if name not in usual},
-        "keypoints": ("keypoints_weight", 4.0),
-    }
-
-
-_USUAL_TERMS, _OTHER_TERMS = _usual_terms(), _other_terms()
-#: The default weight of keypoints where another option than their weight turns them on.
-KEYPOINTS_ON = dict([_OTHER_TERMS["keypoints"]])
-USUAL_TERMS = tuple(_USUAL_TERMS)
-TERMS = (*USUAL_TERMS, *_OTHER_TERMS)
-
-
-def likelihood_weights(text: str) -> dict[str, float]:
-    """Return the settings of a FilterConfig for `edge,silhouette=2`: these terms with their default
-    weights or the stated ones, all others 0, in the limb search, too.
-
-    Raises InputError for unknown terms and bad weights.
-    """
-    defaults = FilterConfig().settings
-    usual = {term: (name, defaults[name]) for term, name in _USUAL_TERMS.items()} | _OTHER_TERMS
-    weights = {name: type(weight)(0) for name, weight in usual.values()}
-    weights["limb_search_least_recall"] = 0.0
-    for entry in text.split(","):
-        term, _, value = entry.partition("=")
-        if term not in TERMS:
-            raise InputError(f"likelihood {text!r}: no term {term!r}; expected {', '.join(TERMS)}")
-        name, weight = usual[term]
-        try:
-            weights[name] = type(weight)(float(value or weight))
-        except ValueError:
-            raise InputError(f"likelihood {text!r}: {value!r} is no weight of {term}") from None
-    return weights

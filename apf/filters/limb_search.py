@@ -25,7 +25,7 @@ def limb_ranges(body: BodyModel) -> np.ndarray:
     return np.clip(body.limits, -np.pi, np.pi)
 
 
-def n_near(n: int) -> int:
+def count_near(n: int) -> int:
     """Return how many of `n` poses, the mean included, are drawn with their limb near the mean."""
     return (n + 1) // 2
 
@@ -66,8 +66,8 @@ class LimbSearch(Stage):
         self.n_dof = n = body.n_dof
         self._n_particles = config.search.n_particles
         limbs = limb_masks(body)
-        looked_for = config.searches_limbs and likelihood.refines
-        self._n_limbs = len(limbs) if looked_for else 0
+        is_used = config.searches_limbs and likelihood.refines
+        self._n_limbs = len(limbs) if is_used else 0
         self._per_run = 1 + 2 * self._n_limbs
         self._group = _GPU_GROUP if device.is_gpu else _CPU_GROUP
         super().__init__(
@@ -148,7 +148,7 @@ class LimbSearch(Stage):
             (self.n_dof, n, self._n_runs),
             stated_group(self.device, 32, 8, 1),
             n=n,
-            n_near=n_near(n),
+            n_near=count_near(n),
             layer=self.config.search.n_layers,
             reach=self.config.limb_search.reaches[0],
             seeds=self._seeds,
@@ -170,7 +170,7 @@ class LimbSearch(Stage):
             (self._group * self._per_run, self._n_runs),
             (self._group, 1),
             n=self._n_particles,
-            n_near=n_near(self._n_particles),
+            n_near=count_near(self._n_particles),
             layer=self.config.search.n_layers + following,
             reach=reaches[following] if following < len(reaches) else 0.0,
             seeds=self._seeds,

@@ -8,11 +8,12 @@ from typing import Any
 
 from pydantic import model_validator
 
-from apf.filters.config import KEYPOINTS_ON, FilterConfig
+from apf.filters.config import FilterConfig
 from apf.filters.objectives import OBJECTIVES, ObjectiveSpec
 from apf.filters.searches import SEARCHES
 from apf.filters.searches.sir import SirConfig
 from apf.filters.searches.swarm import SwarmConfig
+from apf.filters.term_weights import KEYPOINTS_ON
 from apf.image_objective.config import FeatureConfig, ObjectiveConfig
 from psfs.common.config import Config, part, setting, with_parts
 
@@ -37,23 +38,28 @@ class Method(Config):
     )
     objective: str = setting(
         "voxel",
-        "What is searched for: the voxels' likelihood, keypoints alone, or a function of image "
-        "features (Rymut 2016 eq. 4.46-4.50).",
+        "Objective: the voxels' likelihood, keypoints alone, or a function of image features "
+        "(Rymut 2016 eq. 4.46-4.50).",
         "Song et al.",
         choices=OBJECTIVES,
     )
     recover: bool = setting(
         True,
-        "Whether a person who was lost is looked for again, which no paper does.",
+        "Whether to search again for a lost person; none of the papers does.",
         "docs/tracking.md",
     )
     both_ways: bool = setting(
         True,
-        "Whether a take is tracked back, too, see `apf.tracking.two_way`; image features are not.",
+        "Whether a take is also tracked backward, see `apf.tracking.two_way`; not with image "
+        "features.",
         "docs/accuracy.md",
     )
     runs: int = setting(
-        2, "Number of runs, each both ways, that make a track then.", "docs/accuracy.md", least=1
+        2,
+        "Number of runs, each with a forward and a backward pass, that are then fused into a "
+        "track.",
+        "docs/accuracy.md",
+        least=1,
     )
     filter: FilterConfig = part(
         FilterConfig,
@@ -63,7 +69,7 @@ class Method(Config):
     swarm: SwarmConfig = part(SwarmConfig, "Settings of the particle swarm.")
     sir: SirConfig = part(SirConfig, "Settings of the particle filter with resampling.")
     image: ObjectiveConfig = part(ObjectiveConfig, "Settings of the objectives over images.")
-    features: FeatureConfig = part(FeatureConfig, "Which image features are looked at.")
+    features: FeatureConfig = part(FeatureConfig, "The image features.")
 
     @model_validator(mode="before")
     @classmethod
@@ -77,7 +83,7 @@ class Method(Config):
         if name == "keypoints":
             config = values.get("filter") or FilterConfig()
             if not config.keypoints.weight > 0:
-                return {**values, "filter": config.changed(**KEYPOINTS_ON)}
+                return {**values, "filter": config.with_changes(**KEYPOINTS_ON)}
         return values
 
     @classmethod
@@ -130,9 +136,9 @@ class Method(Config):
         default weight if they have none."""
         room = max(self.filter.keypoints.room, n_sightings)
         weight = {} if self.uses_keypoints else KEYPOINTS_ON
-        return self.replace(filter=self.filter.changed(keypoints_room=room, **weight))
+        return self.replace(filter=self.filter.with_changes(keypoints_room=room, **weight))
 
-    def described(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, Any]:
         """Return the settings that were used, for a track's provenance."""
         own = {**SEARCHES[self.search].settings, **self._objective.settings}
         return {

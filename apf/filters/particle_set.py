@@ -17,6 +17,9 @@ from cl.workgroups import pack_defines, stated_group
 _LARGEST_GROUP = 1024
 #: Particles that a CPU's work-group diffuses: PoCL alone would make one group, on one core.
 _CHILDREN = 8
+#: Packs of a CPU's work-item are a multiple of this in the kernels: one program serves all usual
+#: numbers of particles.
+_MANY_PACKS = 64
 #: Bits to which the exponent's logarithm is computed: more than single precision resolves.
 _BITS = 18
 #: The exponent's logarithm to base 2 lies between -20 and 20: errors in float need no larger range.
@@ -243,6 +246,8 @@ def _defines(device: Device, n: int, n_dof: int) -> dict[str, int]:
     defines = pack_defines(device, min(largest, max(64, 1 << (n - 1).bit_length() >> 1)))
     rounds = math.ceil(_BITS / math.log2(n_betas + 1))
     run = -(-n // (defines["GROUP"] * defines["PACK"]))
+    if not device.is_gpu:
+        run = _MANY_PACKS * -(-run // _MANY_PACKS)
     return defines | {"N_DOF": n_dof, "N_BETAS": n_betas, "ROUNDS": rounds, "RUN": run}
 
 

@@ -84,15 +84,15 @@ class Refinement:
         voxels are used, and to the observed points; no launches with 0 steps."""
         if self.config.steps == 0:
             return []
-        launches, poses = self._met(points, results)
+        launches, poses = self._solve_launches(points, results)
         return [*launches, self._end(self.config.steps, results, poses)]
 
     def shift_launcher(self, points: Array | None, results: Array) -> list[Launch]:
         """Return the launches that write to `shift` (n_poses, D) how far the fit would move
         `results`, which do not change; the cost after the last step is not evaluated."""
-        return self._met(points, results)[0]
+        return self._solve_launches(points, results)[0]
 
-    def _met(self, points: Array | None, results: Array) -> tuple[list[Launch], Array]:
+    def _solve_launches(self, points: Array | None, results: Array) -> tuple[list[Launch], Array]:
         """Return the launches of all steps, and the pose after the last one."""
         config, poses = self.config, results
         reaches = config.reaches

@@ -93,7 +93,9 @@ class ParticleSwarm(DeviceTracker):
         config: FilterConfig,
         swarm: SwarmConfig | None = None,
     ) -> None:
-        config = config.changed(trunk_layers=0)  # particles scatter once a frame, all of the body
+        config = config.with_changes(
+            trunk_layers=0
+        )  # particles scatter once a frame, all of the body
         self._swarm = Swarm(scene.opencl, scene.body, config.search, swarm or SwarmConfig())
         super().__init__(scene, likelihood, self._swarm, config)
 

@@ -50,7 +50,7 @@ class ProximityConfig(Config):
         "exp(-decay (d - nearest)) (eq. 4.28).",
         "it discriminates more sharply (Rymut 2016, 4.5)",
         flag="--proximity",
-        flag_help=f"image objectives: {', '.join(PROXIMITIES)}",
+        flag_help="image objectives: function of the distance to edges",
     )
     nearest: float = setting(
         0.0,
@@ -127,7 +127,7 @@ class FeatureConfig(Config):
         "Where edges come from.",
         "Canny's track no better and take longer, Rymut 2016, 2.1",
         flag="--edges",
-        flag_help=f"image objectives: {', '.join(EDGE_KINDS)}",
+        flag_help="image objectives: where edges come from",
     )
     threshold: float = setting(
         60.0,
@@ -245,20 +245,29 @@ class ObjectiveConfig(Config):
         "",
         "File (npz) of how the bones move the mesh, see `load_mesh`; by default the nearest cone's "
         "bone does.",
+        flag="--shape-weights",
+        flag_help="how the bones move the mesh: weights, vertices x bones",
+        metavar="NPZ",
     )
     mesh_pose: str = setting(
-        "", "Text file of the pose that the mesh shows, if it is not the rest pose."
+        "",
+        "Text file of the pose that the mesh shows, if it is not the rest pose.",
+        flag="--shape-pose",
+        flag_help="pose that the mesh shows, a text file",
+        metavar="P",
     )
     round_ends: bool = setting(
         False,
         "Whether trapezoids have the round ends of the voxels' likelihood; Rymut's have none.",
+        flag="--round-ends",
+        flag_help="trapezoids with the cones' round ends",
     )
     renderer: Literal["opencl", "opengl"] = setting(
         "opencl",
         "What draws and counts the hypotheses: kernels, which store no pictures, or hardware "
         "rendering, which draws no round ends (Rymut 2016, 5.2 and 5.3).",
         flag="--renderer",
-        flag_help="image objectives: opencl, opengl",
+        flag_help="image objectives: what draws the hypotheses",
     )
 
     @model_validator(mode="after")

@@ -109,7 +109,7 @@ class Features:
         """Return the launch that fills `maps`."""
         proximity = self.config.proximity
         found = (self._evidence, self._edges, self.roi, proximity.table(self.rig), self.maps)
-        return distance_launch(self.device, *found, proximity.metric)
+        return distance_launch(self.device, *found, metric=proximity.metric)
 
     def _launch(self, name: str, more_rows: int, /, **arrays: Array) -> Launch:
         """Return the launch of a kernel over all pixels, and `more_rows` beside them."""
@@ -145,6 +145,7 @@ def distance_launch(
     roi: Array,
     table: np.ndarray,
     maps: Array,
+    *,
     metric: str = "euclidean",
 ) -> Launch:
     """Return the launch that fills `maps` (V, H, W, 2) uint8 within the regions `roi` (V, 4).

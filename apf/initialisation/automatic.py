@@ -13,8 +13,8 @@ from apf.body.model import BodyModel
 from apf.body.stature import HIP_SHARE, has_feet, has_head, is_whole, stature
 from apf.filters.config import FilterConfig
 from apf.initialisation.config import StartConfig
-from apf.initialisation.hypotheses import Hypothesis, close
-from apf.initialisation.kept_voxels import between, person_points
+from apf.initialisation.hypotheses import Hypothesis, select_close
+from apf.initialisation.kept_voxels import cut_by_height, select_person_points
 from apf.initialisation.pose_search import PoseSearch, SearchTask
 from apf.initialisation.shape_fit import Cloud, fit_shape
 from apf.initialisation.shape_model import ShapeModel
@@ -34,8 +34,8 @@ def find_start(
     every: int = 1,
     config: StartConfig | None = None,
 ) -> Start:
-    """Fit the template, the scene's body, to the person in the `voxels` (see `stored`) of the first
-    frames.
+    """Fit the template, the scene's body, to the person in the `voxels` (see `store_voxels`) of the
+    first frames.
 
     Every `every`-th frame is fitted; the frames between them only lead from one to the next. In the
     first, the last and some middle ones of the fitted frames, search over all headings. From the
@@ -60,11 +60,11 @@ def find_start(
         other = (seed + (len(found) << 32)) % 2**64
         task = SearchTask(height, keep_shape, other, way)
         search = PoseSearch(scene, task, config)
-        tracking = config.filter.changed(noise=noise, seed=other)
+        tracking = config.filter.with_changes(noise=noise, seed=other)
         fitting = _Fitting(search, shown, every, clouds, tracking, progress)
         # the products are small: BLAS threads would only wait for each other
         with threadpool_limits(1, "blas"):
-            found.append(attempt(fitting))
+            found.append(run_attempt(fitting))
     best = min(found, key=lambda one: one.fit.cost)
     if best.registration_error > config.acceptance.hopeless:
         raise StartError(
@@ -90,7 +90,7 @@ def _select_observations(
     """Return the voxels for the trackers, up to the frame in which the person leaves, and the
     person's points in every `every`-th of them; both restricted to the part of the person that the
     scene's body models."""
-    people = _people(voxels[::every], config)
+    people = _find_people(voxels[::every], config)
     voxels = voxels[: (len(people) - 1) * every + 1]
     margin = config.search.part_margin
     part = (
@@ -102,7 +102,7 @@ def _select_observations(
         return voxels, clouds
     low, high = np.median([cloud.heights for cloud in clouds], 0)
     ends = [low + share * (high - low) for share in part]
-    return [between(scene.device, frame, *ends) for frame in voxels], clouds
+    return [cut_by_height(scene.device, frame, *ends) for frame in voxels], clouds
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ class _Fitting:
 
     def __call__(self, found: Hypothesis, anchor: int) -> Fit:
         search = self.search
-        poses = self._followed(search.model.body(found.shape), found.pose, anchor)
+        poses = self._track_both_ways(search.model.body(found.shape), found.pose, anchor)
         fitted = fit_shape(
             search.template, self.clouds, found.shape, poses, search.task.height,
             config=search.config.shape, free=None if search.free else (),
@@ -160,7 +160,7 @@ class _Fitting:
         ahead = search.walking_factor(search.model.body(shape), found_poses)
         return Fit(found, float(np.mean([h.cost for h in found])) * ahead)
 
-    def _followed(self, body: BodyModel, pose: np.ndarray, anchor: int) -> np.ndarray:
+    def _track_both_ways(self, body: BodyModel, pose: np.ndarray, anchor: int) -> np.ndarray:
         """Return poses (M, D), tracked from the one in frame `anchor` to both ends."""
         search, every = self.search, self._every
         poses = np.tile(pose, (len(self._voxels), 1))
@@ -185,10 +185,10 @@ class Attempt:
         return float(np.mean([h.registration_error for h in self.fit.found]))
 
 
-def attempt(fitting: _Fitting) -> Attempt:
+def run_attempt(fitting: _Fitting) -> Attempt:
     search, headings = fitting.search, fitting.search.config.headings
-    anchor, hypotheses = _best_frame(search, fitting.fitted, fitting.clouds)
-    likely = close(hypotheses, headings.max_first_ratio)
+    anchor, hypotheses = _find_best_frame(search, fitting.fitted, fitting.clouds)
+    likely = select_close(hypotheses, headings.max_first_ratio)
     found = search.distinct([fitting.limbs(h, anchor) for h in likely], headings.n_kept)
     fits = sorted((fitting(h, anchor) for h in search.close(found)), key=lambda fit: fit.cost)
     costs = [h.cost for h in fits[0].found]
@@ -200,22 +200,22 @@ def attempt(fitting: _Fitting) -> Attempt:
     return Attempt(min(again, fits[0], key=lambda fit: fit.cost), rival)
 
 
-def _people(voxels: Sequence[Any], config: StartConfig) -> list[np.ndarray]:
+def _find_people(voxels: Sequence[Any], config: StartConfig) -> list[np.ndarray]:
     """Return the person's points (N, 3) m in each frame, up to the first frame without a person.
     Raises StartError if that is the first one."""
     least = config.frames.min_voxels
-    people = [person_points(v.grid, v.cloud().indices, config.frames) for v in voxels]
+    people = [select_person_points(v.grid, v.cloud().indices, config.frames) for v in voxels]
     shown = [len(points) >= least for points in people]
     if not shown[0]:
-        later = "; somebody comes in after it" if any(shown) else ""
+        later = "; a person appears later" if any(shown) else ""
         raise StartError(
-            f"nobody is in the first frame: {len(people[0])} surface voxels of "
+            f"no person is in the first frame: {len(people[0])} surface voxels of "
             f"{voxels[0].grid.voxel_size:g} m; expected at least {least} of a person{later}"
         )
     return people[: [*shown, False].index(False)]
 
 
-def _best_frame(
+def _find_best_frame(
     search: PoseSearch, voxels: Sequence[Any], clouds: Sequence[Cloud]
 ) -> tuple[int, list[Hypothesis]]:
     """Return the frame in which the search fits best, and its hypotheses."""

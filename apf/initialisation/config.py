@@ -22,15 +22,15 @@ class FrameChoice(Config):
     n_fitted: int = setting(10, "Number of frames that the body is fitted to.", least=1)
     duration: float = setting(
         1.0,
-        "Time over which these are spread: a stride, so that legs part.",
-        "who stoops for 0.8 s comes out a hundredth shorter by those, and a high kick in 1.2 s "
-        "does the same",
+        "Time over which these frames are spread; as long as a stride, so that the legs separate.",
+        "a person who stoops for 0.8 s is estimated 1 % too short, and so is one with a high "
+        "kick within 1.2 s",
         "s",
         above=0,
     )
     n_between: int = setting(
         1,
-        "Number of frames, about, between two of them, which only lead from one to the next.",
+        "Approximate number of frames between two fitted ones, which are only tracked.",
         least=0,
     )
     n_searched: int = setting(
@@ -43,27 +43,27 @@ class FrameChoice(Config):
     )
     min_part: float = setting(
         0.05,
-        "Share of the largest connected part below which another is debris, unless it is near.",
+        "Share of the largest connected part below which another part is debris, unless it is "
+        "near.",
         least=0,
         most=1,
     )
     min_near_part: float = setting(
         0.01,
-        "The same share for parts near those that are no debris: a head without its neck.",
+        "The same share for parts near those that are not debris, such as a head without its neck.",
         least=0,
         most=1,
     )
     near: float = setting(0.15, "Distance within which a part is near.", unit="m", least=0)
     n_looks: int = setting(
         12,
-        "Number of later frames that are looked at for one in which the person stands taller; 0 "
-        "for none.",
+        "Number of later frames that are searched for one in which the person stands taller; 0"
+        " turns the search off.",
         least=0,
     )
     taller: float = setting(
         1.08,
-        "Factor by which the person must stand taller there; else the first frames show the person "
-        "well enough.",
+        "Factor by which the person must stand taller in such a frame for it to be used.",
         "by hand",
         least=1,
     )
@@ -77,30 +77,30 @@ class HeadingConfig(Config):
     n_headings: int = setting(
         8, "Number of headings from which the search begins, evenly around.", least=1
     )
-    n_kept: int = setting(3, "Number of the best headings that go on.", least=1)
+    n_kept: int = setting(3, "Number of best headings that are pursued.", least=1)
     separation: float = setting(
         0.8,
-        "Least angle between their directions: the same direction need not go on twice.",
+        "Least angle between the pursued headings.",
         unit="rad",
         least=0,
     )
     max_first_ratio: float = setting(
         1.4,
-        "Ratio to the least cost up to which limbs are searched for in a hypothesis: limbs amiss "
-        "cost up to a third more.",
+        "Ratio to the least cost up to which the limbs of a hypothesis are searched; wrong "
+        "limbs cost up to a third more.",
         least=1,
     )
     max_cost_ratio: float = setting(
-        1.2, "Ratio to the least cost up to which hypotheses are then followed.", least=1
+        1.2, "Ratio to the least cost up to which hypotheses are then tracked.", least=1
     )
     backwards_cost: float = setting(
         0.25,
-        "Share by which a cost grows when the person goes backwards: people look where they go.",
+        "Share by which the cost grows if the person moves backwards, which people seldom do.",
         least=0,
     )
     min_way: float = setting(
         0.25,
-        "Distance that the person must move over the first frames for that to count.",
+        "Distance that the person must move over the first frames for `backwards_cost` to apply.",
         unit="m",
         least=0,
     )
@@ -113,7 +113,7 @@ class SpreadConfig(Config):
 
     root_horizontal: float = setting(
         0.08,
-        "Standard deviation of the root along x and y: the voxels' middle says where it is.",
+        "Standard deviation of the root along x and y around the middle of the voxels.",
         unit="m",
         least=0,
     )
@@ -169,7 +169,7 @@ class PoseSearchConfig(Config):
     )
     n_limb_starts: int = setting(
         4,
-        "Number of poses from which a limb is searched for: as it was, at rest, and elsewhere.",
+        "Number of initial poses of a limb's search: the present one, at rest, and random.",
         least=1,
     )
     n_size_steps: int = setting(
@@ -177,21 +177,21 @@ class PoseSearchConfig(Config):
     )
     trunk_low: float = setting(
         0.5,
-        "Share of the height above which the trunk stands amid the voxels.",
+        "Share of the height above which the voxels' middle is that of the trunk.",
         "from the hips to the chest (Drillis & Contini 1966)",
         least=0,
         most=1,
     )
     trunk_high: float = setting(
         0.75,
-        "Share of the height below which the trunk stands amid the voxels.",
+        "Share of the height below which the voxels' middle is that of the trunk.",
         "from the hips to the chest (Drillis & Contini 1966)",
         least=0,
         most=1,
     )
     part_margin: float = setting(
         0.1,
-        "Share of the height beyond the hips up to which voxels are looked at for a body without "
+        "Share of the height beyond the hips up to which voxels are used for a body without "
         "head or feet.",
         "the belly ends there",
         least=0,
@@ -218,7 +218,9 @@ class CostConfig(Config):
     )
     bend_range: float = setting(0.25, "Share of an axis's range.", above=0)
     overlap: float = setting(
-        0.1, "Unexplained share that counts as much as parts wholly in each other.", least=0
+        0.1,
+        "Unexplained share that counts as much as parts that lie wholly inside each other.",
+        least=0,
     )
 
     def of(self, error: float, registration_error: float) -> float:
@@ -247,13 +249,14 @@ class ShapePrior(Config):
     stature: float = setting(
         0.005,
         "Standard deviation of a known stature.",
-        "as exactly as people state it",
+        "about the accuracy with which people state it",
         "m",
         above=0,
     )
     angle: float = setting(
         1.0,
-        "Standard deviation of an angle from rest; it only decides what the voxels leave open.",
+        "Standard deviation of an angle from rest; low, so that it matters only where the "
+        "voxels do not determine the pose.",
         unit="rad",
         above=0,
     )
@@ -268,15 +271,16 @@ class StandingConfig(Config):
     height: float = setting(0.0, "Height of the floor.", "by definition", "m")
     reach: float = setting(
         0.3,
-        "Height above the floor below which the lowest voxels of a person are who stands on it; 0 "
-        "for nobody.",
-        "by hand: feet and shins that silhouettes lose are shorter",
+        "Height of the lowest voxels above the floor below which a person counts as standing "
+        "on it; 0 turns this off.",
+        "by hand: more than the height of feet and shins that are missing in silhouettes",
         "m",
         least=0,
     )
     below: float = setting(
         0.1,
-        "Depth below the floor down to which the lowest voxels may lie: thick hulls.",
+        "Depth below the floor down to which the lowest voxels may lie, since hulls are "
+        "thicker than people.",
         unit="m",
         least=0,
     )
@@ -289,7 +293,7 @@ class StandingConfig(Config):
     )
     lifted: float = setting(
         0.1,
-        "Height of both feet over the floor that counts half (Geman & McClure 1987).",
+        "Height of both feet over the floor at which the prior counts half (Geman & McClure 1987).",
         unit="m",
         above=0,
     )
@@ -304,12 +308,13 @@ class ShapeFitConfig(Config):
 
     SOURCE: ClassVar = TUNED
 
-    prior: ShapePrior = part(ShapePrior, "What is known of people's shapes.")
-    standing: StandingConfig = part(StandingConfig, "What is known of their feet.")
+    prior: ShapePrior = part(ShapePrior, "The prior on people's shapes.")
+    standing: StandingConfig = part(StandingConfig, "The prior on their feet.")
     n_distances: float = setting(
         300.0,
-        "Number of independent distances that all clouds together count as. The body is not made "
-        "of cones, and wrong in the same way in every frame: more frames know no more of it.",
+        "Effective number of independent distances of all clouds together. It does not grow "
+        "with the number of frames, because the errors of the cones are the same in every "
+        "frame.",
         above=0,
     )
     noise: float = setting(0.02, "Standard deviation of one of them.", unit="m", above=0)
@@ -342,8 +347,8 @@ class AcceptanceConfig(Config):
 
     good: float = setting(
         0.3,
-        "Registration error above which a start is looked for again with other random numbers: "
-        "what chance decides, several attempts decide better, and the score tells which.",
+        "Registration error above which the start is searched again with other random numbers;"
+        " the attempt with the least cost is used.",
         least=0,
     )
     n_attempts: int = setting(3, "Number of attempts in all.", least=1)
@@ -353,21 +358,22 @@ class AcceptanceConfig(Config):
     )
     ambiguous: float = setting(
         1.15,
-        "Factor of misfit below which another hypothesis makes longer looks worth their time.",
+        "Factor of misfit below which another hypothesis is so close that the start is "
+        "searched again over more frames.",
         "`hard_skirt_4cam`: 1.0 to 1.12, one start in five turned about; laboratory sequences: "
         "1.23 and more",
         least=1,
     )
     longer: float = setting(
         2.5,
-        "Factor of the time that is looked at then, with twice as many frames.",
-        "of `hard_skirt_4cam` no start in five is turned about; with 2 one is",
+        "Factor by which the time span of that search is longer; it uses twice as many frames.",
+        "no start out of five of `hard_skirt_4cam` has the opposite heading; with 2 one has",
         least=1,
     )
     stout: float = setting(
         3.0,
-        "Girth above the template's from which on a start is doubtful: hardly anybody who stands "
-        "has one.",
+        "Excess of girth over the template's from which on a start is doubtful, because hardly"
+        " any standing person has it.",
         unit="standard deviations of the prior",
         least=0,
     )
@@ -376,13 +382,13 @@ class AcceptanceConfig(Config):
 class StartConfig(Config):
     """All settings of the automatic start."""
 
-    frames: FrameChoice = part(FrameChoice, "Which frames it looks at.")
-    headings: HeadingConfig = part(HeadingConfig, "Which directions a person may look in.")
-    spread: SpreadConfig = part(SpreadConfig, "How far searches without a pose spread.")
+    frames: FrameChoice = part(FrameChoice, "The frames of the start.")
+    headings: HeadingConfig = part(HeadingConfig, "The headings that are tried.")
+    spread: SpreadConfig = part(SpreadConfig, "The noise of searches without a known pose.")
     search: PoseSearchConfig = part(PoseSearchConfig, "The searches for a pose in one frame.")
-    cost: CostConfig = part(CostConfig, "What hypotheses are compared by.")
+    cost: CostConfig = part(CostConfig, "The cost by which hypotheses are compared.")
     shape: ShapeFitConfig = part(ShapeFitConfig, "The fit of the body's shape.")
-    acceptance: AcceptanceConfig = part(AcceptanceConfig, "When a start is good enough.")
+    acceptance: AcceptanceConfig = part(AcceptanceConfig, "The conditions for a good start.")
     filter: FilterConfig = Field(
         default_factory=partial(
             FilterConfig.of,

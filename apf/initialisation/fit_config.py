@@ -16,13 +16,14 @@ class JointFitConfig(Config):
     joint: float = setting(0.01, "Standard deviation of a joint's position.", unit="m", above=0)
     scale: float = setting(
         0.3,
-        "Standard deviation of the log of a bone's scale; it only decides what the joints leave "
-        "open.",
+        "Standard deviation of the log of a bone's scale; it matters only where the joints do "
+        "not determine the scale.",
         above=0,
     )
     angle: float = setting(
         3.0,
-        "Standard deviation of an angle from rest; it only decides what the joints leave open.",
+        "Standard deviation of an angle from rest; it matters only where the joints do not "
+        "determine the angle.",
         unit="rad",
         above=0,
     )
@@ -33,13 +34,13 @@ class JointFitConfig(Config):
     )
     min_joints: int = setting(
         8,
-        "Number of known joints that are asked for, or all of a body with fewer: enough for the "
+        "Least number of known joints, or all joints of a body with fewer: enough for the "
         "root, and a joint in every limb.",
         least=1,
     )
     n_headings: int = setting(4, "Number of headings that are tried, evenly around.", least=1)
     n_trial: int = setting(
-        8, "Number of evaluations after which the best of the headings is gone on with.", least=1
+        8, "Number of evaluations after which only the best heading is pursued.", least=1
     )
 
 
@@ -56,13 +57,14 @@ class PointFitConfig(Config):
     )
     angle: float = setting(
         1.0,
-        "Standard deviation of an angle from rest; it only decides what the points leave open.",
+        "Standard deviation of an angle from rest; it matters only where the points do not "
+        "determine the angle.",
         unit="rad",
         above=0,
     )
     noise: float = setting(
         0.02,
-        "Standard deviation of triangulated points, to which the poses are brought first.",
+        "Standard deviation of the triangulated points, to which the poses are fitted first.",
         unit="m",
         above=0,
     )
@@ -72,7 +74,9 @@ class PointFitConfig(Config):
     n_near_steps: int = setting(
         40, "Number of steps of every frame's pose towards the triangulated points.", least=0
     )
-    n_steps: int = setting(12, "Number of steps of everything by what the cameras see.", least=1)
+    n_steps: int = setting(
+        12, "Number of Gauss-Newton steps of all unknowns on the reprojection error.", least=1
+    )
     first_reach: float = setting(
         8.0,
         "Distance at which a point in a picture counts a quarter in the first of them (Geman & "
@@ -91,14 +95,15 @@ class PointFitConfig(Config):
     )
     suspect: float = setting(
         1.5,
-        "Factor of the median frame's missed share above which poses are looked for anew, from "
-        "those of the frames around and the other way round.",
+        "Factor of the median missed share above which a frame's pose is fitted again, from "
+        "the poses of neighbouring frames and turned by half a turn.",
         above=0,
     )
     n_independent: float = setting(
         2.0,
-        "Number of frames that all frames together count as, beside the priors of what they share: "
-        "a network errs alike in all of them, and bodies bend otherwise than the model does.",
+        "Effective number of independent frames, relative to the priors of the shared "
+        "unknowns; limited, because the network's errors and the model's errors are similar in"
+        " all frames.",
         "tuned: with 20 hips and shoulders lie 40 mm off",
         above=0,
     )
@@ -110,29 +115,30 @@ class KeypointStartConfig(Config):
     SOURCE: ClassVar = "by hand"
 
     n_frames: int = setting(
-        40, "Number of frames that they are learnt from, evenly over all.", least=1
+        40, "Number of frames to which body and points are fitted, evenly spread.", least=1
     )
     error: float = setting(
         8.0,
-        "Error that a keypoint is taken to have at first.",
+        "Initial error of a keypoint.",
         unit="px at a picture height of 480 px",
         above=0,
     )
     outlier: float = setting(
         20.0,
-        "Mean reprojection error beyond which cameras are left out of a point.",
+        "Mean reprojection error above which cameras are excluded from a point.",
         unit="px at a picture height of 480 px",
         above=0,
     )
     least_points: int = setting(
-        6, "Number of triangulated points that a frame must have to be looked at.", least=1
+        6, "Least number of triangulated points of a frame that is used.", least=1
     )
     n_levels: int = setting(
         5,
-        "Number of levels of confidence whose error is measured, each with as many keypoints.",
+        "Number of levels of confidence for which the error is estimated, each with as many "
+        "keypoints.",
         least=1,
     )
     least_error: float = setting(
         1.0, "Least error of any keypoint.", unit="px at a picture height of 480 px", above=0
     )
-    fit: PointFitConfig = part(PointFitConfig, "The fit to points that cameras see.")
+    fit: PointFitConfig = part(PointFitConfig, "The fit to points in the cameras' pictures.")

@@ -35,7 +35,7 @@ def fit_to_joints(
     joints are given, or, for a body with fewer joints, not all of them.
     """
     config = config or JointFitConfig()
-    names = _known(body, joints, config)
+    names = _select_given_joints(body, joints, config)
     target = np.stack([joints[name] for name in names])
     extent = float(np.ptp(target, axis=0).max())
     if not LEAST_EXTENT <= extent <= TALLEST or np.abs(target).max() > FARTHEST:
@@ -44,7 +44,7 @@ def fit_to_joints(
             f"origin; expected a person in metres, {LEAST_EXTENT:g} to {TALLEST:g} m"
         )
     fit = _JointFit(body, [body.joint_names.index(name) for name in names], target, config)
-    best = fit.solved()
+    best = fit.solve()
     scales, pose = fit.split(best)
     scaled = body.scaled(scales)
     offset = posed_joints(scaled, pose[None])[0, fit.chosen] - target
@@ -102,7 +102,7 @@ class _JointFit:
         moves = (reached[1:, self.chosen] - reached[0, self.chosen]) / _STEP
         return np.concatenate([moves.reshape(n, -1).T / self.config.joint, *self._priors])
 
-    def solved(self) -> np.ndarray:
+    def solve(self) -> np.ndarray:
         """Return the best unknowns over several initial headings."""
         body, config = self.body, self.config
         free = np.clip(body.rest_pose, body.lower, body.upper)
@@ -123,7 +123,9 @@ class _JointFit:
         )
 
 
-def _known(body: BodyModel, joints: Mapping[str, np.ndarray], config: JointFitConfig) -> list[str]:
+def _select_given_joints(
+    body: BodyModel, joints: Mapping[str, np.ndarray], config: JointFitConfig
+) -> list[str]:
     """Return the body's joints that are given. Raises InputError if there are too few."""
     least = min(config.min_joints, len(body.joints))
     names = [n for n in body.joint_names if n in joints and np.isfinite(joints[n]).all()]

@@ -78,25 +78,25 @@ def start_from_keypoints(
             f"no frame has {config.least_points} keypoints that two cameras see at one place; "
             "expected a person there, and the cameras' calibration to be that of the keypoints"
         )
-    chosen = enough[_evenly(len(enough), config.n_frames)]
+    chosen = enough[_space_evenly(len(enough), config.n_frames)]
     seen, found = seen[:, chosen], found[chosen]
-    seen = unexchanged(rig, seen, found, points, config.outlier * pixel)
-    views = _views(seen, found, points, config.error * pixel)
+    seen = correct_swapped_sides(rig, seen, found, points, config.outlier * pixel)
+    views = _make_views(seen, found, points, config.error * pixel)
     fitter = PointFitter(template, rig, views, config.fit, keep_shape)
     fit = fitter.refined(fitter.begun())
-    views, model = _calibrated(fitter, fit, seen, points, config, pixel)
+    views, model = _calibrate_errors(fitter, fit, seen, points, config, pixel)
     fitter = PointFitter(template, rig, views, config.fit, keep_shape)
-    fit = fitter.refined(fitter.searched_again(fit))
+    fit = fitter.refined(fitter.refit_suspect_frames(fit))
     if height is not None and not keep_shape:
-        fit, fitter = _of_height(fitter, fit, height, rig)
-    views, model = _calibrated(fitter, fit, seen, points, config, pixel)
+        fit, fitter = _scale_to_height(fitter, fit, height, rig)
+    views, model = _calibrate_errors(fitter, fit, seen, points, config, pixel)
     body = fitter.body(fit.log_lengths)
     return KeypointStart(
-        body, np.array(frames)[chosen], fit.poses, _anchor(fitter, fit), model, keypoints
+        body, np.array(frames)[chosen], fit.poses, _choose_anchor(fitter, fit), model, keypoints
     )
 
 
-def pose_of_points(
+def fit_pose_to_points(
     body: BodyModel,
     rig: CameraRig,
     observations: PointObservations,
@@ -126,14 +126,14 @@ def pose_of_points(
     fitter = PointFitter(body, rig, views, config.fit, keep_shape=True)
     near = fitter.begun()
     tried = [
-        fitter.refined(fitter.brought_near(replace(near, poses=poses)), poses_alone=True)
+        fitter.refined(fitter.fit_to_triangulated(replace(near, poses=poses)), poses_alone=True)
         for poses in (near.poses, fitter.turned(near.poses))
     ]
-    pose: np.ndarray = min(tried, key=lambda fit: float(fitter.missed(fit)[0])).poses[0]
+    pose: np.ndarray = min(tried, key=lambda fit: float(fitter.missed_share(fit)[0])).poses[0]
     return pose
 
 
-def unexchanged(
+def correct_swapped_sides(
     rig: CameraRig, seen: np.ndarray, found: np.ndarray, points: BodyPoints, near: float
 ) -> np.ndarray:
     """Return keypoints (V, M, P, 3) with exchanged left and right corrected.
@@ -155,21 +155,21 @@ def unexchanged(
     return np.where(swapped, seen[:, :, other], seen)
 
 
-def _anchor(fitter: PointFitter, fit: PointFit) -> int:
+def _choose_anchor(fitter: PointFitter, fit: PointFit) -> int:
     """Return the first frame with at least three quarters of the usual number of keypoints and
     about the usual error."""
-    missed, seen = fitter.missed(fit), (fitter.views.inverse_scale > 0).sum((0, 2))
+    missed, seen = fitter.missed_share(fit), (fitter.views.inverse_scale > 0).sum((0, 2))
     sound = missed <= fitter.config.suspect * np.median(missed)
     sound &= seen >= 0.75 * np.median(seen)
     return int(np.argmax(sound)) if sound.any() else int(np.argmin(missed))
 
 
-def _evenly(n: int, most: int) -> np.ndarray:
+def _space_evenly(n: int, most: int) -> np.ndarray:
     """Return at most `most` of n indices, evenly spaced, with the first among them."""
     return np.unique(np.round(np.linspace(0, n - 1, min(n, most))).astype(int))
 
 
-def _views(
+def _make_views(
     seen: np.ndarray, found: np.ndarray, points: BodyPoints, error: float | np.ndarray
 ) -> PointViews:
     known = np.isfinite(seen).all(-1) & (np.nan_to_num(seen[..., 2]) > 0)
@@ -186,7 +186,7 @@ def _views(
     )
 
 
-def _calibrated(
+def _calibrate_errors(
     fitter: PointFitter,
     fit: PointFit,
     seen: np.ndarray,
@@ -231,7 +231,7 @@ def _calibrated(
     return replace(views, inverse_scale=np.where(known, 1 / scale, 0.0)), model
 
 
-def _of_height(
+def _scale_to_height(
     fitter: PointFitter, fit: PointFit, height: float, rig: CameraRig
 ) -> tuple[PointFit, PointFitter]:
     """Return the fit with the body scaled to a known stature, and the rest fitted to that body."""

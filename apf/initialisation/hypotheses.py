@@ -18,7 +18,7 @@ from apf.initialisation.config import (
     ShapeFitConfig,
     SpreadConfig,
 )
-from apf.initialisation.shape_fit import Cloud, contacts
+from apf.initialisation.shape_fit import Cloud, find_contacts
 from apf.initialisation.shape_model import inner_axes, surface_samples
 
 
@@ -49,7 +49,7 @@ def registration_error(
     """
     config, fit = config or CostConfig(), fit or ShapeFitConfig()
     cones = posed_cones(body, pose[None])[0]
-    found = contacts(cloud, cones, surface_samples(body, fit.spacing), config.surface_scale)
+    found = find_contacts(cloud, cones, surface_samples(body, fit.spacing), config.surface_scale)
     # The weights are share / (1 + u)^2 with u = gap^2 / scale^2; unexplained is u / (1 + u).
     unexplained = np.sum(found.share * (1 - np.sqrt(found.weight / found.share))) / 2
     inner = inner_axes(body)
@@ -106,7 +106,7 @@ def search_body(
     return replace(body, sigma=sigma)
 
 
-def distinct(
+def select_distinct(
     template: BodyModel, hypotheses: Sequence[Hypothesis], n: int, separation: float
 ) -> list[Hypothesis]:
     """Return the best `n` hypotheses, best first, whose headings differ by more than `separation`,
@@ -119,7 +119,7 @@ def distinct(
     return kept[:n]
 
 
-def close(hypotheses: Sequence[Hypothesis], max_ratio: float) -> list[Hypothesis]:
+def select_close(hypotheses: Sequence[Hypothesis], max_ratio: float) -> list[Hypothesis]:
     """Return those whose cost is at most `max_ratio` times the lowest."""
     least = min(h.cost for h in hypotheses)
     return [h for h in hypotheses if h.cost <= max_ratio * least]

@@ -47,7 +47,9 @@ class StoredVoxels:
         return self._cloud
 
 
-def stored(device: Device | NumpyDevice, voxels: Voxels | HostVoxels) -> StoredVoxels | HostVoxels:
+def store_voxels(
+    device: Device | NumpyDevice, voxels: Voxels | HostVoxels
+) -> StoredVoxels | HostVoxels:
     """Return a copy of `voxels` that stays valid when their reconstructor goes on to the next
     frame."""
     if isinstance(device, NumpyDevice):
@@ -91,13 +93,14 @@ class CroppedVoxels:
         return self.pixels.nbytes
 
 
-def cropped(
+def crop_voxels(
     device: Device | NumpyDevice, voxels: Voxels | HostVoxels
 ) -> CroppedVoxels | StoredVoxels | HostVoxels:
     """Return a cropped copy of `voxels` that stays valid when their reconstructor goes on to the
-    next frame. Voxels in NumPy, and those carved without maps, are copied by `stored` instead."""
+    next frame. Voxels in NumPy, and those carved without maps, are copied by `store_voxels`
+    instead."""
     if isinstance(voxels, HostVoxels) or voxels.evidence is None:
-        return stored(device, voxels)
+        return store_voxels(device, voxels)
     evidence = voxels.evidence.get()
     pictures = None if voxels.frame is None else voxels.frame.images
     height, width = evidence.shape[1:]
@@ -176,7 +179,7 @@ class RestoredVoxels:
         )  # fmt: skip
 
 
-def between(
+def cut_by_height(
     device: Device | NumpyDevice, voxels: StoredVoxels | HostVoxels, low: float, high: float
 ) -> StoredVoxels | HostVoxels:
     """Return the surface voxels with z between `low` and `high`, m."""
@@ -189,7 +192,7 @@ def between(
     return StoredVoxels(device, parts, voxels.evidence, voxels.pictures())
 
 
-def person_points(
+def select_person_points(
     grid: VoxelGrid, indices: np.ndarray, config: FrameChoice | None = None
 ) -> np.ndarray:
     """Return the centres (N, 3) m of the person's voxels: the largest connected component, other

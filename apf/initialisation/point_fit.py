@@ -125,7 +125,9 @@ class PointFitter:
         size = 0.0 if self.keep_shape else self._first_size()
         lengths = np.full(len(self.groups), size)
         offset = np.zeros((self.views.by_place.shape[1], 3))
-        return self.brought_near(PointFit(lengths, offset, self._first_poses(lengths, offset)))
+        return self.fit_to_triangulated(
+            PointFit(lengths, offset, self._first_poses(lengths, offset))
+        )
 
     def refined(self, fit: PointFit, poses_alone: bool = False) -> PointFit:
         """Return the fit after Gauss-Newton steps on the reprojection error; over the poses alone
@@ -135,10 +137,10 @@ class PointFitter:
             fit = self._step(fit, float(reach), poses_alone)
         return fit
 
-    def searched_again(self, fit: PointFit) -> PointFit:
+    def refit_suspect_frames(self, fit: PointFit) -> PointFit:
         """Return the fit with suspect frames fitted again, from the poses of the nearest other
         frames and from turned poses, where that lowers the error."""
-        missed = self.missed(fit)
+        missed = self.missed_share(fit)
         suspect = np.flatnonzero(missed > self.config.suspect * np.median(missed))
         sound = np.setdiff1d(np.arange(len(missed)), suspect)
         if not suspect.size or not sound.size:
@@ -153,8 +155,10 @@ class PointFitter:
         for poses in (fit.poses[before], fit.poses[after], self.turned(best.poses)):
             for near in (True, False):
                 tried = replace(fit, poses=poses)
-                tried = part.refined(part.brought_near(tried) if near else tried, poses_alone=True)
-                cost = part.missed(tried)
+                tried = part.refined(
+                    part.fit_to_triangulated(tried) if near else tried, poses_alone=True
+                )
+                cost = part.missed_share(tried)
                 better = cost < least
                 least = np.where(better, cost, least)
                 best = replace(best, poses=np.where(better[:, None], tried.poses, best.poses))
@@ -162,7 +166,7 @@ class PointFitter:
         poses[suspect] = best.poses
         return replace(fit, poses=poses)
 
-    def missed(self, fit: PointFit) -> np.ndarray:
+    def missed_share(self, fit: PointFit) -> np.ndarray:
         """Return the mean robust loss (M,) of the poses: the share of the observations that they
         miss (Geman & McClure 1987)."""
         square = np.sum(self.residuals(fit) ** 2, -1) * self.views.inverse_scale**2
@@ -179,7 +183,7 @@ class PointFitter:
                 out[:, axis.dof] += np.pi
         return out
 
-    def brought_near(self, fit: PointFit) -> PointFit:
+    def fit_to_triangulated(self, fit: PointFit) -> PointFit:
         """Return the fit with poses fitted to the triangulated points, each by the
         Levenberg-Marquardt method."""
         config, poses = self.config, fit.poses

@@ -13,10 +13,10 @@ from apf.body.stature import stature
 from apf.initialisation.config import StartConfig
 from apf.initialisation.hypotheses import (
     Hypothesis,
-    close,
-    distinct,
     registration_error,
     search_body,
+    select_close,
+    select_distinct,
     standing_pose,
     walking_factor,
 )
@@ -49,7 +49,7 @@ class PoseSearch:
         self.random = np.random.default_rng(task.seed)
         self.trackers = Trackers(scene)
         search = config.search
-        self._near_config = config.filter.changed(
+        self._near_config = config.filter.with_changes(
             n_particles=search.n_particles_near, noise=search.near_noise, trunk_layers=0,
             limb_search_reach=0.0, seed=task.seed,
         )  # fmt: skip
@@ -71,13 +71,13 @@ class PoseSearch:
         found = []
         for heading in np.arange(headings.n_headings) * 2 * np.pi / headings.n_headings:
             start = standing_pose(body, cloud, heading, self.config.search)
-            pose, error = _searched(tracker, start, voxels)
+            pose, error = _run_search(tracker, start, voxels)
             found.append(self._hypothesis(shape, pose, error, body, cloud))
         kept = [
-            self._sized(voxels, cloud, hypothesis)
+            self._fit_size(voxels, cloud, hypothesis)
             for hypothesis in self.close(self.distinct(found, headings.n_kept + 1))
         ]
-        return self.distinct([self._going_ahead(h) for h in kept], headings.n_kept)
+        return self.distinct([self._penalise_backwards(h) for h in kept], headings.n_kept)
 
     def with_limbs(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
         """Search again for one limb after the other, anywhere within its limits."""
@@ -90,28 +90,28 @@ class PoseSearch:
                 loose, self.config.search.n_particles_limb, limb_search_reach=0.0
             )
             found = [
-                self.near(voxels, cloud, best.shape, _searched(tracker, start, voxels)[0])
+                self.near(voxels, cloud, best.shape, _run_search(tracker, start, voxels)[0])
                 for start in self._limb_starts(best.pose, loose.sigma > 0)
             ]
             # A limb in the air costs little in the images; the voxels show better where it is.
             best = min([best, *found], key=lambda h: h.cost * h.registration_error)
-        return self._sized(voxels, cloud, best)
+        return self._fit_size(voxels, cloud, best)
 
     def near(self, voxels: Any, cloud: Cloud, shape: np.ndarray, pose: np.ndarray) -> Hypothesis:
         """Return the best hypothesis with this shape near this pose."""
         if self._near is None or np.any(self._near[0] != shape):
             self._near = shape, self.model.body(shape)
         tracker = self.trackers(self._near[1], self._near_config)
-        pose, error = _searched(tracker, pose, voxels)
+        pose, error = _run_search(tracker, pose, voxels)
         return self._hypothesis(shape, pose, error, tracker.body, cloud)
 
     def close(self, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
         """Return the hypotheses that are nearly as good as the best."""
-        return close(hypotheses, self.config.headings.max_cost_ratio)
+        return select_close(hypotheses, self.config.headings.max_cost_ratio)
 
     def distinct(self, hypotheses: list[Hypothesis], n: int) -> list[Hypothesis]:
         """Return the best `n` hypotheses with different headings, best first."""
-        return distinct(self.template, hypotheses, n, self.config.headings.separation)
+        return select_distinct(self.template, hypotheses, n, self.config.headings.separation)
 
     def walking_factor(self, body: BodyModel, poses: np.ndarray) -> float:
         """Return the cost factor of poses (M, D), see `hypotheses.walking_factor`."""
@@ -125,13 +125,13 @@ class PoseSearch:
             shape, pose, error, registration, self.config.cost.of(error, registration)
         )
 
-    def _going_ahead(self, found: Hypothesis) -> Hypothesis:
+    def _penalise_backwards(self, found: Hypothesis) -> Hypothesis:
         """Return the hypothesis with a higher error if the person moves backwards."""
         error = found.error * self.walking_factor(self.template, found.pose[None])
         cost = self.config.cost.of(error, found.registration_error)
         return replace(found, error=error, cost=cost)
 
-    def _sized(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
+    def _fit_size(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
         """Fit size and girth to the cloud; return the hypothesis with them if that lowers its
         cost."""
         shape, poses = fit_shape(
@@ -143,7 +143,7 @@ class PoseSearch:
 
     def _searcher(self, body: BodyModel, n_particles: int, **settings: float) -> Any:
         search = self.config.search
-        config = self.config.filter.changed(
+        config = self.config.filter.with_changes(
             n_particles=n_particles, noise=search.noise, noise_decay=search.noise_decay,
             trunk_layers=0, seed=self.task.seed, **settings,
         )  # fmt: skip
@@ -165,7 +165,7 @@ class PoseSearch:
         return starts
 
 
-def _searched(tracker: Any, start: np.ndarray, voxels: Any) -> tuple[np.ndarray, float]:
+def _run_search(tracker: Any, start: np.ndarray, voxels: Any) -> tuple[np.ndarray, float]:
     """Return the pose (D,) that `tracker` finds from `start`, and the error of the best
     particle."""
     tracker.start(start)

@@ -16,7 +16,7 @@ from apf.filters.config import FilterConfig
 from apf.initialisation.automatic import find_start
 from apf.initialisation.config import FrameChoice, StartConfig
 from apf.initialisation.hypotheses import forward
-from apf.initialisation.kept_voxels import StoredVoxels, person_points, stored
+from apf.initialisation.kept_voxels import StoredVoxels, select_person_points, store_voxels
 from apf.initialisation.shape_fit import seen_heights
 from apf.initialisation.start import Start, StartError, check_startable
 from apf.scene import Scene
@@ -71,7 +71,10 @@ def initialise(
     turned = forward(start.body, start.pose) @ forward(again.body, again.pose) < 0
     if not turned or again.rival < start.rival:
         return start
-    log.info("%s: the person looks the other way, as longer looks tell", session.sequence.name)
+    log.info(
+        "%s: the person looks the other way, according to a search over more frames",
+        session.sequence.name,
+    )
     return again
 
 
@@ -96,7 +99,7 @@ def _find(
 
     def shown(frames: range) -> list[StoredVoxels | HostVoxels]:
         wanted = sequence.frames(slice(frames.start, frames.stop, frames.step))
-        return [stored(device, reconstruct(frame)) for frame in wanted]
+        return [store_voxels(device, reconstruct(frame)) for frame in wanted]
 
     def found(
         voxels: list[StoredVoxels | HostVoxels], body: BodyModel, own_shape: bool = False
@@ -149,7 +152,7 @@ def _tallest(
 
 def seen_height(voxels: Voxels | StoredVoxels | HostVoxels, config: StartConfig) -> float:
     """Return the height, m, of the visible part of the person; 0 if nobody is there."""
-    points = person_points(voxels.grid, voxels.cloud().indices, config.frames)
+    points = select_person_points(voxels.grid, voxels.cloud().indices, config.frames)
     if len(points) < config.frames.min_voxels:
         return 0.0
     _, (low, high) = seen_heights(points, config.shape)

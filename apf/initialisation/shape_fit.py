@@ -19,7 +19,7 @@ from apf.initialisation.shape_model import (
     ShapeModel,
     inner_axes,
     nearest_coordinates,
-    points_on,
+    place_points,
     surface_samples,
 )
 
@@ -65,8 +65,8 @@ class Cloud:
 class Contacts:
     """Pairs of points on the cones' surfaces and their targets.
 
-    cone: (K,) indices. coordinates: (K, 4) on it, see `points_on`. target: (K, 3) m. normal: (K, 3)
-    unit. share: (K,) of the cloud's or the body's surface that each represents. weight: (K,) the
+    cone: (K,) indices. coordinates: (K, 4) on it, see `place_points`. target: (K, 3) m. normal: (K,
+    3) unit. share: (K,) of the cloud's or the body's surface that each represents. weight: (K,) the
     share, reduced with distance.
     """
 
@@ -78,7 +78,7 @@ class Contacts:
     share: np.ndarray
 
 
-def contacts(
+def find_contacts(
     cloud: Cloud, cones: np.ndarray, samples: tuple[np.ndarray, np.ndarray], reach: float
 ) -> Contacts:
     """Pair surface voxels with the nearest cone, and the free surface of the cones with the nearest
@@ -92,7 +92,7 @@ def contacts(
     nearest = np.abs(every).argmin(1)
     there = nearest_coordinates(points, cones[nearest])
     cone, coordinates = samples
-    own = points_on(cones[cone], coordinates)
+    own = place_points(cones[cone], coordinates)
     depth = cone_distances(own, cones)
     depth[np.arange(len(cone)), cone] = np.inf
     free = depth.min(1) > 0
@@ -101,7 +101,7 @@ def contacts(
     all_cones = np.concatenate([nearest, cone])
     all_coordinates = np.concatenate([there, coordinates])
     targets = np.concatenate([points, target])
-    surface = np.concatenate([points_on(cones[nearest], there), own])
+    surface = np.concatenate([place_points(cones[nearest], there), own])
     share = np.concatenate([np.full(len(points), 1 / len(points)), np.full(len(own), 1 / len(own))])
     gap = dot(targets - surface, targets - surface)
     normal = cone_normals(surface, cones[all_cones])
@@ -166,11 +166,11 @@ class _ShapeFit:
         matrix, vector = self._shape_prior(shape, body)
         solutions = []
         for cloud, pose, mine, growth in zip(self._clouds, poses, cones, growths, strict=True):
-            found = contacts(cloud, mine, samples, reach)
+            found = find_contacts(cloud, mine, samples, reach)
             if cloud.on_floor and ankles:
                 found = self._standing(found, mine, ankles)
             normal, gradient = self._normal_equations(body, pose, mine, growth, found)
-            solutions.append(self._eliminated(normal, gradient, pose - template.rest_pose))
+            solutions.append(self._eliminate_pose(normal, gradient, pose - template.rest_pose))
             matrix += normal[n:, n:] - normal[n:, :n] @ solutions[-1][:, :-1]
             vector += gradient[n:] - normal[n:, :n] @ solutions[-1][:, -1]
         change = -np.linalg.solve(matrix, vector)
@@ -221,7 +221,7 @@ class _ShapeFit:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return J'J (D + S', D + S') and J'r (D + S',) of the gaps r along the normals, in
         standard deviations."""
-        here = points_on(cones[found.cone], found.coordinates)
+        here = place_points(cones[found.cone], found.coordinates)
         gap = dot(found.normal, here - found.target)
         by_pose = point_jacobian(body, pose, found.cone, here, found.normal)
         rows = np.concatenate([by_pose, _grown(cones, growth, found, here)])
@@ -229,7 +229,9 @@ class _ShapeFit:
         weighted = rows * (found.weight * config.n_distances / len(self._clouds) / config.noise**2)
         return weighted @ rows.T, weighted @ gap
 
-    def _eliminated(self, normal: np.ndarray, gradient: np.ndarray, away: np.ndarray) -> np.ndarray:
+    def _eliminate_pose(
+        self, normal: np.ndarray, gradient: np.ndarray, away: np.ndarray
+    ) -> np.ndarray:
         """Eliminate the pose. Return (D, S' + 1): its response to each scale, and its own step
         (both to be subtracted)."""
         prior, n = self._pose_prior, len(self._pose_prior)

@@ -83,7 +83,7 @@ class ShapeModel:
         return grown
 
 
-def points_on(cones: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
+def place_points(cones: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
     """Return the points (..., K, 3) with these cone coordinates (K, 4) on posed cones (..., K, 16).
 
     Cone coordinates are the share along the axis, then the offset from there in radii along (axis,

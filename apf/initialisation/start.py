@@ -42,14 +42,13 @@ class Start:
         """Doubts about this start, a sentence each."""
         found = []
         if self.rival < self.config.acceptance.rival:
-            found.append(
-                "it is not sure which way the person looks: another fits the voxels nearly as well"
-            )
+            found.append("the heading is ambiguous: another one fits the voxels nearly as well")
         if np.log(self.girth) > self.config.acceptance.stout * self.config.shape.prior.girth:
             found.append(
-                f"the start fits badly: what is seen is {self.seen:.2f} m high and "
-                f"{self.girth:.1f} times as thick as people of that height who stand or walk, as "
-                "whom it is tracked"
+                f"the start fits badly: the visible part is {self.seen:.2f} m high and "
+                f"{self.girth:.1f} times as thick as people of that height who stand or walk; "
+                "it is "
+                "tracked as if the person stood or walked"
             )
         return found
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from apf.backend import filter_for
+from apf.backend import make_filter
 from apf.body.model import BodyModel
 from apf.filters.base import DeviceTracker, Tracker
 from apf.filters.config import FilterConfig
@@ -31,7 +31,7 @@ class Trackers:
             if kept.body is not body:
                 kept.change_body(body)
             return kept
-        tracker = filter_for(replace(self._scene, body=body), config)
+        tracker = make_filter(replace(self._scene, body=body), config)
         if isinstance(tracker, DeviceTracker):  # making a NumPy twin takes no time
             self._kept[config] = tracker
         return tracker

@@ -22,8 +22,8 @@ class CropConfig(Config):
     )
     slack: float = setting(
         0.1,
-        "Least distance of the silhouette from the crop's border, as a share of its larger side; "
-        "else a new crop is made, and the network looks for the person anew.",
+        "Least distance of the silhouette from the crop's border, as a share of its larger "
+        "side; below it, a new crop is made and the network detects the person again.",
         least=0,
     )
     largest: float = setting(
@@ -61,7 +61,7 @@ class PersonConfig(Config):
     )
     agreement: float = setting(
         3.0,
-        "Cost of lying as far from where the other cameras see the person as he is large.",
+        "Cost of a distance, from where the other cameras see the person, of the person's size.",
         least=0,
     )
     rounds: int = setting(
@@ -92,7 +92,7 @@ class AgreementConfig(Config):
         above=0,
     )
     n_points: int = setting(
-        100, "Number of keypoints that are looked at, spread over frames and names.", least=1
+        100, "Number of examined keypoints, spread over frames and names.", least=1
     )
     confidence: float = setting(0.3, "Least confidence of keypoints that count.", least=0, most=1)
     known: float = setting(
@@ -116,6 +116,10 @@ class TriangulationConfig(Config):
         "Pose2Sim's default, for pictures about 1000 px high",
         "px",
         above=0,
+        flag="--max-error",
+        flag_help="triangulate: cameras are left out of a point until the mean reprojection "
+        "error is below",
+        metavar="PX",
     )
     min_confidence: float = setting(
         0.3,

@@ -20,8 +20,8 @@ from apf.keypoints.config import CropConfig
 from apf.keypoints.network import PoseNetwork, check_network
 from apf.keypoints.readers.orders import MEDIAPIPE
 from cl import DeviceError, InputError, select_device
-from psfs.backend import evidence_for
-from psfs.common.files import written_whole
+from psfs.backend import make_evidence_function
+from psfs.common.files import write_text
 from psfs.common.regions import keep_large_regions
 from psfs.common.system import ignore_signals
 from psfs.sequence import Frame, Sequence
@@ -116,8 +116,8 @@ def write_openpose(folder: Path, camera: str, points: np.ndarray) -> None:
         if np.isfinite(person).any():
             flat = np.round(np.nan_to_num(person), 3).ravel().tolist()
             people = [{"person_id": [-1], "pose_keypoints_2d": flat}]
-        with written_whole(folder / f"{camera}_{frame:06d}.json") as temporary:
-            temporary.write_text(json.dumps({"version": 1.3, "people": people}))
+        path, content = folder / f"{camera}_{frame:06d}.json", {"version": 1.3, "people": people}
+        write_text(path, json.dumps(content))
 
 
 class _Crop:
@@ -130,7 +130,7 @@ class _Crop:
     def __init__(self, sequence: Sequence, device: str, config: CropConfig | None = None) -> None:
         self._config, self.moved = config or CropConfig(), False
         self._size = sequence.rig[0].size
-        self._evidence = evidence_for(
+        self._evidence = make_evidence_function(
             select_device(device), sequence.rig, sequence.background, SilhouetteConfig()
         )
         self._box: np.ndarray | None = None

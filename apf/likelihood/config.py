@@ -39,25 +39,25 @@ class KeypointConfig(Config):
 
     weight: float = setting(
         0.0,
-        "Weight of that share in one camera's error.",
-        "off: there are no keypoints unless somebody brings them",
+        "Weight of the missed share in one camera's error.",
+        "off, because there are no keypoints unless the user passes some",
         least=0,
     )
     reach: float = setting(
         5.0,
-        "Distance at which a point is half missed (Geman & McClure 1987): one that is quite wrong "
-        "costs no more than 1.",
+        "Distance at which the cost of a point is half its maximum of 1 (Geman & McClure 1987).",
         unit="standard deviations",
         above=0,
     )
     exchange: float = setting(
         0.5,
-        "Cost of taking left for right, as a share of a point that is quite missed.",
+        "Cost of a point at the place of its left or right partner, as a share of the greatest"
+        " cost.",
         least=0,
         most=1,
     )
     room: int = setting(
-        512, "Number of sightings that a frame may have.", "33 points in 15 cameras", least=1
+        512, "Greatest number of sightings of a frame.", "33 points in 15 cameras", least=1
     )
 
 
@@ -72,7 +72,8 @@ class ReprojectionConfig(Config):
         above=0,
     )
     foreground_join: ForegroundJoinConfig = part(
-        ForegroundJoinConfig, "What of the pictures' foreground joins the voxels' silhouettes."
+        ForegroundJoinConfig,
+        "The foreground of the pictures that joins the silhouettes of the voxels.",
     )
 
 
@@ -84,7 +85,7 @@ class SurfaceSamplesConfig(Config):
     )
     point_turns: int = setting(
         8,
-        "Number of layers that take turns: each looks at every such voxel of these.",
+        "Stride of these voxels in one layer; consecutive layers use different voxels.",
         "tuned: as accurate as 4",
         least=1,
     )
@@ -123,7 +124,8 @@ class LikelihoodConfig(Config):
     )
     overlap_weight: float = setting(
         1.0,
-        "Weight of how deep parts lie in each other that must not, counted once per camera.",
+        "Weight of the depth by which parts intersect that must stay apart, counted once per "
+        "camera.",
         "by hand",
         least=0,
         flag="--overlap-weight",
@@ -138,23 +140,24 @@ class LikelihoodConfig(Config):
     )
     posture_prior_weight: float = setting(
         0.02,
-        "Weight of the squared distance from the rest pose, in the body's posture sigmas, counted "
-        "once per camera: it decides where an arm is that nothing shows.",
-        "tuned: 0.04 loses raised arms that the pictures show faintly, 0.01 more arms in 4 cameras",
+        "Weight of the squared distance from the rest pose, in the body's posture sigmas, "
+        "counted once per camera; it determines the pose of hidden arms.",
+        "tuned: 0.04 loses raised arms of low contrast, 0.01 loses more arms with 4 cameras",
         least=0,
     )
     surface_scale: float = setting(
         0.05,
         "Distance at which a surface voxel is half unexplained (Geman & McClure 1987).",
-        "by hand: about as far as hulls of few cameras and cones differ from flesh",
+        "by hand: about the distance of a body's surface from its cones and from the hull of "
+        "few cameras",
         "m",
         above=0,
     )
     samples: SurfaceSamplesConfig = part(
-        SurfaceSamplesConfig, "Which of the surface voxels the surface's term looks at."
+        SurfaceSamplesConfig, "The surface voxels that the surface term uses."
     )
     reprojection: ReprojectionConfig = part(
-        ReprojectionConfig, "What the terms of edge and silhouette look at."
+        ReprojectionConfig, "Samples and maps of the edge and silhouette terms."
     )
 
     @property

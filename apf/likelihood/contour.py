@@ -30,7 +30,7 @@ OUTER_MARGIN = MARGIN + REACH
 _STRIP = 8
 
 
-def contrast_of(config: ContourConfig) -> int:
+def full_contrast(config: ContourConfig) -> int:
     """Return the result of the Sobel operator that counts as a full contour."""
     return max(1, round(config.contrast * SOBEL_GAIN))
 
@@ -67,14 +67,14 @@ class Contours(Term):
         if pictures is None or not self._has_room:
             return
         if pictures is not self._pictures:
-            self._pictures, self._launches = pictures, self._finding(pictures)
+            self._pictures, self._launches = pictures, self._contour_launch(pictures)
         for launch in self._launches:
             launch()
 
     def score_weights(self) -> dict[str, float]:
         return {"contour_weight": self._settings.weight if self.known else 0.0}
 
-    def _finding(self, pictures: Array) -> list[Launch]:
+    def _contour_launch(self, pictures: Array) -> list[Launch]:
         rig = self._rig
         shape: dict[str, Argument] = {"width": rig.width, "height": rig.height, "maps": self._maps}
         return [
@@ -84,7 +84,7 @@ class Contours(Term):
             ),
             self.launch(
                 "find_contours", self._size(OUTER_MARGIN),
-                self._group(OUTER_MARGIN), **shape, contrast=contrast_of(self._settings),
+                self._group(OUTER_MARGIN), **shape, contrast=full_contrast(self._settings),
                 gradients=self._gradients, contours=self.contours,
             ),
         ]  # fmt: skip

@@ -10,7 +10,12 @@ from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, body_defines, pack_body
 from apf.likelihood.base import Likelihood
 from apf.likelihood.config import KeypointConfig
-from apf.likelihood.observations import Observation, ObservedPoints, no_observations, parted
+from apf.likelihood.observations import (
+    Observation,
+    ObservedPoints,
+    make_empty_observations,
+    split_observation,
+)
 from apf.likelihood.voxel import posture_prior
 from apf.scene import Scene
 from cl import Array, Launch, Step
@@ -62,20 +67,20 @@ class KeypointLikelihood(Likelihood):
 
     def prepare(self, observation: Observation) -> Callable[[], None]:
         """Enqueue `base`'s preparation of a frame; return a function that enqueues the rest."""
-        shown, points = parted(observation)
+        shown, points = split_observation(observation)
         rest = self.base.prepare(shown) if self.base is not None else None
 
         def finished() -> None:
             if rest is not None:
                 rest()
-            self._seen.set(points or no_observations())
+            self._seen.set(points or make_empty_observations())
 
         return finished
 
     def launcher(self, poses: Array) -> list[Step]:
         """Return the launches that score `poses` (N, D) float32 into `errors`."""
         launches = self.base.launcher(poses) if self.base is not None else []
-        return [*launches, *self._scored(poses, self.errors)]
+        return [*launches, *self._score(poses, self.errors)]
 
     def rescoring_launcher(
         self,
@@ -90,7 +95,7 @@ class KeypointLikelihood(Likelihood):
         launches = []
         if self.base is not None:
             launches = self.base.rescoring_launcher(poses, errors, stride, least_recall, misfits)
-        return [*launches, *self._scored(poses, errors)]
+        return [*launches, *self._score(poses, errors)]
 
     def misfit_launcher(self, poses: Array) -> list[Launch]:
         """Return the launches that write the misfits of the first R of `poses` to `misfits`: those
@@ -119,7 +124,7 @@ class KeypointLikelihood(Likelihood):
         if self.base is not None:
             self.base.forget(run)
 
-    def _scored(self, poses: Array, errors: Array) -> list[Launch]:
+    def _score(self, poses: Array, errors: Array) -> list[Launch]:
         if self._is_taken:
             return []
         launch = self._launch(

@@ -95,7 +95,7 @@ class PointObservations:
         return n
 
 
-def no_observations() -> PointObservations:
+def make_empty_observations() -> PointObservations:
     """Return an empty set of observations."""
     none = np.zeros(0, int)
     return PointObservations(
@@ -103,10 +103,10 @@ def no_observations() -> PointObservations:
     )
 
 
-def joined(parts: Sequence[PointObservations]) -> PointObservations:
+def concatenate_observations(parts: Sequence[PointObservations]) -> PointObservations:
     """Concatenate `parts`, for example keypoints and optical flow."""
     if not parts:
-        return no_observations()
+        return make_empty_observations()
     first = np.cumsum([0, *[len(part.bone) for part in parts[:-1]]])
 
     def numbers(name: str) -> np.ndarray:
@@ -114,12 +114,12 @@ def joined(parts: Sequence[PointObservations]) -> PointObservations:
         moved = [np.where(v >= 0, v + n, v) for v, n in zip(values, first, strict=True)]
         return np.concatenate(moved)
 
-    def all_of(name: str) -> np.ndarray:
+    def concatenate(name: str) -> np.ndarray:
         return np.concatenate([getattr(part, name) for part in parts])
 
     return PointObservations(
-        all_of("bone"), all_of("position"), numbers("point"), numbers("partner"),
-        all_of("camera"), all_of("pixel"), all_of("inverse_scale"),
+        concatenate("bone"), concatenate("position"), numbers("point"), numbers("partner"),
+        concatenate("camera"), concatenate("pixel"), concatenate("inverse_scale"),
         sum(part.most for part in parts), sum(part.usual for part in parts),
     )  # fmt: skip
 
@@ -161,7 +161,7 @@ def with_points(observation: Any, points: PointObservations | None) -> Any:
     return observation if points is None else Observed(observation, points)
 
 
-def parted(observation: Observation) -> Observed:
+def split_observation(observation: Observation) -> Observed:
     """Return any observation as an `Observed`."""
     return observation if isinstance(observation, Observed) else Observed(observation, None)
 
@@ -177,7 +177,7 @@ class ObservedPoints:
         size = 4 + OBSERVED_FLOATS * room
         self.table = device.empty((size,), np.float32, "the observed points")
         self._upload = Upload(self.table)
-        self.set(no_observations())
+        self.set(make_empty_observations())
 
     def set(self, observations: PointObservations) -> None:
         """Enqueue the upload of a frame's points. Raises InputError if they belong to another body

@@ -37,24 +37,24 @@ N_COLOURS = 1 << 3 * _BITS
 _PALETTE_PIXELS = 4096
 
 
-def part_names(body: BodyModel) -> list[str]:
+def list_part_names(body: BodyModel) -> list[str]:
     """Return the names of the parts that have a colour model: those of the cones that are visible
     in images, with left and right as one part."""
-    return list(dict.fromkeys(_two_sided(cone.name) for cone in body.cones if cone.in_images))
+    return list(dict.fromkeys(_strip_side(cone.name) for cone in body.cones if cone.in_images))
 
 
-def _two_sided(name: str) -> str:
+def _strip_side(name: str) -> str:
     return name[2:] if name[:2] in ("l_", "r_") else name
 
 
-def part_of(body: BodyModel, cone: int, share: float) -> int:
-    """Return the index in `part_names` of the part at `share` of a cone's length; -1 for a cone
-    that is not compared with images.
+def find_part(body: BodyModel, cone: int, share: float) -> int:
+    """Return the index in `list_part_names` of the part at `share` of a cone's length; -1 for a
+    cone that is not compared with images.
 
     The end of a cone beyond a joint on it, such as a hand beyond the wrist, is bare skin like the
     head; it counts as head, if the body has one.
     """
-    own, names = body.cones[cone], part_names(body)
+    own, names = body.cones[cone], list_part_names(body)
     if not own.in_images:
         return -1
     axis = own.end - own.start
@@ -62,28 +62,28 @@ def part_of(body: BodyModel, cone: int, share: float) -> int:
         at = float((joint.position - own.start) @ axis / (axis @ axis))
         if joint.bone == own.bone and 0.5 < at < 1 and share > at and "head" in names:
             return names.index("head")
-    return names.index(_two_sided(own.name))
+    return names.index(_strip_side(own.name))
 
 
-def scored_parts(body: BodyModel, rows: np.ndarray) -> np.ndarray:
+def list_scored_parts(body: BodyModel, rows: np.ndarray) -> np.ndarray:
     """Return (R,) int32 the part of each of the likelihood's sample rows (R, 4); -1 for the trunk,
     as other parts are in front of it in most pictures."""
     trunk = trunk_bones(body)
     parts = [
-        -1 if body.cones[int(row[0])].bone in trunk else part_of(body, int(row[0]), float(row[1]))
+        -1 if body.cones[int(row[0])].bone in trunk else find_part(body, int(row[0]), float(row[1]))
         for row in rows
     ]
     return np.array(parts, np.int32)
 
 
-def learnt_parts(body: BodyModel) -> np.ndarray:
+def list_histogram_parts(body: BodyModel) -> np.ndarray:
     """Return (C, ROWS) int32 the part of each row of samples for the histograms."""
     shares = (np.arange(ROWS) + 0.5) / ROWS
-    parts = [[part_of(body, c, share) for share in shares] for c in range(len(body.cones))]
+    parts = [[find_part(body, c, share) for share in shares] for c in range(len(body.cones))]
     return np.array(parts, np.int32)
 
 
-def trunk_cone(body: BodyModel) -> int:
+def find_trunk_cone(body: BodyModel) -> int:
     """Return the thickest cone of the trunk in the images, which hides limbs behind it; -1 without
     one."""
     trunk = trunk_bones(body)
@@ -91,7 +91,7 @@ def trunk_cone(body: BodyModel) -> int:
     return max(chosen, key=lambda c: float(np.mean(body.cones[c].radii)), default=-1)
 
 
-def palette_of(
+def fit_palette(
     pictures: np.ndarray, silhouettes: np.ndarray, config: PartColourConfig
 ) -> np.ndarray | None:
     """Fit a palette to the colours of pictures (V, H, W, 3) uint8 BGR inside silhouettes (V, H, W).
@@ -133,7 +133,7 @@ class PartColours(Term):
 
     def __init__(self, shared: Shared, settings: PartColourConfig) -> None:
         device, body, rig = shared.scene.opencl, shared.scene.body, shared.scene.rig
-        n_parts, self._group = len(part_names(body)), pack_defines(device, _GROUP)["GROUP"]
+        n_parts, self._group = len(list_part_names(body)), pack_defines(device, _GROUP)["GROUP"]
         super().__init__(
             device, PACK=1, GROUP=self._group, N_CODES=N_CODES, **body_defines(body),
             N_PARTS=n_parts, ROWS=ROWS, COLUMNS=COLUMNS, RATIO_STEPS=RATIO_STEPS, **rig.defines,
@@ -141,7 +141,7 @@ class PartColours(Term):
         )  # fmt: skip
         self.settings, self._maps, self._rig = settings, shared.maps, rig
         self._cameras = shared.cameras
-        self.codes, self._learnt_from = shared.seen["codes"]
+        self.codes, self._histogram_codes = shared.seen["codes"]
         for each in shared.seen["codes"]:
             each.fill(N_CODES - 1)
         self._palette = device.empty((N_COLOURS,), np.uint8)
@@ -150,14 +150,14 @@ class PartColours(Term):
         self.histograms = device.zeros(histograms, np.float32)
         self.ratios = device.zeros(histograms, np.int8)
         self._counts = device.zeros(histograms, np.int32)
-        self._rows = device.to_device(learnt_parts(body))
+        self._rows = device.to_device(list_histogram_parts(body))
         self._body = device.to_device(pack_body(body), "the body model")
         self._pictures: Array | None = None
 
     def change_body(self, body: BodyModel) -> None:
         """Update from poses of `body` from now on; only its numbers may differ."""
         self._body.set(pack_body(body))
-        self._rows.set(learnt_parts(body))
+        self._rows.set(list_histogram_parts(body))
 
     def forget(self, run: int | None = None) -> None:
         """Reset the colour models of one run, or of all runs, before a new track."""
@@ -175,9 +175,9 @@ class PartColours(Term):
                 self.known = False
             return
         if pictures is not self._pictures:
-            self._pictures, self._encode = pictures, self._encoding(pictures)
+            self._pictures, self._encode = pictures, self._encoding_launch(pictures)
         if not self._has_palette:
-            palette = palette_of(pictures.get(), self._maps.get()[..., 0], self.settings)
+            palette = fit_palette(pictures.get(), self._maps.get()[..., 0], self.settings)
             if palette is None:
                 return
             self._palette.set(palette)
@@ -185,7 +185,7 @@ class PartColours(Term):
         self.known = True
         self._encode()
 
-    def _encoding(self, pictures: Array) -> Launch:
+    def _encoding_launch(self, pictures: Array) -> Launch:
         n_pixels = int(np.prod(self.codes.shape))
         return self.launch(
             "encode_colours",
@@ -213,7 +213,7 @@ class PartColours(Term):
                 poses=pose,
                 table=self._body,
                 row_parts=self._rows,
-                codes=self._learnt_from,
+                codes=self._histogram_codes,
                 counts=self._counts,
             ),
             self.launch(

@@ -51,7 +51,7 @@ class SilhouetteRecall:
             pixels=pixels[0],
         )
 
-    def cones_of(self, n: int) -> Array:
+    def cone_buffer(self, n: int) -> Array:
         """Return the buffer for the posed cones (n, C, CONE_FLOATS) of `n` poses."""
         if n not in self._cones:
             shape = (n, self._defines["N_CONES"], CONE_FLOATS)
@@ -62,7 +62,7 @@ class SilhouetteRecall:
         """Return the launch that adds the term to `errors` (n,): `weight` times the uncovered share
         of the samples in `subset`, once per camera.
 
-        The posed cones must be in `cones_of(n)`; call `observe()` first in every frame."""
+        The posed cones must be in `cone_buffer(n)`; call `observe()` first in every frame."""
         n = errors.size
         return self.device.launch(
             self._kernel("add_uncovered"),
@@ -73,7 +73,7 @@ class SilhouetteRecall:
             stride=subset.stride,
             n_views=self._n_views,
             weight=weight,
-            cones=self.cones_of(n),
+            cones=self.cone_buffer(n),
             cameras=self._cameras,
             pixels=self._pixels,
             errors=errors,

@@ -78,14 +78,15 @@ class Term(Stage):
         return {}
 
 
-def made_terms(shared: Shared, settings: Mapping[str, TermSettings]) -> dict[str, Term]:
+def make_terms(shared: Shared, settings: Mapping[str, TermSettings]) -> dict[str, Term]:
     """Return the registered terms of these `settings`, by name, on the device."""
     return {name: resolve_name(TERMS[name].launcher)(shared, own) for name, own in settings.items()}
 
 
 @dataclass(frozen=True, eq=False)
 class SharedTwin:
-    """Data that the likelihood's twin shares with the terms' twins; rows: see `sample_rows`."""
+    """Data that the likelihood's twin shares with the terms' twins; rows: see
+    `make_sample_rows`."""
 
     scene: Scene
     velocity: float

@@ -15,9 +15,9 @@ from apf.likelihood.base import Likelihood, PointSubset
 from apf.likelihood.config import KeypointConfig, LikelihoodConfig
 from apf.likelihood.contour import N_NORMALS
 from apf.likelihood.observations import ObservedPoints
-from apf.likelihood.part_colour import N_CODES, RATIO_STEPS, scored_parts, trunk_cone
+from apf.likelihood.part_colour import N_CODES, RATIO_STEPS, find_trunk_cone, list_scored_parts
 from apf.likelihood.silhouette_recall import SilhouetteRecall
-from apf.likelihood.term import Shared, made_terms
+from apf.likelihood.term import Shared, make_terms
 from apf.scene import Scene
 from cl import Array, InputError, Kernel, Launch
 from cl.signature import Argument
@@ -40,7 +40,7 @@ _FEWEST_SAMPLES = (4, 3)
 _SUMS, _ADDERS, _VIEW_FLOATS = 8, 8, 3
 
 
-def cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
+def choose_cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
     """Return (C, 2) int32 numbers of sample rows along and columns across each cone, about
     `spacing` m apart; 0 for cones that are not compared with images."""
     rows = [np.linalg.norm(cone.end - cone.start) / spacing for cone in body.cones]
@@ -50,8 +50,8 @@ def cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
     return sampling
 
 
-def sample_rows(sampling: np.ndarray) -> np.ndarray:
-    """Return (R, 4) float32 sample rows for the `sampling` (C, 2) of `cone_sampling`: cone,
+def make_sample_rows(sampling: np.ndarray) -> np.ndarray:
+    """Return (R, 4) float32 sample rows for the `sampling` (C, 2) of `choose_cone_sampling`: cone,
     position along it from 0 to 1, n columns, 1 / n. Sort the longest rows first, so that rows
     processed together have about the same length."""
     rows = [
@@ -68,7 +68,7 @@ def posture_prior(body: BodyModel) -> np.ndarray:
     return np.stack([body.rest_pose, 1 / body.posture_sigma], -1).astype(np.float32)
 
 
-def _observed_shapes(
+def _frame_array_shapes(
     rig: CameraRig, config: LikelihoodConfig
 ) -> list[tuple[tuple[int, ...], type[np.generic]]]:
     """Return shapes and types of a frame's arrays: maps, contours, colour codes, surface samples
@@ -115,7 +115,7 @@ class VoxelLikelihood(Likelihood):
         self.unit = float(len(rig))
         self._grid: VoxelGrid | None = None
         self._voxels: Voxels | None = None
-        self._ahead = Ahead(device, _observed_shapes(rig, config), "what is seen of a frame")
+        self._ahead = Ahead(device, _frame_array_shapes(rig, config), "what is seen of a frame")
         maps, contours, codes, points, self._pixels = zip(
             self._ahead.written, self._ahead.read, strict=True
         )
@@ -123,9 +123,9 @@ class VoxelLikelihood(Likelihood):
         self.reprojection = Reprojection(device, rig, scene.voxel_grid, join=join, maps=maps[0])
         self.seen = {"maps": maps[1], "contours": contours[1], "codes": codes[1]}
         self._body = device.to_device(pack_body(body), "the body model")
-        rows = sample_rows(cone_sampling(body, config.reprojection.sample_spacing))
+        rows = make_sample_rows(choose_cone_sampling(body, config.reprojection.sample_spacing))
         self._rows = device.to_device(rows, "the cones' samples")
-        self._defines = self._fitting_defines(body)
+        self._defines = self._choose_defines(body)
         self._n_pairs = len(body.apart)
         pairs = np.array(body.apart or [(0, 0)], np.int32)
         self._pairs = device.to_device(pairs, "the parts that stay apart")
@@ -139,13 +139,13 @@ class VoxelLikelihood(Likelihood):
         self._recall: SilhouetteRecall | None = None
         if config.silhouette_recall_weight > 0:
             self._recall = self._silhouette_recall()
-        self._row_parts = device.to_device(scored_parts(body, rows))
+        self._row_parts = device.to_device(list_scored_parts(body, rows))
         self._point_arguments: dict[str, Argument] = {
             "observed": None, "point_weight": 0.0, "point_reach": 1.0, "exchange": 0.0
         }  # fmt: skip
         seen = {"contours": contours, "codes": codes}
         shared = Shared(scene, n_runs, velocity, self._cameras, maps[0], seen)
-        self.terms = made_terms(shared, config.terms)
+        self.terms = make_terms(shared, config.terms)
         self._uses_pictures = any(term.uses_pictures for term in self.terms.values())
         self._arguments: dict[str, Argument] = {
             "ratios": device.zeros((1,), np.int8),
@@ -161,9 +161,9 @@ class VoxelLikelihood(Likelihood):
         self._scene = replace(self._scene, body=body)
         self._body.set(pack_body(body))
         self._posture.set(posture_prior(body))
-        rows = sample_rows(cone_sampling(body, self.config.reprojection.sample_spacing))
+        rows = make_sample_rows(choose_cone_sampling(body, self.config.reprojection.sample_spacing))
         self._rows = self.device.to_device(rows, "the cones' samples")
-        self._row_parts = self.device.to_device(scored_parts(body, rows))
+        self._row_parts = self.device.to_device(list_scored_parts(body, rows))
         for launch in self._scores:
             launch.set(**self._row_arguments())
         for term in self.terms.values():
@@ -223,7 +223,7 @@ class VoxelLikelihood(Likelihood):
         subset = PointSubset(
             turn % config.samples.point_turns % config.samples.n_points, config.samples.point_turns
         )
-        return self._every_term(poses, subset, self.errors, config.silhouette_recall_weight)
+        return self._score_all_terms(poses, subset, self.errors, config.silhouette_recall_weight)
 
     def rescoring_launcher(
         self,
@@ -237,7 +237,7 @@ class VoxelLikelihood(Likelihood):
         `stride`-th surface sample, the same in every frame, and by silhouette recall with a weight
         of at least `least_recall`. `misfits` (n,) gets theirs, for a stride of 1."""
         recall_weight = max(self.config.silhouette_recall_weight, least_recall)
-        return self._every_term(poses, PointSubset(0, stride), errors, recall_weight, misfits)
+        return self._score_all_terms(poses, PointSubset(0, stride), errors, recall_weight, misfits)
 
     def take_points(self, observed: ObservedPoints, config: KeypointConfig) -> bool:
         """Add the term of observed points to the errors of all launches asked for from now on."""
@@ -249,7 +249,7 @@ class VoxelLikelihood(Likelihood):
         }
         return True
 
-    def _every_term(
+    def _score_all_terms(
         self,
         poses: Array,
         subset: PointSubset,
@@ -257,18 +257,19 @@ class VoxelLikelihood(Likelihood):
         recall_weight: float,
         misfits: Array | None = None,
     ) -> list[Launch]:
-        config = self.config
-        weights = config.weights, config.posture_prior_weight
-        points = self._point_arguments
-        n = poses.shape[0]
-        score = self._launch(n, poses, subset, *weights, errors, points, misfits)
+        config, n = self.config, poses.shape[0]
+        arguments: dict[str, Argument] = {
+            **{"weights": config.weights, "posture_weight": config.posture_prior_weight},
+            **{"errors": errors, "misfits": misfits, **self._point_arguments},
+        }
+        score = self._launch(n, poses, subset, **arguments)
         self._weighed.append(score)
         score.set(**self._weights)
         launches = [score]
         if recall_weight > 0:
             if self._recall is None:  # for rescoring alone; before the first frame
                 self._recall = self._silhouette_recall()
-            score.set(posed=self._recall.cones_of(n))
+            score.set(posed=self._recall.cone_buffer(n))
             launches.append(self._recall.launch(subset, recall_weight, errors))
         for name, term in self.terms.items():
             launches += term.launcher(poses, len(self.rig) * config.terms[name].weight, errors)
@@ -278,23 +279,15 @@ class VoxelLikelihood(Likelihood):
         """Return the launches that write the misfits of the first R of `poses` (.., D) to `misfits`
         (R,) float32: silhouette and surface term, averaged over the cameras."""
         weights = np.array([0, 1, 1, 0], np.float32) / np.float32(len(self.rig))
-        points = {**self._point_arguments, "observed": None}
-        n, misfits = self.misfits.size, self.misfits
-        return [self._launch(n, poses, PointSubset(0, 1), weights, 0.0, misfits, points)]
+        arguments: dict[str, Argument] = {
+            **{"weights": weights, "posture_weight": 0.0, "errors": self.misfits, "misfits": None},
+            **{**self._point_arguments, "observed": None},
+        }
+        return [self._launch(self.misfits.size, poses, PointSubset(0, 1), **arguments)]
 
-    def _launch(
-        self,
-        n: int,
-        poses: Array,
-        subset: PointSubset,
-        weights: np.ndarray,
-        posture_weight: float,
-        errors: Array,
-        points: dict[str, Argument],
-        misfits: Array | None = None,
-    ) -> Launch:
+    def _launch(self, n: int, poses: Array, subset: PointSubset, **arguments: Argument) -> Launch:
         """Return the launch that scores the first `n` of `poses` by a subset of the samples and by
-        the term of observed points."""
+        the term of observed points; arguments: of the kernel, the weights and arrays."""
         config = self.config
         launch = self.device.launch(
             self._kernel("score_poses"),
@@ -317,16 +310,12 @@ class VoxelLikelihood(Likelihood):
             n_pairs=self._n_pairs,
             pairs=self._pairs,
             posture=self._posture,
-            weights=weights,
-            posture_weight=posture_weight,
             n_per_run=max(1, n // self.misfits.size),
             **self._arguments,
             colour_weight=0.0,
             contour_weight=0.0,
-            **points,
-            errors=errors,
-            misfits=misfits,
             posed=None,
+            **arguments,
         )
         self._scores.append(launch)
         return launch
@@ -341,7 +330,7 @@ class VoxelLikelihood(Likelihood):
             "rows": room,
         }
 
-    def _fitting_defines(self, body: BodyModel) -> dict[str, int]:
+    def _choose_defines(self, body: BodyModel) -> dict[str, int]:
         """Return the defines of likelihood.cl, with as many cameras at once as local memory holds.
 
         Raises InputError if the body is too large even for one.
@@ -350,7 +339,7 @@ class VoxelLikelihood(Likelihood):
         if not self.rig.distorted:
             defines["NO_DISTORTION"] = 1
         defines |= {"OUTLINE_FLOATS": _OUTLINE_FLOATS, **self.rig.defines}
-        defines |= {"N_CODES": N_CODES, "RATIO_STEPS": RATIO_STEPS, "TRUNK": trunk_cone(body)}
+        defines |= {"N_CODES": N_CODES, "RATIO_STEPS": RATIO_STEPS, "TRUNK": find_trunk_cone(body)}
         n_bones, n_cones, pack = len(body.bones), len(body.cones), 4 * defines["PACK"]
         posed = FRAME_FLOATS * n_bones + (CONE_FLOATS + SPAN_FLOATS) * n_cones
         items = _SUMS * (defines["GROUP"] + _SUMS) + defines["GROUP"]

@@ -27,7 +27,7 @@ def sized(method: Method, evaluations: float, config: SizeConfig | None = None) 
     size = {"n_particles": particles, "n_layers": layers}
     if method.search == "apf":
         size["trunk_layers"] = round(config.trunk_share * layers)
-    return method.replace(filter=method.filter.changed(**size))
+    return method.replace(filter=method.filter.with_changes(**size))
 
 
 def sizes(method: Method, config: SizeConfig | None = None) -> list[Method]:

@@ -11,7 +11,7 @@ from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.live.config import CaptureConfig
 from apf.live.sources import Cameras
-from psfs.background.gaussian import Background, background_from_plates
+from psfs.background.gaussian import Background, estimate_background
 from psfs.cameras.calibration import read_calibration
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import rotate_rig, rotation_to_z_up
@@ -21,7 +21,7 @@ from psfs.footage.media import list_media
 from psfs.footage.settings import Settings
 
 
-def cameras_of(folder: Path, stated: dict[str, Any], names: list[str], empty: float) -> Cameras:
+def open_cameras(folder: Path, stated: dict[str, Any], names: list[str], empty: float) -> Cameras:
     """Open the captures `names` as the cameras, in this order, of the calibration in `folder`.
 
     `folder` may be the calibration file itself. stated: keys of `sequence.toml` that override those
@@ -30,14 +30,17 @@ def cameras_of(folder: Path, stated: dict[str, Any], names: list[str], empty: fl
     """
     settings = Settings.from_dict(stated)
     if folder.is_file():
-        calibration, plates = folder, None
+        calibration, backgrounds = folder, None
     else:
         settings = settings.over(Settings.read(folder / "sequence.toml"))
-        calibration, plates = find_settings_calibration(folder, settings), folder / "background"
+        calibration, backgrounds = (
+            find_settings_calibration(folder, settings),
+            folder / "background",
+        )
     rig = read_calibration(calibration, settings.unit)
     turned = rotate_rig(rig, rotation_to_z_up(settings.up or "z"))
     return Cameras(
-        choose_cameras(turned, settings), names, _background(turned, plates, settings), empty
+        choose_cameras(turned, settings), names, _background(turned, backgrounds, settings), empty
     )
 
 
@@ -52,8 +55,8 @@ def box_around(
     return low, low + np.array([2 * side, 2 * side, config.box_height])
 
 
-def _background(rig: CameraRig, plates: Path | None, settings: Settings) -> Background | None:
-    if plates is None or not plates.is_dir():
+def _background(rig: CameraRig, backgrounds: Path | None, settings: Settings) -> Background | None:
+    if backgrounds is None or not backgrounds.is_dir():
         return None
-    media, _ = assign_pictures(rig, list_media(plates), plates, settings, extras=True)
-    return background_from_plates(choose_cameras(rig, settings), media)
+    media, _ = assign_pictures(rig, list_media(backgrounds), backgrounds, settings, extras=True)
+    return estimate_background(choose_cameras(rig, settings), media)

@@ -62,7 +62,10 @@ class GovernorConfig(Config):
 
     share: float = setting(0.85, "Share of a frame's time that is planned with.", above=0, most=1)
     window: int = setting(
-        8, "Number of frames by whose median the size is chosen anew.", unit="frames", least=1
+        8,
+        "Number of frames over whose median time the size of the search is chosen.",
+        unit="frames",
+        least=1,
     )
     too_long: float = setting(
         1.2, "Factor of the time allowed above which a smaller search is chosen.", above=0
@@ -85,7 +88,7 @@ class CaptureConfig(Config):
     )
     box_side: float = setting(
         1.3,
-        "Distance to each side of the first pose up to which voxels are looked for at first.",
+        "Distance to each side of the first pose up to which voxels are first reconstructed.",
         unit="m",
         above=0,
     )
@@ -123,7 +126,7 @@ class LiveConfig(Config):
     )
     max_objective_error: float = setting(
         0.9,
-        "Error of image objectives (1 is no overlap at all) beyond which a pose is not believed.",
+        "Error of image objectives (1 is no overlap at all) above which a pose counts as lost.",
         least=0,
     )
     n_probes: int = setting(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from apf.backend import device_tracker, observer_for
+from apf.backend import make_device_tracker, make_observer
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.filters.config import SIGMA_FPS
@@ -114,7 +114,7 @@ class Live:
         self._errors: list[BaseException] = []
         self._free_at, self._processing_time = 0.0, 0.0
         scene = Scene(device, self._pictures.rig, grid, body)
-        self._trackers = [device_tracker(scene, method) for method in searches]
+        self._trackers = [make_device_tracker(scene, method) for method in searches]
         self.governor = self._prepared(budget)
         self._tracking_time = float(self.governor.costs[self.governor.chosen])
         self.tracker = self.chosen()
@@ -234,7 +234,7 @@ class Live:
     def keep(self, observed: Observed, estimate: Estimate, latency: float) -> None:
         """Add the estimate to the result. A lost estimate gets the last good pose, moved with the
         voxels, so that the track does not drift."""
-        estimate = self._judge.judged(estimate)
+        estimate = self._judge.judge(estimate)
         if (
             not self._searches[0].uses_voxels
             and estimate.least_error[-1] >= self._config.max_objective_error
@@ -259,7 +259,7 @@ class Live:
         its voxels."""
         method, smaller, device = self._searches[0], self._pictures, self.processor
         if not method.uses_voxels:
-            features = observer_for(device, smaller, None, method)
+            features = make_observer(device, smaller, None, method)
             return lambda frame: (features(smaller(frame)), None)
         assert self._grid is not None, "voxels have a grid"
         reconstruct = Reconstructor(

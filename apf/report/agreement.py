@@ -65,7 +65,7 @@ def compare_with_silhouettes(
     progress: Callable[[], object] | None = None,
 ) -> Agreement:
     """Compare body and voxels in some frames of the track with the silhouettes that the voxels
-    in `grid` were carved from, see `Session.carved`. progress: called after each frame."""
+    in `grid` were carved from, see `Session.iterate_carved`. progress: called after each frame."""
     rows, rig, body = choose_rows(len(track)), session.rig, track.its_body
     parts, drawn = find_parts(body), [i for i, cone in enumerate(body.cones) if cone.in_images]
     region, extents = volume_region(rig, grid), voxel_footprints(rig, grid.voxel_size)
@@ -73,7 +73,7 @@ def compare_with_silhouettes(
     found = defaultdict[str, list[Any]](list)
     clouds = []
     indices = checked_indices(session.sequence, track.frames[rows])
-    for number, frame in enumerate(session.carved(grid, indices)):
+    for number, frame in enumerate(session.iterate_carved(grid, indices)):
         shown, cloud = whole_silhouettes(frame.silhouettes, region), frame.cloud
         scores = np.array([
             _score_cones(camera, cones[number], drawn, silhouette, known)

@@ -160,7 +160,7 @@ def write_overlay(
     cones, cone_names = _shown_cones(body, track)
     with write_video(path, frame_rate(track)) as video:
         indices = checked_indices(sequence, track.frames)
-        for row, frame in enumerate(sequence.frames_at(indices)):
+        for row, frame in enumerate(sequence.select_frames(indices)):
             picture = overlay_picture(
                 frame,
                 sequence.rig,

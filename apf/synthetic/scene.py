@@ -10,6 +10,8 @@ import numpy as np
 from apf.synthetic.config import SceneConfig
 from psfs.cameras.camera import Camera, CameraRig
 
+Pair = tuple[float, float]
+
 #: Half width, half depth and height of the room, m.
 ROOM = (4.7, 4.9, 4.8)
 #: Styles that `box_colour` in scene_room.h implements.
@@ -104,8 +106,9 @@ def _furnish_wall(wall: int, rng: np.random.Generator) -> list[list[float]]:
     reach, side = (ROOM[0], ROOM[1]) if wall % 2 == 0 else (ROOM[1], ROOM[0])
     out = []
 
-    def put(along: float, width: float, depth: float, low: float, high: float, style: int,
+    def put(along: float, size: Pair, height: Pair, style: int, *,
             hue: float = 0.0, gap: float = 0.02) -> None:  # fmt: skip
+        (width, depth), (low, high) = size, height
         near, far = reach - gap - depth, reach - gap
         if wall >= 2:
             near, far = -far, -near
@@ -117,24 +120,25 @@ def _furnish_wall(wall: int, rng: np.random.Generator) -> list[list[float]]:
     middle = rng.uniform(-0.6, 0.6)
     if wall == 0:  # a sofa
         hue = rng.uniform()
-        put(middle, 1.9, 0.80, 0.0, 0.42, CLOTH, hue)
-        put(middle, 1.9, 0.22, 0.42, 0.82, CLOTH, hue)
+        put(middle, (1.9, 0.80), (0.0, 0.42), CLOTH, hue=hue)
+        put(middle, (1.9, 0.22), (0.42, 0.82), CLOTH, hue=hue)
         for end in (-1.0, 1.0):
-            put(middle + end * 0.95, 0.20, 0.80, 0.0, 0.60, CLOTH, hue)
+            put(middle + end * 0.95, (0.20, 0.80), (0.0, 0.60), CLOTH, hue=hue)
     elif wall == 1:  # book shelves
-        put(middle - 0.7, 1.0, 0.28, 0.0, 1.40, BOOKS)
-        put(middle + 0.5, 1.0, 0.28, 0.0, 1.06, BOOKS)
+        put(middle - 0.7, (1.0, 0.28), (0.0, 1.40), BOOKS)
+        put(middle + 0.5, (1.0, 0.28), (0.0, 1.06), BOOKS)
     elif wall == 2:  # a cupboard with boxes on it
-        put(middle, 1.6, 0.50, 0.0, 0.80, WOOD)
-        put(middle - 0.4, 0.42, 0.34, 0.80, 1.06, CARDBOARD, gap=0.08)
+        put(middle, (1.6, 0.50), (0.0, 0.80), WOOD)
+        put(middle - 0.4, (0.42, 0.34), (0.80, 1.06), CARDBOARD, gap=0.08)
     else:  # a table
-        put(middle, 1.4, 0.75, 0.70, 0.75, WOOD)
+        put(middle, (1.4, 0.75), (0.70, 0.75), WOOD)
         for end in (-1.0, 1.0):
-            put(middle + end * 0.62, 0.06, 0.65, 0.0, 0.70, WOOD, gap=0.07)
+            put(middle + end * 0.62, (0.06, 0.65), (0.0, 0.70), WOOD, gap=0.07)
     corner = side - rng.uniform(0.55, 0.8)
     size = rng.uniform(0.45, 0.65)
-    put(corner, size, size * 0.9, 0.0, size * 0.8, CARDBOARD, gap=0.15)
-    put(corner + 0.03, size * 0.6, size * 0.5, size * 0.8, size * 1.25, CARDBOARD, gap=0.22)
+    put(corner, (size, size * 0.9), (0.0, size * 0.8), CARDBOARD, gap=0.15)
+    smaller = (size * 0.6, size * 0.5)
+    put(corner + 0.03, smaller, (size * 0.8, size * 1.25), CARDBOARD, gap=0.22)
     return out
 
 

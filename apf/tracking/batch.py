@@ -23,13 +23,13 @@ log = logging.getLogger(__name__)
 R = TypeVar("R")
 
 
-def default_at_once(device: Device | NumpyDevice) -> int:
+def default_concurrency(device: Device | NumpyDevice) -> int:
     """Return the number of takes to track at the same time, see `BatchConfig`."""
     config = BatchConfig()
     return config.on_gpu if isinstance(device, Device) and device.is_gpu else config.on_cpu
 
 
-def at_once(
+def run_at_once(
     device: Device | NumpyDevice,
     work: Callable[[Device | NumpyDevice, int, Callable[[], None]], R],
     n_takes: int,
@@ -60,7 +60,7 @@ def at_once(
             interrupted.set()  # before this thread begins another
             raise
 
-    workers = n_at_once or default_at_once(device)
+    workers = n_at_once or default_concurrency(device)
     with ThreadPoolExecutor(workers, thread_name_prefix="apf-take") as pool:
         try:
             waiting = {pool.submit(one, number) for number in range(n_takes)}

@@ -27,23 +27,22 @@ class RecoveryConfig(Config):
         2.0, "Ratio of the limit to the median misfit of the last good frames.", above=1
     )
     window: int = setting(
-        60, "Number of these frames: a second at 60 frames/s.", unit="frames", least=1
+        60, "Number of these good frames; 60 are a second at 60 frames/s.", unit="frames", least=1
     )
     least: float = setting(
-        0.4, "Least misfit that the limit may have: good frames differ by as much.", above=0
+        0.4, "Least value of the limit; misfits of good frames differ by as much.", above=0
     )
     worst: float = setting(
         0.9,
-        "Greatest misfit that the limit may have: here nearly nothing of the body is seen.",
+        "Greatest value of the limit; at this misfit hardly anything of the body is visible.",
         above=0,
     )
     unknown: float = setting(
-        0.45, "Limit as long as there are no good frames, from `least` to `worst`.", above=0
+        0.45, "Limit before there are good frames, from `least` to `worst`.", above=0
     )
     retry: int = setting(
         5,
-        "Number of frames from one search everywhere to the next while the person is lost: one "
-        "takes seconds.",
+        "Number of lost frames from one global search to the next, because each takes seconds.",
         unit="frames",
         least=1,
     )
@@ -54,15 +53,18 @@ class RecoveryConfig(Config):
     )
     n_steps: int = setting(
         2,
-        "Number of searches, one from the other, on the frame in which the person was lost.",
+        "Number of consecutive searches in a lost frame, each starting from the result of the "
+        "one before.",
         least=1,
     )
     wider: float = setting(4.0, "Factor of the noise in these searches.", above=0)
-    longer: int = setting(2, "Factor of their layers; a particle filter (SIR) has none.", least=1)
+    longer: int = setting(
+        2, "Factor of the number of layers in these searches; the SIR filter has none.", least=1
+    )
     everywhere_too: bool = setting(
         False,
-        "Whether to search everywhere though somebody fits near the last pose: legs alone fit arms "
-        "and trunk, so bodies without a head do.",
+        "Whether to search everywhere even if a pose near the last one fits; used for bodies "
+        "without a head, because legs alone also fit arms and trunk.",
     )
 
     @model_validator(mode="after")
@@ -94,7 +96,7 @@ class TwoWayConfig(Config):
 
     near: float = setting(
         0.15,
-        "Distance within which joints of two passes are the same: their mean is taken.",
+        "Distance within which joints of two passes agree, so that they are averaged.",
         "tuned on synth_box_4cam and synth_salsa_4cam_hd: 0.1 is nearly as good",
         "m",
         above=0,
@@ -113,29 +115,28 @@ class TwoWayConfig(Config):
     )
     steady: float = setting(
         0.15,
-        "Time about each frame through whose frames a parabola goes, see `steadied`; through those "
-        "of the window, where that begins or ends.",
+        "Length of the Savitzky-Golay window that smooths the poses, see `smooth_poses`.",
         "longer ones flatten fast motion",
         "s",
         above=0,
     )
     steady_within: float = setting(
         0.01,
-        "Distance from the parabolas of its joints within which a limb stays.",
+        "Largest distance of a limb's joints from their smoothed positions.",
         unit="m",
         above=0,
     )
     overlap: int = setting(
         30,
-        "Number of frames that the way back goes before a window's poses are final; a third of a "
-        "short one's.",
+        "Number of frames at a window's end that are tracked again in the next window, so that the "
+        "backward pass has converged where poses become final; at most a third of the window.",
         unit="frames",
         least=1,
     )
     memory: float = setting(
         0.5,
-        "Size of the observations in a window: of 4 cameras of 640 x 480 some 500 frames where "
-        "silhouettes are clean, of 4 of 1920 x 1080 with specks all over 17.",
+        "Size of the observations in a window: about 500 frames of 4 cameras of 640 x 480 with"
+        " clean silhouettes, 17 frames of 4 cameras of 1920 x 1080 with specks everywhere.",
         unit="GB",
         above=0,
     )
@@ -156,13 +157,16 @@ class BatchConfig(Config):
     on_gpu: int = setting(
         4,
         "Number of takes at a time on a GPU.",
-        "on an H200 with 16 cores four at once took 58 s, in processes one after the other about "
-        "150 s; six took as long a take as four, for they wait for each other's Python, that of "
-        "the starts above all",
+        "on an H200 with 16 cores four at once took 58 s, in consecutive processes about 150 "
+        "s; six took as long per take as four, because their Python code runs in turns, above "
+        "all that of the starts",
         least=1,
     )
     on_cpu: int = setting(
-        2, "Number of takes at a time on CPUs.", "on 2 cores two at once saved an eighth", least=1
+        2,
+        "Number of takes at a time on CPUs.",
+        "on 2 cores two at once took an eighth less time",
+        least=1,
     )
 
 
@@ -182,49 +186,50 @@ class ContactConfig(Config):
     )
     stop_speed: float = setting(
         0.5,
-        "Speed above which a foot stands no longer, above `start_speed`: its heel is off the "
-        "floor.",
+        "Speed above which a foot no longer stands, because its heel is off the floor; above "
+        "`start_speed`.",
         unit="m/s",
         above=0,
     )
     start_height: float = setting(
         0.04,
-        "Height over the level at which the lower foot's ankle usually is below which a foot may "
-        "begin to stand.",
+        "Height above the usual level of the lower foot's ankle below which a foot may begin "
+        "to stand.",
         unit="m",
         above=0,
     )
     stop_height: float = setting(
         0.06,
-        "Height over that level above which a foot stands no longer, above `start_height`.",
+        "Height above that level at which a foot no longer stands; above `start_height`.",
         unit="m",
         above=0,
     )
-    window: float = setting(0.1, "Time over which the speed is taken.", unit="s", least=0)
+    window: float = setting(0.1, "Time over which the speed is computed.", unit="s", least=0)
     shortest: float = setting(
         0.1,
-        "Time below which there is no stance, and between two stances no swing.",
+        "Least duration of a stance, and of a swing between two stances.",
         "a sixth of usual ones",
         "s",
         least=0,
     )
     longest_slide: float = setting(
         0.12,
-        "Distance along the floor above which a foot is drawn along and does not stand.",
+        "Distance along the floor above which a foot slides and does not stand.",
         "tracks of synth_walk_4cam slide by up to 0.074 where the true foot stands",
         "m",
         above=0,
     )
     flat_height: float = setting(
         0.025,
-        "Height over the lowest in its stance below which a standing foot's heel is down, too.",
+        "Height above the lowest one of the stance below which the heel of a standing foot is "
+        "on the floor, too.",
         "with it the ankles of synth_walk_8cam and synth_walk_4cam are right to 3 degrees",
         "m",
         above=0,
     )
     fade: float = setting(
         0.12,
-        "Time over which the correction of a held foot fades before and after.",
+        "Time over which the correction of a held foot fades in and out.",
         "by hand",
         "s",
         above=0,
@@ -251,6 +256,9 @@ class SmoothingConfig(Config):
         "the custom of gait analysis (Winter 2009)",
         "Hz",
         above=0,
+        flag="--cutoff",
+        flag_help="smoothing: motion this fast keeps half of its amplitude",
+        metavar="HZ",
     )
     lag: int | None = setting(
         None,
@@ -259,18 +267,21 @@ class SmoothingConfig(Config):
         "frames",
         least=0,
         most=1_000_000,
+        flag="--lag",
+        flag_help="look so many frames ahead, as a program that runs live could",
+        metavar="FRAMES",
     )
     min_deviation: float = setting(
         0.1,
-        "Share of the median of the stated deviations below which they are taken for it: none is "
-        "certain.",
+        "Least deviation, as a share of the median of the stated deviations; smaller ones are "
+        "replaced by it.",
         "by hand",
         above=0,
     )
     contact: ContactConfig | None = part(
         ContactConfig,
-        "When feet stand, which then do not slide; none to leave them alone. A fixed lag cannot "
-        "hold them: it does not know yet how long they will stand.",
+        "Detection of standing feet, which are then held; none turns this off. With a fixed "
+        "lag feet are not held, because the end of a stance is not known yet.",
     )
 
 
@@ -281,21 +292,20 @@ class GaitConfig(Config):
 
     speed: float = setting(
         0.3,
-        "Least speed of the pelvis of somebody who walks.",
+        "Least speed of the pelvis that counts as walking.",
         "old people's slow walk is about 0.6",
         "m/s",
         above=0,
     )
     swing: float = setting(
         0.15,
-        "Distance by which a foot comes nearer and falls back, against the pelvis, in every "
-        "stride.",
+        "Least range of a foot's motion relative to the pelvis in every stride.",
         unit="m",
         above=0,
     )
     window: float = setting(
         0.5,
-        "Time over which direction and speed of the pelvis are taken.",
+        "Time over which direction and speed of the pelvis are computed.",
         "about a step",
         "s",
         above=0,
@@ -306,10 +316,17 @@ class TriangulatedConfig(Config):
     """Conversion of keypoints to a track without a body."""
 
     triangulation: TriangulationConfig = part(
-        TriangulationConfig, "When cameras are left out of a point."
+        TriangulationConfig, "Criteria by which cameras are excluded from a point."
     )
     longest_gap: float | None = setting(
-        None, "Longest gap that is filled; none to fill all.", "all are filled", "s", least=0
+        None,
+        "Longest gap that is filled; none to fill all.",
+        "all are filled",
+        "s",
+        least=0,
+        flag="--longest-gap",
+        flag_help="triangulate: leave longer gaps open, blank in the files",
+        metavar="S",
     )
     low_pass: float = setting(
         0.0,
@@ -317,4 +334,7 @@ class TriangulatedConfig(Config):
         "off",
         "Hz",
         least=0,
+        flag="--low-pass",
+        flag_help="triangulate: Butterworth filter of the points, such as 6; 0 for none",
+        metavar="HZ",
     )

@@ -22,20 +22,20 @@ _STEPS, _LONGEST, _DELTA = 12, 0.1, 1e-4
 _TOLERANCE = np.array([5e-4, 5e-4, 5e-3])
 
 
-def feet(body: BodyModel) -> list[int]:
+def find_ankles(body: BodyModel) -> list[int]:
     """Return the indices of the left and the right ankle among the joints of `body`; an empty list
     if it lacks one."""
     names = body.joint_names
     return [names.index(name) for name in ANKLES] if set(ANKLES) <= set(names) else []
 
 
-def stances(mask: np.ndarray) -> list[slice]:
+def find_stances(mask: np.ndarray) -> list[slice]:
     """Return the maximal runs of frames in which `mask` (F,) is true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
     return [slice(begin, end) for begin, end in edges.reshape(-1, 2)]
 
 
-def standing(
+def detect_standing(
     ankles: np.ndarray, times: np.ndarray, config: ContactConfig | None = None
 ) -> np.ndarray:
     """Return (F, K) bool: whether each foot stands.
@@ -49,17 +49,17 @@ def standing(
     if known.sum() < 2 or not n_feet:
         return found
     speed: np.ndarray = np.full((len(ankles), n_feet), np.inf)
-    for part in stances(known):
+    for part in find_stances(known):
         speed[part] = _speed(ankles[part, :, :2], times[part], config.window)
     height = ankles[..., 2] - np.percentile(ankles[known, :, 2].min(axis=1), 10)
     start = (speed < config.start_speed) & (height < config.start_height)
     go_on = (speed < config.stop_speed) & (height < config.stop_height)
     for foot in range(n_feet):
-        for gap in stances(~go_on[:, foot] & known):
+        for gap in find_stances(~go_on[:, foot] & known):
             inside = gap.start > 0 and gap.stop < len(times) and known[gap.start - 1 : gap.stop + 1]
             if np.all(inside) and times[gap.stop] - times[gap.start] < config.shortest:
                 go_on[gap, foot] = True
-        for run in stances(go_on[:, foot]):
+        for run in find_stances(go_on[:, foot]):
             begins = np.flatnonzero(start[run, foot])
             lasts = times[run.stop - 1] - times[run.start]
             if len(begins) and lasts >= config.shortest:
@@ -69,15 +69,17 @@ def standing(
     return found
 
 
-def flat(ankles: np.ndarray, stands: np.ndarray, config: ContactConfig | None = None) -> np.ndarray:
+def detect_flat_feet(
+    ankles: np.ndarray, stands: np.ndarray, config: ContactConfig | None = None
+) -> np.ndarray:
     """Return (F, K) bool: whether each foot stands with its heel on the floor.
 
-    ankles: (F, K, 3) m. stands: (F, K) bool, see `standing`.
+    ankles: (F, K, 3) m. stands: (F, K) bool, see `detect_standing`.
     """
     config = config or ContactConfig()
     found = np.zeros_like(stands)
     for foot in range(stands.shape[1]):
-        for stance in stances(stands[:, foot]):
+        for stance in find_stances(stands[:, foot]):
             height = ankles[stance, foot, 2]
             found[stance, foot] = height < np.percentile(height, 10) + config.flat_height
     return found
@@ -93,7 +95,7 @@ def _speed(points: np.ndarray, times: np.ndarray, window: float) -> np.ndarray:
     return np.linalg.norm(points[last] - points[first], axis=-1) / seconds
 
 
-def held(
+def hold_feet(
     body: BodyModel,
     poses: np.ndarray,
     times: np.ndarray,
@@ -103,13 +105,13 @@ def held(
     """Return `poses` (F, D), changed so that each foot stays at one place on the floor while it
     stands.
 
-    The poses are smooth, at `times` (F,) s, without gaps. stands: (F, K), see `feet`. Heights do
-    not change, because the heel rises before the foot leaves the floor.
+    The poses are smooth, at `times` (F,) s, without gaps. stands: (F, K), see `find_ankles`.
+    Heights do not change, because the heel rises before the foot leaves the floor.
     """
     config = config or ContactConfig()
     if not stands.any():
         return poses
-    ankles = feet(body)
+    ankles = find_ankles(body)
     offsets = _corrections(posed_joints(body, poses)[:, ankles], times, stands, config)
     targets = posed_joints(body, poses)[:, ankles] + offsets
     moved = np.abs(offsets).max((1, 2)) > 0
@@ -125,7 +127,7 @@ def _corrections(
     position while it stands, which fades before and after."""
     offsets = np.zeros_like(ankles)
     for foot in range(ankles.shape[1]):
-        for stance in stances(stands[:, foot]):
+        for stance in find_stances(stands[:, foot]):
             place = ankles[stance, foot]
             offsets[stance, foot, :2] = (np.median(place, 0) - place)[:, :2]
             for edge, frames in (

@@ -17,7 +17,7 @@ from scipy.signal import find_peaks
 
 from apf.body.stature import ANKLES, HIPS
 from apf.tracking.config import GaitConfig
-from apf.tracking.foot_contact import stances
+from apf.tracking.foot_contact import find_stances
 from apf.tracking.track import Track
 
 #: The joints whose middle is the pelvis if the body has no pelvis joint.
@@ -52,7 +52,7 @@ class Gait:
     step_length: float
     speed: float
 
-    def described(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, Any]:
         """Return all figures as plain values with units in their names, for JSON."""
         return {
             "n_steps": self.n_steps,
@@ -72,7 +72,7 @@ class Gait:
         }
 
 
-def gait_of(track: Track, config: GaitConfig | None = None) -> Gait | None:
+def measure_gait(track: Track, config: GaitConfig | None = None) -> Gait | None:
     """Return the longest walk in `track`, which should be smoothed.
 
     Returns None if nobody walks two steps, or if the body has no pelvis or ankles.
@@ -85,7 +85,7 @@ def gait_of(track: Track, config: GaitConfig | None = None) -> Gait | None:
         return None
     points = np.stack([place[name] for name in (HIPS, *ANKLES)], 1)
     known = np.isfinite(points).all(axis=(1, 2)) & ~track.lost
-    walks = [_walk(track, part, points[part], config) for part in stances(known)]
+    walks = [_walk(track, part, points[part], config) for part in find_stances(known)]
     return max((walk for walk in walks if walk), key=lambda walk: walk.n_steps, default=None)
 
 

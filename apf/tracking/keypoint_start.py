@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.backend import tracker_for
+from apf.backend import make_tracker
 from apf.body import BodyModel
 from apf.filters.method import Method
 from apf.initialisation.from_keypoints import KeypointStart, start_from_keypoints
@@ -46,7 +46,7 @@ def _first_pose(session: Session, start: KeypointStart, method: Method) -> np.nd
     alone = Method.of(objective="keypoints", seed=method.filter.search.seed)
     alone = alone.with_keypoints(method.filter.keypoints.room)
     scaled = alone.replace(filter=alone.filter.at_rate(session.rate))
-    tracker = tracker_for(Scene(session.device, session.rig, None, start.body), scaled)
+    tracker = make_tracker(Scene(session.device, session.rig, None, start.body), scaled)
     tracker.start(pose)
     for frame in back:
         pose = tracker.step(None, start.observations(frame)).pose

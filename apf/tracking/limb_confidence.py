@@ -110,11 +110,13 @@ def limb_confidence(
     step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     n = max(1, round(regression.window / step)) if step > 0 else 1
     capped = np.sqrt(np.clip(margins, 0.0, regression.most_margin))
-    odds = regression.constant + regression.margin * _averaged(capped, n)
-    odds = odds + regression.jitter * _averaged(_jitter(ends, times, regression.at_rest), n)
+    odds = regression.constant + regression.margin * _average_over_time(capped, n)
+    odds = odds + regression.jitter * _average_over_time(
+        _jitter(ends, times, regression.at_rest), n
+    )
     if disagreement is not None:
         far = np.log(np.maximum(disagreement, regression.least) / regression.apart)
-        known = _averaged(far, n)
+        known = _average_over_time(far, n)
         odds = np.where(np.isfinite(known), regression.disagreement * known, odds)
     confidence: np.ndarray = expit(odds)
     return confidence
@@ -133,7 +135,7 @@ def _jitter(ends: np.ndarray, times: np.ndarray, at_rest: float) -> np.ndarray:
     return np.concatenate([found[:1], found, found[-1:]])
 
 
-def _averaged(values: np.ndarray, n: int) -> np.ndarray:
+def _average_over_time(values: np.ndarray, n: int) -> np.ndarray:
     """Return the moving averages of values (F, L) over n frames (n + 1 if n is even)."""
     averaged: np.ndarray = uniform_filter1d(values, n + 1 - n % 2, axis=0, mode="nearest")
     return averaged

@@ -10,8 +10,8 @@ from apf.formats import write_angle_csv, write_c3d
 from apf.formats.c3d import C3dEvent
 from apf.tracking.config import SmoothingConfig
 from apf.tracking.exports import EXPORTS, OF_POINTS
-from apf.tracking.gait import Gait, gait_of
-from apf.tracking.smoothing import smoothed
+from apf.tracking.gait import Gait, measure_gait
+from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.names import listed
@@ -58,8 +58,8 @@ def export(
                 f"{listed(OF_POINTS)}"
             )
     if has_body and not raw and track.smoothing is None:
-        track = smoothed(track, smoothing)
-    gait = gait_of(track) if {"gait", "c3d"} & set(chosen) else None
+        track = smooth_track(track, smoothing)
+    gait = measure_gait(track) if {"gait", "c3d"} & set(chosen) else None
     written = (_write(track, gait, kind, Path(folder) / EXPORTS[kind], axes) for kind in chosen)
     return Export(tuple(path for path in written if path is not None), track, gait)
 
@@ -75,7 +75,7 @@ def _write(track: Track, gait: Gait | None, kind: str, path: Path, axes: str) ->
     elif kind == "gait":
         if gait is None:
             return None
-        write_json(path, gait.described())
+        write_json(path, gait.describe())
     else:
         track.save(path, axes)
     return path

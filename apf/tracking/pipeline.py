@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from apf.backend import observer_for
+from apf.backend import make_observer
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
@@ -23,9 +23,9 @@ from apf.initialisation.sequence import check_rate
 from apf.likelihood.observations import Observed, PointObservations
 from apf.scene import Scene
 from apf.tracking.limb_confidence import limb_margins
-from apf.tracking.track import Track, joined
-from apf.tracking.trackers import run_seeds, seeded, watched_runs
-from apf.tracking.two_way import both_ways
+from apf.tracking.track import Track, concatenate_tracks
+from apf.tracking.trackers import make_recovering_runs, run_seeds, with_seeds
+from apf.tracking.two_way import track_both_ways
 from apf.tracking.uncertainty import joint_covariance
 from cl import InputError, UserError
 from psfs.reconstructor import Reconstructor
@@ -74,8 +74,8 @@ def track_frames(
 
     The noise grows with the time between frames, see `BodyModel.sigma`. progress: called with
     "tracking" after each frame of the forward pass and with "tracking back" after each frame of the
-    backward pass, see `both_ways`. keep: called about once per second with the tracks of the frames
-    since its last call, which it may store; stored files are read again at the end. A
+    backward pass, see `track_both_ways`. keep: called about once per second with the tracks of the
+    frames since its last call, which it may store; stored files are read again at the end. A
     KeyboardInterrupt ends the tracks after the last complete frame, and is raised again if there is
     none. Any other error ends them likewise and is returned.
     """
@@ -86,24 +86,24 @@ def track_frames(
     scene = Scene(session.device, session.rig, grid, task.body)
     seen = observations(session, task)
     runs = [run_seeds(seed, method.n_runs) for seed in task.seeds]
-    tracker = watched_runs(scene, scaled, [seed for of in runs for seed in of])
+    tracker = make_recovering_runs(scene, scaled, [seed for of in runs for seed in of])
     tracker.start(task.pose)
     report = progress or (lambda stage: None)
     if method.goes_back:
-        back = [watched_runs(scene, scaled, own) for own in runs]
-        found = both_ways(session.device, tracker, back, seen, report, fps=session.rate)
+        back = [make_recovering_runs(scene, scaled, own) for own in runs]
+        found = track_both_ways(session.device, tracker, back, seen, report, fps=session.rate)
     else:
-        found = one_way(tracker, seen, report)
+        found = track_forward(tracker, seen, report)
     described = _provenance(session, task, grid)
 
-    def tracks_of(frames: list[int], estimates: list[Any]) -> list[Track]:
+    def build_tracks(frames: list[int], estimates: list[Any]) -> list[Track]:
         runs = zip(*estimates, strict=True)
         return [
-            track_of(task.body, sequence.fps, frames, list(run), made)
+            build_track(task.body, sequence.fps, frames, list(run), made)
             for made, run in zip(described, runs, strict=True)
         ]
 
-    return _tracked(found, tracks_of, keep)
+    return _collect_tracks(found, build_tracks, keep)
 
 
 def observations(session: Session, task: TrackingTask) -> Iterator[tuple[int, Any]]:
@@ -118,19 +118,21 @@ def observations(session: Session, task: TrackingTask) -> Iterator[tuple[int, An
         if method.uses_voxels:
             observe = session.reconstructor(automatic_grid(session))
         else:
-            observe = observer_for(session.device, session, None, method, session.reconstruction)
-        seen = observed(observe, session.sequence.frames(session.settings.selection))
+            observe = make_observer(session.device, session, None, method, session.reconstruction)
+        seen = observe_frames(observe, session.sequence.frames(session.settings.selection))
         if method.uses_voxels:
-            seen = kept_by(session, seen)
+            seen = _keep_in_session(session, seen)
     if keypoints is not None:
         seen = ((index, Observed(shown, keypoints(index))) for index, shown in seen)
     return seen
 
 
-def kept_by(session: Session, seen: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
+def _keep_in_session(
+    session: Session, seen: Iterable[tuple[int, Any]]
+) -> Iterator[tuple[int, Any]]:
     """Yield the items of `seen`, after the session has kept those that it is asked to keep."""
     for index, voxels in seen:
-        session.carved_by(index, voxels)
+        session.record_carved(index, voxels)
         yield index, voxels
 
 
@@ -149,10 +151,10 @@ def _provenance(
             "voxel_size": grid.voxel_size,
             "shape": list(grid.shape),
         }
-    return [{**provenance, **of.described()} for of in seeded(task.method, task.seeds)]
+    return [{**provenance, **of.describe()} for of in with_seeds(task.method, task.seeds)]
 
 
-def one_way(
+def track_forward(
     tracker: Any, seen: Iterable[tuple[int, Any]], progress: Callable[[str], object]
 ) -> Iterator[tuple[int, list[Estimate]]]:
     """Yield the number of every frame of `seen` and each run's estimate of it. The tracker must be
@@ -165,9 +167,9 @@ def one_way(
         progress("tracking")
 
 
-def _tracked(
+def _collect_tracks(
     found: Iterator[tuple[int, list[Estimate]]],
-    tracks_of: Callable[[list[int], list[Any]], list[Track]],
+    build_tracks: Callable[[list[int], list[Any]], list[Track]],
     keep: KeepParts | None,
 ) -> Tracked:
     """Build the tracks chunk by chunk, so that a long run holds only its rows in memory, or none if
@@ -179,7 +181,7 @@ def _tracked(
         if not estimates and not parts:
             raise error or InputError("there is no frame to track; expected at least one")
         if estimates:
-            part = tracks_of(frames, estimates)
+            part = build_tracks(frames, estimates)
             parts.append(part)
             if keep is not None and error is None:
                 try:
@@ -191,14 +193,14 @@ def _tracked(
         if isinstance(error, UserError):
             stopped = error
         if not more:
-            tracks = [joined(run).judged for run in zip(*parts, strict=True)]
+            tracks = [concatenate_tracks(run).judged for run in zip(*parts, strict=True)]
             # the interrupt may have come after the last frame
             if interrupted or isinstance(error, KeyboardInterrupt):
-                tracks = [_interrupted(track) for track in tracks]
+                tracks = [_stop_reason(track) for track in tracks]
             return Tracked(tracks, stopped)
 
 
-def _interrupted(track: Track) -> Track:
+def _stop_reason(track: Track) -> Track:
     made = {**json.loads(track.provenance), "interrupted": True}
     return replace(track, provenance=json.dumps(made))
 
@@ -222,7 +224,9 @@ def _part(
     return frames, estimates, False, None
 
 
-def observed(observe: Callable[[Frame], Any], frames: Iterable[Frame]) -> Iterator[tuple[int, Any]]:
+def observe_frames(
+    observe: Callable[[Frame], Any], frames: Iterable[Frame]
+) -> Iterator[tuple[int, Any]]:
     """Yield number and observation of every frame; an `observe` that can stream works ahead of
     them.
 
@@ -230,14 +234,14 @@ def observed(observe: Callable[[Frame], Any], frames: Iterable[Frame]) -> Iterat
     """
     interrupts: list[KeyboardInterrupt] = []
 
-    def uninterrupted() -> Iterator[Frame]:
+    def hold_interrupts() -> Iterator[Frame]:
         try:
             yield from frames
         except KeyboardInterrupt as interrupt:
             interrupts.append(interrupt)
 
     if isinstance(observe, Reconstructor):
-        for voxels in observe.stream(uninterrupted()):
+        for voxels in observe.stream(hold_interrupts()):
             assert voxels.frame is not None
             yield voxels.frame.index, voxels
         if interrupts:
@@ -257,14 +261,14 @@ def track_voxels(
     none.
     """
     tracker.start(pose)
-    found = one_way(tracker, voxels, lambda stage: None)
+    found = track_forward(tracker, voxels, lambda stage: None)
     frames, estimates, _, error = _part(found, math.inf)
     if error is not None and (not estimates or not isinstance(error, KeyboardInterrupt)):
         raise error
     return frames, estimates
 
 
-def track_of(
+def build_track(
     body: BodyModel,
     fps: float,
     frames: list[int],
@@ -273,22 +277,22 @@ def track_of(
 ) -> Track:
     """Return the track of these estimates, one per frame. provenance: see `Track`."""
 
-    def stacked(name: str) -> np.ndarray:
+    def stack(name: str) -> np.ndarray:
         return np.stack([getattr(estimate, name) for estimate in estimates])
 
-    poses = stacked("pose")
+    poses = stack("pose")
     names = ("ess", "beta", "deviation", "misfit", "confidence", "lost", "restart")
-    diagnostics: dict[str, Any] = {name: stacked(name) for name in names}
+    diagnostics: dict[str, Any] = {name: stack(name) for name in names}
     # The log weight of the best particle at exponent 1, Song et al. eq. (16).
-    diagnostics["best_log_weight"] = -stacked("least_error")
-    covariance = joint_covariance(body, poses, stacked("information"), stacked("deviation"))
+    diagnostics["best_log_weight"] = -stack("least_error")
+    covariance = joint_covariance(body, poses, stack("information"), stack("deviation"))
     diagnostics["covariance"] = np.where(
         diagnostics["lost"][:, None, None, None], np.nan, covariance
     )
-    chosen_from = stacked("candidates"), stacked("candidate_errors")
+    chosen_from = stack("candidates"), stack("candidate_errors")
     diagnostics["limb_margin"] = limb_margins(body, poses, *chosen_from)
     if estimates[0].disagreement is not None:
-        diagnostics["limb_disagreement"] = stacked("disagreement")
+        diagnostics["limb_disagreement"] = stack("disagreement")
     return Track(
         body_name=body.name,
         dof_names=body.dof_names,

@@ -36,7 +36,7 @@ class Judge:
             return config.unknown
         return float(np.clip(config.ratio * np.median(self._good), config.least, config.worst))
 
-    def judged(self, estimate: Estimate, restart: int = TRACKED) -> Estimate:
+    def judge(self, estimate: Estimate, restart: int = TRACKED) -> Estimate:
         """Return the estimate with its confidence: 1/2 at the limit, NaN without a misfit."""
         confidence = 1 / (1 + (estimate.misfit / self.limit) ** self.config.steepness)
         lost = self.config.on and bool(confidence < 0.5)
@@ -48,7 +48,7 @@ class Judge:
             self._good.append(estimate.misfit)
 
 
-class Watched:
+class RecoveringTracker:
     """A tracker that adds a confidence to its estimates and recovers a lost person; same interface
     as the tracker.
 
@@ -79,18 +79,18 @@ class Watched:
 
     def step(self, observation: Any) -> Estimate:
         """Track the next frame."""
-        return self.watched(self._tracker.step(observation), observation)
+        return self.recover_if_lost(self._tracker.step(observation), observation)
 
-    def errors_of(self, poses: np.ndarray) -> np.ndarray:
-        """Return the errors (N,) of poses (N, D), see `Tracker.errors_of`."""
-        errors: np.ndarray = self._tracker.errors_of(poses)
+    def score_poses(self, poses: np.ndarray) -> np.ndarray:
+        """Return the errors (N,) of poses (N, D), see `Tracker.score_poses`."""
+        errors: np.ndarray = self._tracker.score_poses(poses)
         return errors
 
-    def watched(self, estimate: Estimate, observation: Any) -> Estimate:
+    def recover_if_lost(self, estimate: Estimate, observation: Any) -> Estimate:
         """Return the result of `step`, given the tracker's own `estimate` for an observation."""
-        found = self._judge.judged(estimate)
+        found = self._judge.judge(estimate)
         if found.lost:
-            found = self._recovered(observation, found)
+            found = self._recover(observation, found)
         if found.lost:
             self._n_lost += 1
             return replace(found, pose=self._pose.copy())
@@ -99,7 +99,7 @@ class Watched:
         self._judge.accept(found)
         return found
 
-    def _recovered(self, observation: Any, lost: Estimate) -> Estimate:
+    def _recover(self, observation: Any, lost: Estimate) -> Estimate:
         """Return the estimate after a restart, or `lost` if no restart succeeds."""
         found = self._reacquire(observation, lost) if self._enough(observation) else lost
         # In either case the next frame starts from the last pose in which the person was tracked.
@@ -109,33 +109,36 @@ class Watched:
     def _reacquire(self, observation: Any, lost: Estimate) -> Estimate:
         if self._wide is None:
             self._wide = self._make_wide()
-        found = self._search_from(self._pose, observation, LOCAL_RESTART)
+        found = self._search_around(self._pose, observation, LOCAL_RESTART)
         config = self._judge.config
         again = self._n_lost % config.retry == 0 and (found.lost or config.everywhere_too)
         if again and self._everywhere is not None:
             tried = [
-                self._search_from(pose, observation, GLOBAL_RESTART)
+                self._search_around(pose, observation, GLOBAL_RESTART)
                 for pose in self._everywhere(observation)
             ]
             found = min([found, *tried], key=lambda estimate: estimate.misfit)
         return lost if found.lost else _match_layers(found, lost)
 
-    def _search_from(self, pose: np.ndarray, observation: Any, restart: int) -> Estimate:
+    def _search_around(self, pose: np.ndarray, observation: Any, restart: int) -> Estimate:
         self._wide.start(pose)
         for _ in range(self._judge.config.n_steps):
             estimate = self._wide.step(observation)
-        return self._judge.judged(estimate, restart)
+        return self._judge.judge(estimate, restart)
 
 
-class WatchedRuns:
+class RecoveringRuns:
     """The runs of one batched tracker, each with its own recovery.
 
     A run that has lost the person searches for them alone, by a tracker of its own, and only then
     pays for it. Until a run loses the person, it is bit-equal to the same run alone. watch: returns
-    the `Watched` of a run, from its number and an object whose `start(pose)` restarts that run.
+    the `RecoveringTracker` of a run, from its number and an object whose `start(pose)` restarts
+    that run.
     """
 
-    def __init__(self, tracker: Any, n_runs: int, watch: Callable[[int, Any], Watched]) -> None:
+    def __init__(
+        self, tracker: Any, n_runs: int, watch: Callable[[int, Any], RecoveringTracker]
+    ) -> None:
         self._tracker = tracker
         self._runs = [watch(run, _Restart(tracker, run)) for run in range(n_runs)]
 
@@ -150,19 +153,19 @@ class WatchedRuns:
         """Track the next frame; return the estimate of each run."""
         estimates = self._tracker.step_runs(observation)
         return [
-            run.watched(estimate, observation)
+            run.recover_if_lost(estimate, observation)
             for run, estimate in zip(self._runs, estimates, strict=True)
         ]
 
-    def errors_of(self, poses: np.ndarray) -> np.ndarray:
-        """Return the errors (N,) of poses (N, D), see `Tracker.errors_of`."""
-        errors: np.ndarray = self._tracker.errors_of(poses)
+    def score_poses(self, poses: np.ndarray) -> np.ndarray:
+        """Return the errors (N,) of poses (N, D), see `Tracker.score_poses`."""
+        errors: np.ndarray = self._tracker.score_poses(poses)
         return errors
 
 
 class SeparateRuns:
     """Trackers that receive the same observations one after the other; same interface as
-    `WatchedRuns`."""
+    `RecoveringRuns`."""
 
     def __init__(self, trackers: Sequence[Any]) -> None:
         self._trackers = trackers
@@ -177,9 +180,9 @@ class SeparateRuns:
         """Track the next frame; return the estimate of each run."""
         return [tracker.step(observation) for tracker in self._trackers]
 
-    def errors_of(self, poses: np.ndarray) -> np.ndarray:
+    def score_poses(self, poses: np.ndarray) -> np.ndarray:
         """Return the errors (N,) of poses (N, D), averaged over the trackers."""
-        errors: np.ndarray = np.mean([of.errors_of(poses) for of in self._trackers], axis=0)
+        errors: np.ndarray = np.mean([of.score_poses(poses) for of in self._trackers], axis=0)
         return errors
 
 

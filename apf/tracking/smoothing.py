@@ -15,12 +15,12 @@ import numpy as np
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.tracking.config import ContactConfig, SmoothingConfig
-from apf.tracking.foot_contact import feet, held, stances, standing
+from apf.tracking.foot_contact import detect_standing, find_ankles, find_stances, hold_feet
 from apf.tracking.track import Track
 from cl import InputError
 
 
-def smoothed(track: Track, config: SmoothingConfig | None = None) -> Track:
+def smooth_track(track: Track, config: SmoothingConfig | None = None) -> Track:
     """Return `track` with smooth poses within the limits of its body, and with the joints of these
     poses.
 
@@ -36,13 +36,13 @@ def smoothed(track: Track, config: SmoothingConfig | None = None) -> Track:
     deviation = track.diagnostics.get("deviation", np.ones_like(track.poses))
     relative = deviation / np.maximum(np.median(deviation, axis=0), 1e-12) if len(track) else 1.0
     variance = np.maximum(relative, config.min_deviation) ** 2
-    poses = unwrapped(track.poses, body)
-    for part in unbroken_parts(track):
-        poses[part] = smoothed_series(poses[part], variance[part], times[part], config)
+    poses = unwrap_angles(track.poses, body)
+    for part in find_unbroken_parts(track):
+        poses[part] = smooth_series(poses[part], variance[part], times[part], config)
     poses = np.where(track.lost[:, None], track.poses, np.clip(poses, body.lower, body.upper))
     diagnostics = dict(track.diagnostics)
     if config.lag is None and config.contact is not None:
-        poses, diagnostics["standing"] = _with_feet_held(track, poses, config.contact)
+        poses, diagnostics["standing"] = _hold_feet(track, poses, config.contact)
     provenance = json.loads(track.provenance)
     provenance["smoothing"] = {
         "mode": "whole sequence" if config.lag is None else "fixed lag",
@@ -59,22 +59,22 @@ def smoothed(track: Track, config: SmoothingConfig | None = None) -> Track:
     )
 
 
-def _with_feet_held(
+def _hold_feet(
     track: Track, poses: np.ndarray, config: ContactConfig
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return smooth `poses` (F, D) in which standing feet are held, and which feet stand: (F, 2)
     bool."""
     body, times = track.its_body, track.times
-    if not feet(body):
+    if not find_ankles(body):
         return poses, track.standing
-    ankles = posed_joints(body, poses)[:, feet(body)]
-    stands = standing(np.where(track.lost[:, None, None], np.nan, ankles), times, config)
-    for part in unbroken_parts(track):
-        poses[part] = held(body, poses[part], times[part], stands[part], config)
+    ankles = posed_joints(body, poses)[:, find_ankles(body)]
+    stands = detect_standing(np.where(track.lost[:, None, None], np.nan, ankles), times, config)
+    for part in find_unbroken_parts(track):
+        poses[part] = hold_feet(body, poses[part], times[part], stands[part], config)
     return poses, stands
 
 
-def unwrapped(poses: np.ndarray, body: BodyModel) -> np.ndarray:
+def unwrap_angles(poses: np.ndarray, body: BodyModel) -> np.ndarray:
     """Return a copy of `poses` (F, .., D) whose unlimited angles are unwrapped along the first
     axis, see `np.unwrap`."""
     poses = np.array(poses, np.float64)
@@ -83,12 +83,12 @@ def unwrapped(poses: np.ndarray, body: BodyModel) -> np.ndarray:
     return poses
 
 
-def unbroken_parts(track: Track) -> list[slice]:
+def find_unbroken_parts(track: Track) -> list[slice]:
     """Return the maximal runs of frames without a lost frame."""
-    return stances(~track.lost)
+    return find_stances(~track.lost)
 
 
-def smoothed_series(
+def smooth_series(
     values: np.ndarray, variance: np.ndarray, times: np.ndarray, config: SmoothingConfig
 ) -> np.ndarray:
     """Smooth values (F, D) at `times` (F,) s; variance (F, D): of each value, up to a common
@@ -101,13 +101,13 @@ def smoothed_series(
     # gain is 1 / (1 + variance dt w^4 / strength), dt the time between samples.
     strength = np.median(steps) * (2 * np.pi * config.cutoff) ** 4
     moves = [_step(dt, strength) for dt in steps]
-    states, covariances = _filtered(values, variance, moves)
+    states, covariances = _run_kalman_filter(values, variance, moves)
     if config.lag is None:
-        return _smoothed(states, covariances, moves)[:, :, 0]
+        return _run_rts_smoother(states, covariances, moves)[:, :, 0]
     out = np.empty_like(values)
     for i in range(n):
         end = min(n, i + config.lag + 1)
-        out[i] = _smoothed(states[i:end], covariances[i:end], moves[i : end - 1])[0, :, 0]
+        out[i] = _run_rts_smoother(states[i:end], covariances[i:end], moves[i : end - 1])[0, :, 0]
     return out
 
 
@@ -118,7 +118,7 @@ def _step(dt: float, strength: float) -> tuple[np.ndarray, np.ndarray]:
     return transition, noise
 
 
-def _filtered(
+def _run_kalman_filter(
     values: np.ndarray, variance: np.ndarray, moves: list[tuple[np.ndarray, np.ndarray]]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Run the Kalman filter: states (F, D, 2) and covariances (F, D, 2, 2) after each value."""
@@ -137,7 +137,7 @@ def _filtered(
     return states, covariances
 
 
-def _smoothed(
+def _run_rts_smoother(
     states: np.ndarray, covariances: np.ndarray, moves: list[tuple[np.ndarray, np.ndarray]]
 ) -> np.ndarray:
     """Run the Rauch-Tung-Striebel smoother: states (F, D, 2) given all values up to the last."""

@@ -19,7 +19,7 @@ from apf.body.toml import format_body, parse_body
 from apf.formats import BODY_WRITERS, WRITERS, BodyMotion, JointSeries
 from apf.formats.motion import interpolate_gaps
 from apf.formats.trc import CONVENTIONS, write_trc
-from apf.tracking.foot_contact import feet, flat
+from apf.tracking.foot_contact import detect_flat_feet, find_ankles
 from apf.tracking.limb_confidence import LOST, limb_confidence
 from cl import InputError
 from psfs.cameras.names import listed
@@ -136,8 +136,8 @@ class Track:
         for name in ("poses", "joints") if self.dof_names else ("poses",):
             if not np.isfinite(getattr(self, name)).all():
                 raise InputError(f"{name} hold a number that is not finite; expected finite ones")
-        if np.any(np.diff(self.frames) < 0):
-            raise InputError("frames are not ascending; expected the frames in their order")
+        if np.any(np.diff(self.frames) <= 0):
+            raise InputError("frames are not ascending; expected each once, in their order")
         _provenance(self.provenance)
 
     def __len__(self) -> int:
@@ -233,8 +233,8 @@ class Track:
         bend are known only for smoothed tracks, in frames in which the foot stands flat. Raises
         InputError if the track does not hold its body."""
         angles = joint_angles(self.its_body, self.poses)
-        if self.standing.any() and (ankles := feet(self.its_body)):
-            level = flat(self.joints[:, ankles], self.standing)
+        if self.standing.any() and (ankles := find_ankles(self.its_body)):
+            level = detect_flat_feet(self.joints[:, ankles], self.standing)
             angles |= standing_ankles(self.its_body, self.poses, level)
         gone = self.lost[:, None] | (self.lost_limbs @ limb_angles(self.its_body, angles))
         return {
@@ -328,7 +328,7 @@ class Track:
         path = Path(path)
         parts = [] if (path / "track.npz").exists() else sorted(path.glob(PARTS))
         if parts:  # of a run that was killed
-            return joined(parts)
+            return concatenate_tracks(parts)
         path = path / "track.npz" if path.is_dir() else path
         schema = _FIELDS | {
             _DIAGNOSTIC + name: replace(values, needed=False)
@@ -358,7 +358,7 @@ def part_name(folder: Path, track: Track) -> Path:
     return folder / "parts" / f"track_{track.frames[0]:09d}.npz"
 
 
-def joined(parts: Iterable[Track | Path]) -> Track:
+def concatenate_tracks(parts: Iterable[Track | Path]) -> Track:
     """Return one track of the frames of several, which follow each other and differ in nothing
     else. Files are read one after the other, so that all rows are in memory only once. Raises
     InputError for a file that is no track."""

@@ -6,16 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from apf.backend import device_tracker, shares_launches, tracker_for
+from apf.backend import make_device_tracker, make_tracker, shares_launches
 from apf.filters.method import Method
 from apf.initialisation import StartConfig, StartError, find_start
 from apf.initialisation.config import AcceptanceConfig
-from apf.initialisation.from_keypoints import pose_of_points
-from apf.initialisation.kept_voxels import stored
-from apf.likelihood.observations import parted
+from apf.initialisation.from_keypoints import fit_pose_to_points
+from apf.initialisation.kept_voxels import store_voxels
+from apf.likelihood.observations import split_observation
 from apf.scene import Scene
 from apf.tracking.config import RecoveryConfig
-from apf.tracking.recovery import SeparateRuns, Watched, WatchedRuns
+from apf.tracking.recovery import RecoveringRuns, RecoveringTracker, SeparateRuns
 
 #: Settings of the global search for a lost person: one attempt, because it is repeated soon.
 _ONE_ATTEMPT = StartConfig(acceptance=AcceptanceConfig(n_attempts=1))
@@ -23,9 +23,9 @@ _ONE_ATTEMPT = StartConfig(acceptance=AcceptanceConfig(n_attempts=1))
 _GOLDEN = 0x9E3779B97F4A7C15
 
 
-def seeded(method: Method, seeds: list[int]) -> list[Method]:
+def with_seeds(method: Method, seeds: list[int]) -> list[Method]:
     """Return `method` with each of `seeds`. Raises InputError for a seed that is out of range."""
-    return [method.replace(filter=method.filter.changed(seed=seed)) for seed in seeds]
+    return [method.replace(filter=method.filter.with_changes(seed=seed)) for seed in seeds]
 
 
 def run_seeds(seed: int, n_runs: int) -> list[int]:
@@ -37,22 +37,24 @@ def run_seeds(seed: int, n_runs: int) -> list[int]:
     return [(seed + run * _GOLDEN) % 2**64 for run in range(n_runs)]
 
 
-def watched_runs(scene: Scene, method: Method, seeds: list[int]) -> WatchedRuns | SeparateRuns:
+def make_recovering_runs(
+    scene: Scene, method: Method, seeds: list[int]
+) -> RecoveringRuns | SeparateRuns:
     """Make the recovering trackers of `method` with each of `seeds`, batched into one if the method
     allows it."""
-    methods = seeded(method, seeds)
+    methods = with_seeds(method, seeds)
     if len(seeds) == 1 or not shares_launches(scene.device, method):
-        return SeparateRuns([watched(scene, of) for of in methods])
+        return SeparateRuns([make_recovering_tracker(scene, of) for of in methods])
 
-    def watch(run: int, restart: Any) -> Watched:
-        return watched(scene, methods[run], restart)
+    def watch(run: int, restart: Any) -> RecoveringTracker:
+        return make_recovering_tracker(scene, methods[run], restart)
 
-    return WatchedRuns(device_tracker(scene, method, seeds), len(seeds), watch)
+    return RecoveringRuns(make_device_tracker(scene, method, seeds), len(seeds), watch)
 
 
-def watched(
+def make_recovering_tracker(
     scene: Scene, method: Method, tracker: Any = None, config: RecoveryConfig | None = None
-) -> Watched:
+) -> RecoveringTracker:
     """Make the recovering tracker of `method`, see `recovery`; it wraps `tracker`, if given, which
     must search by that method."""
     config = (config or RecoveryConfig()).for_body(scene.body)
@@ -61,18 +63,18 @@ def watched(
         config = config.replace(retry=1)
     search = method.filter.search
     longer = {} if method.search == "sir" else {"n_layers": config.longer * search.n_layers}
-    wide = method.filter.changed(noise=config.wider * search.noise, **longer)
+    wide = method.filter.with_changes(noise=config.wider * search.noise, **longer)
     wider = method.replace(filter=wide)
 
     def everywhere(observation: Any) -> list[np.ndarray]:
-        shown, points = parted(observation)
+        shown, points = split_observation(observation)
         if points is not None and not points.few:
-            by_points = pose_of_points(scene.body, scene.rig, points)
+            by_points = fit_pose_to_points(scene.body, scene.rig, points)
             if by_points is not None:
                 return [by_points]
         if not method.uses_voxels:
             return []
-        voxels = stored(scene.device, shown)
+        voxels = store_voxels(scene.device, shown)
         try:
             found = find_start(
                 scene, [voxels], search.noise, keep_shape=True,
@@ -83,12 +85,12 @@ def watched(
         return [found.pose]
 
     def enough(observation: Any) -> bool:
-        points = parted(observation).points
+        points = split_observation(observation).points
         return method.uses_voxels or points is None or not points.few
 
-    return Watched(
-        tracker or tracker_for(scene, method),
-        lambda: tracker_for(scene, wider),
+    return RecoveringTracker(
+        tracker or make_tracker(scene, method),
+        lambda: make_tracker(scene, wider),
         everywhere if method.uses_voxels or method.uses_keypoints else None,
         config,
         enough,

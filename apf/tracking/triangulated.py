@@ -12,6 +12,7 @@ from importlib.metadata import version
 import numpy as np
 
 from apf.keypoints import Keypoints, triangulate
+from apf.keypoints.config import TriangulationConfig
 from apf.keypoints.landmarks import find_landmarks, landmark_edges
 from apf.keypoints.series import fill_gaps, low_pass
 from apf.tracking.config import TriangulatedConfig
@@ -24,7 +25,7 @@ from psfs.sequence import Sequence
 BODY_NAME = "triangulated"
 
 
-def triangulated_track(
+def triangulate_track(
     sequence: Sequence,
     keypoints: Keypoints,
     config: TriangulatedConfig | None = None,
@@ -49,14 +50,7 @@ def triangulated_track(
     straight = keypoints.undistort(sequence.rig).points[:, frames][:, :, list(landmarks)]
     found = triangulate(sequence.rig, straight, config.triangulation)
     if not np.isfinite(found.points).any():
-        limits = config.triangulation
-        sure = np.nan_to_num(straight[..., 2]) >= limits.min_confidence
-        several = (sure.sum(0) >= limits.min_cameras).sum()
-        raise InputError(
-            f"no keypoint of {sequence.name} is seen by {limits.min_cameras} cameras that agree "
-            f"within {limits.max_error:g} px; {several} of {sure[0].size} are seen by so many with "
-            f"a confidence of {limits.min_confidence:g}"
-        )
+        raise _no_points(sequence.name, straight[..., 2], config.triangulation)
     if progress is not None:
         progress()
     rate = sequence.fps / (abs(selection.step or 1) if selection else 1)
@@ -86,4 +80,15 @@ def triangulated_track(
                 "triangulated": config.to_dict(),
             }
         ),
+    )
+
+
+def _no_points(name: str, confidence: np.ndarray, limits: TriangulationConfig) -> InputError:
+    """Return the error of a sequence without a point; confidence: of its keypoints (V, ...)."""
+    sure = np.nan_to_num(confidence) >= limits.min_confidence
+    several = (sure.sum(0) >= limits.min_cameras).sum()
+    return InputError(
+        f"no keypoint of {name} is seen by {limits.min_cameras} cameras that agree within "
+        f"{limits.max_error:g} px; {several} of {sure[0].size} are seen by so many with a "
+        f"confidence of {limits.min_confidence:g}"
     )

@@ -26,23 +26,23 @@ from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_ends, limb_joints, limb_masks, solve_inverse_kinematics
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
-from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, cropped
-from apf.likelihood.observations import parted, with_points
+from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, crop_voxels
+from apf.likelihood.observations import split_observation, with_points
 from apf.tracking.config import TwoWayConfig
-from apf.tracking.foot_contact import stances
+from apf.tracking.foot_contact import find_stances
 from apf.tracking.limb_confidence import REGRESSION
-from apf.tracking.recovery import SeparateRuns, WatchedRuns
-from apf.tracking.smoothing import unwrapped
+from apf.tracking.recovery import RecoveringRuns, SeparateRuns
+from apf.tracking.smoothing import unwrap_angles
 from cl import Device, NumpyDevice, UserError
 
 #: One frame of a window: its number, its observation, and for each track the estimates of its runs.
 Seen = tuple[int, Any, list[list[Estimate]]]
 
 
-def both_ways(
+def track_both_ways(
     device: Device | NumpyDevice,
     forward: Any,
-    back: Sequence[WatchedRuns | SeparateRuns],
+    back: Sequence[RecoveringRuns | SeparateRuns],
     seen: Iterable[tuple[int, Any]],
     progress: Callable[[str], object],
     config: TwoWayConfig | None = None,
@@ -68,7 +68,7 @@ def both_ways(
                 runs = forward.step(shown)
                 n_runs = len(runs) // len(back)
                 by_track = [runs[n_runs * of : n_runs * (of + 1)] for of in range(len(back))]
-                window.append((index, _kept(device, shown), by_track))
+                window.append((index, _keep(device, shown), by_track))
                 n_bytes += _n_bytes(window[-1][1])
                 progress("tracking")
                 if config.full(len(window), n_bytes):
@@ -80,10 +80,10 @@ def both_ways(
         n_final = len(window) if whole else len(window) - min(config.overlap, len(window) // 3)
         try:
             report = partial(progress, "tracking back")
-            final = _smoothed(device, back, window, fps, config, report)
+            final = _fuse_window(device, back, window, fps, config, report)
         except (KeyboardInterrupt, UserError) as error:
             ended, n_final = error, len(window)
-            final = [[_alone(runs[0]) for runs in of] for _, _, of in window]
+            final = [[_without_disagreement(runs[0]) for runs in of] for _, _, of in window]
         for (index, _, _), estimates in zip(window[:n_final], final, strict=False):
             yield index, estimates
         if ended is not None:
@@ -93,20 +93,20 @@ def both_ways(
         del window[:n_final]
 
 
-def _kept(device: Device | NumpyDevice, observation: Any) -> Any:
+def _keep(device: Device | NumpyDevice, observation: Any) -> Any:
     """Return a copy of an observation that stays valid when the next one is made."""
-    shown, points = parted(observation)
-    return with_points(None if shown is None else cropped(device, shown), points)
+    shown, points = split_observation(observation)
+    return with_points(None if shown is None else crop_voxels(device, shown), points)
 
 
 def _n_bytes(kept: Any) -> int:
-    shown = parted(kept).shown
+    shown = split_observation(kept).shown
     return shown.nbytes if isinstance(shown, CroppedVoxels) else 0
 
 
-def _backwards(device: Device | NumpyDevice, window: list[Seen]) -> Iterator[Any]:
+def _reverse_observations(device: Device | NumpyDevice, window: list[Seen]) -> Iterator[Any]:
     """Yield the observations of a window in reverse order; each overwrites the one before."""
-    parts = [parted(kept) for _, kept, _ in reversed(window)]
+    parts = [split_observation(kept) for _, kept, _ in reversed(window)]
     crops = [shown for shown, _ in parts if isinstance(shown, CroppedVoxels)]
     restored = RestoredVoxels(device, crops) if crops and isinstance(device, Device) else None
     for shown, points in parts:
@@ -115,9 +115,9 @@ def _backwards(device: Device | NumpyDevice, window: list[Seen]) -> Iterator[Any
         yield with_points(shown, points)
 
 
-def _smoothed(
+def _fuse_window(
     device: Device | NumpyDevice,
-    back: Sequence[WatchedRuns | SeparateRuns],
+    back: Sequence[RecoveringRuns | SeparateRuns],
     window: list[Seen],
     fps: float,
     config: TwoWayConfig,
@@ -130,27 +130,29 @@ def _smoothed(
         runs.start(np.stack([estimate.pose for estimate in last]))
     found: list[list[tuple[list[Estimate], np.ndarray]]] = [[] for _ in back]
     for observation, (_, _, by_track) in zip(
-        _backwards(device, window), reversed(window), strict=True
+        _reverse_observations(device, window), reversed(window), strict=True
     ):
         for frames, runs, ahead in zip(found, back, by_track, strict=True):
-            ways = [*ahead, *runs.step(observation)]
-            poses = np.stack([way.pose for way in ways])
-            frames.append((ways, runs.errors_of(exchanged(ways[0].body, poses, config))))
+            passes = [*ahead, *runs.step(observation)]
+            poses = np.stack([each.pose for each in passes])
+            frames.append((passes, runs.score_poses(exchange_limbs(passes[0].body, poses, config))))
         progress()
     tracks = []
     for frames in found:
-        ways_of, errors = zip(*frames[::-1], strict=True)
-        tracks.append(combined(ways_of, np.stack(errors), config, fps))
+        passes_of, errors = zip(*frames[::-1], strict=True)
+        tracks.append(fuse_passes(passes_of, np.stack(errors), config, fps))
     return [list(estimates) for estimates in zip(*tracks, strict=True)]
 
 
-def _alone(estimate: Estimate) -> Estimate:
+def _without_disagreement(estimate: Estimate) -> Estimate:
     """Return an estimate with unknown (NaN) disagreement, because there is no other pass to compare
     with."""
     return replace(estimate, disagreement=np.full(len(limb_ends(estimate.body)), np.nan))
 
 
-def exchanged(body: BodyModel, poses: np.ndarray, config: TwoWayConfig | None = None) -> np.ndarray:
+def exchange_limbs(
+    body: BodyModel, poses: np.ndarray, config: TwoWayConfig | None = None
+) -> np.ndarray:
     """Return the poses (K + K (K - 1) L, D) to compare: those of K passes (K, D), then each of them
     with each of the L limbs of each other pass.
 
@@ -170,7 +172,7 @@ def exchanged(body: BodyModel, poses: np.ndarray, config: TwoWayConfig | None = 
     return np.concatenate([poses, mixed.reshape(-1, body.n_dof)])
 
 
-def combined(
+def fuse_passes(
     estimates: Sequence[Sequence[Estimate]],
     errors: np.ndarray,
     config: TwoWayConfig | None = None,
@@ -179,20 +181,23 @@ def combined(
     """Fuse K passes' estimates of consecutive frames, `fps` per second, into one estimate per
     frame.
 
-    errors: (F, K + K (K - 1) L) of the poses that `exchanged` returns. Trunk and limbs are chosen
-    one by one. The `disagreement` of a limb is the distance of its end in the passes from that in
-    the result.
+    errors: (F, K + K (K - 1) L) of the poses that `exchange_limbs` returns. Trunk and limbs are
+    chosen one by one. The `disagreement` of a limb is the distance of its end in the passes from
+    that in the result.
     """
     config = config or TwoWayConfig()
-    ways, body = _Ways(estimates, config), estimates[0][0].body
+    passes, body = _Passes(estimates, config), estimates[0][0].body
     of_limb, limbs = limb_joints(body), limb_masks(body)
     trunk = ~np.any(of_limb, axis=0)
     trunk |= ~trunk.any()  # if the body has no joints but those of its limbs
-    own = errors[:, : len(ways.poses)]
-    whole = ways.better(own, ways.joints[:, :, trunk])
-    agreed = ways.agreeing(whole, trunk)
-    pose, deviation = averaged(ways.poses, agreed), averaged_deviation(ways.deviations, agreed)
-    by_limb = _errors_of_limbs(errors, own, whole)
+    own = errors[:, : len(passes.poses)]
+    whole = passes.choose(own, passes.joints[:, :, trunk])
+    agreed = passes.find_agreeing_passes(whole, trunk)
+    pose, deviation = (
+        average_passes(passes.poses, agreed),
+        average_deviations(passes.deviations, agreed),
+    )
+    by_limb = _select_limb_errors(errors, own, whole)
 
     def reached(angles: np.ndarray, places: np.ndarray, limb: int) -> np.ndarray:
         dofs = limbs[limb]
@@ -202,37 +207,39 @@ def combined(
 
     for limb, (joints, dofs) in enumerate(zip(of_limb, limbs, strict=True)):
         # The limb also jumps where the trunk changes from one pass to another.
-        tried = [reached(*of, limb) for of in zip(ways.poses, ways.joints, strict=True)]
+        tried = [reached(*of, limb) for of in zip(passes.poses, passes.joints, strict=True)]
         places = np.stack([posed_joints(body, of)[:, joints] for of in tried])
-        agreed = ways.agreeing(ways.better(by_limb[..., limb], places), joints)
-        mean = averaged(ways.poses, agreed), averaged(ways.joints, agreed)
+        agreed = passes.find_agreeing_passes(passes.choose(by_limb[..., limb], places), joints)
+        mean = average_passes(passes.poses, agreed), average_passes(passes.joints, agreed)
         pose[:, dofs] = reached(*mean, limb)[:, dofs]
-        deviation[:, dofs] = averaged_deviation(ways.deviations, agreed)[:, dofs]
-    known = np.any(~ways.lost, axis=0)
-    pose = steadied(body, pose, known, config.n_steady(fps), config.near / 2, config.steady_within)
-    apart = ways.apart_from(pose)
+        deviation[:, dofs] = average_deviations(passes.deviations, agreed)[:, dofs]
+    known = np.any(~passes.lost, axis=0)
+    pose = smooth_poses(
+        body, pose, known, config.n_steady(fps), config.near / 2, config.steady_within
+    )
+    apart = passes.measure_disagreement(pose)
     return [
         replace(of[way], pose=pose[row], deviation=deviation[row], disagreement=apart[row])
-        if known[row] else _alone(of[way])
+        if known[row] else _without_disagreement(of[way])
         for row, (way, of) in enumerate(zip(whole, estimates, strict=True))
     ]  # fmt: skip
 
 
-def _errors_of_limbs(errors: np.ndarray, own: np.ndarray, whole: np.ndarray) -> np.ndarray:
+def _select_limb_errors(errors: np.ndarray, own: np.ndarray, whole: np.ndarray) -> np.ndarray:
     """Return the errors (F, K, L) of the chosen trunk with each limb of every pass.
 
-    errors: see `combined`. own: (F, K) errors of the passes' own poses. whole: (F,) the pass that
-    the trunk is taken from.
+    errors: see `fuse_passes`. own: (F, K) errors of the passes' own poses. whole: (F,) the pass
+    that the trunk is taken from.
     """
-    n_frames, n_ways = own.shape
-    others = ~np.eye(n_ways, dtype=bool)  # row by row, in the order of `exchanged`
-    n_limbs = (errors.shape[1] - n_ways) // max(1, others.sum())
-    found = np.broadcast_to(own[..., None, None], (n_frames, n_ways, n_ways, n_limbs)).copy()
-    found[:, others] = errors[:, n_ways:].reshape(n_frames, others.sum(), n_limbs)
+    n_frames, n_passes = own.shape
+    others = ~np.eye(n_passes, dtype=bool)  # row by row, in the order of `exchange_limbs`
+    n_limbs = (errors.shape[1] - n_passes) // max(1, others.sum())
+    found = np.broadcast_to(own[..., None, None], (n_frames, n_passes, n_passes, n_limbs)).copy()
+    found[:, others] = errors[:, n_passes:].reshape(n_frames, others.sum(), n_limbs)
     return found[np.arange(n_frames), whole]
 
 
-def steadied(
+def smooth_poses(
     body: BodyModel,
     poses: np.ndarray,
     known: np.ndarray,
@@ -248,8 +255,8 @@ def steadied(
     joint by more than `most` m, the limb stays as it was tracked: it jumps to where it was found
     again. Frames that are not `known` (F,) stay as they are, and no parabola crosses them.
     """
-    poses = unwrapped(poses, body)
-    for part in stances(known):
+    poses = unwrap_angles(poses, body)
+    for part in find_stances(known):
         if n < 5 or part.stop - part.start < n:  # a parabola passes through any three points
             continue
         tracked = posed_joints(body, poses[part])
@@ -265,28 +272,28 @@ def steadied(
     return poses
 
 
-class _Ways:
+class _Passes:
     """Poses and deviations (K, F, D) and joints (K, F, J, 3) m of K passes, and the frames (K, F)
     in which each has lost the person."""
 
     def __init__(self, estimates: Sequence[Sequence[Estimate]], config: TwoWayConfig) -> None:
         self._config, self._body = config, estimates[0][0].body
-        ways = list(zip(*estimates, strict=True))
-        poses = np.stack([[estimate.pose for estimate in way] for way in ways])
-        self.poses = unwrapped(poses, self._body)  # from one pass to the other
-        self.deviations = np.stack([[estimate.deviation for estimate in way] for way in ways])
-        self.lost = np.array([[estimate.lost for estimate in way] for way in ways])
+        passes = list(zip(*estimates, strict=True))
+        poses = np.stack([[estimate.pose for estimate in each] for each in passes])
+        self.poses = unwrap_angles(poses, self._body)  # from one pass to the other
+        self.deviations = np.stack([[estimate.deviation for estimate in each] for each in passes])
+        self.lost = np.array([[estimate.lost for estimate in each] for each in passes])
         self.joints = np.stack([posed_joints(self._body, of) for of in self.poses])
 
-    def better(self, misfits: np.ndarray, places: np.ndarray) -> np.ndarray:
+    def choose(self, misfits: np.ndarray, places: np.ndarray) -> np.ndarray:
         """Return the best pass (F,) by misfits (F, K) and by the jumps of joints between frames;
         places: (K, F, N, 3) m, the joints of each pass."""
         costs = misfits / self._config.misfit
         costs += 1e6 * (self.lost & ~self.lost.all(0)).T
         jumps = np.linalg.norm(places[None, :, 1:] - places[:, None, :-1], axis=-1).mean(-1)
-        return best_path(costs, np.moveaxis(jumps, -1, 0) / self._config.jump)
+        return find_best_path(costs, np.moveaxis(jumps, -1, 0) / self._config.jump)
 
-    def agreeing(self, way: np.ndarray, of: np.ndarray) -> np.ndarray:
+    def find_agreeing_passes(self, way: np.ndarray, of: np.ndarray) -> np.ndarray:
         """Return which passes (K, F) have the joints `of` (J,) where the chosen `way` (F,) has
         them.
 
@@ -296,36 +303,36 @@ class _Ways:
         chosen = self.joints[way, np.arange(len(way))]
         apart = np.linalg.norm(self.joints - chosen, axis=-1)[..., of].max(-1)
         agreed = alone | ((apart < self._config.near) & ~self.lost)
-        off = posed_joints(self._body, averaged(self.poses, agreed))
-        off -= averaged(self.joints, agreed)
+        off = posed_joints(self._body, average_passes(self.poses, agreed))
+        off -= average_passes(self.joints, agreed)
         between = np.linalg.norm(off, axis=-1)[:, of].max(-1) < self._config.near / 4
         return np.where(between, agreed, alone)
 
-    def apart_from(self, poses: np.ndarray) -> np.ndarray:
+    def measure_disagreement(self, poses: np.ndarray) -> np.ndarray:
         """Return the distance (F, L), m, of the limbs' ends from those of `poses` (F, D), as
         geometric mean over the passes; NaN in frames that fewer than two passes have tracked."""
         ends = limb_ends(self._body)
         away = self.joints[:, :, ends] - posed_joints(self._body, poses)[:, ends]
         far = np.maximum(np.linalg.norm(away, axis=-1), REGRESSION.least)
         several = (~self.lost).sum(0) > 1
-        mean = np.exp(averaged(np.log(far), ~self.lost | ~several))
+        mean = np.exp(average_passes(np.log(far), ~self.lost | ~several))
         return np.where(several[:, None], mean, np.nan)
 
 
-def averaged(values: np.ndarray, taken: np.ndarray) -> np.ndarray:
+def average_passes(values: np.ndarray, taken: np.ndarray) -> np.ndarray:
     """Return the means (F, ...) of values (K, F, ...) over those with `taken` (K, F)."""
     n_taken = taken.sum(0)
     shape = n_taken.shape + (1,) * (values.ndim - 2)
     return np.einsum("kf,kf...->f...", taken, values) / n_taken.reshape(shape)
 
 
-def averaged_deviation(deviations: np.ndarray, taken: np.ndarray) -> np.ndarray:
+def average_deviations(deviations: np.ndarray, taken: np.ndarray) -> np.ndarray:
     """Return the deviations (F, D) of means over those with `taken` (K, F), assuming independent
     errors of deviations (K, F, D)."""
-    return np.sqrt(averaged(deviations**2, taken) / taken.sum(0)[:, None])
+    return np.sqrt(average_passes(deviations**2, taken) / taken.sum(0)[:, None])
 
 
-def best_path(costs: np.ndarray, changes: np.ndarray) -> np.ndarray:
+def find_best_path(costs: np.ndarray, changes: np.ndarray) -> np.ndarray:
     """Return the sequence of states (F,) of least total cost (Viterbi 1967).
 
     costs: (F, K) of each state. changes: (F - 1, K, K) of the transition from one state to another.

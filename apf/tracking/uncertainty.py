@@ -97,7 +97,9 @@ def raw_covariance(
     return out
 
 
-def inside(offsets: np.ndarray, covariance: np.ndarray, share: float = 0.95) -> np.ndarray:
+def is_inside_ellipsoid(
+    offsets: np.ndarray, covariance: np.ndarray, share: float = 0.95
+) -> np.ndarray:
     """Return whether offsets (..., 3), m, lie in the ellipsoids that hold `share` of the
     probability."""
     solved = np.linalg.solve(covariance, offsets[..., None])[..., 0]

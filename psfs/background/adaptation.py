@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache, partial
 
 import numpy as np
@@ -13,6 +14,24 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
 
 
+@dataclass(frozen=True, eq=False)
+class AdaptationArrays:
+    """The kernel's arrays on the device.
+
+    images: (V, H, W, 3) uint8 pictures. evidence: (V, H, W) int8. marks: (V, rows, columns) uint8
+    of the cells that show voxels, with a border as wide as their influence. sizes: (V, 2) int32 of
+    the pictures. light: (V, LIGHT_FLOATS) float32 of the frame. background: (V, 8, H, W) float32,
+    which is updated, see `background_planes`.
+    """
+
+    images: Array
+    evidence: Array
+    marks: Array
+    sizes: Array
+    light: Array
+    background: Array
+
+
 class Adaptation:
     """`adaptation()`: exponential moving update of the background's mean and variance, by
     `config.rate` of the difference to the frame on the device (Song et al. eq. (1) with exponential
@@ -20,13 +39,7 @@ class Adaptation:
 
     Only pixels that look much like the background are updated, and none with a voxel within two
     cells or foreground in the same cell. So a person who keeps still does not become background.
-    The background is updated in its own light: the frame's light, given by `light`, is removed
-    first.
-
-    pictures: (V, H, W, 3) uint8. evidence: (V, H, W) int8. marks: (V, rows, columns) uint8 of the
-    cells that show voxels, with a border as wide as their influence. sizes: (V, 2) int32 of the
-    pictures. planes: (V, 8, H, W) float32, the background that is updated, see `background_planes`.
-    light: (V, LIGHT_FLOATS) float32 of the frame.
+    The background is updated in its own light: the frame's light is removed first.
     """
 
     def __init__(
@@ -35,38 +48,22 @@ class Adaptation:
         rig: CameraRig,
         config: AdaptationConfig,
         background: BackgroundConfig,
-        pictures: Array,
-        evidence: Array,
-        marks: Array,
-        sizes: Array,
-        planes: Array,
-        light: Array,
+        arrays: AdaptationArrays,
     ) -> None:
         rows, _ = cells(rig)
         blocks = -(-rig.width // max(CELL, pixel_pack(device, rig.width)))
         parts = _parts(device)
         size = (blocks, parts * -(-rows // config.period), len(rig))
         defines = _defines(device, rig, config, background)
-        defines["REACH"] = (marks.shape[1] - rows) // 2
+        defines["REACH"] = (arrays.marks.shape[1] - rows) // 2
         adapt = device.kernel("reconstruction/adaptation", "adapt", **defines)
         # Each phase has its own launch, created on first use: setting an argument takes longer than
         # the launch itself.
         self._of_phase = cache(
-            partial(
-                device.launch,
-                adapt,
-                size,
-                row_group(device, blocks),
-                images=pictures,
-                evidence=evidence,
-                marks=marks,
-                sizes=sizes,
-                light=light,
-                background=planes,
-            )
+            partial(device.launch, adapt, size, row_group(device, blocks), **vars(arrays))
         )
         self._period, self._frames = config.period, 0
-        self._planes = planes
+        self._planes = arrays.background
 
     def __call__(self) -> None:
         """Enqueue the update by the frame whose silhouettes and marks are on the device."""

@@ -142,7 +142,6 @@ def _seen(frames: np.ndarray, key: np.ndarray, config: ScreenConfig) -> np.ndarr
 
 def key_launch(
     device: Device,
-    rig: CameraRig,
     background: ChromaKey,
     config: ChromaKeyConfig,
     evidence: EvidenceConfig,
@@ -151,12 +150,13 @@ def key_launch(
 ) -> Launch:
     """Return the launch from pictures to log ratios of screen over foreground; the arrays are those
     of `Silhouette`."""
+    views, height, width = background.screen.shape
     keys = device.to_device(background.packed(config), "the screens' colours")
     screen = device.to_device(background.screen, "the screens")
     kernel = device.kernel(
         "reconstruction/chroma_key",
         "chroma_ratio",
-        **{"WIDTH": rig.width, "HEIGHT": rig.height, "STEPS": float(evidence.ratio_steps)},
+        **{"WIDTH": width, "HEIGHT": height, "STEPS": float(evidence.ratio_steps)},
         **{"LOWEST": evidence.ratio_range[0], "HIGHEST": evidence.ratio_range[1]},
         **{
             "AREA": AREA,
@@ -166,7 +166,5 @@ def key_launch(
         },
         LIGHT_WEIGHT=float(config.light_width**-2),
     )
-    size = (rig.width, rig.height, len(rig))
-    group = row_group(device, rig.width)
     arrays = {"images": pictures, "keys": keys, "screen": screen, "ratios": ratios}
-    return device.launch(kernel, size, group, **arrays)
+    return device.launch(kernel, (width, height, views), row_group(device, width), **arrays)

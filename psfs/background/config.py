@@ -1,4 +1,4 @@
-"""Settings of the background: its estimation, its density, and the evidence of a pixel."""
+"""Settings of the background: its density, its changes, and the evidence of a pixel."""
 
 from __future__ import annotations
 
@@ -9,161 +9,6 @@ from psfs.common.config import Config, setting
 
 if TYPE_CHECKING:
     import numpy as np
-
-
-class PlateConfig(Config):
-    """Settings of the background's estimation from pictures of the empty scene, see
-    `psfs.background.gaussian`."""
-
-    SOURCE: ClassVar = "by hand"
-
-    std_floor: float = setting(
-        2.0,
-        "Least standard deviation that is learnt: a noiseless background must not make "
-        "N(I; mu, sigma) explode.",
-        unit="grey levels",
-        above=0,
-    )
-    prior_std: float = setting(
-        6.0,
-        "Standard deviation that is believed in before any frame is seen.",
-        unit="grey levels",
-        above=0,
-    )
-    prior_frames: float = setting(
-        2.0,
-        "Weight of `prior_std`. A single picture as background thus gets 4.9 grey levels.",
-        unit="frames",
-        least=0,
-    )
-    clip: float = setting(
-        3.0,
-        "Distance from the mean beyond which a value is left out of it.",
-        "the usual 3 sigma",
-        "standard deviations",
-        above=0,
-    )
-    samples: int = setting(
-        25,
-        "Number of frames that a background is learnt from when the scene is never empty.",
-        "by hand: enough for a median",
-        "frames",
-        least=1,
-    )
-    mixture_samples: int = setting(
-        50,
-        "Number of frames that mixtures of Gaussians are learnt from when the scene is never "
-        "empty.",
-        unit="frames",
-        least=1,
-    )
-    mixture_rate: float = setting(
-        0.0005,
-        "Share of a frame in a mixture that goes on learning, alpha of Rymut 2016 eq. (2.5). "
-        "OpenCV takes for scene what is a tenth of the mixture, so somebody may stand still for "
-        "210 frames.",
-        "by hand; Rymut does not state his",
-        least=0,
-        most=1,
-    )
-
-
-class TakeConfig(Config):
-    """Settings of the background's estimation from a take with people in it, see
-    `psfs.background.take`."""
-
-    SOURCE: ClassVar = (
-        "by hand, on synth_box_4cam, synth_jacks_6cam, synth_pickup_6cam without their plates"
-    )
-
-    longest_side: int = setting(
-        320,
-        "Longest side of the small pictures that people are looked for in.",
-        unit="px",
-        least=32,
-    )
-    moving: float = setting(
-        18.0,
-        "Change of a pixel over the take from which on something moved there.",
-        unit="grey levels",
-        above=0,
-    )
-    gap: int = setting(9, "Width of gaps between what moved that are closed.", unit="px", least=1)
-    least_area: float = setting(40.0, "Area below which what moved is noise.", unit="px^2", least=0)
-    extrapolated_std: float = setting(
-        10.0,
-        "Standard deviation of a background that is extrapolated into the region where something "
-        "moved.",
-        unit="grey levels",
-        above=0,
-    )
-    unlike: float = setting(
-        -2.0,
-        "Evidence for the person below which an extrapolated background replaces one that is never "
-        "seen.",
-        unit="nats",
-    )
-    least_std: float = setting(
-        5.0, "Least standard deviation of a learnt background.", unit="grey levels", above=0
-    )
-    median_blur: float = setting(
-        1.5,
-        "Standard deviation of the blur of the map that says where the median is background.",
-        unit="px",
-        above=0,
-    )
-    colour_limit: float = setting(
-        4.0, "Most that a pixel's colour may say for or against the person.", unit="nats", above=0
-    )
-    least_evidence: float = setting(
-        -1.0,
-        "Mean over 3 x 3 pixels of what their colours say for the person, from which on a pixel "
-        "may be the person's.",
-        unit="nats",
-    )
-    voxels: int = setting(
-        60_000, "Number of voxels of the coarse hull, at most.", unit="voxels", least=1000
-    )
-    explained: float = setting(
-        0.62,
-        "Share of the silhouettes before the medians that all cameras' hull must explain, else "
-        "the medians show somebody.",
-        "between people who walk about and who stay in a place",
-        least=0,
-        most=1,
-    )
-    judged: int = setting(4, "Number of samples of which one is judged so.", least=1)
-    denials: int = setting(
-        1,
-        "Number of cameras, of more than three, that may deny a voxel: their background may hold "
-        "somebody.",
-        least=0,
-    )
-    margin: int = setting(1, "Distance by which the hull's picture is grown.", unit="px", least=0)
-    shadow_width: float = setting(
-        0.06, "Standard deviation of the light factor around 1 of what is background.", above=0
-    )
-    rounds: int = setting(
-        3, "Number of times that hull and background are made of each other, at most.", least=1
-    )
-    rest: float = setting(
-        0.002,
-        "Share of the pixels that change sides below which nothing more is learnt.",
-        least=0,
-        most=1,
-    )
-    least_free: int = setting(
-        3, "Number of frames that must show a pixel of the background.", unit="frames", least=1
-    )
-    free_share: float = setting(
-        0.1, "Share of the frames that must show a pixel of the background.", least=0, most=1
-    )
-    hidden_prior: float = setting(
-        1.0,
-        "Log odds of somebody where the background is never seen.",
-        unit="nats",
-        least=0,
-    )
 
 
 class BackgroundConfig(Config):
@@ -187,14 +32,15 @@ class BackgroundConfig(Config):
     shadow_high: float = setting(1.1, "Greatest light factor alpha.", least=1)
     shadow_width_grey: float = setting(
         0.02,
-        "Standard deviation of alpha around 1 before a grey background: a grey wall under less "
-        "light looks like many clothes.",
+        "Standard deviation of alpha around 1 for a grey background; small, because a grey "
+        "wall under less light looks like many clothes.",
         above=0,
     )
     shadow_width_colour: float = setting(
         0.06,
-        "Standard deviation of alpha around 1 before a background of full saturation, linear "
-        "between: a green carpet under less light looks like nothing else.",
+        "Standard deviation of alpha around 1 for a background of full saturation, "
+        "interpolated linearly between the two: a green carpet under less light is not "
+        "mistaken for clothes.",
         above=0,
     )
 
@@ -230,7 +76,7 @@ class LightConfig(Config):
     )
     narrowest: float = setting(
         3.0,
-        "The same in the last steps: what is farther off than a few of these is somebody.",
+        "The same scale in the last steps; residuals beyond a few of these belong to a person.",
         unit="standard deviations",
         above=0,
     )
@@ -267,15 +113,15 @@ class AdaptationConfig(Config):
 
     rate: float = setting(
         0.025,
-        "Share of the difference to the frame that the mean takes on per frame where nobody is; 0 "
-        "switches that off. It needs `AppearanceConfig.learn`.",
+        "Share of the difference to the frame by which the mean changes per frame where no "
+        "person is; 0 turns adaptation off. It needs `AppearanceConfig.learn`.",
         least=0,
         below=1,
     )
     period: int = setting(
         8,
-        "Number of frames in which every pixel is looked at once, a part of the picture in each: "
-        "more often takes more time.",
+        "Number of frames over which all pixels are updated once, a part of the picture in "
+        "each frame; fewer frames take more time.",
         unit="frames",
         least=1,
     )
@@ -286,8 +132,8 @@ class AdaptationConfig(Config):
     )
     nearest: float = setting(
         30.0,
-        "Squared distance to the background of what it may drift to. Shadows and whatever else "
-        "passes for background are further away, and leave no trace.",
+        "Greatest squared distance to the background of pixels that update it. Shadows and "
+        "other changes that count as background are further away and do not change it.",
         unit="squared standard deviations",
         above=0,
     )
@@ -310,13 +156,11 @@ class ScreenConfig(Config):
 
     samples: int = setting(
         12,
-        "Number of frames of every camera in which the screen's colour is looked for.",
+        "Number of frames of every camera from which the screen's colour is estimated.",
         unit="frames",
         least=1,
     )
-    stride: int = setting(
-        2, "Distance, along both axes, of the pixels that are looked at.", unit="px", least=1
-    )
+    stride: int = setting(2, "Stride, along both axes, of the sampled pixels.", unit="px", least=1)
     brightest: float = setting(
         30.0,
         "Brightest channel below which a pixel's chromaticity is noise.",
@@ -401,20 +245,20 @@ class EvidenceConfig(Config):
     )
     foreground_limit: float = setting(
         6.0,
-        "Most that a single pixel may say for the foreground in the mean over 3x3 pixels.",
+        "Greatest evidence for the foreground of a single pixel in the mean over 3x3 pixels.",
         unit="nats",
         above=0,
     )
     background_limit: float = setting(
         10.0,
-        "Most that a single pixel may say for the background in the mean over 3x3 pixels.",
+        "Greatest evidence for the background of a single pixel in the mean over 3x3 pixels.",
         unit="nats",
         above=0,
     )
     independent_pixels: float = setting(
         1.5,
-        "Number of independent pixels that those 3x3 count for: few, since where background and "
-        "clothes look alike they do so all over.",
+        "Effective number of independent pixels among those 3x3; low, because errors of "
+        "neighbouring pixels are correlated where background and clothes look alike.",
         above=0,
     )
 

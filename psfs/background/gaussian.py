@@ -12,7 +12,7 @@ from itertools import chain, islice
 import cv2
 import numpy as np
 
-from psfs.background.config import PlateConfig
+from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.cameras.camera import CameraRig
 from psfs.footage.media import Media
 
@@ -20,7 +20,7 @@ _BAND_BYTES = 2**20  # processed at a time: this fits into a cache
 _VIEWS_AT_ONCE = 4  # estimated in parallel at most; more need more memory for frames
 _LOT = 255  # frames with exact sums: of squares in float32, of counts in a byte
 _HELD_BYTES = 2**26  # greatest size of a view's frames that are decoded once only
-_DEFAULT = PlateConfig()
+_DEFAULT = BackgroundModelConfig()
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,22 +28,22 @@ class Background:
     """The empty scene as a Gaussian per pixel.
 
     mean, std: (V, H, W, 3) float32 grey levels, BGR. H and W are the rig's; smaller views are
-    padded with zeros in `mean` and with `PlateConfig.std_floor` in `std`.
+    padded with zeros in `mean` and with `BackgroundModelConfig.std_floor` in `std`.
     """
 
     mean: np.ndarray
     std: np.ndarray
 
 
-def background_from_plates(
-    rig: CameraRig, plates: Sequence[Media], config: PlateConfig = _DEFAULT
+def estimate_background(
+    rig: CameraRig, media: Sequence[Media], config: BackgroundModelConfig = _DEFAULT
 ) -> Background:
     """Estimate the background from all frames of an empty scene, one video or list of images per
     view."""
-    return _stacked(rig, plates, partial(_view_moments, config=config), config)
+    return _stack_views(rig, media, partial(_view_moments, config=config), config)
 
 
-def _view_moments(view: Media, config: PlateConfig) -> tuple[np.ndarray, np.ndarray]:
+def _view_moments(view: Media, config: BackgroundModelConfig) -> tuple[np.ndarray, np.ndarray]:
     """Compute the `clipped_moments` of a view. If its frames fit into memory, they are decoded once
     and processed band by band, with the same result."""
     width, height = view.size
@@ -58,7 +58,7 @@ def _view_moments(view: Media, config: PlateConfig) -> tuple[np.ndarray, np.ndar
 
 
 def clipped_moments(
-    frames: Iterable[np.ndarray], config: PlateConfig = _DEFAULT
+    frames: Iterable[np.ndarray], config: BackgroundModelConfig = _DEFAULT
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and standard deviation (h, w, 3) float32 of frames (h, w, 3) uint8; the frames
     are iterated twice.
@@ -111,7 +111,7 @@ def _sums(
 
 
 def median_moments(
-    frames: np.ndarray, config: PlateConfig = _DEFAULT
+    frames: np.ndarray, config: BackgroundModelConfig = _DEFAULT
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return median and 1.4826 x median absolute deviation (h, w, 3) float32 of (n, h, w, 3) uint8.
 
@@ -155,7 +155,7 @@ def sorted_stack(stack: np.ndarray) -> np.ndarray:
 
 
 def with_prior(
-    variance: np.ndarray, count: np.ndarray | int, config: PlateConfig = _DEFAULT
+    variance: np.ndarray, count: np.ndarray | int, config: BackgroundModelConfig = _DEFAULT
 ) -> np.ndarray:
     """Return the standard deviation from the variance of `count` frames and the prior, at least the
     floor."""
@@ -164,11 +164,11 @@ def with_prior(
     return np.maximum(std, config.std_floor)
 
 
-def _stacked(
+def _stack_views(
     rig: CameraRig,
     media: Sequence[Media],
     moments: Callable[[Media], tuple[np.ndarray, np.ndarray]],
-    config: PlateConfig,
+    config: BackgroundModelConfig,
 ) -> Background:
     shape = (len(rig), rig.height, rig.width, 3)
     mean, std = np.zeros(shape, np.float32), np.full(shape, config.std_floor, np.float32)

@@ -114,13 +114,13 @@ def unlit_picture(image: np.ndarray, light: np.ndarray) -> np.ndarray:
 def light_launch(
     device: Device,
     rig: CameraRig,
-    background: Background,
+    samples: tuple[np.ndarray, np.ndarray],
     config: LightConfig,
-    density: BackgroundConfig,
     pictures: Array,
     light: Array,
 ) -> Launch:
-    """Return the launch that estimates `light` (V, LIGHT_FLOATS) from `pictures` (V, H, W, 3).
+    """Return the launch that estimates `light` (V, LIGHT_FLOATS) from the `samples`, see
+    `sampled_scene`, of `pictures` (V, H, W, 3).
 
     The light relative to the background's is a gain and an offset per channel, and a gain that
     varies linearly over the picture.
@@ -129,7 +129,7 @@ def light_launch(
     less than half of a picture. Each frame is fitted by itself, so a sudden change of light is
     corrected in the same frame. Twin: reference/light.py.
     """
-    places, scene = sampled_scene(rig, background, density)
+    places, scene = samples
     packs = pack_defines(device, _GROUP)
     kernel = device.kernel(
         "reconstruction/light",

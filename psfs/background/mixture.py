@@ -8,7 +8,7 @@ from threading import Lock
 import cv2
 import numpy as np
 
-from psfs.background.config import PlateConfig
+from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.footage.media import Media
 
 #: OpenCV's label of foreground; its label of shadows is 127.
@@ -28,9 +28,9 @@ class Mixture:
         media: Sequence[Media],
         empty: bool,
         adaptive: bool = False,
-        config: PlateConfig | None = None,
+        config: BackgroundModelConfig | None = None,
     ) -> None:
-        config = config or PlateConfig()
+        config = config or BackgroundModelConfig()
         samples = None if empty else config.mixture_samples
         self._models = [_fit_model(view, samples) for view in media]
         self._rate = config.mixture_rate if adaptive else 0.0

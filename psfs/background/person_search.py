@@ -10,7 +10,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from psfs.background.config import BackgroundConfig, TakeConfig
+from psfs.background.config import BackgroundConfig
+from psfs.background.estimation_config import TakeConfig
 
 #: Colour bins per channel.
 _BINS = 16

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from psfs.background.config import BackgroundConfig, LightConfig, PlateConfig, TakeConfig
+from psfs.background.config import BackgroundConfig, LightConfig
+from psfs.background.estimation_config import BackgroundModelConfig, TakeConfig
 from psfs.background.gaussian import Background, median_moments, sorted_stack, with_prior
 from psfs.background.hull import CoarseHull
 from psfs.background.light import GRID, fit_light, unlit_picture
@@ -41,10 +42,10 @@ class _View:
     small: np.ndarray
 
 
-def background_from_take(
+def estimate_background_from_take(
     rig: CameraRig,
     media: Sequence[Media],
-    plate: PlateConfig | None = None,
+    model: BackgroundModelConfig | None = None,
     config: TakeConfig | None = None,
 ) -> Background:
     """Estimate the background from frames spread over the sequence itself.
@@ -56,28 +57,28 @@ def background_from_take(
     background behind a person who hides it in nearly all frames is unknown; its density is lower
     than the foreground's.
     """
-    plate, config = plate or PlateConfig(), config or TakeConfig()
+    model, config = model or BackgroundModelConfig(), config or TakeConfig()
     small = rig.scaled(min(1.0, config.longest_side / max(rig.width, rig.height)))
     with ThreadPoolExecutor(min(_VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
         sizes = [camera.size for camera in small]
-        views = list(pool.map(lambda own, size: _sampled(own, size, plate), media, sizes))
-        hidden, unseen = _hidden(small, views, pool, plate, config)
+        views = list(pool.map(lambda own, size: _sampled(own, size, model), media, sizes))
+        hidden, unseen = _hidden(small, views, pool, model, config)
         shape = (len(rig), rig.height, rig.width, 3)
-        mean, std = np.zeros(shape, np.float32), np.full(shape, plate.std_floor, np.float32)
+        mean, std = np.zeros(shape, np.float32), np.full(shape, model.std_floor, np.float32)
 
         def learn(view: int) -> None:
             width, height = media[view].size
-            own = _relearnt(media[view], views[view], hidden[view], unseen[view], plate, config)
+            own = _relearnt(media[view], views[view], hidden[view], unseen[view], model, config)
             mean[view, :height, :width], std[view, :height, :width] = own
 
         list(pool.map(learn, range(len(media))))  # raises the threads' errors
     return Background(mean, std)
 
 
-def _sampled(media: Media, size: tuple[int, int], plate: PlateConfig) -> _View:
-    numbers = media.spread(plate.samples)
+def _sampled(media: Media, size: tuple[int, int], model: BackgroundModelConfig) -> _View:
+    numbers = media.spread(model.samples)
     frames = np.stack(list(media.frames(numbers)))
-    median, _ = median_moments(frames, plate)
+    median, _ = median_moments(frames, model)
     light = np.stack([_estimate_frame_light(frame, median) for frame in frames])
     own = [unlit_picture(frame, of) for frame, of in zip(frames, light, strict=True)]
     small = [cv2.resize(picture, size, interpolation=cv2.INTER_AREA) for picture in own]
@@ -104,7 +105,7 @@ def _hidden(
     rig: CameraRig,
     views: list[_View],
     pool: ThreadPoolExecutor,
-    plate: PlateConfig,
+    model: BackgroundModelConfig,
     config: TakeConfig,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the pixels that the person may cover in each sample (V, n, h, w) bool, and the
@@ -116,7 +117,7 @@ def _hidden(
     hidden = np.zeros(frames.shape[:-1], bool)
 
     def search(own: np.ndarray, region: np.ndarray) -> PersonSearch:
-        return PersonSearch(own, region, *median_moments(own, plate), config)
+        return PersonSearch(own, region, *median_moments(own, model), config)
 
     searches = list(pool.map(search, frames, regions))
     colours = np.ones(N_COLOURS)
@@ -132,7 +133,7 @@ def _hidden(
             break
 
         def learn(view: int, hidden: np.ndarray = hidden) -> None:
-            searches[view].learn(*masked_moments(frames[view], hidden[view], plate, config))
+            searches[view].learn(*masked_moments(frames[view], hidden[view], model, config))
 
         list(pool.map(learn, range(len(searches))))
         shown = [of.colours(colours, own) for of, own in zip(searches, hidden, strict=True)]
@@ -172,7 +173,7 @@ def _stacked(pictures: list[np.ndarray], rig: CameraRig) -> np.ndarray:
 
 
 def masked_moments(
-    frames: np.ndarray, hidden: np.ndarray, plate: PlateConfig, config: TakeConfig
+    frames: np.ndarray, hidden: np.ndarray, model: BackgroundModelConfig, config: TakeConfig
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return median and 1.4826 x median absolute deviation (h, w, 3) float32, and known (h, w)
     bool.
@@ -189,7 +190,7 @@ def masked_moments(
     deviation = np.maximum(frames, middle) - np.minimum(frames, middle)
     deviation[used] = 255
     spread = _upper_median(deviation, number).astype(np.float32)
-    std = with_prior((1.4826 * spread) ** 2, number, plate)
+    std = with_prior((1.4826 * spread) ** 2, number, model)
     return middle.astype(np.float32), std.astype(np.float32), known
 
 
@@ -206,7 +207,7 @@ def _relearnt(
     view: _View,
     hidden: np.ndarray,
     unseen: np.ndarray,
-    plate: PlateConfig,
+    model: BackgroundModelConfig,
     config: TakeConfig,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and standard deviation (h, w, 3) float32 of a view's background. Where the
@@ -229,7 +230,7 @@ def _relearnt(
     known = np.ones((height, width), bool)
     for top in range(0, height, band):
         part = np.s_[:, top : top + band]
-        own = masked_moments(frames[part], masks[part], plate, config)
+        own = masked_moments(frames[part], masks[part], model, config)
         mean[top : top + band], std[top : top + band], known[top : top + band] = own
     std[~known] = _UNIFORM_STD * np.exp(config.hidden_prior / 3)
     large = cv2.resize(unseen[:rows, :columns], (width, height), interpolation=cv2.INTER_NEAREST)

@@ -37,22 +37,22 @@ class CalibrationConfig(Config):
     )
     shared_wands: int = setting(
         10,
-        "Number of frames with a wand that two cameras must share so that one can be placed by the "
-        "other: a wand's points tell a pose only from many.",
+        "Number of frames with a wand that two cameras must share for one to be placed "
+        "relative to the other; a wand's few points need many frames.",
         unit="frames",
         least=1,
         most=10_000,
     )
     most_frames: int = setting(
         300,
-        "Greatest number of frames of the footage that are looked at, evenly spread.",
+        "Greatest number of examined frames, evenly spread over the footage.",
         unit="frames",
         least=3,
         most=100_000,
     )
     few_frames: int = setting(
         12,
-        "Number of sightings of a camera below which it is said to see too little.",
+        "Number of sightings below which a camera is reported as seeing too little.",
         unit="frames",
         least=1,
         most=10_000,

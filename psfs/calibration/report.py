@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,7 @@ class ViewReport:
     errors: np.ndarray
     cells: np.ndarray
     dropped: int
-    faults: tuple[str, ...]
+    faults: tuple[str, ...] = ()
 
     @property
     def coverage(self) -> float:
@@ -67,27 +67,17 @@ def summarise_views(
         at = (pixels / camera.size * CELLS).astype(int).clip(0, np.array(CELLS) - 1)
         cells[at[:, 1], at[:, 0]] = True
         shared = int(np.delete(result.shared[view], view).max(initial=0))
-        faults = _list_faults(
-            result, view, len(sightings), shared, float(cells.mean()), lenses_known, config
-        )
         dropped = result.dropped[camera.name]
-        found.append(
-            ViewReport(camera, len(sightings), shared, pixels, errors, cells, dropped, faults)
-        )
+        report = ViewReport(camera, len(sightings), shared, pixels, errors, cells, dropped)
+        found.append(replace(report, faults=_list_faults(result, report, lenses_known, config)))
     return found
 
 
 def _list_faults(
-    result: CalibrationResult,
-    view: int,
-    frames: int,
-    shared: int,
-    coverage: float,
-    lenses_known: bool,
-    config: CalibrationConfig,
+    result: CalibrationResult, view: ViewReport, lenses_known: bool, config: CalibrationConfig
 ) -> tuple[str, ...]:
     """List what is wrong with a camera and what to do."""
-    name, what = result.scene.cameras[view].name, result.target.name
+    name, what = view.camera.name, result.target.name
     faults = []
     if name in result.disagreeing:
         faults.append(
@@ -99,19 +89,19 @@ def _list_faults(
             f"{result.misfits[name]}; calibrate without --intrinsics, or with those of these "
             "pictures' size and zoom"
         )
-    if frames < config.few_frames:
+    if view.frames < config.few_frames:
         faults.append(
-            f"sees too little: the {what} in {frames} frames, expected {config.few_frames} or "
+            f"sees too little: the {what} in {view.frames} frames, expected {config.few_frames} or "
             "more; wave it longer where this camera looks"
         )
-    elif result.target.known is None and shared < config.few_frames:
+    elif result.target.known is None and view.shared < config.few_frames:
         faults.append(
-            f"sees too little together with others: {shared} frames, expected "
+            f"sees too little together with others: {view.shared} frames, expected "
             f"{config.few_frames} or more; hold the {what} where two cameras see it at once"
         )
-    if not lenses_known and coverage < config.coverage:
+    if not lenses_known and view.coverage < config.coverage:
         faults.append(
-            f"sees the {what} in {100 * coverage:.0f} % of its picture, expected "
+            f"sees the {what} in {100 * view.coverage:.0f} % of its picture, expected "
             f"{100 * config.coverage:.0f} or more: bring it nearer and into the corners, or give "
             "--intrinsics"
         )

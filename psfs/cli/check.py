@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Collection
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,10 +17,13 @@ from psfs.diagnostics.camera_consistency import (
     InconsistentCamera,
     find_inconsistent_cameras,
 )
+from psfs.diagnostics.cloud_scores import DEFINITION as CLOUD_DEFINITION
+from psfs.diagnostics.cloud_scores import CloudScore, mean_scores, score_cloud
 from psfs.diagnostics.definitions import DEFINITION
 from psfs.diagnostics.examination import Examination
 from psfs.diagnostics.faults import diagnose
-from psfs.diagnostics.reprojection_iou import Checker, cut_by_volume
+from psfs.diagnostics.reprojection_iou import Checker, describe_cut_silhouettes
+from psfs.diagnostics.silhouette_scores import true_masks
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.session import Session, SessionSettings
 
@@ -37,24 +40,28 @@ def run(args: argparse.Namespace) -> None:
     device = select_device(args.device)
     session = Session(sequence, device, SessionSettings(run.config))
     checker = Checker(session, run.grid)
-    scores = []
+    scores, clouds = [], []
     first, last = run.indices[0], run.indices[-1]
     step = run.indices[1] - first if len(run.indices) > 1 else 1
     frames = sequence.frames(slice(first, last + 1, step))
     with progress_bar() as bar:
         for frame in bar.track(frames, len(run.indices), description="checking"):
-            scores.append(checker(frame, run.cloud(frame.index)))
+            cloud = run.cloud(frame.index)
+            scores.append(checker(frame, cloud))
+            truth = true_masks(sequence, frame.index)
+            if any(mask is not None for mask in truth):
+                clouds.append(score_cloud(sequence.rig, cloud, truth))
     diagnosis = diagnose(session)
     bad = find_inconsistent_cameras(session, diagnosis.reasons)
     names, found = sequence.rig.names, np.array(scores)
     comments = Examination(session, diagnosis, tuple(bad)).warnings[len(bad) :]
-    cut = cut_by_volume(names, np.array(checker.beyond))
+    cut = describe_cut_silhouettes(names, np.array(checker.beyond))
     comments += [cut] if cut else []
     named = {suspect.camera for suspect in bad} | set(diagnosis.reasons)
     if not comments:
         comments = low_agreement(names, found, named)
     with output_folder(args.out, args.parser.prog, addition=True):
-        _report(args.out, run, names, found, bad, comments)
+        _report(run, names, found, bad, comments, clouds)
 
 
 def low_agreement(names: list[str], scores: np.ndarray, named: Collection[str]) -> list[str]:
@@ -70,21 +77,24 @@ def low_agreement(names: list[str], scores: np.ndarray, named: Collection[str]) 
 
 
 def _report(
-    out: Path,
     run: ReconstructionFolder,
     names: list[str],
     scores: np.ndarray,
     bad: list[InconsistentCamera],
     comments: list[str],
+    clouds: list[CloudScore],
 ) -> None:
-    """Print and write scores (frames, V): IoU, NaN if there was nothing to compare."""
+    """Print and write scores (frames, V): IoU, NaN if there was nothing to compare; and those of
+    clouds with true masks."""
     masked = np.ma.masked_invalid(scores)
     stdout.print(iou_table("IoU with the frames' silhouettes", names, masked))
+    if clouds:
+        stdout.print(_beside_truth(clouds))
     left_out: dict[str, str] = run.summary["sequence"].get("left_out", {})
     disagreeing = left_out | {suspect.camera: str(suspect) for suspect in bad}
     for text in (*disagreeing.values(), *comments):
         warn(text, stdout)
-    report = {
+    report: dict[str, Any] = {
         "definition": DEFINITION,
         "mean_iou": plain(masked.mean()),
         "cameras": {
@@ -98,4 +108,16 @@ def _report(
             for index, row in zip(run.indices, scores, strict=True)
         },
     }
-    write_json(out / "check.json", report)
+    if clouds:
+        report["truth"] = {"definition": CLOUD_DEFINITION, "frames": len(clouds)}
+        report["truth"] |= mean_scores(clouds)
+    write_json(run.out / "check.json", report)
+
+
+def _beside_truth(clouds: list[CloudScore]) -> str:
+    """Return a line with the clouds' scores."""
+    mean = {name: "-" if of is None else f"{of:.3f}" for name, of in mean_scores(clouds).items()}
+    return (
+        f"true masks of {len(clouds)} frames: IoU {mean['iou']}, with true silhouettes "
+        f"{mean['ceiling']}; share of ghosts {mean['ghosts']}"
+    )

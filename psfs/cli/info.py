@@ -11,11 +11,11 @@ from cl import select_device
 from psfs.cli.commandline import remark, stdout, warn
 from psfs.cli.sequence_flags import open_sequence
 from psfs.cli.settings import refuse_unused
-from psfs.common.files import write_picture
+from psfs.common.files import check_picture_name, write_picture
 from psfs.diagnostics.examination import examine
 from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
-from psfs.diagnostics.small_views import contact_sheet
+from psfs.diagnostics.small_views import draw_contact_sheet
 from psfs.sequence import Sequence
 from psfs.session import Session
 
@@ -24,6 +24,8 @@ def run(args: argparse.Namespace) -> None:
     if not args.pictures:
         refuse_unused(args, ["masks"], "shows pictures; expected none with --no-pictures")
     sequence = open_sequence(args)
+    if args.masks is not None:
+        check_picture_name(args.masks, sequence.inputs[1:])
     info = sequence_info(sequence)
     stdout.print(_cameras(info))
     stdout.print(_facts(sequence, info))
@@ -36,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
         session = Session(sequence, select_device(args.device))
         _say_faults(session, info.warnings)
         if args.masks is not None:
-            write_picture(args.masks, contact_sheet(diagnose(session).views))
+            write_picture(args.masks, draw_contact_sheet(diagnose(session).views))
             stdout.print(f"wrote {args.masks}", soft_wrap=True, markup=False)
     else:
         for warning in info.warnings:

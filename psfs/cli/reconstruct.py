@@ -27,8 +27,8 @@ from psfs.common.outputs import OutputFolder, output_folder
 from psfs.common.versions import versions
 from psfs.diagnostics.examination import Examination
 from psfs.diagnostics.reprojection_iou import (
-    beyond_volume,
-    cut_by_volume,
+    describe_cut_silhouettes,
+    share_beyond_volume,
     volume_region,
     whole_silhouettes,
 )
@@ -36,8 +36,8 @@ from psfs.output import reconstruction_folder
 from psfs.output.preview import draw_preview
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
-from psfs.volume import automatic_grid, expected_person, find_volume
-from psfs.voxels.clouds import without_debris, write_cloud
+from psfs.volume import automatic_grid, describe_expected_person, find_volume
+from psfs.voxels.clouds import remove_debris, write_cloud
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.occupied_box import finest_pixel
@@ -92,7 +92,7 @@ def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
             f"{sequence.folder}: nothing stands out from the background in the volume from "
             f"{grid.low.round(3)} to {grid.high.round(3)} m, "
             f"{' x '.join(map(str, grid.shape))} voxels of {grid.voxel_size:g} m; "
-            f"expected {expected_person(sequence)}"
+            f"expected {describe_expected_person(sequence)}"
         )
     job.report()
 
@@ -156,9 +156,9 @@ class _Job:
         if len(self.done) % max(1, self.expected // _COMPARED) == 0:
             shown = self.reconstructor.evidence() > 0
             whole = whole_silhouettes(shown, self._region)
-            self._beyond.append(beyond_volume(whole, self._region))
+            self._beyond.append(share_beyond_volume(whole, self._region))
         colour = self.colour and frame.images is not None
-        cloud = without_debris(voxels.cloud(colour=colour), self.debris)
+        cloud = remove_debris(voxels.cloud(colour=colour), self.debris)
         downloaded = time.perf_counter()
         self._waiting.append((frame.index, cloud))
         if len(cloud) or self.done:
@@ -191,7 +191,7 @@ class _Job:
         """Write summary and preview of the finished frames."""
         if not self.done:
             return
-        cut = cut_by_volume(self.sequence.rig.names, np.array(self._beyond))
+        cut = describe_cut_silhouettes(self.sequence.rig.names, np.array(self._beyond))
         if cut:
             warn(cut)
         self._state()

@@ -4,15 +4,17 @@ sequence."""
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cl import InputError
 from psfs.cli.commandline import frame_range, path_or_name, warn
+from psfs.cli.setting_flags import add_setting_flags, flagged
 from psfs.common.files import resolve_path
 from psfs.common.ranges import check_number
 from psfs.footage.folder import check_folder
-from psfs.footage.settings import BACKGROUND_KINDS, SUBJECTS
+from psfs.footage.settings import Settings
 from psfs.voxels.limits import VOXEL_EDGES
 
 if TYPE_CHECKING:
@@ -23,10 +25,7 @@ if TYPE_CHECKING:
 #: Least length of the shortest view as a share of the longest one's, if --frames is not given.
 _MOST_OF_THEM = 0.9
 #: The flags that become overrides of `Sequence.open`.
-_KEYS = (
-    *("calibration", "unit", "up", "fps", "background", "key", "threshold"),
-    *("volume", "cameras", "sync", "subject", "take"),
-)
+_KEYS = tuple(path[-1] for path, _ in flagged(Settings))
 
 
 def add_sequence_flags(
@@ -41,56 +40,14 @@ def add_sequence_flags(
         parser.add_argument(
             "--frames", type=frame_range, metavar="a:b", help="frames counted from 0, b excluded"
         )
-    parser.add_argument("--cameras", type=_names, metavar="A,B,C", help="use only these cameras")
     group = parser.add_argument_group(
         "sequence", "what the files do not say; the same keys may stand in FOLDER/sequence.toml"
     )
-    group.add_argument(
-        "--calibration", type=path_or_name, metavar="PATH", help="calibration file or folder"
-    )
-    group.add_argument(
-        "--unit", metavar="U", help="unit of the calibration: m, cm, mm, 0.76mm or metres per unit"
-    )
-    group.add_argument("--up", metavar="AXIS", help="up axis of its world: z, -z, y, -y, x or -x")
-    if fps:
-        group.add_argument(
-            "--fps", type=frame_rate, metavar="N", help="frames per second, as 30 or 30000/1001"
-        )
-    group.add_argument(
-        "--sync",
-        type=sync_of,
-        metavar="auto|CAMERA=N,...",
-        help="cameras that come N of their frames later than the others, or earlier (-N); auto: "
-        "found in the pictures (default: as many are said to come late, none is shifted)",
-    )
-    group.add_argument(
-        "--subject",
-        choices=SUBJECTS,
-        help="what is filmed: a person, who stands on the floor and is 0.5 to 2.5 m tall "
-        "(default), or any object",
-    )
-    group.add_argument(
-        "--take", metavar="NAME", help="which one, of a folder with several (HumanEva's: Box_1)"
-    )
-    group.add_argument("--background", choices=BACKGROUND_KINDS, help="how silhouettes are made")
-    group.add_argument(
-        "--key",
-        metavar="#rrggbb",
-        help="the screen's colour for --background chroma (default: found in the pictures)",
-    )
-    group.add_argument(
-        "--threshold", type=float, metavar="T", help="brightness 0..1 for --background threshold"
-    )
-    group.add_argument(
-        "--volume",
-        type=volume_box,
-        metavar="x0,x1,y0,y1,z0,z1",
-        help="the box to reconstruct, in metres with Z up; own:x0,... in the calibration's own "
-        "unit and axes",
-    )
+    without = () if fps else ("fps",)
+    add_setting_flags(group, Settings, without=without, parsers=PARSERS)
 
 
-def sync_of(text: str) -> str | dict[str, int]:
+def parse_sync(text: str) -> str | dict[str, int]:
     """Return `auto`, or `cam03=5,cam01=-2` as a mapping (argparse type)."""
     if text == "auto":
         return text
@@ -154,6 +111,13 @@ def volume_box(text: str) -> Any:
         ) from None
     box = [[x0, y0, z0], [x1, y1, z1]]
     return {"own": box} if text.startswith("own:") else box
+
+
+#: How the texts of the flags are parsed that are more than a number, a text or a choice.
+PARSERS: Mapping[str, Callable[[str], Any]] = {
+    "calibration": path_or_name, "fps": frame_rate, "sync": parse_sync, "volume": volume_box,
+    "cameras": _names,
+}  # fmt: skip
 
 
 def stated(args: argparse.Namespace) -> dict[str, Any]:

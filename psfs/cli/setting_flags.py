@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any
 
 from pydantic.fields import FieldInfo
 
 from cl import InputError
-from psfs.common.config import C, Config, SettingError, about, field_kinds, fields_below
+from psfs.common.config import (
+    C,
+    Config,
+    SettingError,
+    about,
+    field_choices,
+    field_kinds,
+    fields_below,
+)
 
 Names = tuple[str, ...]
 
@@ -22,31 +30,58 @@ def flagged(kind: type[Config]) -> Iterator[tuple[Names, FieldInfo]]:
             yield path, field
 
 
+def usual_value(path: Names, field: FieldInfo) -> str:
+    """Return the text for --help about a setting without its flag: the default, or where it comes
+    from if that is none."""
+    default = field.default
+    if default is None:
+        return about(field, "source")
+    return f"{default:g}" if isinstance(default, float) else str(default)
+
+
 def add_setting_flags(
     group: Any,
     kind: type[Config],
-    default: Callable[[Names, FieldInfo], str] | None = None,
+    default: Callable[[Names, FieldInfo], str] = usual_value,
+    *,
+    only: Collection[str] = (),
+    without: Collection[str] = (),
+    parsers: Mapping[str, Callable[[str], Any]] | None = None,
     fill: bool = False,
 ) -> None:
     """Add the flags of a class of settings and its parts to a parser or a group; a flag that
-    several settings share is added once. default: text for --help about the value without the flag.
-    fill: give the flags the settings' defaults, so that they are written beside results."""
+    several settings share is added once.
+
+    default: text for --help about the value without the flag. only, without: names of the settings.
+    parsers: argparse types by setting, of those whose flags take more than a number, a text or a
+    choice. fill: give the flags the settings' defaults, so that they are written beside results.
+    """
     added = set()
     for path, field in flagged(kind):
-        flag, *_ = field_kinds(field)
-        name = about(field, "flag")
-        if name in added:
+        name, flag = path[-1], about(field, "flag")
+        if flag in added or name in without or (only and name not in only):
             continue
-        added.add(name)
+        added.add(flag)
         what = about(field, "flag_help") or _described(field)
-        usual = default(path, field) if default else str(field.default)
         group.add_argument(
-            name,
-            dest=path[-1],
-            type=flag if flag in (int, float) else str,
+            flag,
+            dest=name,
             default=field.default if fill else None,
-            help=f"{what} (default: {usual})",
+            help=f"{what} (default: {default(path, field)})".replace("%", "%%"),
+            **_parsing(field, (parsers or {}).get(name)),
         )
+
+
+def _parsing(field: FieldInfo, parser: Callable[[str], Any] | None) -> dict[str, Any]:
+    """Return how argparse parses the text of a setting's flag, and how --help names its value."""
+    first, *_ = field_kinds(field)
+    if first is bool:
+        return {"action": "store_true"}
+    choices = field_choices(field)
+    if choices and parser is None:
+        return {"choices": choices}
+    kind = parser or (first if first in (int, float) else str)
+    return {"type": kind, "metavar": about(field, "metavar") or None}
 
 
 def with_flags(config: C, args: argparse.Namespace, without: tuple[str, ...] = ()) -> C:

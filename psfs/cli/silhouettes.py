@@ -18,7 +18,7 @@ from psfs.cli.settings import FILE, write_settings
 from psfs.common.files import write_json, write_picture
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.examination import synchronise
-from psfs.diagnostics.silhouette_mosaic import mosaic
+from psfs.diagnostics.silhouette_mosaic import draw_mosaic
 from psfs.diagnostics.silhouette_scores import DEFINITION, score_silhouettes, truth_frames
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
@@ -50,7 +50,7 @@ def _show(args: argparse.Namespace, opened: OutputFolder) -> None:
                 if found is None:
                     continue
                 index = found.frame.index
-                write_picture(out / f"frame_{index:06d}.png", mosaic(sequence.rig, found))
+                write_picture(out / f"frame_{index:06d}.png", draw_mosaic(sequence.rig, found))
                 report.scores[index] = found.scores
     finally:  # write what is finished, also after an interruption
         if report.scores:

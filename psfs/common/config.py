@@ -111,13 +111,14 @@ def setting(
     choices: Iterable[str] = (),
     flag: str = "",
     flag_help: str = "",
+    metavar: str = "",
 ) -> Any:
     """Return a field: its default, what it is, where the default comes from and its unit.
 
     above, below: bounds that are left out; least, most: bounds that are allowed. No number may be
     beyond 1e9 without a bound of its own, nor within 1e-12 of one that is left out. choices: names
-    of what is registered, of which the setting is one. flag: of the command line, and its help,
-    where that says less than `description`.
+    of what is registered, of which the setting is one. flag: of the command line, its help, where
+    that says something else than `description`, and the name of its value there.
     """
     bounds: dict[str, Any] = {"gt": above, "ge": least, "lt": below, "le": most}
     if isinstance(default, (int, float)) and not isinstance(default, bool):
@@ -127,7 +128,8 @@ def setting(
             bounds["le"] = LARGEST
         if above is not None and isinstance(default, float):
             bounds["ge"] = above + SMALLEST
-    extra: dict[str, Any] = {"unit": unit, "source": source, "flag": flag, "flag_help": flag_help}
+    extra: dict[str, Any] = {"unit": unit, "source": source}
+    extra |= {"flag": flag, "flag_help": flag_help, "metavar": metavar}
     extra["enum"] = [*choices]
     return Field(
         default,
@@ -162,7 +164,7 @@ def with_parts(parts: Mapping[str, type[Any]]) -> Callable[[type[C]], type[C]]:
 
 
 def about(field: FieldInfo, name: str) -> str:
-    """Return a field's `unit`, `source`, `flag` or `flag_help`; empty where it has none."""
+    """Return one of what `setting` states of a field beside its range, empty where it does not."""
     extra = field.json_schema_extra
     return str(extra.get(name, "")) if isinstance(extra, dict) else ""
 

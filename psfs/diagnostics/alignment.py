@@ -1,4 +1,4 @@
-"""Correction of a slightly wrong calibration by the silhouettes: `aligned_rig`.
+"""Correction of a slightly wrong calibration by the silhouettes: `correct_rig`.
 
 Tripods sink, lenses are refocused, and calibration boards are seen from one side only. The cameras
 then look some tenths of a degree away from where the calibration says, and arms are carved off the
@@ -21,7 +21,7 @@ from psfs.diagnostics.small_views import Outline, SmallViews, small_views
 from psfs.diagnostics.tangency import Tangency
 from psfs.session import Session
 
-#: Numbers of a camera's correction: a rotation vector, rad, and the log of the focal length's
+#: Parameters of a camera's correction: a rotation vector, rad, and the log of the focal length's
 #: factor.
 _N = 4
 #: Step of the finite differences.
@@ -45,16 +45,16 @@ class Alignment:
 
     def __str__(self) -> str:
         return (
-            f"the cameras look {np.sqrt(np.mean(self.moved**2)):.1f} px past where they are said "
-            f"to; turned, their silhouettes are {1000 * self.after:.0f} mm apart instead of "
+            f"the calibration is off by {np.sqrt(np.mean(self.moved**2)):.1f} px; with corrected "
+            f"directions the silhouettes differ by {1000 * self.after:.0f} mm instead of "
             f"{1000 * self.before:.0f}"
         )
 
-    def believed(self, config: AlignmentConfig) -> bool:
+    def is_accepted(self, config: AlignmentConfig) -> bool:
         """Return whether the rig was measurably off and fits now."""
-        return self.likely(config, config.share) and self.after <= config.most_left
+        return self.is_significant(config, config.share) and self.after <= config.most_left
 
-    def likely(self, config: AlignmentConfig, share: float) -> bool:
+    def is_significant(self, config: AlignmentConfig, share: float) -> bool:
         """Return whether the rig was measurably off, and at most this share of the distances is
         left."""
         size = max(self.rig.width, self.rig.height)
@@ -64,7 +64,7 @@ class Alignment:
         )
 
 
-def aligned_rig(
+def correct_rig(
     session: Session, views: SmallViews, config: AlignmentConfig | None = None
 ) -> Alignment | None:
     """Return the corrected rig of a session; None if the rig fits as it is or cannot be judged.
@@ -75,15 +75,17 @@ def aligned_rig(
     config, rig = config or AlignmentConfig(), session.rig
     if not config.on or len(rig) < 3:
         return None
-    first = _aligned_by(rig, views, config)
-    if first is None or not first.likely(config, config.first_share):
+    first = _estimate_from_views(rig, views, config)
+    if first is None or not first.is_significant(config, config.first_share):
         return None
     larger = FaultConfig().replace(longest_side=config.longest_side)
-    found = _aligned_by(rig, small_views(session.sequence, session.device, larger), config)
-    return found if found is not None and found.believed(config) else None
+    found = _estimate_from_views(rig, small_views(session.sequence, session.device, larger), config)
+    return found if found is not None and found.is_accepted(config) else None
 
 
-def _aligned_by(rig: CameraRig, views: SmallViews, config: AlignmentConfig) -> Alignment | None:
+def _estimate_from_views(
+    rig: CameraRig, views: SmallViews, config: AlignmentConfig
+) -> Alignment | None:
     columns = [views.rig.names.index(name) for name in rig.names]
     small = CameraRig(tuple(views.rig[column] for column in columns))
     outlines = [[row[column] for column in columns] for row in views.outlines]
@@ -91,11 +93,11 @@ def _aligned_by(rig: CameraRig, views: SmallViews, config: AlignmentConfig) -> A
     if hidden is not None:
         shapes = [camera.size for camera in small]
         reduced = [cv2.resize(h.view(np.uint8), s) for h, s in zip(hidden, shapes, strict=True)]
-        outlines = beside_hidden(outlines, reduced)
-    return aligned(rig, small, outlines, config)
+        outlines = mark_hidden_points(outlines, reduced)
+    return estimate_alignment(rig, small, outlines, config)
 
 
-def aligned(
+def estimate_alignment(
     rig: CameraRig,
     small: CameraRig,
     outlines: list[list[Outline | None]],
@@ -110,18 +112,18 @@ def aligned(
     x = np.zeros((len(rig), _N))
     before = np.nan
     for step in range(config.n_steps):
-        residuals, jacobian = fit.linearised(x)
+        residuals, jacobian = fit.linearise(x)
         if len(residuals) < config.least_rows * x.size:
             return None
         if step == 0:
             before = float(np.median(np.abs(residuals)))
         x = x + fit.step(x, residuals, jacobian)
-    after = float(np.median(np.abs(fit.linearised(x)[0])))
-    turned = CameraRig(tuple(corrected(c, own) for c, own in zip(rig, x, strict=True)))
-    return Alignment(turned, x, before, after, _moved(rig, turned, fit.size))
+    after = float(np.median(np.abs(fit.linearise(x)[0])))
+    turned = CameraRig(tuple(correct_camera(c, own) for c, own in zip(rig, x, strict=True)))
+    return Alignment(turned, x, before, after, _measure_motion(rig, turned, fit.size))
 
 
-def corrected(camera: Camera, correction: np.ndarray) -> Camera:
+def correct_camera(camera: Camera, correction: np.ndarray) -> Camera:
     """Return the camera, turned about its centre and with its focal length changed."""
     R = cv2.Rodrigues(correction[:3])[0] @ camera.R
     K = camera.K.copy()
@@ -145,10 +147,10 @@ class _Fit:
         self.pairs = [(a, b) for a in range(n) for b in range(a) if known and comparable(a, b)]
 
     def _planes(self, view: int, correction: np.ndarray, other: int) -> np.ndarray:
-        camera = corrected(self.rig[view], correction)
-        return self._tangency.planes_of(view, camera, other).ravel()
+        camera = correct_camera(self.rig[view], correction)
+        return self._tangency.measure_planes(view, camera, other).ravel()
 
-    def linearised(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def linearise(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return residuals (M,) m of corrections x (V, 4), and their derivatives (M, 4 V)."""
         residuals, rows = [], []
         for a, b in self.pairs:
@@ -198,7 +200,7 @@ class _Fit:
         return solved
 
 
-def _moved(before: CameraRig, after: CameraRig, size: float) -> np.ndarray:
+def _measure_motion(before: CameraRig, after: CameraRig, size: float) -> np.ndarray:
     """Return (V,) how far points around the scene's middle move in each picture, px."""
     around = np.stack(np.meshgrid(*3 * [[-0.4, 0, 0.4]]), -1).reshape(-1, 3) * size
     points = intersect_axes_ahead(before) + around
@@ -207,7 +209,7 @@ def _moved(before: CameraRig, after: CameraRig, size: float) -> np.ndarray:
     return np.array([np.median(own) for own in moves])
 
 
-def beside_hidden(
+def mark_hidden_points(
     outlines: list[list[Outline | None]], hidden: list[np.ndarray], near: int = 4
 ) -> list[list[Outline | None]]:
     """Return the outlines [frame][view] with the points within `near` px of hidden pixels marked as

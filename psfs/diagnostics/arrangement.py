@@ -29,7 +29,7 @@ CONVENTIONS: dict[str, Callable[[Camera], Camera]] = {
 }
 
 
-def exchanged(tangency: Tangency, config: FaultConfig) -> list[int]:
+def find_swapped_cameras(tangency: Tangency, config: FaultConfig) -> list[int]:
     """Return (V,) the camera whose pictures each camera should have.
 
     Two cameras at a time are exchanged, the best pair first, as long as that lowers the cost below
@@ -40,21 +40,21 @@ def exchanged(tangency: Tangency, config: FaultConfig) -> list[int]:
         return tangency.rig[a].size == tangency.rig[b].size
 
     order = list(range(len(tangency.rig)))
-    cost = tangency.compared(order).cost
+    cost = tangency.compare(order).cost
     for _ in range(len(order) - 1):
         pairs = [pair for pair in combinations(range(len(order)), 2) if alike(*pair)]
-        tried = {pair: tangency.compared(_swapped(order, *pair)).cost for pair in pairs}
+        tried = {pair: tangency.compare(_swap(order, *pair)).cost for pair in pairs}
         known = {pair: value for pair, value in tried.items() if np.isfinite(value)}
         if not known:
             break
         best = min(known, key=lambda pair: known[pair])
         if not known[best] < config.exchange_share * cost:
             break
-        order, cost = _swapped(order, *best), known[best]
+        order, cost = _swap(order, *best), known[best]
     return order
 
 
-def _swapped(order: list[int], a: int, b: int) -> list[int]:
+def _swap(order: list[int], a: int, b: int) -> list[int]:
     swapped = list(order)
     swapped[a], swapped[b] = order[b], order[a]
     return swapped
@@ -64,18 +64,20 @@ def _swapped(order: list[int], a: int, b: int) -> list[int]:
 Way = Literal["mirrored", "turned"]
 
 
-def flipped(tangency: Tangency, config: FaultConfig) -> tuple[Way, list[int], float] | None:
+def find_flipped_cameras(
+    tangency: Tangency, config: FaultConfig
+) -> tuple[Way, list[int], float] | None:
     """Return the orientation in which pictures fit, if they fit only mirrored or upside down.
 
     With it come the cameras that it applies to, all or one, and the cost that is left.
     """
     views = list(range(len(tangency.rig)))
-    cost = tangency.compared().cost
+    cost = tangency.compare().cost
     guesses: list[tuple[Way, list[int]]] = [("mirrored", views)]
     if len(views) > 2:
         ways: tuple[Way, ...] = ("mirrored", "turned")
         guesses += [(way, [view]) for way in ways for view in views]
-    tried = [tangency.compared(**{way: cameras}).cost for way, cameras in guesses]
+    tried = [tangency.compare(**{way: cameras}).cost for way, cameras in guesses]
     if not np.isfinite(tried).any():
         return None
     best = int(np.nanargmin(tried))
@@ -85,7 +87,7 @@ def flipped(tangency: Tangency, config: FaultConfig) -> tuple[Way, list[int], fl
 #: Differences of costs up to this are noise: silhouettes of a person who keeps still agree at any
 #: lag.
 _NOISE = 0.003
-#: Frames on either side of a lag that `refined` tries, and its cap of the differences.
+#: Frames on either side of a lag that `refine_lags` tries, and its cap of the differences.
 _NEAR, _FINE_CAP = 2, 0.01
 
 
@@ -132,7 +134,7 @@ def _costs(sums: np.ndarray) -> np.ndarray:
     return np.where(enough, sums[:, 0] / np.maximum(sums[:, 1], 1), np.nan)
 
 
-def lateness(tangency: Tangency, most: int, config: FaultConfig) -> list[int]:
+def measure_lags(tangency: Tangency, most: int, config: FaultConfig) -> list[int]:
     """Return (V,) by how many frames the pictures of each camera come later than the others'.
 
     In each step the camera that gains most by a shift is shifted. A shift counts if the cost
@@ -170,7 +172,7 @@ def lateness(tangency: Tangency, most: int, config: FaultConfig) -> list[int]:
     return [shift - middle for shift in shifts]
 
 
-def refined(tangency: Tangency, shifts: list[int]) -> list[int]:
+def refine_lags(tangency: Tangency, shifts: list[int]) -> list[int]:
     """Return `shifts` refined with larger pictures: each within two frames of what it was, at the
     minimum of the parabola through the best lag and its two neighbours.
 
@@ -192,7 +194,7 @@ def refined(tangency: Tangency, shifts: list[int]) -> list[int]:
     return found
 
 
-def turned_by(tangency: Tangency, view: int) -> tuple[float, float]:
+def measure_turn(tangency: Tangency, view: int) -> tuple[float, float]:
     """Return the angle, rad, by which to turn a camera about its centre so that its pictures fit
     the others' best, and its cost then as a share of the present one."""
     before = tangency.turned(view, np.eye(3))
@@ -210,7 +212,7 @@ def turned_by(tangency: Tangency, view: int) -> tuple[float, float]:
     return float(np.linalg.norm(found.x)), float(found.fun / max(before, 1e-9))
 
 
-def convention(
+def find_convention(
     rig: CameraRig, outlines: list[list[Outline | None]], cost: float, config: FaultConfig
 ) -> str | None:
     """Return the name in `CONVENTIONS` by which the calibration fits the pictures; None if none
@@ -218,7 +220,7 @@ def convention(
     costs = {}
     for name, mended in CONVENTIONS.items():
         tried = Tangency(CameraRig(tuple(mended(camera) for camera in rig)), outlines)
-        costs[name] = tried.compared().cost
+        costs[name] = tried.compare().cost
     known = {name: value for name, value in costs.items() if np.isfinite(value)}
     best = min(known, key=lambda name: known[name], default=None)
     return best if best is not None and known[best] < config.mirror_share * cost else None

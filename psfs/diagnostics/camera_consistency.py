@@ -151,7 +151,7 @@ class _Judge:
         size = (self.rig.height, self.rig.width)
         camera = self.rig.cameras[view]
         expected = voxel_silhouette(camera, self.grid.centres(shape), self._extents[view], size)
-        own = of_person(evidence[view] > 0, expected)
+        own = select_person(evidence[view] > 0, expected)
         if (own & expected).sum() >= self.limits.agrees * own.sum():
             expected &= evidence[view] != UNKNOWN  # hidden by furniture, not by an error
         return iou(expected, own)
@@ -170,7 +170,7 @@ class _Judge:
                 "is not this camera's?"
             )
         if not shown:
-            return "it shows nobody"
+            return "it shows no person"
         lag = self._lag(view, others)
         if lag:
             return f"its pictures come about {abs(lag)} frames {'late' if lag > 0 else 'early'}"
@@ -192,7 +192,7 @@ class _Judge:
         return best if scores[best] > scores[0] + self.limits.rise else 0
 
 
-def of_person(shown: np.ndarray, expected: np.ndarray) -> np.ndarray:
+def select_person(shown: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Return the connected parts of a silhouette (H, W) bool that overlap the expected one.
 
     The others are clutter, or people elsewhere. If no part overlaps, return the whole silhouette:

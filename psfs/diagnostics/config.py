@@ -13,14 +13,12 @@ class ConsistencyConfig(Config):
 
     SOURCE: ClassVar = "by hand; the tests hold it on sequences with one spoilt camera"
 
-    samples: int = setting(
-        4, "Number of frames, spread over the sequence, that are looked at.", least=1
-    )
+    samples: int = setting(4, "Number of examined frames, spread over the sequence.", least=1)
     low_share: float = setting(
         0.6,
-        "Share of the others' median IoU below which a camera is named.",
-        "at 0.7 a sound camera of `synth_salsa_4cam_hd` was left out, whose share is 0.68: few "
-        "cameras leave shapes of which each view tells another part",
+        "Share of the others' median IoU below which a camera is reported.",
+        "at 0.7 a sound camera of `synth_salsa_4cam_hd` with a share of 0.68 was left out, "
+        "because with few cameras each view carves another part of the shape",
         least=0,
         most=1,
     )
@@ -33,14 +31,15 @@ class ConsistencyConfig(Config):
     )
     agreeing: float = setting(
         0.2,
-        "Median IoU of the others below which they do not agree among themselves, or see nobody.",
+        "Median IoU of the other cameras below which these do not agree among themselves, or "
+        "no person is visible.",
         least=0,
         most=1,
     )
     voxels: int = setting(250_000, "Greatest number of voxels of the coarse shapes.", least=1)
     camera_share: float = setting(
         0.5,
-        "Share of the cameras that must see the room where the coarse shapes are looked for.",
+        "Share of the cameras that must see the space in which the coarse shapes are carved.",
         least=0,
         most=1,
     )
@@ -58,7 +57,9 @@ class ConsistencyConfig(Config):
         "Lags by which a camera's pictures may come late, or early, that are tried.",
         unit="frames",
     )
-    rise: float = setting(0.1, "IoU that a lag must add to be believed.", least=0, most=1)
+    rise: float = setting(
+        0.1, "Increase of the IoU that a lag needs in order to be reported.", least=0, most=1
+    )
 
 
 class AlignmentConfig(Config):
@@ -70,19 +71,20 @@ class AlignmentConfig(Config):
         "0.7 degrees, and exact ones, confirmed it"
     )
 
-    on: bool = setting(True, "Whether it is corrected at all.")
+    on: bool = setting(True, "Whether to correct the rig.")
     turn: float = setting(
         0.008,
-        "Standard deviation of the angle by which a camera is turned about an axis.",
+        "Standard deviation of a camera's rotation about an axis.",
         unit="rad",
         above=0,
     )
     focal: float = setting(
-        0.005, "Standard deviation of the share by which a focal length is wrong.", above=0
+        0.005, "Standard deviation of the relative error of a focal length.", above=0
     )
     middle: float = setting(
         0.001,
-        "Standard deviation of the scene's middle as all cameras see it: what all agree on stays.",
+        "Standard deviation of the shift of the scene's middle; small, so that the correction "
+        "does not move the scene.",
         unit="m",
         above=0,
     )
@@ -94,13 +96,15 @@ class AlignmentConfig(Config):
     )
     reach: float = setting(
         0.02,
-        "Distance that counts a quarter (Geman & McClure 1987): shadows, lost limbs.",
+        "Distance whose weight is a quarter (Geman & McClure 1987); larger ones come from "
+        "shadows and lost limbs.",
         unit="m",
         above=0,
     )
     information: float = setting(
         0.2,
-        "Number of independent measurements in one: frames that follow each other are alike.",
+        "Number of independent measurements per measurement; below 1, because consecutive "
+        "frames are similar.",
         above=0,
         most=1,
     )
@@ -108,7 +112,8 @@ class AlignmentConfig(Config):
     least_rows: int = setting(10, "Least number of measurements per unknown.", least=1)
     least_moved: float = setting(
         1.6 / 640,
-        "Share of the picture's longer side by which cameras must be off in the mean square.",
+        "Least correction, root mean square over the cameras, as a share of the picture's "
+        "longer side.",
         "exact rigs seem off by up to 1.4 of 640 px, for silhouettes lose hair and gain shadows",
         least=0,
     )
@@ -120,11 +125,14 @@ class AlignmentConfig(Config):
         most=1,
     )
     most_left: float = setting(
-        0.02, "Distance left above which something else is wrong.", unit="m", above=0
+        0.02,
+        "Greatest distance after the correction; above it, the calibration has another fault.",
+        unit="m",
+        above=0,
     )
     first_share: float = setting(
         0.75,
-        "Share to which distances must shrink in small pictures, before larger ones are looked at.",
+        "Share to which distances must shrink in small pictures before larger ones are examined.",
         least=0,
         most=1,
     )
@@ -139,23 +147,21 @@ class OccluderConfig(Config):
         "cameras, and clean ones, confirmed it"
     )
 
-    on: bool = setting(True, "Whether it is looked for at all; Song et al. know none.")
+    on: bool = setting(True, "Whether to search for furniture; Song et al. have no such step.")
     samples: int = setting(
         64,
-        "Number of frames, spread over the sequence, that are looked at.",
-        "with 25 of 122 a twelfth of what is hidden was not found",
+        "Number of examined frames, spread over the sequence.",
+        "with 25 of 122 frames a twelfth of the hidden pixels was not found",
         unit="frames",
         least=2,
     )
-    longest_side: int = setting(
-        640, "Longest side of the pictures that are looked at.", unit="px", least=16
-    )
+    longest_side: int = setting(640, "Longest side of the examined pictures.", unit="px", least=16)
     voxels: int = setting(
         600_000, "Greatest number of voxels of the grid around the person.", least=1000
     )
     agreeing: int = setting(
         3,
-        "Least number of cameras that must show foreground which nothing explains.",
+        "Least number of cameras that must show unexplained foreground.",
         "two find specks in clean footage",
         unit="cameras",
         least=2,
@@ -168,26 +174,29 @@ class OccluderConfig(Config):
     )
     margin: int = setting(
         3,
-        "Distance up to which foreground beside what is explained counts, too.",
+        "Distance from explained pixels within which foreground counts as explained, too.",
         unit="px",
         least=0,
     )
     least_frames: int = setting(
-        2, "Least number of frames in which a pixel must deny what the others see.", least=1
+        2,
+        "Least number of frames in which a pixel must contradict what the other cameras see.",
+        least=1,
     )
     least_share: float = setting(
         0.1,
-        "Least share of such frames among those in which the pixel shows the person or denies him.",
+        "Least share of such frames among those in which the pixel either shows the person or "
+        "contradicts the other cameras.",
         least=0,
         most=1,
     )
     least_confirmed: float = setting(
         0.5,
-        "Least number of pixels of a camera that show the person for each that denies him: else "
-        "something else is wrong with it.",
+        "Least ratio of a camera's pixels that show the person to those that contradict the "
+        "other cameras; below it, the camera has another fault.",
         least=0,
     )
-    gap: int = setting(13, "Width of holes that are filled.", unit="px", least=1)
+    gap: int = setting(13, "Width of the holes that are filled.", unit="px", least=1)
     least_pixels: int = setting(
         300, "Number of pixels below which a region is noise.", unit="px", least=1
     )
@@ -203,11 +212,13 @@ class FaultConfig(Config):
 
     longest_side: int = setting(320, "Longest side of the small pictures.", unit="px", least=16)
     window: tuple[int, int] = setting(
-        (60, 200), "Least and greatest number of frames in a row that are looked at.", unit="frames"
+        (60, 200),
+        "Least and greatest number of consecutive frames that are examined.",
+        unit="frames",
     )
     pixels: float = setting(
         1.5e9,
-        "Number of pixels that are decoded at most, which bounds the frames looked at.",
+        "Greatest number of pixels that are decoded, which bounds the number of examined frames.",
         unit="px",
         above=0,
         most=1e15,
@@ -217,34 +228,34 @@ class FaultConfig(Config):
     )
     longest_lag: float = setting(
         2.0,
-        "Time by which a camera may come late, or early; at most a third of the frames.",
+        "Greatest lag of a camera, late or early; at most a third of the frames.",
         unit="s",
         least=0,
     )
     least_lag: int = setting(
         2,
-        "Least lag that is reported: less is not distinguished from the ways in which cameras "
-        "expose.",
+        "Least lag that is reported; smaller lags are not distinguished from differences of "
+        "exposure.",
         unit="frames",
         least=1,
     )
     lag_gain: float = setting(
         1.1,
-        "Factor by which the cost must be higher without a lag for it to count.",
+        "Least factor between the costs without and with the lag for the lag to count.",
         "untouched sequences: up to 1.06",
         least=1,
     )
     exchange_share: float = setting(
         0.92,
-        "Share to which exchanging cameras must lower the cost for them to count as exchanged.",
+        "Greatest ratio of the cost after an exchange to the cost before for cameras to count "
+        "as exchanged.",
         "untouched sequences: above 1.1",
         least=0,
         most=1,
     )
     mirror_share: float = setting(
         0.6,
-        "Share to which mirroring pictures, or reading a calibration by another convention, must "
-        "lower the cost to count.",
+        "The same ratio for mirrored pictures, and for a calibration of another convention.",
         least=0,
         most=1,
     )
@@ -256,18 +267,19 @@ class FaultConfig(Config):
     )
     turned_ratio: float = setting(
         2.5,
-        "Factor by which a camera's cost must be higher than the others' to be looked at closer.",
+        "Least factor between a camera's cost and the others' for a search of its rotation.",
         least=1,
     )
     turned_cost: float = setting(
         0.045,
-        "Least cost of a camera that is looked at closer.",
+        "Least cost of a camera for a search of its rotation.",
         "0.035 among four frames of four cameras",
         least=0,
     )
     turned_share: float = setting(
         0.5,
-        "Share to which turning a camera back must lower its cost for it to count as turned.",
+        "Greatest ratio of a camera's cost after a rotation to the cost before for it to count"
+        " as turned.",
         least=0,
         most=1,
     )
@@ -282,24 +294,24 @@ class PictureConfig(Config):
 
     same_view: float = setting(
         0.85,
-        "Correlation of pictures with a background from which on both show the same view.",
+        "Least correlation of pictures with a background of the same view.",
         most=1,
     )
     other_view: float = setting(
         0.6,
-        "Correlation of pictures with a background below which they show different views.",
+        "Correlation of pictures with their background below which they show different views.",
         "untouched sequences: 0.93 and more",
         most=1,
     )
     knocked: float = setting(
         2.0,
-        "Shift between pictures and their background up to which the camera was not knocked.",
+        "Greatest shift between pictures and their background for a camera that was not moved.",
         "untouched sequences: below 1",
         "small pixels",
         least=0,
     )
     gain: float = setting(
-        0.1, "Correlation of the edges that shifting the pictures back must add.", least=0
+        0.1, "Least increase of the edges' correlation if the pictures are shifted back.", least=0
     )
     flicker: float = setting(
         0.04,
@@ -309,13 +321,14 @@ class PictureConfig(Config):
     )
     steady: float = setting(
         0.6,
-        "Share of the frames that show foreground in one place if the background holds the person.",
+        "Share of the frames that show foreground in one place if the background contains the "
+        "person.",
         least=0,
         most=1,
     )
     still: float = setting(
         6.0,
-        "Median deviation over time below which nothing moves in such a place.",
+        "Median deviation over time below which nothing moves at such a place.",
         unit="grey levels",
         least=0,
     )
@@ -327,15 +340,15 @@ class PictureConfig(Config):
     )
     ghost_edges: float = setting(
         1.5,
-        "Factor by which the edges at its rim must be stronger in the background than in the "
-        "frames.",
+        "Least factor between the strengths of the edges at its rim in the background and in "
+        "the frames.",
         "untouched sequences: 0.9; spoilt ones: 1.7 to 8",
         least=0,
     )
     ghost_seen: float = setting(1.2, "The same factor where several frames show it.", least=0)
     cut: float = setting(
         0.5,
-        "Share of the frames in which a silhouette touches the picture's border, to be noted.",
+        "Least share of the frames in which a silhouette touches the picture's border for a note.",
         least=0,
         most=1,
     )

@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass, replace
 
-from psfs.diagnostics.alignment import aligned_rig
+from psfs.diagnostics.alignment import correct_rig
 from psfs.diagnostics.camera_consistency import InconsistentCamera, find_inconsistent_cameras
 from psfs.diagnostics.faults import Diagnosis, diagnose
-from psfs.diagnostics.occluders import hidden_pixels
+from psfs.diagnostics.occluders import find_hidden_pixels
 from psfs.diagnostics.picture_faults import Fault
 from psfs.session import Session
 from psfs.silhouettes.config import SilhouetteConfig
@@ -48,19 +48,21 @@ def examine(session: Session, all_cameras: bool = False) -> Examination:
     Late cameras are shifted if the sequence's `sync` is "auto". Cameras that disagree with the
     others (see `find_inconsistent_cameras`) are left out, unless `all_cameras` is true, the
     sequence was opened with `cameras`, or the fault is not that of a single camera. The rig gets
-    the pixels where furniture hides people (see `hidden_pixels`), and its cameras are turned if
-    they are off (see `aligned_rig`).
+    the pixels where furniture hides people (see `find_hidden_pixels`), and its cameras are turned
+    if they are off (see `correct_rig`).
     """
     diagnosis = diagnose(session)
     if session.sequence.settings.sync == "auto":
-        session = session.on(session.sequence.synchronised(diagnosis.late))
+        session = session.on(session.sequence.synchronise(diagnosis.late))
         diagnosis = diagnosis.without("late")
     if diagnosis.of_all:
         return Examination(session, diagnosis)
     corrected = _correct_rig(session, diagnosis)
     if all_cameras or session.sequence.settings.cameras is not None:
         return Examination(corrected, diagnosis)
-    found = tuple(find_inconsistent_cameras(_with_usual_silhouettes(corrected), diagnosis.reasons))
+    found = tuple(
+        find_inconsistent_cameras(_with_default_silhouettes(corrected), diagnosis.reasons)
+    )
     if not found:
         return Examination(corrected, diagnosis)
     gone = {camera.camera for camera in found}
@@ -71,17 +73,17 @@ def examine(session: Session, all_cameras: bool = False) -> Examination:
 
 def _correct_rig(session: Session, diagnosis: Diagnosis) -> Session:
     """Return a session whose rig has the pixels hidden by furniture and corrected directions."""
-    hidden = hidden_pixels(session)
+    hidden = find_hidden_pixels(session)
     if hidden is not None:
         session = session.on(session.sequence.with_rig(session.rig.with_hidden(hidden)))
-    found = aligned_rig(session, diagnosis.views)
+    found = correct_rig(session, diagnosis.views)
     if found is None:
         return session
     log.info("%s: %s", session.sequence.name, found)
     return session.on(session.sequence.with_rig(found.rig))
 
 
-def _with_usual_silhouettes(session: Session) -> Session:
+def _with_default_silhouettes(session: Session) -> Session:
     """Return a session with the default silhouette settings, the same session if it has them.
 
     Silhouettes of other settings, such as a paper's, may be too poor to judge a camera by.
@@ -98,4 +100,4 @@ def synchronise(session: Session) -> Session:
     """Return the session or, if `sync` is "auto", one whose late cameras are shifted."""
     if session.sequence.settings.sync != "auto":
         return session
-    return session.on(session.sequence.synchronised(diagnose(session).late))
+    return session.on(session.sequence.synchronise(diagnose(session).late))

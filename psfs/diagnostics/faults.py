@@ -12,16 +12,16 @@ from psfs.cameras.names import listed
 from psfs.cameras.units import metres_per_unit
 from psfs.diagnostics.arrangement import (
     Way,
-    convention,
-    exchanged,
-    flipped,
-    lateness,
-    refined,
-    turned_by,
+    find_convention,
+    find_flipped_cameras,
+    find_swapped_cameras,
+    measure_lags,
+    measure_turn,
+    refine_lags,
 )
 from psfs.diagnostics.config import FaultConfig
-from psfs.diagnostics.picture_faults import Fault, picture_faults
-from psfs.diagnostics.rig_faults import odd_cameras
+from psfs.diagnostics.picture_faults import Fault, find_picture_faults
+from psfs.diagnostics.rig_faults import find_rig_faults
 from psfs.diagnostics.small_views import SmallViews, small_views
 from psfs.diagnostics.tangency import CAP, Tangency
 from psfs.sequence import Sequence
@@ -80,40 +80,41 @@ class Diagnosis:
 
 def diagnose(session: Session) -> Diagnosis:
     """Find the faults of a session's footage in small pictures of some hundred frames."""
-    return session.once(diagnose, lambda: _diagnosed(session.sequence, session.device))
+    return session.compute_once(diagnose, lambda: _find_faults(session.sequence, session.device))
 
 
-def _diagnosed(sequence: Sequence, device: Device | NumpyDevice) -> Diagnosis:
+def _find_faults(sequence: Sequence, device: Device | NumpyDevice) -> Diagnosis:
     config = FaultConfig()
     views = small_views(sequence, device, config)
-    unusable = odd_cameras(sequence.rig)
-    faults = [*_alone(sequence), *unusable, *picture_faults(sequence, views)]
+    unusable = find_rig_faults(sequence.rig)
+    faults = [*_check_single_camera(sequence), *unusable, *find_picture_faults(sequence, views)]
     tangency = Tangency(views.rig, views.outlines)
-    compared = tangency.compared()
+    compared = tangency.compare()
     if len(sequence.rig) > 1 and math.isfinite(compared.cost) and not unusable:
         if not any(fault.kind == "exchange" for fault in faults):
-            found = _arranged(sequence, device, views, tangency, faults, config)
+            found = _explain_misfit(sequence, device, views, tangency, faults, config)
             estimated = not sequence.footage.background
-            found = [f for f in found if not _by_ghosts(f, faults, estimated)]
+            found = [f for f in found if not _is_effect_of_ghosts(f, faults, estimated)]
             hangs = {f.cameras for f in faults if f.kind == "frozen"}
             faults = [*(f for f in found if f.cameras not in hangs), *faults]
         if not any(fault.kind in ("disagree", "convention") for fault in faults):
-            faults += _unit(sequence, tangency.size)
+            faults += _find_unit_fault(sequence, tangency.size)
     explained = [fault for fault in faults if fault.kind in ("exchange", "mirrored", "turned")]
     faults = explained[:1] or faults  # it invalidates the faults of single cameras
     return Diagnosis(faults, compared.cost, tangency.size, views)
 
 
-def _alone(sequence: Sequence) -> list[Fault]:
+def _check_single_camera(sequence: Sequence) -> list[Fault]:
     names = sequence.rig.names
     text = (
-        f"camera {names[0]} is the only one and tells no depth: what it sees goes on to the end of "
-        "the volume; expected two or more"
+        f"camera {names[0]} is the only one, which gives no depth: its silhouette extends to "
+        "the end "
+        "of the volume; expected two or more"
     )
     return [Fault("alone", (names[0],), text)] if len(names) == 1 else []
 
 
-def _by_ghosts(fault: Fault, known: list[Fault], estimated: bool) -> bool:
+def _is_effect_of_ghosts(fault: Fault, known: list[Fault], estimated: bool) -> bool:
     """Return whether a fault is the effect of backgrounds that contain a person.
 
     estimated: the backgrounds come from the frames, in which the person stands still for all
@@ -123,7 +124,7 @@ def _by_ghosts(fault: Fault, known: list[Fault], estimated: bool) -> bool:
     return bool(ghosts) and (estimated or not fault.cameras or bool(ghosts & set(fault.cameras)))
 
 
-def _arranged(
+def _explain_misfit(
     sequence: Sequence,
     device: Device | NumpyDevice,
     views: SmallViews,
@@ -133,25 +134,25 @@ def _arranged(
 ) -> list[Fault]:
     """Return the fault between the cameras: the first explanation that fits."""
     names = sequence.rig.names
-    order = exchanged(tangency, config)
-    flip = flipped(tangency, config)
-    if flip and flip[2] < tangency.compared(order).cost:
-        return [_flipped(names, *flip[:2])]
+    order = find_swapped_cameras(tangency, config)
+    flip = find_flipped_cameras(tangency, config)
+    if flip and flip[2] < tangency.compare(order).cost:
+        return [_describe_flip(names, *flip[:2])]
     if order != list(range(len(order))):
-        return [_exchange(names, order)]
+        return [_describe_exchange(names, order)]
     most = min(round(config.longest_lag * sequence.fps), len(views.frames) // 3)
-    shifts = lateness(tangency, most, config)
+    shifts = measure_lags(tangency, most, config)
     if any(shifts) and views.rig.width < sequence.rig.width:
         large = small_views(sequence, device, config.replace(longest_side=_LARGER))
-        shifts = refined(Tangency(large.rig, large.outlines), shifts)
-    late = [_late(sequence, name, by) for name, by in zip(names, shifts, strict=True) if by]
-    compared = tangency.compared(shifts=shifts)
+        shifts = refine_lags(Tangency(large.rig, large.outlines), shifts)
+    late = [_describe_lag(sequence, name, by) for name, by in zip(names, shifts, strict=True) if by]
+    compared = tangency.compare(shifts=shifts)
     if compared.cost > config.disagreeing:
-        return [_unfitting(views, tangency, compared.cost, known, config)]
-    return late or _turned(tangency, names, known, config)
+        return [_explain_disagreement(views, tangency, compared.cost, known, config)]
+    return late or _find_turned_camera(tangency, names, known, config)
 
 
-def _exchange(names: list[str], order: list[int]) -> Fault:
+def _describe_exchange(names: list[str], order: list[int]) -> Fault:
     wrong = [view for view, image in enumerate(order) if view != image]
     if len(wrong) == 2:
         a, b = (names[view] for view in wrong)
@@ -163,7 +164,7 @@ def _exchange(names: list[str], order: list[int]) -> Fault:
     return Fault("exchange", cameras, f"{text}; rename the files, or the calibration's cameras")
 
 
-def _flipped(names: list[str], way: Way, views: list[int]) -> Fault:
+def _describe_flip(names: list[str], way: Way, views: list[int]) -> Fault:
     which = "all cameras" if len(views) == len(names) else f"camera {names[views[0]]}"
     mend = {
         "mirrored": "mirrored, left to right; flip them back",
@@ -173,7 +174,7 @@ def _flipped(names: list[str], way: Way, views: list[int]) -> Fault:
     return Fault(way, tuple(names[view] for view in views), text)
 
 
-def _late(sequence: Sequence, name: str, by: int) -> Fault:
+def _describe_lag(sequence: Sequence, name: str, by: int) -> Fault:
     seconds = abs(by) / sequence.fps
     return Fault(
         "late",
@@ -184,15 +185,15 @@ def _late(sequence: Sequence, name: str, by: int) -> Fault:
     )
 
 
-def _unfitting(
+def _explain_disagreement(
     views: SmallViews, tangency: Tangency, cost: float, known: list[Fault], config: FaultConfig
 ) -> Fault:
     """Return why no two cameras fit, if an explanation is found."""
-    meant = convention(views.rig, views.outlines, cost, config)
+    meant = find_convention(views.rig, views.outlines, cost, config)
     if meant:
         text = f"the calibration fits only if {meant}; write it as world to camera, x_cam = R x + t"
         return Fault("convention", (), text)
-    poor = _poor_silhouettes(views)
+    poor = _describe_poor_silhouettes(views)
     if poor:
         text = f"the cameras do not agree, and silhouettes are poor: {poor}"
     else:
@@ -204,7 +205,7 @@ def _unfitting(
     return Fault("disagree", (), f"{text}; look at them: psfs info FOLDER --masks FILE.png")
 
 
-def _poor_silhouettes(views: SmallViews) -> str:
+def _describe_poor_silhouettes(views: SmallViews) -> str:
     """Return a text that names the cameras whose silhouettes are no single shape of steady size."""
     poor = []
     for view, camera in enumerate(views.rig):
@@ -212,7 +213,7 @@ def _poor_silhouettes(views: SmallViews) -> str:
         areas = np.array([0 if row[view] is None else row[view].area for row in views.outlines])  # type: ignore[union-attr]
         shares = areas / np.maximum(views.foreground[:, view] * pixels, 1)
         if (areas == 0).mean() > 0.3:
-            poor.append(f"{camera.name} often shows nobody")
+            poor.append(f"{camera.name} often shows no person")
         elif np.median(shares) < 0.5:
             poor.append(f"{camera.name}'s are in pieces")
         elif np.median(np.abs(np.diff(areas))) > 0.25 * np.median(areas):
@@ -220,12 +221,12 @@ def _poor_silhouettes(views: SmallViews) -> str:
     return listed(poor) if poor else ""
 
 
-def _turned(
+def _find_turned_camera(
     tangency: Tangency, names: list[str], known: list[Fault], config: FaultConfig
 ) -> list[Fault]:
     """Return the camera that fits the others much worse than they fit each other, if turning it
     mends that."""
-    compared = tangency.compared()
+    compared = tangency.compare()
     if len(names) < 4:
         return []
     rest = np.array([compared.without(view) for view in range(len(names))])
@@ -236,7 +237,7 @@ def _turned(
         return []  # a known fault may be the reason
     if ratios[view] < config.turned_ratio or compared.cameras[view] < config.turned_cost:
         return []
-    angle, share = turned_by(tangency, view)
+    angle, share = measure_turn(tangency, view)
     turned = share < config.turned_share and _TURNED[0] < angle < _TURNED[1]
     if turned:
         why = (
@@ -249,7 +250,7 @@ def _turned(
     return [Fault("moved", (names[view],), text)]
 
 
-def _unit(sequence: Sequence, size: float) -> list[Fault]:
+def _find_unit_fault(sequence: Sequence, size: float) -> list[Fault]:
     """Return the fault of a unit that is wrong by a power of ten, if the person would measure
     `size`, m."""
     if sequence.settings.subject == "object" or not size > 0 or PERSON[0] <= size <= PERSON[1]:

@@ -1,4 +1,4 @@
-"""Detection of furniture that hides people from a camera: `hidden_pixels(session)`.
+"""Detection of furniture that hides people from a camera: `find_hidden_pixels(session)`.
 
 Guan, Franco & Pollefeys 2007 infer occluders from silhouettes: if one camera denies a person that
 the others see, something may stand before the person. Denial alone is weak evidence, since a hull
@@ -13,7 +13,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from psfs.backend import evidence_for
+from psfs.backend import make_evidence_function
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.config import OccluderConfig
 from psfs.diagnostics.small_views import Shrink
@@ -22,7 +22,7 @@ from psfs.silhouettes.config import SilhouetteConfig
 from psfs.volume import BoxSearch, volume_config
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.occupied_box import without_speckle
+from psfs.voxels.occupied_box import remove_speckle
 
 #: Voxels of the fine grid along each side of one of the coarse grid.
 _FINE = 2
@@ -31,7 +31,7 @@ _FINE = 2
 _ENLARGED = 0.15
 
 
-def hidden_pixels(session: Session, config: OccluderConfig | None = None) -> np.ndarray | None:
+def find_hidden_pixels(session: Session, config: OccluderConfig | None = None) -> np.ndarray | None:
     """Return (V, H, W) bool: the pixels of each camera where furniture hides what is behind it.
 
     None if there are none, or too few cameras to decide.
@@ -42,7 +42,7 @@ def hidden_pixels(session: Session, config: OccluderConfig | None = None) -> np.
         return None
     shrink = Shrink(rig, config.longest_side)
     background = shrink.background(session.background)
-    evidence_of = evidence_for(
+    evidence_of = make_evidence_function(
         session.device, shrink.small, background, SilhouetteConfig().without_memory()
     )
     picked = np.linspace(0, len(sequence) - 1, config.samples).round().astype(int)
@@ -51,13 +51,13 @@ def hidden_pixels(session: Session, config: OccluderConfig | None = None) -> np.
     box = _box(session, shrink.small, evidence)
     if box is None:
         return None
-    small = hidden_in(shrink.small, evidence, *box, config)
+    small = find_hidden_in_box(shrink.small, evidence, *box, config)
     if small is None:
         return None
-    return np.stack([_enlarged(own, (rig.width, rig.height)) for own in small])
+    return np.stack([_enlarge(own, (rig.width, rig.height)) for own in small])
 
 
-def hidden_in(
+def find_hidden_in_box(
     rig: CameraRig,
     evidence: list[np.ndarray],
     low: np.ndarray,
@@ -70,14 +70,14 @@ def hidden_in(
     The people are within the box from `low` (3,) to `high` (3,) m. None if nothing is hidden.
     """
     config = config or OccluderConfig()
-    look = _Look(rig, low, high, config)
+    look = _HiddenPixelCounter(rig, low, high, config)
     for maps in evidence:
         look(maps)
     hidden = look.hidden()
     return hidden if hidden.any() else None
 
 
-class _Look:
+class _HiddenPixelCounter:
     """Counts, over all frames, of how often each pixel denied or confirmed what the other cameras
     see.
 
@@ -91,7 +91,7 @@ class _Look:
         edge = float(np.cbrt(np.prod(high - low) / config.voxels))
         self._coarse = VoxelGrid.covering(low, high, _FINE * edge)
         shape = self._coarse.shape
-        self._places = [self._places_in(camera, self._coarse.centres()) for camera in rig]
+        self._places = [self._project_to_indices(camera, self._coarse.centres()) for camera in rig]
         offsets = np.stack(np.meshgrid(*3 * [range(_FINE)], indexing="ij"), -1).reshape(-1, 3)
         self._fine = VoxelGrid(
             self._coarse.low, edge, (_FINE * shape[0], _FINE * shape[1], _FINE * shape[2])
@@ -101,7 +101,7 @@ class _Look:
             [np.ravel_multi_index(tuple((corners + o).T), self._fine.shape) for o in offsets], 1
         )
         centres = self._fine.centres()
-        self._pixels = np.stack([self._places_in(camera, centres) for camera in rig])
+        self._pixels = np.stack([self._project_to_indices(camera, centres) for camera in rig])
         distances = np.linalg.norm(rig.centres - (low + high) / 2, axis=1)
         self._widths = [
             max(1, int(np.ceil(edge * camera.K[0, 0] / distance)))
@@ -111,7 +111,7 @@ class _Look:
         size = (len(rig), rig.height, rig.width)
         self.denied, self.confirmed = np.zeros(size, np.int16), np.zeros(size, np.int16)
 
-    def _places_in(self, camera: Camera, centres: np.ndarray) -> np.ndarray:
+    def _project_to_indices(self, camera: Camera, centres: np.ndarray) -> np.ndarray:
         """Return (N,) int32 flat pixel indices of the projected points; -1 outside the picture."""
         inside, row, column, _ = camera.look_up(centres)
         places = np.full(len(centres), -1, np.int32)
@@ -131,7 +131,10 @@ class _Look:
         ).astype(np.int16)
         occupied = (counts.sum(0) > 0) & ((pixels >= 0).sum(0) >= self._needed)
         explained = np.stack(
-            [self._covered(v, pixels[v][occupied], self.config.margin) for v in range(len(shown))]
+            [
+                self._covered_pixels(v, pixels[v][occupied], self.config.margin)
+                for v in range(len(shown))
+            ]
         )
         lonely = [cv2.erode(own, np.ones((3, 3), np.uint8)) for own in _bytes(shown & ~explained)]
         wanted = np.stack(
@@ -142,7 +145,7 @@ class _Look:
         amiss = (wanted.sum(0) >= config.agreeing) & (n_against <= config.denying)
         amiss &= ~occupied & (n_for > n_against)
         for view, own in enumerate(shown):
-            denied = self._covered(view, pixels[view][amiss & against[view]], 0)
+            denied = self._covered_pixels(view, pixels[view][amiss & against[view]], 0)
             self.denied[view] += denied & ~own
             self.confirmed[view] += own & explained[view]
 
@@ -154,7 +157,7 @@ class _Look:
             votes += (at >= 0) & (cv2.dilate(own, square).ravel()[at] > 0)
         return np.flatnonzero(votes >= self.config.agreeing)
 
-    def _covered(self, view: int, pixels: np.ndarray, margin: int) -> np.ndarray:
+    def _covered_pixels(self, view: int, pixels: np.ndarray, margin: int) -> np.ndarray:
         """Return (H, W) bool: the pixels that voxels projected to `pixels` cover, with a margin,
         px."""
         maps = np.zeros((self.rig.height, self.rig.width), np.uint8)
@@ -201,7 +204,7 @@ def _box(
         return np.asarray(low, float), np.asarray(high, float)
     picked = np.linspace(0, len(evidence) - 1, volume.samples).round().astype(int)
     needed = OccupancyConfig().seeing_cameras(len(rig))
-    clean = [without_speckle(evidence[i]) for i in picked]
+    clean = [remove_speckle(evidence[i]) for i in picked]
     found = BoxSearch(rig, clean, volume, needed).run()
     if found is None:  # the stages that need a volume report it
         return None
@@ -210,7 +213,7 @@ def _box(
     return low - margin, high + margin
 
 
-def _enlarged(region: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+def _enlarge(region: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     if region.shape == size[::-1]:
         return region
     large: np.ndarray = cv2.resize(

@@ -42,38 +42,48 @@ class Fault:
         return self.text
 
 
-def picture_faults(
+def find_picture_faults(
     sequence: Sequence, views: SmallViews, config: PictureConfig | None = None
 ) -> list[Fault]:
     """Return the faults of the pictures of a sequence, the serious ones first."""
     config = config or PictureConfig()
-    faults = [*_unseen(sequence, views, config)]
+    faults = [*_find_empty_pictures(sequence, views, config)]
     if any(not fault.cameras for fault in faults):
         return faults
     named = {name for fault in faults for name in fault.cameras}
-    for check in (_same, _foreign, _filled, _frozen, _knocked, _ghosts, _flickering):
+    for check in (
+        _find_identical,
+        _find_foreign_backgrounds,
+        _find_filled,
+        _find_frozen,
+        _find_moved_cameras,
+        _find_ghosts,
+        _find_flicker,
+    ):
         for fault in check(sequence, views, config):
             if not named & set(fault.cameras):
                 faults.append(fault)
                 named |= set(fault.cameras)
-    return [*faults, *_cut(sequence, views, config)]
+    return [*faults, *_find_cut(sequence, views, config)]
 
 
-def _unseen(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+def _find_empty_pictures(
+    sequence: Sequence, views: SmallViews, config: PictureConfig
+) -> Iterator[Fault]:
     """Find footage without any person, and cameras whose pictures show nothing."""
-    blank = list(_blank(sequence, views, config))
+    blank = list(_find_blank(sequence, views, config))
     yield from blank
     if not blank and not any(outline for row in views.outlines for outline in row):
         yield Fault(
             "nobody",
             (),
             f"nothing stands out from the background in {len(views.frames)} frames; expected "
-            "somebody in view of the cameras",
+            "a person in view of the cameras",
             serious=False,  # the reconstruction itself stops if no frame shows a person
         )
 
 
-def _blank(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+def _find_blank(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
     """Find cameras whose pictures are of one brightness."""
     if views.pictures is None:
         return
@@ -87,7 +97,9 @@ def _blank(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iter
             )
 
 
-def _same(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+def _find_identical(
+    sequence: Sequence, views: SmallViews, config: PictureConfig
+) -> Iterator[Fault]:
     """Find cameras that show identical pictures."""
     if views.pictures is None:
         return
@@ -102,7 +114,7 @@ def _same(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Itera
             )
 
 
-def _frozen(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+def _find_frozen(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
     """Find cameras in which the person does not move at all, though he moves in the others."""
     areas = np.array(
         [[outline.area if outline else 0 for outline in row] for row in views.outlines]
@@ -122,28 +134,30 @@ def _frozen(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Ite
             )
 
 
-def _foreign(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+def _find_foreign_backgrounds(
+    sequence: Sequence, views: SmallViews, config: PictureConfig
+) -> Iterator[Fault]:
     """Find cameras whose pictures and background show different views; exchanged ones come in
     pairs."""
-    if views.pictures is None or views.plates is None or not sequence.footage.background:
+    if views.pictures is None or views.backgrounds is None or not sequence.footage.background:
         return
     names, sizes = sequence.rig.names, [camera.size for camera in views.rig]
     alike = np.full((len(names), len(names)), -1.0)
     for a, size in enumerate(sizes):
-        for b, background in enumerate(views.plates):
+        for b, background in enumerate(views.backgrounds):
             if sizes[b] == size:
                 area = np.s_[: size[1], : size[0]]
                 alike[a, b] = _correlation(views.typical[a][area], background[area])
     own = np.diag(alike)
-    over = {view: _turned_over(views, view, own[view], config) for view in range(len(names))}
+    over = {view: _find_flip(views, view, own[view], config) for view in range(len(names))}
     wrong = [view for view in range(len(names)) if own[view] < config.other_view and not over[view]]
     for view, way in over.items():
         if way:
             yield Fault(
                 "background",
                 (names[view],),
-                f"camera {names[view]}: its pictures are {way} beside its background; turn those "
-                "that lie wrong",
+                f"camera {names[view]}: its pictures are {way} relative to its background; turn "
+                "those that are wrong",
             )
     for view in wrong:
         fits = int(alike[view].argmax())
@@ -166,12 +180,14 @@ def _foreign(sequence: Sequence, views: SmallViews, config: PictureConfig) -> It
             )
 
 
-def _turned_over(views: SmallViews, view: int, own: float, config: PictureConfig) -> str:
+def _find_flip(views: SmallViews, view: int, own: float, config: PictureConfig) -> str:
     """Return the orientation in which a camera's pictures match its background, if they match only
     when turned over. own: correlation of the pictures as they are."""
-    assert views.plates is not None
+    assert views.backgrounds is not None
     width, height = views.rig[view].size
-    picture, background = (shown[view][:height, :width] for shown in (views.typical, views.plates))
+    picture, background = (
+        shown[view][:height, :width] for shown in (views.typical, views.backgrounds)
+    )
     ways = {"mirrored": picture[:, ::-1], "upside down": picture[::-1, ::-1]}
     for way, turned in ways.items():
         alike = _correlation(turned, background)
@@ -186,22 +202,24 @@ def _correlation(a: np.ndarray, b: np.ndarray) -> float:
     return float(ab / np.sqrt(aa * bb)) if aa and bb else 0.0
 
 
-def _knocked(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+def _find_moved_cameras(
+    sequence: Sequence, views: SmallViews, config: PictureConfig
+) -> Iterator[Fault]:
     """Find cameras whose background is misaligned with the pictures in some of the frames."""
-    if views.pictures is None or views.plates is None:
+    if views.pictures is None or views.backgrounds is None:
         return
     factor = sequence.rig.width / views.rig.width
     for view, camera in enumerate(views.rig):
         area = np.s_[: camera.size[1], : camera.size[0]]
         window = cv2.createHanningWindow(camera.size, cv2.CV_32F)
-        background = _edges(views.plates[view][area])
+        background = _edges(views.backgrounds[view][area])
         moves = []
         for picture, mask in zip(views.pictures[:, view], views.silhouettes[:, view], strict=True):
             people = cv2.morphologyEx(
                 mask[area].astype(np.uint8), cv2.MORPH_OPEN, np.ones((7, 7), np.uint8)
             )
-            shown = _edges(np.where(people > 0, views.plates[view][area], picture[area]))
-            moves.append(_move(background, shown, window, config))
+            shown = _edges(np.where(people > 0, views.backgrounds[view][area], picture[area]))
+            moves.append(_measure_shift(background, shown, window, config))
         moved = np.array(moves)
         away = np.linalg.norm(moved, axis=1) > config.knocked
         typical = np.median(moved[away], axis=0) if away.any() else np.zeros(2)
@@ -213,12 +231,12 @@ def _knocked(sequence: Sequence, views: SmallViews, config: PictureConfig) -> It
             yield Fault(
                 "knocked",
                 (camera.name,),
-                f"camera {camera.name}: its pictures lie {pixels:.0f} px beside its background"
+                f"camera {camera.name}: its background is {pixels:.0f} px off its pictures"
                 f"{since}; it was moved: leave it out (--cameras), or film and calibrate again",
             )
 
 
-def _move(
+def _measure_shift(
     background: np.ndarray, shown: np.ndarray, window: np.ndarray, config: PictureConfig
 ) -> tuple[float, float]:
     """Return the shift (x, y), px, of the edges (h, w) in the picture, `shown`, from those of the
@@ -243,8 +261,8 @@ def _edges(picture: np.ndarray) -> np.ndarray:
     return strength
 
 
-def _filled(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
-    if views.plates is None:
+def _find_filled(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+    if views.backgrounds is None:
         return
     for name, share in zip(sequence.rig.names, np.median(views.foreground, axis=0), strict=True):
         if share > config.filled:
@@ -256,27 +274,28 @@ def _filled(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Ite
             )
 
 
-def _ghosts(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+def _find_ghosts(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
     """Find cameras whose background contains a person.
 
     Such foreground has edges around it in the background and none in the pictures. It is in one
     place in most frames, or apart from the person in some.
     """
-    if views.pictures is None or views.plates is None or len(views.samples) < 4:
+    if views.pictures is None or views.backgrounds is None or len(views.samples) < 4:
         return
     estimated = not sequence.footage.background
     for view, camera in enumerate(views.rig):
         areas = [row[view].area for row in views.outlines if row[view] is not None]  # type: ignore[union-attr]
-        background = views.plates[view, : camera.size[1], : camera.size[0]]
+        background = views.backgrounds[view, : camera.size[1], : camera.size[0]]
         silhouettes = views.silhouettes[:, view, : camera.size[1], : camera.size[0]]
         pictures = views.pictures[:, view, : camera.size[1], : camera.size[0]]
         usual = float(np.median(areas)) if areas else np.inf
         typical = views.typical[view, : camera.size[1], : camera.size[0]]
-        if _is_ghost(background, silhouettes, pictures, typical, usual, config):
+        if _has_ghost(background, silhouettes, pictures, typical, usual, config):
             holds = (
-                "the background learnt from its pictures holds somebody who stands still in many"
+                "the background estimated from its pictures contains a person who stands "
+                "still in many"
                 if estimated
-                else "its background holds somebody who is not in the pictures"
+                else "its background contains a person who is not in the pictures"
             )
             yield Fault(
                 "ghost",
@@ -285,7 +304,7 @@ def _ghosts(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Ite
             )
 
 
-def _is_ghost(
+def _has_ghost(
     background: np.ndarray,
     silhouettes: np.ndarray,
     pictures: np.ndarray,
@@ -322,29 +341,29 @@ def _rim_ratios(
     x, y, width, height = cv2.boundingRect(region.view(np.uint8))
     near = np.s_[max(0, y - _REACH) : y + height + _REACH, max(0, x - _REACH) : x + width + _REACH]
     region, there, shown = region[near], there[near], shown[near]
-    opened = _grown(_shrunk(region.astype(np.uint8)))
+    opened = _dilate(_erode(region.astype(np.uint8)))
     count, labels, facts, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
     ratios, edges = [0.0], None
     for part in range(1, count):
         if facts[part, cv2.CC_STAT_AREA] >= least:
             inside = (labels == part).astype(np.uint8)
             edges = _edges(shown) if edges is None else edges
-            rim = _grown(inside, 2) > _shrunk(inside)
+            rim = _dilate(inside, 2) > _erode(inside)
             ratios.append(float(there[rim].mean() / max(edges[rim].mean(), 1e-6)))
     return ratios
 
 
-def _shrunk(region: np.ndarray) -> np.ndarray:
+def _erode(region: np.ndarray) -> np.ndarray:
     """Return a region (h, w) uint8 without its outermost pixels; pixels beyond the picture count as
     outside."""
     return cv2.erode(region, _CROSS, borderType=cv2.BORDER_CONSTANT, borderValue=0)
 
 
-def _grown(region: np.ndarray, times: int = 1) -> np.ndarray:
+def _dilate(region: np.ndarray, times: int = 1) -> np.ndarray:
     return cv2.dilate(region, _CROSS, iterations=times)
 
 
-def _flickering(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+def _find_flicker(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
     if len(views.gain) < 4 or np.isnan(views.gain).any():
         return
     changes = np.abs(np.diff(views.gain, axis=0))
@@ -358,7 +377,7 @@ def _flickering(sequence: Sequence, views: SmallViews, config: PictureConfig) ->
             )
 
 
-def _cut(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+def _find_cut(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
     cut = []
     for view, name in enumerate(sequence.rig.names):
         shown = [row[view].at_border.any() for row in views.outlines if row[view] is not None]  # type: ignore[union-attr]

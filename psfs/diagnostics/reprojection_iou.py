@@ -38,7 +38,7 @@ class Checker:
 
     def __init__(self, session: Session, grid: VoxelGrid) -> None:
         self.rig = session.rig
-        self.beyond: list[np.ndarray] = []  # (V,) `beyond_volume` of every frame so far
+        self.beyond: list[np.ndarray] = []  # (V,) `share_beyond_volume` of every frame so far
         self._reconstruct = session.reconstructor(grid)
         self._volume = volume_region(self.rig, grid)
         self._extents = voxel_footprints(self.rig, grid.voxel_size)
@@ -50,7 +50,7 @@ class Checker:
         evidence = self._reconstruct.evidence()
         self.known = evidence != UNKNOWN
         whole = whole_silhouettes(evidence > 0, self._volume)
-        self.beyond.append(beyond_volume(whole, self._volume))
+        self.beyond.append(share_beyond_volume(whole, self._volume))
         return whole
 
     def __call__(self, frame: Frame, cloud: VoxelCloud) -> np.ndarray:
@@ -63,7 +63,7 @@ class Checker:
         return np.array(scores)
 
 
-def without_speckle(silhouette: np.ndarray, share: float = SPECKLE_SHARE) -> np.ndarray:
+def remove_speckle(silhouette: np.ndarray, share: float = SPECKLE_SHARE) -> np.ndarray:
     """Return `silhouette` (H, W) bool after a 5x5 median, without parts smaller than `share` of the
     largest one."""
     return keep_large_regions(cv2.medianBlur(silhouette.astype(np.uint8), 5), share)
@@ -89,14 +89,14 @@ def whole_silhouette(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
     return keep_large_regions((smooth > 0) & (region | mostly[labels]), SPECKLE_SHARE)
 
 
-def beyond_volume(silhouettes: np.ndarray, region: np.ndarray) -> np.ndarray:
+def share_beyond_volume(silhouettes: np.ndarray, region: np.ndarray) -> np.ndarray:
     """Return the share (V,) of the silhouettes (V, H, W) that lies beyond the volume; NaN for an
     empty one."""
     areas = silhouettes.sum(axis=(1, 2)).astype(float)
     return (silhouettes & ~region).sum(axis=(1, 2)) / np.where(areas > 0, areas, np.nan)
 
 
-def cut_by_volume(names: Items[str], beyond: np.ndarray) -> str | None:
+def describe_cut_silhouettes(names: Items[str], beyond: np.ndarray) -> str | None:
     """Return a warning if silhouettes reach beyond the volume; `beyond`: shares (frames, V)."""
     shares = np.nan_to_num(np.ma.masked_invalid(beyond).mean(axis=0).filled(0.0))
     cut = [f"{name} {share:.0%}" for name, share in zip(names, shares, strict=True) if share > _CUT]

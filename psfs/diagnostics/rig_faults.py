@@ -15,13 +15,13 @@ _FAR = 15.0
 _FOCAL = (0.125, 100.0)
 
 
-def odd_cameras(rig: CameraRig) -> list[Fault]:
+def find_rig_faults(rig: CameraRig) -> list[Fault]:
     """Return the cameras whose calibration has another unit than the others', or a focal length in
     mm instead of pixels."""
-    return [*_focal(rig), *_far(rig)]
+    return [*_check_focal_lengths(rig), *_find_far_camera(rig)]
 
 
-def _focal(rig: CameraRig) -> list[Fault]:
+def _check_focal_lengths(rig: CameraRig) -> list[Fault]:
     faults = []
     for camera in rig:
         focal, longest = float(camera.K[0, 0]), max(camera.size)
@@ -35,7 +35,7 @@ def _focal(rig: CameraRig) -> list[Fault]:
     return faults
 
 
-def _far(rig: CameraRig) -> list[Fault]:
+def _find_far_camera(rig: CameraRig) -> list[Fault]:
     """Return the one camera that is far from the others, if there is one."""
     if len(rig) < 4:
         return []

@@ -103,11 +103,11 @@ def sequence_info(sequence: Sequence) -> SequenceInfo:
         extent=rig_extent(rig),
         notes=sequence.notes,
         warnings=[*_count_warnings(sequence), *rig_warnings(rig)],
-        keypoints=keypoints_in(sequence.folder),
+        keypoints=find_keypoints(sequence.folder),
     )
 
 
-def keypoints_in(folder: Path) -> Path | None:
+def find_keypoints(folder: Path) -> Path | None:
     """Return the file or folder in `folder` whose name says that it holds 2-D keypoints, if there
     is one."""
     found = (path for pattern in _KEYPOINTS for path in sorted(folder.glob(pattern)))

@@ -20,7 +20,7 @@ _GROUND = 60  # grey level between and behind the panels
 _Part = tuple[slice, slice]
 
 
-def mosaic(rig: CameraRig, shown: Silhouettes) -> np.ndarray:
+def draw_mosaic(rig: CameraRig, shown: Silhouettes) -> np.ndarray:
     """Draw (h, w, 3) uint8 BGR: a row per camera with the picture, the likelihood (black 0, white
     1), the silhouette and, if a true mask is known, the differences between the two."""
     parts = [_part(camera, view, shown) for view, camera in enumerate(rig)]
@@ -31,7 +31,7 @@ def mosaic(rig: CameraRig, shown: Silhouettes) -> np.ndarray:
     return np.vstack(padded)
 
 
-def differences(picture: np.ndarray, mask: np.ndarray, truth: np.ndarray) -> np.ndarray:
+def draw_differences(picture: np.ndarray, mask: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Return the darkened `picture` (h, w, 3): pixels of `truth` that `mask` (h, w) bool misses are
     red, pixels of `mask` outside `truth` are green."""
     drawn: np.ndarray = (picture * _DARKENED).astype(np.uint8)
@@ -49,11 +49,11 @@ def _row(camera: Camera, view: int, shown: Silhouettes, part: _Part, width: int)
     panels = [picture, _grey(255 * likelihood), _grey(255 * mask)]
     texts = [f"{camera.name}, frame {shown.frame.index}", "likelihood", "silhouette"]
     if truth is not None:
-        panels.append(differences(picture, mask, truth[part]))
+        panels.append(draw_differences(picture, mask, truth[part]))
         known = "true mask empty" if np.isnan(score) else f"IoU {score:.3f}"
         texts.append(f"{known}: missed red, too much green")
-    sized = [_fitted(panel, _size(part)) for panel in panels]
-    return np.hstack([_labelled(*of, width) for of in zip(sized, texts, strict=True)])
+    sized = [_fit(panel, _size(part)) for panel in panels]
+    return np.hstack([_add_label(*of, width) for of in zip(sized, texts, strict=True)])
 
 
 def _part(camera: Camera, view: int, shown: Silhouettes) -> _Part:
@@ -73,7 +73,7 @@ def _size(part: _Part) -> tuple[int, int]:
     return max(1, round(width * scale)), max(1, round(height * scale))
 
 
-def _fitted(panel: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+def _fit(panel: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     # Enlarged pixels stay square, so that each can be seen.
     how = cv2.INTER_AREA if size[0] < panel.shape[1] else cv2.INTER_NEAREST
     return cv2.resize(panel, size, interpolation=how)
@@ -85,7 +85,7 @@ def _grey(values: np.ndarray) -> np.ndarray:
     return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
 
 
-def _labelled(panel: np.ndarray, text: str, width: int) -> np.ndarray:
+def _add_label(panel: np.ndarray, text: str, width: int) -> np.ndarray:
     """Return the panel on a ground of `width` px, with `text` above it."""
     height = panel.shape[0]
     drawn = np.full((height + _TITLE + _GAP, width + _GAP, 3), _GROUND, np.uint8)

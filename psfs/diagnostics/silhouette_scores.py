@@ -17,7 +17,8 @@ from psfs.diagnostics.reprojection_iou import volume_region
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
 from psfs.volume import automatic_grid
-from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.clouds import remove_debris
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 #: Folder of a sequence with true silhouettes, <camera>_<frame:06d>.png. For scoring only.
 TRUE_MASKS = "truth_masks"
@@ -37,7 +38,8 @@ class Silhouettes:
     region: (V, H, W) bool, pixels that look into the reconstruction volume. likelihood: (V, H, W)
     float64 of eq. (1)-(2) of Song et al. masks: (V, H, W) bool, the silhouettes. truth: per view
     the true mask (H, W) bool, None where there is none. scores: (V, 4) IoU, missed, extra and
-    foreground as `DEFINITION` says; NaN where there is no truth, or an empty one.
+    foreground as `DEFINITION` says; NaN where there is no truth, or an empty one. cloud: the
+    surface voxels, without debris.
     """
 
     frame: Frame
@@ -46,6 +48,7 @@ class Silhouettes:
     masks: np.ndarray
     truth: list[np.ndarray | None]
     scores: np.ndarray
+    cloud: VoxelCloud
 
 
 def truth_frames(sequence: Sequence) -> list[int]:
@@ -77,6 +80,13 @@ def true_mask(
     return mask
 
 
+def true_masks(sequence: Sequence, frame: int) -> list[np.ndarray | None]:
+    """Return the `true_mask` of each camera."""
+    rig = sequence.rig
+    shape = (rig.height, rig.width)
+    return [true_mask(sequence.folder, camera, frame, shape) for camera in rig]
+
+
 def score_silhouettes(
     session: Session, wanted: Collection[int], grid: VoxelGrid | None = None
 ) -> Iterator[Silhouettes | None]:
@@ -90,18 +100,18 @@ def score_silhouettes(
     sequence, grid = session.sequence, grid or automatic_grid(session)
     rig, within = sequence.rig, volume_region(sequence.rig, grid)
     reconstruct = session.reconstructor(grid)
-    shape = (rig.height, rig.width)
     for frame in sequence.frames(slice(max(wanted) + 1)):
-        reconstruct(frame)
+        voxels = reconstruct(frame)
         if frame.index not in wanted:
             yield None
             continue
         evidence = reconstruct.evidence()
         masks = (evidence > 0) & within
-        truth = [true_mask(sequence.folder, camera, frame.index, shape) for camera in rig]
+        truth = true_masks(sequence, frame.index)
         scores = np.array([_scores(*of) for of in zip(rig, masks, truth, strict=True)])
         likelihood = session.reconstruction.silhouette.evidence.likelihood(evidence)
-        yield Silhouettes(frame, within, likelihood, masks, truth, scores)
+        cloud = remove_debris(voxels.cloud())
+        yield Silhouettes(frame, within, likelihood, masks, truth, scores, cloud)
 
 
 def _scores(camera: Camera, mask: np.ndarray, truth: np.ndarray | None) -> list[float]:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from cl import Device, NumpyDevice
-from psfs.backend import evidence_ahead
+from psfs.backend import make_evidence_pipeline
 from psfs.background.chroma_key import ChromaKey
 from psfs.background.gaussian import Background, stack_median
 from psfs.cameras.camera import CameraRig
@@ -46,9 +46,9 @@ class SmallViews:
 
     outlines: [frame][view], None without a silhouette. foreground: (F, V) share of the picture.
     gain: (F, V) brightness of the rest of the picture relative to the background's; NaN without a
-    background. plates: (V, h, w) uint8 grey background images, or None. samples: numbers of the
-    frames (S,) whose silhouettes (S, V, h, w) bool and grey pictures (S, V, h, w) uint8, or None,
-    were kept.
+    background. backgrounds: (V, h, w) uint8 grey background images, or None. samples: numbers of
+    the frames (S,) whose silhouettes (S, V, h, w) bool and grey pictures (S, V, h, w) uint8, or
+    None, were kept.
     """
 
     rig: CameraRig
@@ -56,7 +56,7 @@ class SmallViews:
     outlines: list[list[Outline | None]]
     foreground: np.ndarray
     gain: np.ndarray
-    plates: np.ndarray | None
+    backgrounds: np.ndarray | None
     samples: np.ndarray
     silhouettes: np.ndarray
     pictures: np.ndarray | None
@@ -75,30 +75,30 @@ def small_views(
     config = config or FaultConfig()
     shrink = Shrink(sequence.rig, config.longest_side)
     background = shrink.background(sequence.background)
-    begin = evidence_ahead(device, shrink.small, background, _SILHOUETTES)
+    begin = make_evidence_pipeline(device, shrink.small, background, _SILHOUETTES)
     frames = _select_frames(sequence, config)
     kept = np.unique(np.linspace(0, len(frames) - 1, config.samples).round().astype(int))
-    plates = None if background is None else _grey(background.mean.astype(np.uint8))
+    backgrounds = None if background is None else _grey(background.mean.astype(np.uint8))
     outlines, foreground, gains, masks, pictures = [], [], [], [], []
     shown = (shrink.frame(frame) for frame in sequence.frames(slice(frames.start, frames.stop)))
-    for number, (small, evidence) in enumerate(_one_ahead(shown, begin)):
+    for number, (small, evidence) in enumerate(_compute_ahead(shown, begin)):
         silhouettes = evidence > 0
         pairs = list(zip(shrink.small, silhouettes, strict=True))
-        outlines.append([outline_of(mask[: c.size[1], : c.size[0]]) for c, mask in pairs])
+        outlines.append([extract_outline(mask[: c.size[1], : c.size[0]]) for c, mask in pairs])
         foreground.append([np.count_nonzero(mask) / np.prod(c.size) for c, mask in pairs])
         grey = None if small.images is None else _grey(small.images)
-        gains.append(_gains(grey, plates, silhouettes))
+        gains.append(_gains(grey, backgrounds, silhouettes))
         if number in kept:
             masks.append(silhouettes)
             pictures.append(grey)
     return SmallViews(
-        shrink.small, frames, outlines, np.array(foreground), np.array(gains), plates,
+        shrink.small, frames, outlines, np.array(foreground), np.array(gains), backgrounds,
         kept + frames.start, np.stack(masks),
         None if pictures[0] is None else np.stack(pictures),  # type: ignore[arg-type]
     )  # fmt: skip
 
 
-def _one_ahead(
+def _compute_ahead(
     frames: Iterable[Frame], begin: Callable[[Frame], Callable[[], np.ndarray]]
 ) -> Iterator[tuple[Frame, np.ndarray]]:
     """Yield frames with their evidence, while that of the next frame is computed."""
@@ -112,7 +112,7 @@ def _one_ahead(
         yield before[0], before[1]()
 
 
-def contact_sheet(views: SmallViews, columns: int = 6) -> np.ndarray:
+def draw_contact_sheet(views: SmallViews, columns: int = 6) -> np.ndarray:
     """Draw a picture (h, w, 3) uint8 BGR: a row per camera with some of its frames, silhouettes in
     green."""
     chosen = np.unique(np.linspace(0, len(views.samples) - 1, columns).round().astype(int))
@@ -141,7 +141,7 @@ def _select_frames(sequence: Sequence, config: FaultConfig) -> range:
     return range(first, min(first + count, len(sequence)))
 
 
-def outline_of(mask: np.ndarray, least: int = 40) -> Outline | None:
+def extract_outline(mask: np.ndarray, least: int = 40) -> Outline | None:
     """Return the outline of a silhouette (h, w) bool after a 3x3 median; None if its largest part
     has fewer pixels than `least`."""
     smooth = cv2.medianBlur(mask.astype(np.uint8), 3)
@@ -219,14 +219,14 @@ def _grey(pictures: np.ndarray) -> np.ndarray:
 
 
 def _gains(
-    grey: np.ndarray | None, plates: np.ndarray | None, silhouettes: np.ndarray
+    grey: np.ndarray | None, backgrounds: np.ndarray | None, silhouettes: np.ndarray
 ) -> list[float]:
     """Return the brightness of each view relative to its background, outside the silhouettes."""
-    if grey is None or plates is None:
+    if grey is None or backgrounds is None:
         return [float("nan")] * len(silhouettes)
     rest = silhouettes.view(np.uint8) - np.uint8(1)  # 255 outside the silhouettes
     sums = [
-        [cv2.sumElems(cv2.bitwise_and(shown, there))[0] for shown in (picture, plate)]
-        for picture, plate, there in zip(grey, plates, rest, strict=True)
+        [cv2.sumElems(cv2.bitwise_and(shown, there))[0] for shown in (picture, background)]
+        for picture, background, there in zip(grey, backgrounds, rest, strict=True)
     ]
     return [shown / there if there else float("nan") for shown, there in sums]

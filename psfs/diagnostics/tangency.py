@@ -98,7 +98,7 @@ class Tangency:
             self._rays[key] = own.rays(turned) if len(points) else np.zeros((0, 3))
         return self._rays[key]
 
-    def compared(
+    def compare(
         self,
         order: Sequence[int] | None = None,
         shifts: Sequence[int] | None = None,
@@ -163,7 +163,7 @@ class Tangency:
             total, count = total + pair[0], count + pair[1]
         return total / count if count else float("nan")
 
-    def planes_of(self, view: int, camera: Camera, other: int) -> np.ndarray:
+    def measure_planes(self, view: int, camera: Camera, other: int) -> np.ndarray:
         """Return the extreme planes (F, 2) of a view's own outlines around the line to another
         camera, for a changed `camera` in the same place."""
         points = self._images[view].points

@@ -46,20 +46,40 @@ class Settings(Config):
         None,
         "Unit of the calibration: m, cm, mm, 0.76mm or metres per unit.",
         "the calibration's own, else metres",
+        flag="--unit",
+        metavar="U",
     )
     up: str | None = setting(
-        None, "Up axis of the calibration's world: z, -z, y, -y, x or -x.", "z"
+        None,
+        "Up axis of the calibration's world: z, -z, y, -y, x or -x.",
+        "z",
+        flag="--up",
+        metavar="AXIS",
     )
     fps: float | None = setting(
-        None, "Frame rate.", "the videos' own, else 30", "frames/s", least=0.001, most=100_000
+        None,
+        "Frame rate.",
+        "the videos' own, else 30",
+        "frames/s",
+        least=0.001,
+        most=100_000,
+        flag="--fps",
+        flag_help="frames per second, as 30 or 30000/1001",
+        metavar="N",
     )
     background: BackgroundKind | None = setting(
-        None, "How silhouettes are made.", "by what lies in the folder"
+        None,
+        "How silhouettes are made.",
+        "by what lies in the folder",
+        flag="--background",
     )
     key: str | None = setting(
         None,
         "The screen's colour, #rrggbb, where the background is `chroma`.",
         "found in the pictures",
+        flag="--key",
+        flag_help="the screen's colour for --background chroma",
+        metavar="#rrggbb",
     )
     threshold: float | None = setting(
         None,
@@ -68,6 +88,9 @@ class Settings(Config):
         "to be stated",
         above=0,
         below=1,
+        flag="--threshold",
+        flag_help="brightness 0..1 for --background threshold",
+        metavar="T",
     )
     dilate: int | None = setting(
         None, "Width by which such foreground is dilated.", "0", "px", least=0, most=1000
@@ -81,25 +104,51 @@ class Settings(Config):
         "calibration's unit and axes.",
         "found from the silhouettes",
         "m",
+        flag="--volume",
+        flag_help="the box to reconstruct, in metres with Z up; own:x0,... in the "
+        "calibration's own unit and axes",
+        metavar="x0,x1,y0,y1,z0,z1",
     )
     calibration: str | Path | None = setting(
-        None, "Calibration file or folder, relative to the sequence's folder.", "found in it"
+        None,
+        "Calibration file or folder, relative to the sequence's folder.",
+        "found in the folder",
+        flag="--calibration",
+        flag_help="calibration file or folder",
+        metavar="PATH",
     )
-    cameras: tuple[str, ...] | None = setting(None, "Names of the cameras to use.", "all")
+    cameras: tuple[str, ...] | None = setting(
+        None,
+        "Names of the cameras to use.",
+        "all",
+        flag="--cameras",
+        flag_help="use only these cameras",
+        metavar="A,B,C",
+    )
     sync: Any = setting(
         None,
         '"auto", or by how many of its frames a camera comes late, by name.',
         "as many frames late as the files say",
         "frames",
+        flag="--sync",
+        flag_help="cameras that come N of their frames later than the others, or earlier "
+        "(-N); auto: found in the pictures",
+        metavar="auto|CAMERA=N,...",
     )
     subject: Subject | None = setting(
         None,
         "What is filmed: a person, who stands on the floor and is 0.5 to 2.5 m tall, or any "
         "object.",
         "person",
+        flag="--subject",
     )
     take: str | None = setting(
-        None, "Which of the takes in the folder, where it has several.", "to be stated"
+        None,
+        "Which of the takes in the folder, where it has several.",
+        "to be stated",
+        flag="--take",
+        flag_help="which take of a folder with several (HumanEva's: Box_1)",
+        metavar="NAME",
     )
 
     @field_validator("unit")

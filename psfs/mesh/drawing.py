@@ -16,7 +16,7 @@ from psfs.common.open3d import load_open3d
 from psfs.mesh.marching_cubes import CLAY
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
-from psfs.voxels.normals import normals_of
+from psfs.voxels.normals import estimate_normals
 
 #: What a voxel's colour can show.
 COLOURINGS = ("colour", "probability", "height")
@@ -143,7 +143,7 @@ def make_voxel_layer(
         cloud, mesh = shape(frame)
         if mesh is None:
             vertices, faces = make_cubes(cloud)
-            normals = np.repeat(normals_of(cloud), 8, axis=0)
+            normals = np.repeat(estimate_normals(cloud), 8, axis=0)
             voxel = np.repeat(np.arange(len(cloud)), 8)
         else:
             vertices, faces = np.array(mesh.vertices), np.array(mesh.faces, np.int32)

@@ -11,7 +11,7 @@ from scipy import ndimage, spatial
 from trimesh.visual import ColorVisuals
 
 from cl import Device, InputError, NumpyDevice
-from psfs.backend import AnyReconstructor, reconstructor_for
+from psfs.backend import AnyReconstructor, make_reconstructor
 from psfs.common.files import written_whole
 from psfs.common.regions import keep_large_regions
 from psfs.mesh.config import FORMATS, SMOOTHING
@@ -139,7 +139,7 @@ class Mesher:
             return self._reconstructor
         nx, ny, nz = (-(-max(n, m) // 16) * 16 for n, m in zip(box.shape, room, strict=True))
         grid = VoxelGrid(box.origin, box.voxel_size, (nx, ny, nz))
-        reconstructor = reconstructor_for(
+        reconstructor = make_reconstructor(
             self.device, self.sequence.rig, grid, self.sequence.background, self._config
         )
         if isinstance(reconstructor, Reconstructor):  # the NumPy twin has nothing to rebuild

@@ -11,10 +11,10 @@ import numpy as np
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.sequence import Frame
-from psfs.voxels.clouds import coarsened
+from psfs.voxels.clouds import coarsen
 from psfs.voxels.grid import VoxelCloud
 from psfs.voxels.host_voxels import voxel_silhouette
-from psfs.voxels.normals import normals_of
+from psfs.voxels.normals import estimate_normals
 
 #: Azimuth and elevation of the views, degrees.
 VIEWS = ((0, 10), (60, 10), (120, 10), (180, 10), (240, 10), (300, 25))
@@ -36,7 +36,7 @@ def draw_preview(cloud: VoxelCloud, rig: CameraRig, frame: Frame, title: str = "
     reprojected cloud.
     """
     shown = _coarsen_for_picture(cloud)
-    normals = normals_of(shown)
+    normals = estimate_normals(shown)
     views = [draw_shaded_view(shown, normals, azimuth, up, PANEL) for azimuth, up in VIEWS]
     edge = cloud.grid.voxel_size
     text = f"{title}   {len(cloud):,} surface voxels of {_length(edge)}"
@@ -57,7 +57,7 @@ def _coarsen_for_picture(cloud: VoxelCloud) -> VoxelCloud:
         return cloud
     ijk = np.stack(np.unravel_index(cloud.indices, cloud.grid.shape))
     longest = int(np.ptp(ijk, axis=1).max()) + 1
-    return coarsened(cloud, -(-longest // _MAX_VOXELS))
+    return coarsen(cloud, -(-longest // _MAX_VOXELS))
 
 
 def draw_sheet(
@@ -83,7 +83,7 @@ def draw_shaded_view(
     elevation: float,
     size: tuple[int, int],
 ) -> np.ndarray:
-    """Draw an orthographic view (h, w, 3) uint8 BGR of a cloud with its `normals_of`.
+    """Draw an orthographic view (h, w, 3) uint8 BGR of a cloud with its `estimate_normals`.
 
     size: (width, height) px. azimuth: direction of the viewer, degrees from +x towards +y.
     elevation: above the horizon, degrees. Voxels are splatted into a z-buffer and shaded by their

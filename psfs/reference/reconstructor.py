@@ -20,7 +20,7 @@ from psfs.reference.occupancy import occupancy
 from psfs.reference.silhouette import mask_evidence, silhouette_evidence
 from psfs.reference.surface import smooth, surface_voxels
 from psfs.sequence import Frame, frame_input
-from psfs.silhouettes.appearance import follows
+from psfs.silhouettes.appearance import follows, looks_again
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid, check_size
@@ -78,8 +78,7 @@ class NumpyReconstructor:
             self.foreground.forget_location()
         evidence = self._evidence(frame)
         voxels = self._carved(frame, evidence)
-        if new and (before is None or appearance.look_again):
-            # Repeat with the person's appearance.
+        for _ in range(looks_again(before is None, new, appearance)):
             self.foreground.learn(frame.images, evidence, self.grid, voxels.surface)
             evidence = self._evidence(frame)
             voxels = self._carved(frame, evidence)
@@ -110,9 +109,11 @@ class NumpyReconstructor:
     def _carved(self, frame: Frame, evidence: np.ndarray) -> HostVoxels:
         self._latest = evidence
         config, step = self.config.occupancy, self.config.silhouette.evidence.step
-        probability = smooth(occupancy(self.rig, self.grid, evidence, step, config))
+        probability = smooth(
+            occupancy(self.rig, self.grid, evidence, step, config), config.smoothing == "faces"
+        )
         occupied = probability > config.threshold
-        surface = surface_voxels(occupied)
+        surface = surface_voxels(occupied, config.closed_surface)
         colours = None
         if frame.images is not None:
             seen = (frame.images, evidence, self.config.colour)

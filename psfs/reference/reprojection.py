@@ -82,6 +82,7 @@ class NumpyReprojection:
         device: Device | NumpyDevice,
         rig: CameraRig,
         grid: VoxelGrid,
+        *,
         scale: float = 1.0,
         sigma: float | None = None,
         radius: int | None = None,

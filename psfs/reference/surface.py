@@ -5,25 +5,29 @@ from __future__ import annotations
 import numpy as np
 
 
-def smooth(padded: np.ndarray) -> np.ndarray:
-    """Return the mean over 3x3x3 voxels: (nx + 2, ny + 2, nz + 2) -> (nx, ny, nz)."""
+def smooth(padded: np.ndarray, faces: bool = False) -> np.ndarray:
+    """Return the mean over 3x3x3 voxels, or over each and its six neighbours if `faces`: (nx + 2,
+    ny + 2, nz + 2) -> (nx, ny, nz)."""
     nx, ny, nz = (n - 2 for n in padded.shape)
     total = np.zeros((nx, ny, nz))
     for dx, dy, dz in np.ndindex(3, 3, 3):
-        total += padded[dx : dx + nx, dy : dy + ny, dz : dz + nz]
-    return total / 27
+        if not faces or abs(dx - 1) + abs(dy - 1) + abs(dz - 1) <= 1:
+            total += padded[dx : dx + nx, dy : dy + ny, dz : dz + nz]
+    return total / (7 if faces else 27)
 
 
-def surface_voxels(occupied: np.ndarray) -> np.ndarray:
-    """Return the flat indices (N,) int32, ascending, of occupied voxels with an empty 6-neighbour.
+def surface_voxels(occupied: np.ndarray, closed: bool = False) -> np.ndarray:
+    """Return the flat indices (N,) int32, ascending, of occupied voxels with an empty neighbour,
+    one of 26 if `closed`, else of 6.
 
     Voxels outside the grid count as empty.
     """
     padded = np.pad(occupied, 1)
     inside = occupied.copy()
-    for axis in range(3):
-        for shift in (-1, 1):
-            inside &= np.roll(padded, shift, axis)[1:-1, 1:-1, 1:-1]
+    for shift in np.ndindex(3, 3, 3):
+        offset = np.array(shift) - 1
+        if closed or np.abs(offset).sum() == 1:
+            inside &= np.roll(padded, tuple(offset), (0, 1, 2))[1:-1, 1:-1, 1:-1]
     return np.flatnonzero(occupied & ~inside).astype(np.int32)
 
 

@@ -6,7 +6,7 @@ By Song et al. 2.2.1 the uniform foreground of eq. (2) is for the first frame on
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -48,16 +48,25 @@ class SurfaceVoxels(Protocol):
     def count(self) -> Array: ...
 
 
+class ForegroundPrior(NamedTuple):
+    """The prior of a frame's silhouettes, on the device, in counts of `EvidenceConfig.ratio_steps`.
+
+    colours: (BINS^3,) int8, log of the person's colour density over the uniform density, from a
+    histogram with exponential forgetting. location: (V, rows, columns) int8, log odds of foreground
+    in every cell, where the voxels reproject, blurred by the distance that the person may move
+    until the next frame.
+    """
+
+    colours: Array
+    location: Array
+
+
 class Foreground:
     """The person's colours and location, fitted to the voxels of a frame and used as a prior for
     the silhouettes of the next frame.
 
-    colours: (BINS^3,) int8, log of the person's colour density over the uniform density, in counts
-    of `EvidenceConfig.ratio_steps`, from a histogram with exponential forgetting. location: (V,
-    rows, columns) int8, location prior of every cell in the same counts: log odds of foreground
-    where the voxels reproject, blurred by the distance that the person may move until the next
-    frame. marks: (V, rows, columns) uint8 with a border of `reach` cells, 1 where voxels reproject.
-    `learn` fills all three.
+    marks: (V, rows, columns) uint8 with a border of `reach` cells, 1 where voxels reproject.
+    `learn` fills them and the `prior`.
 
     Three rules keep the model from confirming its own errors: only pixels that look like foreground
     and lie where voxels reproject are counted; a frame that looks like foreground all over is
@@ -68,13 +77,12 @@ class Foreground:
         self,
         device: Device,
         rig: CameraRig,
+        config: SilhouetteConfig,
         pictures: Array,
         evidence: Array,
-        colours: Array,
-        location: Array,
-        config: SilhouetteConfig,
+        prior: ForegroundPrior,
     ) -> None:
-        self.colours, self.location = colours, location
+        self.prior = prior
         self._device, self._rig, self._config = device, rig, config
         self._pictures, self._evidence = pictures, evidence
         self._coarse = rig.scaled(1 / CELL)
@@ -82,7 +90,7 @@ class Foreground:
         self._odds = device.to_device(location_odds(config), "the odds of foreground")
         self._extents = device.empty((len(rig), 2), np.float32, "the footprints")
         self._geometry = device.empty(4, np.float32, "the grid's position")
-        views, rows, columns = location.shape
+        views, rows, columns = prior.location.shape
         border = 2 * config.appearance.reach
         marked = (views, rows + border, columns + border)
         self.marks = device.zeros(marked, np.uint8, "the location prior")
@@ -108,11 +116,11 @@ class Foreground:
 
     def forget_location(self) -> None:
         """Clear the location prior; the colours are kept."""
-        self.location.fill(0)
+        self.prior.location.fill(0)
 
     def restart(self) -> None:
         """Clear the whole model."""
-        for array in (self.colours, self.location, self.marks, self._counts, self._memory):
+        for array in (*self.prior, self.marks, self._counts, self._memory):
             array.fill(0)
 
     def _attach(self, voxels: SurfaceVoxels) -> None:
@@ -120,7 +128,7 @@ class Foreground:
         # keep all their memory.
         self._surface, device = voxels.surface, self._device
         n_bins = BINS**3
-        views, rows, columns = self.location.shape
+        views, rows, columns = self.prior.location.shape
         defines = self._defines(voxels)
 
         def launch(
@@ -150,15 +158,15 @@ class Foreground:
                 odds=self._odds,
                 images=self._pictures,
                 evidence=self._evidence,
-                location=self.location,
+                location=self.prior.location,
                 counts=self._counts,
             ),
             launch("fade", (n_bins + 1,), (64,), **histogram),
-            launch("colour_table", (n_bins + 1,), (64,), **histogram, table=self.colours),
+            launch("colour_table", (n_bins + 1,), (64,), **histogram, table=self.prior.colours),
         ]
 
     def _defines(self, voxels: SurfaceVoxels) -> dict[str, int | float]:
-        config, (_, rows, columns) = self._config.appearance, self.location.shape
+        config, (_, rows, columns) = self._config.appearance, self.prior.location.shape
         _, ny, nz = voxels.grid.shape
         return {
             **{"NY": ny, "NZ": nz, **self._rig.defines},
@@ -193,6 +201,14 @@ def most_samples(rig: CameraRig, config: AppearanceConfig) -> int:
     for the fit."""
     rows, columns = cells(rig)
     return int(config.most * len(rig) * rows * columns)
+
+
+def looks_again(first: bool, new: bool, config: AppearanceConfig) -> int:
+    """Return how often a frame is worked on again: the very `first` one, one that is `new` since it
+    does not follow another, or any other."""
+    if first:
+        return config.first_looks
+    return int(new and config.look_again)
 
 
 def follows(before: int, index: int, config: AppearanceConfig) -> bool:

@@ -8,13 +8,13 @@ import numpy as np
 
 from cl import Array, Device, Launch
 from cl.workgroups import pixel_pack, row_group
-from psfs.background.adaptation import Adaptation
+from psfs.background.adaptation import Adaptation, AdaptationArrays
 from psfs.background.chroma_key import ChromaKey, key_launch
 from psfs.background.config import BackgroundConfig
-from psfs.background.light import light_launch, steady_light
+from psfs.background.light import light_launch, sampled_scene, steady_light
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
-from psfs.silhouettes.appearance import BINS, Foreground
+from psfs.silhouettes.appearance import BINS, Foreground, ForegroundPrior
 from psfs.silhouettes.config import SPAN, SilhouetteConfig
 from psfs.silhouettes.floor_shadow import floor_points
 from psfs.silhouettes.hidden import hide_launch
@@ -101,11 +101,8 @@ class Silhouette:
         ratios = device.zeros(bordered, np.int8, "the likelihood ratios")
         scene: dict[str, Array] = {}
         if isinstance(background, ChromaKey):
-            before = [
-                key_launch(
-                    device, rig, background, config.chroma_key, config.evidence, self.input, ratios
-                )
-            ]
+            settings = (config.chroma_key, config.evidence)
+            before = [key_launch(device, background, *settings, self.input, ratios)]
         else:
             before, scene = self._before_scene(background, ratios)
         table = device.to_device(config.evidence.ratio_counts(), "the evidence table")
@@ -125,19 +122,23 @@ class Silhouette:
         rows, columns = cells(rig)
         planes = background_planes(background, config.background)
         scene = device.to_device(planes, "the background")
-        colours = device.zeros(BINS**3, np.int8, "the foreground's colours")
-        location = device.zeros((len(rig), rows, columns), np.int8, "the location prior")
+        prior = ForegroundPrior(
+            device.zeros(BINS**3, np.int8, "the foreground's colours"),
+            device.zeros((len(rig), rows, columns), np.int8, "the location prior"),
+        )
         shade = device.empty((len(rig), rows + 2, columns + 2), np.uint8, "the floor's light")
         light = device.to_device(steady_light(len(rig)), "the light")
         cameras = device.to_device(rig.packed(), "the cameras")
         floor = device.to_device(floor_points(rig, config.floor).astype(np.float32), "the floor")
         if config.appearance.learn:
-            self._learn_into(colours, location, scene, light)
+            self._learn_into(prior, scene, light)
         luma = device.empty((len(rig), rig.height, rig.width), np.uint8, "the pictures' luma")
         seen = {"images": self.input, "background": scene, "light": light}
-        estimate = (config.light, config.background, self.input, light)
-        known = {"colours": colours, "location": location}
-        launches = [light_launch(device, rig, background, *estimate)] if config.light.follow else []
+        known = prior._asdict()
+        launches = []
+        if config.light.follow:
+            samples = sampled_scene(rig, background, config.background)
+            launches.append(light_launch(device, rig, samples, config.light, self.input, light))
         launches += [
             self._launch(
                 "floor_light",
@@ -162,15 +163,16 @@ class Silhouette:
         ]
         return launches, {"luma": luma, **seen, **known}
 
-    def _learn_into(self, colours: Array, location: Array, scene: Array, light: Array) -> None:
+    def _learn_into(self, prior: ForegroundPrior, scene: Array, light: Array) -> None:
         """Create the models that carry over from frame to frame: the person's appearance and the
         background's drift."""
         device, rig, config, shown = self.device, self.rig, self._config, self.input
-        self.foreground = Foreground(device, rig, shown, self.evidence, colours, location, config)
+        self.foreground = Foreground(device, rig, config, shown, self.evidence, prior)
         if config.adaptation.rate:
             frame = (shown, self.evidence, self.foreground.marks, self._sizes)
+            arrays = AdaptationArrays(*frame, light, scene)
             rates = (config.adaptation, config.background)
-            self.adaptation = Adaptation(device, rig, *rates, *frame, scene, light)
+            self.adaptation = Adaptation(device, rig, *rates, arrays)
 
     def _rims(self, scene: dict[str, Array], mapped: dict[str, Array]) -> list[Launch]:
         """Return the launches that recompute the log ratios of the rim's pixels and smooth the

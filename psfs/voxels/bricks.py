@@ -41,6 +41,7 @@ class Bricks:
         check_size(grid)
         config = config or OccupancyConfig()
         self.device, self.shape, self.evidence = device, grid.shape, evidence
+        self.closed_surface = config.closed_surface
         views, width, height = len(rig), rig.width, rig.height
         columns, rows = -(-width // COARSE_TILE), -(-height // COARSE_TILE)
         fine = -(-width // TILE) * -(-height // TILE)
@@ -49,6 +50,7 @@ class Bricks:
             **{"WIDTH": width, "HEIGHT": height, "N_CAMERAS": views},
             "MIN_CAMERAS": config.seeing_cameras(views),
             "THRESHOLD": float(config.threshold),
+            "FACES": int(config.smoothing == "faces"),
             "UNKNOWN": UNKNOWN,
             "FIND_LANES": 32 if device.is_gpu else 1,
             "TILE_LANES": 16 if device.is_gpu else 1,
@@ -72,7 +74,10 @@ class Bricks:
         lanes = int(self.defines["TILE_LANES"])
         self._launch = device.launch(
             device.kernel(
-                "reconstruction/occupancy", "evidence_tiles", **self.defines, **lanes_of(device, 0)
+                "reconstruction/occupancy",
+                "evidence_tiles",
+                **self.defines,
+                **lane_defines(device, 0),
             ),
             (columns * rows * lanes, views),
             (lanes, 1),
@@ -101,7 +106,7 @@ class Bricks:
         self._launch()
 
 
-def lanes_of(device: Device, halo: int) -> dict[str, Define]:
+def lane_defines(device: Device, halo: int) -> dict[str, Define]:
     """Return the definitions of a brick kernel's work-group: one work-item on CPUs; on GPUs enough
     along z for a whole row of the brick, times several rows."""
     depth = BRICK[2] + 2 * halo
@@ -110,7 +115,7 @@ def lanes_of(device: Device, halo: int) -> dict[str, Define]:
     return {"HALO": halo, "LANES": depth * (10 if halo else 8), "LANES_Z": depth}
 
 
-def bricks_along(shape: tuple[int, int, int]) -> tuple[int, int, int]:
+def count_bricks(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     """Return the number of bricks along x, y, z that cover `shape` voxels."""
     nx, ny, nz = (-(-n // b) for n, b in zip(shape, BRICK, strict=True))
     return nx, ny, nz

@@ -14,7 +14,7 @@ from psfs.common.files import written_whole
 from psfs.common.npz import Values, check_values, get_scalar, read_npz
 from psfs.voxels.grid import VoxelCloud, VoxelGrid, check_size
 from psfs.voxels.limits import DEBRIS_SHARE
-from psfs.voxels.normals import normals_of
+from psfs.voxels.normals import estimate_normals
 
 #: The columns of the PLY, in this order.
 _COLUMNS = {
@@ -36,7 +36,7 @@ _ARRAYS = {
 }
 
 
-def without_debris(cloud: VoxelCloud, share: float = DEBRIS_SHARE) -> VoxelCloud:
+def remove_debris(cloud: VoxelCloud, share: float = DEBRIS_SHARE) -> VoxelCloud:
     """Return the cloud's connected parts with at least `share` of the largest part's surface
     voxels.
 
@@ -45,7 +45,7 @@ def without_debris(cloud: VoxelCloud, share: float = DEBRIS_SHARE) -> VoxelCloud
     """
     if not len(cloud) or share <= 0:
         return cloud
-    label = connected_parts(cloud)
+    label = label_connected_parts(cloud)
     sizes = np.bincount(label)
     kept = sizes[label] >= share * sizes.max()
     return replace(
@@ -57,7 +57,7 @@ def without_debris(cloud: VoxelCloud, share: float = DEBRIS_SHARE) -> VoxelCloud
     )
 
 
-def connected_parts(cloud: VoxelCloud) -> np.ndarray:
+def label_connected_parts(cloud: VoxelCloud) -> np.ndarray:
     """Return (N,) int: number of the connected part that each voxel belongs to.
 
     Only the cloud's voxels are read, not its grid, which may be a thousand times as large.
@@ -79,7 +79,7 @@ def connected_parts(cloud: VoxelCloud) -> np.ndarray:
     return np.asarray(label)
 
 
-def coarsened(cloud: VoxelCloud, factor: int) -> VoxelCloud:
+def coarsen(cloud: VoxelCloud, factor: int) -> VoxelCloud:
     """Return the cloud in voxels `factor` times as long, each with probability and colour of one
     voxel in it."""
     ijk = np.stack(np.unravel_index(cloud.indices, cloud.grid.shape)) // factor
@@ -106,7 +106,7 @@ def write_ply(cloud: VoxelCloud, path: Path, normals: bool = False) -> None:
     """
     values = {"xyz": cloud.centres}
     if normals:
-        values["normal"] = normals_of(cloud)
+        values["normal"] = estimate_normals(cloud)
     if cloud.colour is not None:
         values["colour"] = cloud.colour
     values["probability"] = cloud.probability[:, None]

@@ -60,7 +60,7 @@ class VoxelGrid:
         size."""
         return self.shape == other.shape and self.voxel_size == other.voxel_size
 
-    def same_as(self, other: VoxelGrid) -> bool:
+    def equals(self, other: VoxelGrid) -> bool:
         """Return whether another grid has the same voxels at the same places."""
         return self.congruent(other) and bool(np.array_equal(self.origin, other.origin))
 

@@ -11,7 +11,7 @@ from psfs.voxels.grid import VoxelCloud
 _SMOOTHING = 1.5
 
 
-def normals_of(cloud: VoxelCloud) -> np.ndarray:
+def estimate_normals(cloud: VoxelCloud) -> np.ndarray:
     """Return (N, 3) outward unit normals of the surface voxels: the negative gradient of the
     smoothed solid that they enclose; zero where the gradient vanishes.
 

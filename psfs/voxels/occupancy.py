@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array
-from psfs.voxels.bricks import Bricks, bricks_along, lanes_of
+from psfs.voxels.bricks import Bricks, count_bricks, lane_defines
 
 
 class Occupancy:
@@ -27,8 +27,8 @@ class Occupancy:
         shape = (nx + 2, ny + 2, nz + 2)
         self._bricks = bricks
         self.probability = device.empty(shape, np.float32, f"a grid of {nx * ny * nz:,} voxels")
-        lanes = lanes_of(device, 0)
-        along, group = bricks_along(shape), int(lanes["LANES"])
+        lanes = lane_defines(device, 0)
+        along, group = count_bricks(shape), int(lanes["LANES"])
         self._launch = device.launch(
             device.kernel("reconstruction/occupancy", "occupancy", **bricks.defines, **lanes),
             (along[2] * group, along[1], along[0]),

@@ -61,7 +61,7 @@ def largest_parts_box(
     rig: CameraRig, evidence: list[np.ndarray], grid: VoxelGrid, min_cameras: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the box, m, around the largest connected parts of all frames; None if there are none.
-    evidence: maps of each frame, from `without_speckle`."""
+    evidence: maps of each frame, from `remove_speckle`."""
     centres = grid.centres()
     votes = np.zeros((len(evidence), grid.size), np.int32)
     seeing = np.zeros(grid.size, np.int32)
@@ -73,7 +73,7 @@ def largest_parts_box(
         covered = grid.voxel_size * camera.K[0, 0] / float(np.median(depth))
         seen, pixels = np.flatnonzero(inside), row * rig.width + column
         for frame, maps in enumerate(evidence):
-            counts = _widened(maps[view], covered).ravel()[pixels]
+            counts = _dilate_foreground(maps[view], covered).ravel()[pixels]
             votes[frame, seen] += np.where(counts == UNKNOWN, 0, counts)
     occupied = (votes > 0) & (seeing >= min_cameras)
     parts = [find_largest_region_box(frame.reshape(grid.shape)) for frame in occupied]
@@ -84,12 +84,12 @@ def largest_parts_box(
     return grid.origin + low * grid.voxel_size, grid.origin + high * grid.voxel_size
 
 
-def without_speckle(evidence: np.ndarray) -> np.ndarray:
+def remove_speckle(evidence: np.ndarray) -> np.ndarray:
     """Return evidence maps (V, H, W) int8 after a 5x5 median."""
     return np.stack([_of_bytes(cv2.medianBlur(_bytes(view), 5)) for view in evidence])
 
 
-def _widened(evidence: np.ndarray, pixels: float) -> np.ndarray:
+def _dilate_foreground(evidence: np.ndarray, pixels: float) -> np.ndarray:
     """Return evidence (H, W) with the foreground dilated by a voxel that is `pixels` wide."""
     size = max(1, round(pixels))
     return _of_bytes(cv2.dilate(_bytes(evidence), np.ones((size, size), np.uint8)))

@@ -33,6 +33,7 @@ class Reprojection:
         device: Device,
         rig: CameraRig,
         grid: VoxelGrid,
+        *,
         scale: float = 1.0,
         sigma: float | None = None,
         radius: int | None = None,

@@ -10,7 +10,7 @@ import numpy as np
 
 from cl import Array
 from cl.workgroups import row_group
-from psfs.voxels.bricks import BRICK, COARSE_BRICK, Bricks, bricks_along, lanes_of
+from psfs.voxels.bricks import BRICK, COARSE_BRICK, Bricks, count_bricks, lane_defines
 from psfs.voxels.surface import SurfaceList
 
 log = logging.getLogger(__name__)
@@ -38,16 +38,16 @@ class SparseSurface:
     def __init__(self, bricks: Bricks) -> None:
         device, shape = bricks.device, bricks.shape
         self._bricks, self.n_active, self._warned = bricks, bricks.n_active, False
-        along, size = bricks_along(shape), math.prod(shape)
+        along, size = count_bricks(shape), math.prod(shape)
         n_bricks, brick_voxels = math.prod(along), math.prod(BRICK)
         self.capacity = min(n_bricks, max(_ROOM, size // 8) // brick_voxels)
         what = f"a sparse grid of {size:,} voxels"
         self._bits = device.zeros((*shape[:2], along[2]), np.uint16, what)
-        self.list = SurfaceList(device, shape, self._bits)
+        self.list = SurfaceList(device, shape, self._bits, bricks.closed_surface)
         self.slots = device.empty(along, np.int32, what)
         self._listed = device.empty(n_bricks, np.int32, what)
         self._pool = device.empty((self.capacity, brick_voxels), np.float32, what)
-        lanes = lanes_of(device, 1)
+        lanes = lane_defines(device, 1)
         self._defines = {**bricks.defines, **lanes, "CAPACITY": self.capacity}
         find, group = int(self._defines["FIND_LANES"]), int(lanes["LANES"])
         coarse = [-(-n // c) for n, c in zip(along, COARSE_BRICK, strict=True)]
@@ -83,7 +83,7 @@ class SparseSurface:
         """Download the probabilities (count,) float32 of the surface voxels. Where memory did not
         suffice, they are the threshold, with a warning."""
         self._warn_of_room()
-        return self.list.gathered(count, self._gather, pool=self._pool, slots=self.slots)
+        return self.list.gather(count, self._gather, pool=self._pool, slots=self.slots)
 
     @property
     def probability(self) -> Array:

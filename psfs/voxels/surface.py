@@ -8,6 +8,7 @@ import numpy as np
 
 from cl import Array, Device, InputError, Kernel, Launch
 from cl.workgroups import row_group
+from psfs.voxels.config import OccupancyConfig
 
 #: Number of voxels for which the list always has room; for larger grids it has room for one voxel
 #: in sixteen, if that is more.
@@ -18,12 +19,14 @@ class SurfaceList:
     """Computation of the list of surface voxels from the bits of occupied voxels.
 
     bits: (nx, ny, ceil(nz / 16)) uint16. indices: (capacity,) int32, flat indices of the occupied
-    voxels that have an empty 6-neighbour or lie on the grid's border, ascending; the first
-    `count[0]` entries are valid. occupied: (1,) int32, number of all occupied voxels. The order is
-    the same on every device and in every run.
+    voxels that have an empty neighbour (one of 26 if `closed`, else of 6) or lie on the grid's
+    border, ascending; the first `count[0]` entries are valid. occupied: (1,) int32, number of all
+    occupied voxels. The order is the same on every device and in every run.
     """
 
-    def __init__(self, device: Device, shape: tuple[int, int, int], bits: Array) -> None:
+    def __init__(
+        self, device: Device, shape: tuple[int, int, int], bits: Array, closed: bool = False
+    ) -> None:
         nx, ny, nz = shape
         size = math.prod(shape)
         self._device = device
@@ -35,7 +38,7 @@ class SurfaceList:
         self.occupied = device.zeros(1, np.int32, "the number of occupied voxels")
         self._found = device.zeros(1, np.int32, "the number of surface voxels")
         lanes = 128 if device.is_gpu else 1
-        defines = {"NX": nx, "NY": ny, "NZ": nz, "LANES": lanes}
+        defines = {"NX": nx, "NY": ny, "NZ": nz, "LANES": lanes, "CLOSED": int(closed), "FACES": 0}
         defines["CAPACITY"] = self.capacity
         starts = device.empty(nx * ny, np.int32, "the rows of the grid")
         totals = device.empty((nx, 2), np.int32, "the slabs of the grid")
@@ -57,7 +60,7 @@ class SurfaceList:
         for launch in self._launches:
             launch()
 
-    def gathered(self, count: int, kernel: Kernel, **source: Array) -> np.ndarray:
+    def gather(self, count: int, kernel: Kernel, **source: Array) -> np.ndarray:
         """Download the `count` float32 values that `kernel` gathers from its `source` at the
         surface voxels. Each call must pass the same kernel."""
         if self._gather is None or self._gathered.size < count:
@@ -82,21 +85,27 @@ class SurfaceList:
 class Surface:
     """Computation of smoothed probability and surface voxels from the occupancy of the padded grid.
 
-    probability: (nx, ny, nz) float32, the mean over 3x3x3 voxels. list: the surface of the voxels
-    above the threshold.
+    probability: (nx, ny, nz) float32, smoothed. list: the surface of the voxels above the
+    threshold.
     """
 
     def __init__(
-        self, device: Device, shape: tuple[int, int, int], padded: Array, threshold: float
+        self,
+        device: Device,
+        shape: tuple[int, int, int],
+        padded: Array,
+        config: OccupancyConfig | None = None,
     ) -> None:
+        config = config or OccupancyConfig()
         nx, ny, nz = shape
         size, words = nx * ny * nz, -(-nz // 16)
         self._device = device
         self.probability = device.empty(shape, np.float32, f"a grid of {size:,} voxels")
         bits = device.empty((nx, ny, words), np.uint16, f"a grid of {size:,} voxels")
-        self.list = SurfaceList(device, shape, bits)
-        defines = {"NX": nx, "NY": ny, "NZ": nz, "THRESHOLD": float(threshold)}
-        defines |= {"LANES": 1, "CAPACITY": self.list.capacity}
+        self.list = SurfaceList(device, shape, bits, config.closed_surface)
+        defines = {"NX": nx, "NY": ny, "NZ": nz, "THRESHOLD": float(config.threshold)}
+        defines |= {"LANES": 1, "CAPACITY": self.list.capacity, "CLOSED": 0}
+        defines["FACES"] = int(config.smoothing == "faces")
         row, word = row_group(device, nz), (64,)
         smooth, threshold_, self._gather = (
             device.kernel("reconstruction/surface", name, **defines)
@@ -116,4 +125,4 @@ class Surface:
 
     def surface_probability(self, count: int) -> np.ndarray:
         """Download the probabilities (count,) float32 of the surface voxels."""
-        return self.list.gathered(count, self._gather, probability=self.probability)
+        return self.list.gather(count, self._gather, probability=self.probability)

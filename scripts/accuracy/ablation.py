@@ -11,7 +11,7 @@ from apf.presets import Preset, preset
 
 
 def _filter(settings: Preset, **changes: Any) -> Preset:
-    changed = settings.method.filter.changed(**changes)
+    changed = settings.method.filter.with_changes(**changes)
     return settings.replace(method=settings.method.replace(filter=changed))
 
 
@@ -51,7 +51,7 @@ ABLATIONS: dict[str, Callable[[Preset], Preset]] = {
 }
 
 
-def settings_of(name: str, **choice: Any) -> Preset:
+def load_preset(name: str, **choice: Any) -> Preset:
     """Return the defaults without a part, by its name in `ABLATIONS`, or a preset; with another
     `search` or `objective` if one is stated. Raises InputError for an unknown name."""
     if name not in ABLATIONS:

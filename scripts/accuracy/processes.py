@@ -17,7 +17,7 @@ from apf.cluster.workers import select_worker_device, share_machine
 from cl import Device, DeviceError, UserError
 
 
-def workers_of(
+def start_workers(
     out: Path, device: str, processes: int, scheduler: str | None
 ) -> AbstractContextManager[Any]:
     """Return the client of a running Dask cluster, whose workers need scripts/ in their PYTHONPATH,

@@ -9,7 +9,7 @@ from timings.report.readme import replace_marked
 from timings.tables.grid import NONE, Grid
 
 from accuracy.runs import Results
-from accuracy.settings import WITNESSES
+from accuracy.settings import OBSERVATIONS
 from accuracy.suite_report import Row, suite_rows
 from cl import InputError
 
@@ -19,20 +19,20 @@ def suite_headline(results: Results) -> str:
     InputError if there are none."""
     settings = dict.fromkeys(run.setting for run in results.runs if not run.setting.preset)
     rows = [r for r in suite_rows(results, list(settings), lambda _: np.nan) if r.start != "true"]
-    voxels = {row.sequence: row for row in rows if row.witness == "voxels"}
+    voxels = {row.sequence: row for row in rows if row.observations == "voxels"}
     if not voxels:
         raise InputError("the results hold no runs of a suite by voxels from a start of their own")
-    witnesses = [w for w in WITNESSES if any(row.witness == w for row in rows)]
+    kinds = [w for w in OBSERVATIONS if any(row.observations == w for row in rows)]
     cells = []
     for name, own in sorted(voxels.items()):
-        by = {row.witness: row for row in rows if row.sequence == name}
-        shown = [f"{by[w].limbs:.1f}" if w in by else NONE for w in witnesses]
+        by = {row.observations: row for row in rows if row.sequence == name}
+        shown = [f"{by[w].limbs:.1f}" if w in by else NONE for w in kinds]
         cells.append([name, str(own.cameras), f"{own.mean:.1f} ± {own.std:.1f}", *shown])
     own = list(voxels.values())
-    means = [np.mean([r.limbs for r in rows if r.witness == w]) for w in witnesses]
+    means = [np.mean([r.limbs for r in rows if r.observations == w]) for w in kinds]
     mean = f"{np.mean([row.mean for row in own]):.1f}"
     cells.append(["mean", "", mean, *(f"{value:.1f}" for value in means)])
-    columns = ["sequence", "cameras", "15 joints: voxels", *(f"12 joints: {w}" for w in witnesses)]
+    columns = ["sequence", "cameras", "15 joints: voxels", *(f"12 joints: {w}" for w in kinds)]
     about = (
         f"{own[0].runs} seeds, from a start of their own; "
         f"{results.conditions['device']}, {results.made}, commit "
@@ -58,7 +58,7 @@ def presets_headline(results: Results, defaults: Results) -> str:
     columns: dict[str, dict[str, Row]] = {"default": {}}
     for run in (*defaults.runs, *results.runs):
         setting, source = run.setting, results if run.setting.preset else defaults
-        if setting.witness == "voxels" and setting.start == "found":
+        if setting.observations == "voxels" and setting.start == "found":
             row = Row.of(setting, source.of(setting), float("nan"))
             columns.setdefault(setting.preset or "default", {})[setting.sequence] = row
     cells = [

@@ -134,6 +134,7 @@ def record(
     step: int,
     cache: Path,
     progress: Callable[[], object],
+    *,
     settings: Preset | None = None,
 ) -> Recording:
     """Return the recording of a sequence with some of its cameras and every `step`-th frame, by

@@ -67,7 +67,7 @@ def _grid(table: Table, settings: list[Setting], results: Results) -> Grid:
     cells: dict[tuple[Any, ...], dict[Any, str]] = {row: {} for row in table.rows(settings)}
     for setting in settings:
         summary = Summary.of(results.of(setting))
-        cells[table.row_of(setting)][table.column_of(setting)] = str(summary) if summary else NONE
+        cells[table.row_key(setting)][table.column_key(setting)] = str(summary) if summary else NONE
     rows = [[*map(str, row), *(of.get(c, NONE) for c in columns)] for row, of in cells.items()]
     shown = [f"{across}: {c}" if isinstance(c, int) else str(c) for c in columns]
     return Grid(f"Mean error, mm, by {table.title}", ["sequence", *heads, *shown], rows, _LOST)
@@ -151,9 +151,9 @@ def _panel(axes: Any, table: Table, settings: list[Setting], results: Results) -
     others = list(dict.fromkeys(row[1:] for row in rows))
     for number, row in enumerate(rows):
         points = [
-            (columns.index(table.column_of(s)), summary)
+            (columns.index(table.column_key(s)), summary)
             for s in settings
-            if table.row_of(s) == row and (summary := Summary.of(results.of(s)))
+            if table.row_key(s) == row and (summary := Summary.of(results.of(s)))
         ]
         points.sort(key=lambda point: point[0])
         if not points:

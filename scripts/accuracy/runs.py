@@ -14,19 +14,19 @@ from typing import Any
 
 import numpy as np
 
-from accuracy.ablation import settings_of
+from accuracy.ablation import load_preset
 from accuracy.recordings import Recording, Replay
 from accuracy.settings import Setting
 from apf.backend import shares_launches
 from apf.evaluation.evaluate import evaluate
-from apf.filters.config import likelihood_weights
 from apf.filters.method import Method
 from apf.filters.objectives import OBJECTIVES
+from apf.filters.term_weights import likelihood_weights
 from apf.formats.trc import JointSeries
 from apf.scene import Scene
-from apf.tracking.pipeline import track_of, track_voxels
+from apf.tracking.pipeline import build_track, track_voxels
 from apf.tracking.track import Track
-from apf.tracking.trackers import seeded, watched_runs
+from apf.tracking.trackers import make_recovering_runs, with_seeds
 from cl import Device, InputError
 from psfs.common.files import written_whole
 
@@ -83,7 +83,7 @@ class Run:
         return bool(self.lost_limbs)
 
 
-def method_of(setting: Setting, seed: int) -> Method:
+def make_method(setting: Setting, seed: int) -> Method:
     """Return the search and the objective of a setting.
 
     An objective is one of `OBJECTIVES`, or sp@130 for a shape of 130 vertices per part (Rymut 2016,
@@ -92,7 +92,7 @@ def method_of(setting: Setting, seed: int) -> Method:
     """
     objective, _, vertices = setting.objective.partition("@")
     if setting.preset:
-        settings = settings_of(setting.preset, search=setting.method, objective=objective)
+        settings = load_preset(setting.preset, search=setting.method, objective=objective)
         return _shaped(_sized(settings.method, setting, seed), vertices)
     weights: dict[str, Any] = {}
     if objective not in OBJECTIVES:
@@ -105,7 +105,7 @@ def _sized(method: Method, setting: Setting, seed: int) -> Method:
     size = {"n_particles": setting.particles, "n_layers": setting.layers, "seed": seed}
     if setting.method == "sir":  # it has no layers: use as many evaluations in one
         size |= {"n_particles": setting.particles * setting.layers, "n_layers": 1}
-    return method.replace(filter=method.filter.changed(**size))
+    return method.replace(filter=method.filter.with_changes(**size))
 
 
 def _shaped(method: Method, vertices: str) -> Method:
@@ -122,24 +122,24 @@ def tracked(
 ) -> list[Track]:
     """Return the tracks of a recording, one for each of `seeds`, from the true joints of the first
     frame."""
-    method = method_of(setting, seeds[0])
+    method = make_method(setting, seeds[0])
     body, pose = recording.first_pose
     scaled = method.replace(filter=method.filter.at_rate(recording.fps / setting.step))
     rig, grid = recording.sequence.rig, recording.grid
-    tracker = watched_runs(Scene(device, rig, grid, body), scaled, seeds)
+    tracker = make_recovering_runs(Scene(device, rig, grid, body), scaled, seeds)
     seen: Iterable[tuple[int, Any]] = Replay(device, recording)
     if not method.uses_voxels:
         seen = recording.features(device, method.features)
     frames, estimates = track_voxels(tracker, pose, seen)
     return [
-        track_of(body, recording.fps, frames, list(run), of.described())
-        for of, run in zip(seeded(method, seeds), zip(*estimates, strict=True), strict=True)
+        build_track(body, recording.fps, frames, list(run), of.describe())
+        for of, run in zip(with_seeds(method, seeds), zip(*estimates, strict=True), strict=True)
     ]
 
 
 def together(device: Device, setting: Setting, seeds: list[int]) -> list[list[int]]:
     """Return `seeds` in groups that `run` tracks at once, which takes less time."""
-    if shares_launches(device, method_of(setting, 0)):
+    if shares_launches(device, make_method(setting, 0)):
         return [seeds]
     return [[seed] for seed in seeds]
 
@@ -154,12 +154,14 @@ def run(device: Device, recording: Recording, setting: Setting, seeds: list[int]
     if len(tracks[0]) < len(recording.frames):
         raise KeyboardInterrupt  # a tracker returns the frames so far when it is interrupted
     return [
-        run_of(track, recording.truth, setting, seed, seconds)
+        evaluate_run(track, recording.truth, setting, seed, seconds)
         for seed, track in zip(seeds, tracks, strict=True)
     ]
 
 
-def run_of(track: Track, truth: JointSeries, setting: Setting, seed: int, seconds: float) -> Run:
+def evaluate_run(
+    track: Track, truth: JointSeries, setting: Setting, seed: int, seconds: float
+) -> Run:
     """Return the errors of a track against the truth."""
     found = evaluate(track, truth)
     constant, rest = found.constant_and_rest
@@ -185,9 +187,24 @@ def run_of(track: Track, truth: JointSeries, setting: Setting, seed: int, second
     )
 
 
+#: Fields of `Setting` whose key in files is another.
+_KEYS = {"observations": "witness"}
+
+
+def _stored_setting(setting: Setting) -> dict[str, Any]:
+    """Return the setting by the keys that files have."""
+    return {_KEYS.get(name, name): value for name, value in asdict(setting).items()}
+
+
+def _read_setting(row: dict[str, Any]) -> Setting:
+    """Return the inverse of `_stored_setting`."""
+    names = {key: name for name, key in _KEYS.items()}
+    return Setting(**{names.get(key, key): value for key, value in row.items()})
+
+
 def _plain(run: Run) -> dict[str, Any]:
     """Return the run as JSON values: None for NaN."""
-    row = asdict(run)
+    row = {**asdict(run), "setting": _stored_setting(run.setting)}
     row["joints"] = {name: [_none(of) for of in errors] for name, errors in run.joints.items()}
     return {name: _none(value) for name, value in row.items()}
 
@@ -199,7 +216,7 @@ def _known(row: dict[str, Any]) -> Run:
         name: [math.nan if of is None else of for of in errors]
         for name, errors in row["joints"].items()
     }
-    return Run(**{**values, "setting": Setting(**row["setting"]), "joints": joints})
+    return Run(**{**values, "setting": _read_setting(row["setting"]), "joints": joints})
 
 
 def _none(value: Any) -> Any:
@@ -267,7 +284,7 @@ class Results:
         columns = [f.name for f in fields(Run) if f.name not in ("setting", "joints")]
         with written_whole(path) as temporary, temporary.open("w", newline="") as file:
             writer = csv.writer(file)
-            writer.writerow([f.name for f in fields(Setting)] + columns)
+            writer.writerow([_KEYS.get(f.name, f.name) for f in fields(Setting)] + columns)
             for run in self.runs:
                 row = {**asdict(run), "lost_limbs": "; ".join(run.lost_limbs)}
                 row["flags"] = "; ".join(map(str, run.flags))

@@ -14,7 +14,7 @@ from cl import InputError
 class Setting:
     """All that distinguishes runs but their seed. step: every `step`-th frame is used. start: the
     first pose, "true" from the true joints, "found" from the images alone, "none" for
-    triangulation, which has no pose. witness: the observations, one of those named below. preset: a
+    triangulation, which has no pose. observations: one of `OBSERVATIONS`. preset: a
     paper's settings or one of `ABLATIONS`, the base that the other fields change; "" for the
     defaults."""
 
@@ -26,13 +26,18 @@ class Setting:
     particles: int
     layers: int
     start: str = "true"
-    witness: str = "voxels"
+    observations: str = "voxels"
     preset: str = ""
+
+    @property
+    def recording(self) -> tuple[str, int, int, str]:
+        """The settings that choose a recording: those of one are done together."""
+        return self.sequence, self.cameras, self.step, self.preset
 
 
 #: The observations of a suite's runs: keypoints triangulated, without a body; the voxels; the
 #: keypoints instead of voxels; voxels and keypoints.
-WITNESSES = ("triangulation", "voxels", "keypoints", "both")
+OBSERVATIONS = ("triangulation", "voxels", "keypoints", "both")
 #: The dimensions of tables, with their headings.
 DIMENSIONS = {
     "cameras": "cameras",
@@ -81,7 +86,7 @@ class Table:
     def rows(self, settings: Iterable[Setting]) -> list[tuple[Any, ...]]:
         """Return the distinct rows: sequence, then values of all dimensions but the last; numbers
         ascend within a sequence."""
-        found = list(dict.fromkeys(self.row_of(setting) for setting in settings))
+        found = list(dict.fromkeys(self.row_key(setting) for setting in settings))
         if not all(isinstance(value, int) for row in found for value in row[1:]):
             return found
         sequences = list(dict.fromkeys(row[0] for row in found))
@@ -89,14 +94,14 @@ class Table:
 
     def columns(self, settings: Iterable[Setting]) -> list[Any]:
         """Return the distinct columns; numbers ascend."""
-        found = list(dict.fromkeys(self.column_of(setting) for setting in settings))
+        found = list(dict.fromkeys(self.column_key(setting) for setting in settings))
         return sorted(found) if all(isinstance(column, int) for column in found) else found
 
-    def row_of(self, setting: Setting) -> tuple[Any, ...]:
+    def row_key(self, setting: Setting) -> tuple[Any, ...]:
         values = asdict(setting)
         return (setting.sequence, *(values[name] for name in self.dimensions[:-1]))
 
-    def column_of(self, setting: Setting) -> Any:
+    def column_key(self, setting: Setting) -> Any:
         return asdict(setting)[self.dimensions[-1]]
 
 

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import tomllib
 
-from accuracy.ablation import settings_of
+from accuracy.ablation import load_preset
 from accuracy.recordings import opened
-from accuracy.runs import Results, Run, method_of, run_of
+from accuracy.runs import Results, Run, evaluate_run, make_method
 from accuracy.settings import Setting
 from apf.api import DEFAULT_BODY, given_start
 from apf.body import load_body
@@ -38,11 +38,12 @@ from apf.keypoints import Keypoints
 from apf.presets import Preset
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import Take, track_take
-from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
+from apf.tracking.triangulated import TriangulatedConfig, triangulate_track
 from cl import Device, InputError
 from psfs.api import exclude_inconsistent_cameras
 from psfs.common.files import write_json
-from psfs.diagnostics.sequence_info import keypoints_in
+from psfs.diagnostics.cloud_scores import CloudScore, mean_scores, score_cloud
+from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.diagnostics.silhouette_scores import score_silhouettes, truth_frames
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
@@ -71,7 +72,7 @@ class Job:
     def settings(self) -> Preset:
         """The settings of the preset, or the defaults."""
         name = self.setting.preset if self.setting is not None else self.preset
-        return settings_of(name) if name else Preset()
+        return load_preset(name) if name else Preset()
 
     @property
     def silhouettes(self) -> str:
@@ -82,14 +83,14 @@ class Job:
 def silhouettes_name(sequence: str, preset: str) -> str:
     """Return the name under which the silhouettes of a sequence by a preset are stored: that of the
     sequence alone if the preset does not change them."""
-    default, settings = Preset(), settings_of(preset) if preset else Preset()
+    default, settings = Preset(), load_preset(preset) if preset else Preset()
     own = (settings.reconstruction, settings.all_cameras)
     return (
         sequence if own == (default.reconstruction, default.all_cameras) else f"{sequence}.{preset}"
     )
 
 
-#: The result of a job: its runs, or its silhouettes as `silhouettes_of` returns them.
+#: The result of a job: its runs, or its silhouettes as `evaluate_silhouettes` returns them.
 Outcome = list[Run] | dict[str, Any]
 
 
@@ -112,7 +113,7 @@ def lacking_jobs(
     Seeds that start from the truth share one reconstruction; an automatic start is computed for
     each seed.
     """
-    seen = [(f, s.preset) for s, f in settings.items() if s.witness in _VOXELS]
+    seen = [(f, s.preset) for s, f in settings.items() if s.observations in _VOXELS]
     pictures = {j.silhouettes: j for j in (Job(f, preset=name) for f, name in reversed(seen))}
     jobs = [j for j in pictures.values() if (j.folder / "truth_masks").is_dir()]
     jobs = [j for j in jobs if not kept(j.silhouettes)]
@@ -132,11 +133,11 @@ def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
     session = Session(sequence, device, SessionSettings(settings.reconstruction))
     if job.setting is None:
         session = exclude_inconsistent_cameras(session, settings.all_cameras)
-        return silhouettes_of(session, check)
+        return evaluate_silhouettes(session, check)
     truth = load_truth(job.folder / TRUTH)
-    if job.setting.witness == "triangulation":
+    if job.setting.observations == "triangulation":
         return [_triangulated(sequence, job.setting, truth)]
-    if job.setting.witness in _VOXELS:
+    if job.setting.observations in _VOXELS:
         session = exclude_inconsistent_cameras(session, settings.all_cameras)
     began = time.perf_counter()
     try:
@@ -148,7 +149,7 @@ def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
         raise KeyboardInterrupt  # a tracker returns the frames so far when it is interrupted
     runs = []
     for seed, track in zip(job.seeds, take.tracks, strict=True):
-        run = run_of(track, truth, job.setting, seed, seconds)
+        run = evaluate_run(track, truth, job.setting, seed, seconds)
         found = evaluate(track, truth)
         body = stature(take.body) / true_stature(job.folder, truth)
         figures = {"heading": heading_error(take, truth), "stature": 100 * (body - 1)}
@@ -160,8 +161,8 @@ def _triangulated(sequence: Sequence, setting: Setting, truth: JointSeries) -> R
     """Triangulate keypoints and filter them with a low pass, the usual way without a body."""
     began = time.perf_counter()
     keypoints = Keypoints.open(sequence.folder, sequence)
-    track = triangulated_track(sequence, keypoints, TriangulatedConfig(low_pass=LOW_PASS))
-    run = run_of(track, truth, setting, 0, time.perf_counter() - began)
+    track = triangulate_track(sequence, keypoints, TriangulatedConfig(low_pass=LOW_PASS))
+    run = evaluate_run(track, truth, setting, 0, time.perf_counter() - began)
     first = {"heading": _heading(track.joint_names, track.joints[:1], truth, track.frames[0])}
     return replace(run, **first, **_of_suite(evaluate(track, truth)))
 
@@ -180,12 +181,12 @@ def _take(
     body = settings.body or DEFAULT_BODY
     given = given_start(sequence.folder, 0, body if init else settings.body, init)
     keypoints = None
-    if setting.witness != "voxels":
+    if setting.observations != "voxels":
         keypoints = Keypoints.open(sequence.folder, sequence)
-    if setting.witness == "keypoints":
+    if setting.observations == "keypoints":
         setting = replace(setting, objective="keypoints")
     take_settings = TakeSettings(
-        method=method_of(setting, seeds[0]), seeds=tuple(seeds), template=load_body(body),
+        method=make_method(setting, seeds[0]), seeds=tuple(seeds), template=load_body(body),
         given=given, keypoints=keypoints,
     )  # fmt: skip
     return track_take(session, take_settings, progress=lambda stage: check())
@@ -254,19 +255,23 @@ def _failed(setting: Setting, seed: int, why: str) -> Run:
     )
 
 
-def silhouettes_of(session: Session, check: Callable[[], object]) -> dict[str, Any]:
+def evaluate_silhouettes(session: Session, check: Callable[[], object]) -> dict[str, Any]:
     """Return the IoU with the true masks: the mean, and per frame those of the cameras; see
-    psfs.diagnostics.silhouette_scores."""
+    psfs.diagnostics.silhouette_scores. Then the means over frames of the clouds' scores; see
+    psfs.diagnostics.cloud_scores."""
     wanted = truth_frames(session.sequence)
     frames: dict[str, list[float | None]] = {}
+    clouds: list[CloudScore] = []
     shown_ones = score_silhouettes(session, wanted) if wanted else ()
     for shown in shown_ones:
         check()
         if shown is not None:
             scores = shown.scores[:, 0]
             frames[str(shown.frame.index)] = [None if np.isnan(s) else float(s) for s in scores]
+            clouds.append(score_cloud(session.rig, shown.cloud, shown.truth))
     known = [score for scores in frames.values() for score in scores if score is not None]
-    return {"mean_iou": float(np.mean(known)) if known else None, "frames": frames}
+    means = mean_scores(clouds)
+    return {"mean_iou": float(np.mean(known)) if known else None, "frames": frames, "cloud": means}
 
 
 @dataclass
@@ -296,7 +301,7 @@ class KeptSilhouettes:
 def of_preset(name: str) -> dict[str, Any]:
     """Return the settings that distinguish a preset's runs from others. Raises InputError for an
     unknown one."""
-    method = settings_of(name).method
+    method = load_preset(name).method
     search = method.filter.search
     size = {"particles": search.n_particles, "layers": search.n_layers}
     return {"method": method.search, "objective": method.objective, "preset": name, **size}
@@ -305,7 +310,7 @@ def of_preset(name: str) -> dict[str, Any]:
 def suite_settings(
     folders: Items[Path],
     starts: Items[str],
-    witnesses: Items[str],
+    kinds: Items[str],
     first: dict[str, Any],
     presets: Items[str] = ("",),
 ) -> Iterator[tuple[Setting, Path]]:
@@ -318,17 +323,17 @@ def suite_settings(
     left = False
     for folder in folders:
         sequence = Sequence.open(folder)
-        lacking = keypoints_in(sequence.folder) is None
-        for witness in witnesses:
-            if lacking and witness != "voxels":
+        lacking = find_keypoints(sequence.folder) is None
+        for kind in kinds:
+            if lacking and kind != "voxels":
                 continue
-            for start in ("none",) if witness == "triangulation" else starts:
+            for start in ("none",) if kind == "triangulation" else starts:
                 left = True
                 setting = Setting(folder.name, len(sequence.rig), 1, **first, start=start)
                 for name in presets:
                     if not name:
-                        yield replace(setting, witness=witness), folder
-                    elif witness == "voxels":
-                        yield replace(setting, witness=witness, **of_preset(name)), folder
+                        yield replace(setting, observations=kind), folder
+                    elif kind == "voxels":
+                        yield replace(setting, observations=kind, **of_preset(name)), folder
     if not left:
-        raise InputError(f"no sequence has keypoints; expected some, for {', '.join(witnesses)}")
+        raise InputError(f"no sequence has keypoints; expected some, for {', '.join(kinds)}")

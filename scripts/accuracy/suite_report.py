@@ -58,7 +58,7 @@ class Row:
     sequence: str
     cameras: int
     preset: str
-    witness: str
+    observations: str
     start: str
     runs: int
     failed: int
@@ -81,7 +81,7 @@ class Row:
     @property
     def group(self) -> Group:
         """The key that rows of several sequences share."""
-        return self.preset, self.witness, self.start
+        return self.preset, self.observations, self.start
 
     @classmethod
     def of(cls, setting: Setting, runs: Sequence[Run], iou: float) -> Row:
@@ -92,7 +92,7 @@ class Row:
             return float(np.mean([figure(run) for run in tracked])) if tracked else float("nan")
 
         return cls(
-            setting.sequence, setting.cameras, setting.preset, setting.witness, setting.start,
+            setting.sequence, setting.cameras, setting.preset, setting.observations, setting.start,
             len(runs), len(runs) - len(tracked),
             mean=over(lambda run: run.mean),
             std=float(np.std([run.mean for run in tracked], ddof=1)) if len(tracked) > 1 else 0.0,
@@ -117,7 +117,7 @@ class Row:
             self.sequence,
             str(self.cameras),
             self.preset or "default",
-            self.witness,
+            self.observations,
             self.start,
             f"{self.runs}{failed}",
             _shown(self.mean, ".1f") + (f" ± {self.std:.1f}" if self.runs > 1 else ""),
@@ -172,7 +172,7 @@ def suite_grid(rows: Sequence[Row]) -> Grid:
 def ablation_table(results: Results) -> Grid:
     """Return means over the sequences, and the mean error of each, of the defaults and without each
     of their parts, the most important part first."""
-    settings = dict.fromkeys(r.setting for r in results.runs if r.setting.witness == "voxels")
+    settings = dict.fromkeys(r.setting for r in results.runs if r.setting.observations == "voxels")
     rows = suite_rows(results, list(settings), lambda _: np.nan)
     groups = {name: [r for r in rows if r.preset == name] for name in ("", *ABLATIONS)}
     means = {name: mean_row(of) for name, of in groups.items() if of}
@@ -228,7 +228,7 @@ def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
     row per run) and suite.png."""
     runs = [run for run in results.runs if run.failed]
     failed = [
-        f"- {r.setting.sequence}, {r.setting.preset or 'default'}, {r.setting.witness}, "
+        f"- {r.setting.sequence}, {r.setting.preset or 'default'}, {r.setting.observations}, "
         f"seed {r.seed}, {r.setting.start}: {r.failed}"
         for r in runs
     ]
@@ -265,7 +265,7 @@ def _plot(path: Path, results: Results, rows: Sequence[Row]) -> None:
         ("wrists, mm", lambda run: run.wrists),
         ("joint-frames beyond 150 mm, %", lambda run: 100 * run.lost_joints),
     )
-    if {row.witness for row in rows} != {"voxels"}:  # the joints that all observations have
+    if {row.observations for row in rows} != {"voxels"}:  # the joints that all observations have
         panels = (
             ("mean error of 12 joints, mm", lambda run: run.limbs),
             ("offset-free, 12 joints, mm", lambda run: run.limbs_rest),
@@ -296,8 +296,8 @@ def _plot(path: Path, results: Results, rows: Sequence[Row]) -> None:
     plt.close(figure)
 
 
-def _named(preset: str, witness: str, start: str) -> str:
-    shown = witness if start == "none" else f"{witness}, start {start}"
+def _named(preset: str, observations: str, start: str) -> str:
+    shown = observations if start == "none" else f"{observations}, start {start}"
     return f"{preset}: {shown}" if preset else shown
 
 
@@ -323,7 +323,7 @@ def _panel(
         values = [
             figure_of(run)
             for run in runs
-            if (run.setting.preset, run.setting.witness, run.setting.start) == group
+            if (run.setting.preset, run.setting.observations, run.setting.start) == group
         ]
         colour = _COLOURS[group[1:]]
         at = sequences.index(row.sequence) + pitch * (groups.index(group) - (len(groups) - 1) / 2)

@@ -145,8 +145,8 @@ def _ours(number: str, results: Results) -> Grid:
     cells: dict[tuple[Any, ...], dict[Any, str]] = {}
     for setting in _select_settings(number, results):
         summary = Summary.of(results.of(setting))
-        row = cells.setdefault(table.row_of(setting)[1:], {})
-        row[table.column_of(setting)] = str(summary) if summary else NONE
+        row = cells.setdefault(table.row_key(setting)[1:], {})
+        row[table.column_key(setting)] = str(summary) if summary else NONE
     rows = [
         [*(_NAMES.get(v, str(v)) for v in row), *(of[c] for c in varied[across])]
         for row, of in cells.items()

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from apf.filters.annealed import AnnealedParticleFilter, voxel_likelihood
+from apf.filters.annealed import AnnealedParticleFilter, make_voxel_likelihood
 from apf.reference.filters.annealed import numpy_voxel_likelihood
 from cl import NumpyDevice
 from psfs.cli.commandline import add_command
 from psfs.reconstructor import Reconstructor
 from psfs.reference.reconstructor import NumpyReconstructor
-from timings.bench_scene import SHAPE, VIEWS, grid_of, playing
+from timings.bench_scene import SHAPE, VIEWS, make_grid, playing
 from timings.measure import (
     Place,
     Timing,
@@ -75,7 +75,7 @@ def _run(args: argparse.Namespace) -> None:
 
 def by_twin(problem: Problem) -> dict[str, Any]:
     """Measure the evaluation by the NumPy twin."""
-    scene, grid, device = problem.scene, grid_of(problem.shape), NumpyDevice()
+    scene, grid, device = problem.scene, make_grid(problem.shape), NumpyDevice()
     reconstruct = NumpyReconstructor(device, scene.rig, grid, scene.background)
     likelihood = numpy_voxel_likelihood(problem.on(device), problem.config)
     likelihood.observe(reconstruct(scene.frames[0]))
@@ -107,10 +107,10 @@ def spread(problem: Problem, n: int) -> np.ndarray:
 
 def scoring(place: Place, problem: Problem, n: int, runs: int) -> Timing:
     """Measure the wall-clock time of one evaluation of `n` poses, with given voxels and maps."""
-    device, scene, grid = place.device(), problem.scene, grid_of(problem.shape)
+    device, scene, grid = place.device(), problem.scene, make_grid(problem.shape)
     reconstruct = Reconstructor(device, scene.rig, grid, scene.background)
-    config = problem.config.changed(n_particles=n)
-    likelihood = voxel_likelihood(problem.on(device), config)
+    config = problem.config.with_changes(n_particles=n)
+    likelihood = make_voxel_likelihood(problem.on(device), config)
     likelihood.observe(reconstruct(scene.frames[0]))
     launches = likelihood.launcher(device.to_device(spread(problem, n)))
 
@@ -126,7 +126,7 @@ class Halves:
     """A reconstructor and a tracker on an endless scene."""
 
     def __init__(self, place: Place, problem: Problem, profile: bool = False) -> None:
-        scene, grid = problem.scene, grid_of(problem.shape)
+        scene, grid = problem.scene, make_grid(problem.shape)
         self.device = place.device(profile)
         self.reconstruct = Reconstructor(self.device, scene.rig, grid, scene.background)
         self.tracker = AnnealedParticleFilter(problem.on(self.device), problem.config)

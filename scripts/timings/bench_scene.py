@@ -111,7 +111,7 @@ def make_scene(device: Device, frames: int) -> Scene:
     return Scene(rig, background, shown, joints, tuple(scene.joint_names))
 
 
-def grid_of(shape: tuple[int, int, int] = SHAPE) -> VoxelGrid:
+def make_grid(shape: tuple[int, int, int] = SHAPE) -> VoxelGrid:
     """Return the room in `shape` voxels; the longest side determines their size."""
     voxel_size = float(np.max(_SIZE / shape))
     middle = _LOW + _SIZE / 2

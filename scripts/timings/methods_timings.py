@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from apf.backend import check_renderer, features_for, tracker_for
+from apf.backend import check_renderer, make_feature_extractor, make_tracker
 from apf.filters.base import Tracker
 from apf.filters.method import Method
 from apf.filters.swarm import ParticleSwarm
@@ -151,7 +151,7 @@ def shares(place: Place, problem: Problem, renderer: str) -> dict[str, Any]:
         check_renderer(device, method)
         scene = problem.on(device)
         nothing = ParticleSwarm(scene, NoObjective(device, n), method.filter, method.swarm)
-        whole = _searches(device, problem, method, tracker_for(scene, method))
+        whole = _searches(device, problem, method, make_tracker(scene, method))
         rows.append({"particles": n, "search": whole,
                      "without": _searches(device, problem, method, nothing)})  # fmt: skip
     return {"label": place.label, "renderer": renderer, "cores": place.cores, "rows": rows}
@@ -160,7 +160,7 @@ def shares(place: Place, problem: Problem, renderer: str) -> dict[str, Any]:
 def _searches(device: Device, problem: Problem, method: Method, tracker: Tracker) -> Timing:
     """Return the times, ms, of the tracker's step in every frame."""
     scene, ms = problem.scene, []
-    features = features_for(device, scene.rig, scene.background, method.features)
+    features = make_feature_extractor(device, scene.rig, scene.background, method.features)
     tracker.start(problem.pose)
     for place, frame in enumerate(_within(_ENOUGH, scene.frames)):
         features(frame)
@@ -199,8 +199,8 @@ def _stepper(
     """Return a function, warmed up, that tracks the frame of a number and returns its time, ms, and
     error, mm."""
     device, scene = place.device(), problem.scene
-    features = features_for(device, scene.rig, scene.background, method.features)
-    tracker = tracker_for(problem.on(device), method)
+    features = make_feature_extractor(device, scene.rig, scene.background, method.features)
+    tracker = make_tracker(problem.on(device), method)
 
     def step(k: int) -> tuple[float, float]:
         started = time.perf_counter()
@@ -229,8 +229,8 @@ def tracked(place: Place, problem: Problem, method: Method) -> dict[str, Any]:
     clock, and the mean error."""
     device, scene = place.device(), problem.scene
     check_renderer(device, method)
-    features = features_for(device, scene.rig, scene.background, method.features)
-    tracker = tracker_for(problem.on(device), method)
+    features = make_feature_extractor(device, scene.rig, scene.background, method.features)
+    tracker = make_tracker(problem.on(device), method)
     ms: list[float] = []
     errors: list[float] = []
     n = len(scene.frames)

@@ -18,7 +18,7 @@ from psfs.reconstructor import Reconstructor
 from psfs.reference.occupancy import occupancy
 from psfs.reference.reconstructor import NumpyReconstructor, frame_evidence
 from psfs.sequence import Frame
-from timings.bench_scene import SHAPE, VIEWS, Scene, grid_of, playing, shared_scene
+from timings.bench_scene import SHAPE, VIEWS, Scene, make_grid, playing, shared_scene
 from timings.measure import (
     Place,
     Timing,
@@ -32,7 +32,7 @@ from timings.measure import (
     timed,
 )
 from timings.results import Results, add_timing_flags
-from timings.stages import STAGES, reconstruction_work, stage_of
+from timings.stages import STAGES, find_stage, reconstruction_work
 from timings.tables.psfs import print_report
 
 #: Number of frames on a part of the cores, which take long.
@@ -73,7 +73,7 @@ def open3d_carving(scene: Scene, runs: int) -> dict[str, Any]:
 
     The dense grid to carve is made outside of the measured time.
     """
-    open3d, grid, frame = load_open3d(), grid_of(), scene.frames[0]
+    open3d, grid, frame = load_open3d(), make_grid(), scene.frames[0]
     parameters, masks = [], []
     assert frame.masks is not None
     for camera, mask in zip(scene.rig, frame.masks, strict=True):
@@ -106,7 +106,7 @@ def open3d_carving(scene: Scene, runs: int) -> dict[str, Any]:
 def hull_size(scene: Scene) -> int:
     """Return the number of voxels whose centre lies in all masks that see it: the base of our
     test."""
-    frame, grid = scene.frames[0], grid_of()
+    frame, grid = scene.frames[0], make_grid()
     assert frame.masks is not None
     centres, inside = grid.centres(), np.ones(grid.size, bool)
     for camera, mask in zip(scene.rig, frame.masks, strict=True):
@@ -117,7 +117,7 @@ def hull_size(scene: Scene) -> int:
 
 def numpy_twin(scene: Scene, runs: int) -> dict[str, Any]:
     """Measure the NumPy twin: a whole frame after the first, and its carving (occupancy) alone."""
-    grid, frame, frames = grid_of(), scene.frames[0], playing(scene.frames)
+    grid, frame, frames = make_grid(), scene.frames[0], playing(scene.frames)
     twin = NumpyReconstructor(NumpyDevice(), scene.rig, grid, scene.background)
     config = twin.config
     evidence = frame_evidence(frame, scene.rig, scene.background, config.silhouette)
@@ -150,7 +150,7 @@ def on_place(place: Place, scene: Scene, runs: int) -> dict[str, Any]:
             "stages": stages(place, scene, sparse, runs),
             **whole(place, scene, sparse, runs),
         }
-        work = reconstruction_work(scene, grid_of(), rows[mode]["surface_voxels"])
+        work = reconstruction_work(scene, make_grid(), rows[mode]["surface_voxels"])
         rows[mode]["limits_ms"] = {
             stage: limits.ms(*work[stage]) for stage in rows[mode]["stages"] if stage in work
         }
@@ -163,7 +163,7 @@ def stages(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Tim
     device = place.device(profile=True)
     profiler = device.profiler
     assert profiler is not None
-    reconstructor = Reconstructor(device, scene.rig, grid_of(), scene.background, sparse=sparse)
+    reconstructor = Reconstructor(device, scene.rig, make_grid(), scene.background, sparse=sparse)
     sums: dict[str, list[float]] = {}
     for run, frame in zip(range(runs + 3), playing(scene.frames), strict=False):
         reconstructor(frame).colours()
@@ -173,7 +173,7 @@ def stages(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Tim
             continue
         totals = dict.fromkeys(STAGES, 0.0)
         for name, values in ms.items():
-            totals[stage_of(name)] += sum(values)
+            totals[find_stage(name)] += sum(values)
         for stage, total in totals.items():
             sums.setdefault(stage, []).append(total)
     return {stage: Timing(tuple(values)) for stage, values in sums.items() if max(values) > 0}
@@ -182,9 +182,9 @@ def stages(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Tim
 def whole(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Any]:
     """Measure whole frames by the clock, from images on the host to the surface on the device."""
     device = place.device()
-    reconstructor = Reconstructor(device, scene.rig, grid_of(), scene.background, sparse=sparse)
+    reconstructor = Reconstructor(device, scene.rig, make_grid(), scene.background, sparse=sparse)
     frames = playing(scene.pinned(device))
-    masked = Reconstructor(device, scene.rig, grid_of(), None, sparse=sparse)
+    masked = Reconstructor(device, scene.rig, make_grid(), None, sparse=sparse)
 
     def one(what: Callable[[Frame], object]) -> Callable[[], None]:
         def run() -> None:
@@ -226,7 +226,7 @@ def growth(place: Place, scene: Scene) -> list[dict[str, Any]]:
 
 def _grown(place: Place, scene: Scene, shape: tuple[int, int, int], sparse: bool) -> dict[str, Any]:
     device = place.device()
-    grid = grid_of(shape)
+    grid = make_grid(shape)
     reconstructor = Reconstructor(device, scene.rig, grid, scene.background, sparse=sparse)
     frames = playing(scene.pinned(device))
 
@@ -248,7 +248,7 @@ def memory(place: Place, scene: Scene, frames: int) -> dict[str, Any]:
     """Measure the resident memory after 50 streamed frames and after all, clouds and colours
     downloaded."""
     device = place.device()
-    reconstructor = Reconstructor(device, scene.rig, grid_of(), scene.background, sparse=True)
+    reconstructor = Reconstructor(device, scene.rig, make_grid(), scene.background, sparse=True)
     shown = islice(playing(scene.frames), frames)
     after: dict[int, float] = {}
     for done, voxels in enumerate(reconstructor.stream(shown), 1):

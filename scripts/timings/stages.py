@@ -11,7 +11,7 @@ import numpy as np
 
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
-from apf.likelihood.voxel import cone_sampling
+from apf.likelihood.voxel import choose_cone_sampling
 from psfs.voxels.grid import VoxelGrid
 from timings.bench_scene import Scene
 
@@ -55,7 +55,7 @@ def _file_of_kernel() -> dict[str, str]:
     return found
 
 
-def stage_of(command: str) -> str:
+def find_stage(command: str) -> str:
     """Return the stage of a profiled command: a kernel, a copy, a fill."""
     if command in _OF_COMMAND:
         return _OF_COMMAND[command]
@@ -95,7 +95,7 @@ def tracking_work(scene: Scene, body: BodyModel, config: FilterConfig, surface: 
     search, likelihood = config.search, config.likelihood
     points = likelihood.samples.n_points / likelihood.samples.point_turns  # points per layer
     scored = search.n_particles * search.n_layers
-    sampling = cone_sampling(body, likelihood.reprojection.sample_spacing)
+    sampling = choose_cone_sampling(body, likelihood.reprojection.sample_spacing)
     samples = float(np.sum([r * (c + 2) for r, c in sampling]))
     pose = float(_BONE * len(body.bones)) + 4 * _PROJECTION * cones * views
     pose += _SAMPLE * samples * views + _DISTANCE * cones * points

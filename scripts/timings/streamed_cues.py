@@ -8,7 +8,7 @@ import numpy as np
 
 from apf.body.kinematics import posed_points
 from apf.body.model import Joint
-from apf.filters.config import KEYPOINTS_ON
+from apf.filters.term_weights import KEYPOINTS_ON
 from apf.initialisation.from_joints import fit_to_joints
 from apf.keypoints.landmarks import locate_points
 from apf.likelihood.keypoint_model import KeypointModel
@@ -41,7 +41,7 @@ def streamed_cues(
     each of at most `seconds`, the variants in turn; the runs' mean error."""
     device = place.device()
     held = problem.scene.pinned(device)
-    seen = keypoints_of(problem)
+    seen = make_sightings(problem)
     wholes = {}
     for name, changes in VARIANTS.items():
         whole = WholeFrame(device, problem.smaller(**changes))
@@ -63,7 +63,7 @@ def streamed_cues(
     return {"label": place.label, "cores": place.cores, "rows": rows}
 
 
-def keypoints_of(problem: Problem) -> Sightings:
+def make_sightings(problem: Problem) -> Sightings:
     """Return a function that gives the keypoints in all cameras of the frame played at a place: the
     true joints with noise."""
     points = locate_points(problem.body, COCO)

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from apf.backend import filter_for
+from apf.backend import make_filter
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
 from apf.filters.base import Estimate
@@ -20,12 +20,12 @@ from apf.initialisation.from_joints import fit_to_joints
 from apf.likelihood.observations import Observed, PointObservations
 from apf.scene import Scene as TrackedScene
 from cl import Device, NumpyDevice
-from psfs.backend import reconstructor_for
+from psfs.backend import make_reconstructor
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelCloud
-from timings.bench_scene import FPS, SHAPE, Scene, grid_of, playing, shared_scene, there_and_back
+from timings.bench_scene import FPS, SHAPE, Scene, make_grid, playing, shared_scene, there_and_back
 from timings.measure import Timing
-from timings.stages import STAGES, stage_of
+from timings.stages import STAGES, find_stage
 
 #: Returns the observed keypoints of the frame played at a place.
 Sightings: TypeAlias = Callable[[int], PointObservations]
@@ -54,13 +54,13 @@ class Problem:
 
     def on(self, device: Device | NumpyDevice) -> TrackedScene:
         """Return the scene for a tracker on that device."""
-        return TrackedScene(device, self.scene.rig, grid_of(self.shape), self.body)
+        return TrackedScene(device, self.scene.rig, make_grid(self.shape), self.body)
 
     def smaller(self, **changes: Any) -> Problem:
         """Return the problem with other settings of the filter, `shape` or `cameras`."""
         scene = self.scene.part(changes.pop("cameras", len(self.scene.rig)))
         shape = changes.pop("shape", self.shape)
-        return replace(self, scene=scene, shape=shape, config=self.config.changed(**changes))
+        return replace(self, scene=scene, shape=shape, config=self.config.with_changes(**changes))
 
 
 @lru_cache(maxsize=2)
@@ -83,10 +83,10 @@ class WholeFrame:
 
     def __init__(self, device: Device | NumpyDevice, problem: Problem) -> None:
         started = time.perf_counter()
-        scene, grid = problem.scene, grid_of(problem.shape)
+        scene, grid = problem.scene, make_grid(problem.shape)
         self.device, self.problem = device, problem
-        self.reconstruct: Any = reconstructor_for(device, scene.rig, grid, scene.background)
-        self.tracker = filter_for(problem.on(device), problem.config)
+        self.reconstruct: Any = make_reconstructor(device, scene.rig, grid, scene.background)
+        self.tracker = make_filter(problem.on(device), problem.config)
         self.tracker.start(problem.pose)
         self.setup_ms = 1e3 * (time.perf_counter() - started)
         self.parts_ms = np.zeros(3)
@@ -189,7 +189,7 @@ def stage_times(whole: WholeFrame, frames: int, warm_up: int = 2) -> dict[str, T
         whole(frame)
         totals = dict.fromkeys(STAGES, 0.0)
         for name, values in profiler.collect().items():
-            totals[stage_of(name)] += sum(values)
+            totals[find_stage(name)] += sum(values)
         profiler.clear()
         if run >= warm_up:
             for stage, total in totals.items():

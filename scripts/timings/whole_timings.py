@@ -17,7 +17,7 @@ import numpy as np
 
 from cl import NumpyDevice
 from psfs.cli.commandline import add_command
-from timings.bench_scene import SHAPE, VIEWS, grid_of
+from timings.bench_scene import SHAPE, VIEWS, make_grid
 from timings.measure import (
     Place,
     Timing,
@@ -174,7 +174,7 @@ def roofline(place: Place, problem: Problem, frames: int) -> dict[str, Any]:
     whole = WholeFrame(place.device(profile=True), problem)
     stages = stage_times(whole, frames)
     surface = int(sequence_run(whole, 2)["surface_voxels"])
-    work = reconstruction_work(problem.scene, grid_of(problem.shape), surface)
+    work = reconstruction_work(problem.scene, make_grid(problem.shape), surface)
     work |= tracking_work(problem.scene, problem.body, problem.config, surface)
     return {"label": place.label, "limits": limits, "stages": stages, "work": work}
 

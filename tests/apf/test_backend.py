@@ -8,13 +8,13 @@ from helpers import bodies, scenes
 from helpers.worlds import World
 
 from apf.backend import (
-    device_tracker,
-    features_for,
-    filter_for,
-    observer_for,
-    pictures_for,
+    draw_poses,
+    make_device_tracker,
+    make_feature_extractor,
+    make_filter,
+    make_observer,
+    make_tracker,
     shares_launches,
-    tracker_for,
 )
 from apf.body.mesh import cone_mesh
 from apf.filters.annealed import AnnealedParticleFilter
@@ -46,8 +46,8 @@ STICK = bodies.named("stick")
 def test_trackers(device: Device, search: str, objective: str) -> None:
     world = World(device, STICK, voxel=0.2)
     method = Method.of(search, objective)
-    on_device = tracker_for(world.scene(), method)
-    twin = tracker_for(world.scene(NumpyDevice()), method)
+    on_device = make_tracker(world.scene(), method)
+    twin = make_tracker(world.scene(NumpyDevice()), method)
     assert type(on_device) is DEVICE[search] and type(twin) is NUMPY[search]
     assert isinstance(on_device, DeviceTracker) and isinstance(twin, NumpyTracker)
     assert isinstance(on_device, Tracker) and isinstance(twin, Tracker)
@@ -56,8 +56,8 @@ def test_trackers(device: Device, search: str, objective: str) -> None:
 def test_the_filter_of_voxels(device: Device) -> None:
     world = World(device, STICK, voxel=0.2)
     config = Method().filter
-    assert type(filter_for(world.scene(), config)) is AnnealedParticleFilter
-    assert type(filter_for(world.scene(NumpyDevice()), config)) is NumpyAnnealedParticleFilter
+    assert type(make_filter(world.scene(), config)) is AnnealedParticleFilter
+    assert type(make_filter(world.scene(NumpyDevice()), config)) is NumpyAnnealedParticleFilter
 
 
 def test_several_runs_are_made_by_the_annealed_filter_over_voxels_alone(device: Device) -> None:
@@ -67,13 +67,13 @@ def test_several_runs_are_made_by_the_annealed_filter_over_voxels_alone(device: 
     assert not shares_launches(device, Method.of("pso"))
     assert not shares_launches(device, Method.of("apf", "sp"))
     song = World(device, voxel=0.2)
-    tracker = device_tracker(song.scene(), Method.of(n_particles=50, n_layers=2), [0, 7])
+    tracker = make_device_tracker(song.scene(), Method.of(n_particles=50, n_layers=2), [0, 7])
     tracker.start(song.pose(0))
     assert len(tracker.step_runs(song.voxels(0))) == 2
     with pytest.raises(InputError, match=r"\[0, 7\] at once by pso over voxel"):
-        device_tracker(song.scene(), Method.of("pso"), [0, 7])
+        make_device_tracker(song.scene(), Method.of("pso"), [0, 7])
     with pytest.raises(DeviceError):
-        device_tracker(world.scene(NumpyDevice()), Method())
+        make_device_tracker(world.scene(NumpyDevice()), Method())
 
 
 @pytest.mark.parametrize("kind", ["opencl", "numpy"])
@@ -86,14 +86,14 @@ def test_observers_make_features_or_voxels(device: Device, kind: str) -> None:
         rig, background, has_images = world.rig, None, False
 
     method = Method.of("pso", "sp")
-    seen = observer_for(chosen, Footage(), None, method)(scenes.frame(masks=masks))
-    assert type(seen) is type(features_for(chosen, world.rig, None))
+    seen = make_observer(chosen, Footage(), None, method)(scenes.frame(masks=masks))
+    assert type(seen) is type(make_feature_extractor(chosen, world.rig, None))
     assert type(seen) is (Features if kind == "opencl" else NumpyFeatures)
     assert seen.config == method.features.replace(edges="outline")  # there are no pictures
-    voxels = observer_for(chosen, Footage(), world.grid, Method())(scenes.frame(masks=masks))
+    voxels = make_observer(chosen, Footage(), world.grid, Method())(scenes.frame(masks=masks))
     assert len(voxels.cloud().indices)
     with pytest.raises(InputError, match="no voxel grid"):
-        observer_for(chosen, Footage(), None, Method())
+        make_observer(chosen, Footage(), None, Method())
 
 
 @pytest.mark.parametrize("shape", ["trapezoids", "round ends", "mesh"])
@@ -104,7 +104,7 @@ def test_pictures_of_both_devices_are_the_same_but_for_the_boundary(
     mesh = cone_mesh(body, 18) if shape == "mesh" else None
     poses = np.stack([body.rest_pose, 0.9 * body.rest_pose])
     drawn, expected = (
-        pictures_for(Scene(chosen, rig, None, body), poses, mesh, shape == "round ends")
+        draw_poses(Scene(chosen, rig, None, body), poses, mesh, shape == "round ends")
         for chosen in (device, NumpyDevice())
     )
     assert drawn.shape == expected.shape == (2, 2, 123, 161, 2) and expected[..., 0].any()

@@ -10,8 +10,9 @@ import pytest
 from apf.body import load_body
 from apf.cli import main
 from apf.cli.commands import COMMANDS
-from apf.filters.config import FilterConfig, likelihood_weights
+from apf.filters.config import FilterConfig
 from apf.filters.method import Method
+from apf.filters.term_weights import likelihood_weights
 from apf.presets import PRESETS, Preset, preset
 from apf.tracking.recovery import Judge, RecoveryConfig
 from cl import InputError
@@ -99,4 +100,4 @@ def test_nobody_is_lost_where_nobody_is_looked_for() -> None:
     judge = Judge(RecoveryConfig(on=False))
     fields = dict.fromkeys(Estimate.__dataclass_fields__)
     estimate = Estimate(**{**fields, "misfit": 5.0})
-    assert not judge.judged(estimate).lost and Judge().judged(estimate).lost
+    assert not judge.judge(estimate).lost and Judge().judge(estimate).lost

@@ -223,7 +223,7 @@ def test_an_interrupt_on_the_way_back(stock: Path, monkeypatch: pytest.MonkeyPat
     def interrupted(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("apf.tracking.two_way._smoothed", interrupted)
+    monkeypatch.setattr("apf.tracking.two_way._fuse_window", interrupted)
     outcome = run(track(stock))
     assert outcome.code == 130 and "3 of 3 frames are in" in outcome.err, outcome
     readable(stock / "new")
@@ -283,7 +283,7 @@ def test_no_memory(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def none(*_: Any, **__: Any) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("psfs.session.reconstructor_for", none)
+    monkeypatch.setattr("psfs.session.make_reconstructor", none)
     faults.refused(reconstruct(stock), stock, "not enough memory")
 
 

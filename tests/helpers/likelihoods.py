@@ -11,8 +11,8 @@ from scipy import ndimage
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
-from apf.likelihood.voxel import VoxelLikelihood, cone_sampling
-from apf.reference.likelihood.voxel import posture_errors, subset, total_errors
+from apf.likelihood.voxel import VoxelLikelihood, choose_cone_sampling
+from apf.reference.likelihood.voxel import FrameEvidence, posture_errors, subset, total_errors
 from apf.scene import Scene
 from cl import Array, Device
 from helpers import bodies, scenes
@@ -91,11 +91,10 @@ class Setup:
 
     def expected(self, points: np.ndarray, turn: int = 0) -> np.ndarray:
         cones = posed_cones(self.body, self.poses)
-        sampling = cone_sampling(self.body, self.config.reprojection.sample_spacing)
+        sampling = choose_cone_sampling(self.body, self.config.reprojection.sample_spacing)
         seen = subset(points, turn, self.config.samples.point_turns)
-        errors = total_errors(
-            self.rig, cones, self.maps, seen, sampling, self.body.apart, self.config
-        )
+        observed = FrameEvidence(self.maps, seen)
+        errors = total_errors(self.rig, cones, observed, sampling, self.body.apart, self.config)
         posture = posture_errors(self.body, self.poses.astype(float))
         return errors + len(self.rig) * self.config.posture_prior_weight * posture
 
@@ -105,7 +104,7 @@ def only(name: str, **settings: Any) -> FilterConfig:
     terms = ("edge", "silhouette", "surface", "overlap", "posture")
     weights: Any = {f"{term}_weight": float(term == name) for term in terms}
     weights["posture_prior_weight"] = weights.pop("posture_weight")
-    return CONFIG.changed(**weights, **settings)
+    return CONFIG.with_changes(**weights, **settings)
 
 
 def assert_cost_nothing(device: Device, **weights: float) -> None:

@@ -20,7 +20,7 @@ def term_alone(spec: TermSpec) -> FilterConfig:
     """Settings by which this term alone counts, as in its row."""
     others = {f"{name}_weight": 0.0 for name in TERMS}
     own = {f"{spec.name}_{name}": value for name, value in spec.parity.settings.items()}
-    return only("none").changed(**(others | own))
+    return only("none").with_changes(**(others | own))
 
 
 def assert_parity(device: Device, spec: TermSpec, name: str, n: int) -> None:

@@ -16,10 +16,10 @@ from helpers.shared import shared_data
 
 from cl import InputError
 from psfs.background import gaussian
-from psfs.background.config import PlateConfig
+from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.background.gaussian import (
-    background_from_plates,
     clipped_moments,
+    estimate_background,
     median_moments,
 )
 from psfs.footage import memory
@@ -155,7 +155,7 @@ def test_native_images_masks_and_one_plate(tmp_path: Path) -> None:
     plain = Sequence.open(tmp_path, background="gaussian")
     assert plain.read(0).masks is None
     assert plain.background.mean[:, 0, 0, 0].tolist() == [50, 51]
-    config = PlateConfig()
+    config = BackgroundModelConfig()
     single = np.sqrt(config.prior_frames * config.prior_std**2 / (1 + config.prior_frames))
     np.testing.assert_allclose(plain.background.std, single, rtol=1e-6)
 
@@ -173,7 +173,7 @@ def test_views_of_different_sizes_are_padded(tmp_path: Path) -> None:
     assert (images[1, :, :40] == 200).all() and (images[1, :, 40:] == 0).all()
     assert sequence.background_kind == "frames"
     assert (sequence.background.mean[0, 48:] == 0).all()
-    assert (sequence.background.std >= PlateConfig().std_floor).all()
+    assert (sequence.background.std >= BackgroundModelConfig().std_floor).all()
 
 
 def test_unequal_counts_use_the_shortest(tmp_path: Path) -> None:
@@ -263,7 +263,7 @@ def test_background_moments() -> None:
     np.testing.assert_allclose(clipped_moments(list(many))[0], many.mean(0), rtol=1e-6)
     constant = np.full((50, 4, 4, 3), 9, np.uint8)
     mean, std = clipped_moments(list(constant))
-    assert (mean == 9).all() and (std >= PlateConfig().std_floor).all()
+    assert (mean == 9).all() and (std >= BackgroundModelConfig().std_floor).all()
 
 
 def test_plates_are_the_same_held_in_bands_or_decoded_twice(
@@ -278,7 +278,7 @@ def test_plates_are_the_same_held_in_bands_or_decoded_twice(
     for n_bytes in (0, 2**26):
         monkeypatch.setattr(gaussian, "_HELD_BYTES", n_bytes)
         monkeypatch.setattr(gaussian, "_BAND_BYTES", 2**15)  # ten rows
-        found.append(background_from_plates(rig, media))
+        found.append(estimate_background(rig, media))
     assert found[0].mean.std() > 1 and found[0].std.std() > 1
     np.testing.assert_array_equal(found[0].mean, found[1].mean)
     np.testing.assert_array_equal(found[0].std, found[1].std)

@@ -10,7 +10,7 @@ import pytest
 
 import psfs.session
 from cl import Device, InputError, NumpyDevice
-from psfs.backend import evidence_for, reconstructor_for
+from psfs.backend import make_evidence_function, make_reconstructor
 from psfs.background.gaussian import Background
 from psfs.sequence import Sequence
 from psfs.session import CarvedFrame, Session, SessionSettings
@@ -27,11 +27,11 @@ def session(walk: Path, device: Device) -> Session:
 
 def carved_anew(session: Session, grid: VoxelGrid, indices: range) -> list[CarvedFrame]:
     """The frames by a reconstructor that nobody else has used."""
-    reconstruct = reconstructor_for(
+    reconstruct = make_reconstructor(
         session.device, session.rig, grid, session.sequence.background, sparse=True
     )
     found = []
-    for frame in session.sequence.frames_at(indices):
+    for frame in session.sequence.select_frames(indices):
         voxels = reconstruct(frame)
         evidence, cloud = reconstruct.evidence(), voxels.cloud(True)
         found.append(CarvedFrame(frame.index, evidence > 0, evidence != UNKNOWN, cloud))
@@ -56,7 +56,7 @@ def test_each_stage_gets_a_reconstructor_that_has_seen_no_frame(session: Session
         first(frame)
     moved = VoxelGrid(grid.origin + 0.02, grid.voxel_size, grid.shape)
     for other in (grid, moved, grid):
-        found = list(session.carved(other, range(4)))
+        found = list(session.iterate_carved(other, range(4)))
         assert session.reconstructor(other) is first  # the device's memory is used again
         assert_same(found, carved_anew(session, other, range(4)))
 
@@ -68,15 +68,15 @@ def test_frames_carved_by_one_stage_are_kept_for_the_next(
     session.keep_carved(wanted)
     reconstruct = session.reconstructor(grid)
     for frame in session.sequence:
-        session.carved_by(frame.index, reconstruct(frame))
+        session.record_carved(frame.index, reconstruct(frame))
     every = carved_anew(session, grid, range(5))
     with monkeypatch.context() as patch:
         patch.setattr(Session, "reconstructor", None)  # nothing is reconstructed
-        assert_same(list(session.carved(grid, wanted)), [every[index] for index in wanted])
-    assert [one.index for one in session.carved(grid, [0, 1])] == [0, 1]  # 1 was not kept
+        assert_same(list(session.iterate_carved(grid, wanted)), [every[index] for index in wanted])
+    assert [one.index for one in session.iterate_carved(grid, [0, 1])] == [0, 1]  # 1 was not kept
     elsewhere = VoxelGrid(grid.origin + 0.1, grid.voxel_size, grid.shape)
-    (one,) = session.carved(elsewhere, [0])
-    assert one.cloud.grid.same_as(elsewhere)
+    (one,) = session.iterate_carved(elsewhere, [0])
+    assert one.cloud.grid.equals(elsewhere)
 
 
 def test_kept_frames_take_a_bounded_memory(
@@ -87,8 +87,8 @@ def test_kept_frames_take_a_bounded_memory(
     session.keep_carved(range(5))
     reconstruct = session.reconstructor(grid)
     for frame in session.sequence:
-        session.carved_by(frame.index, reconstruct(frame))
-    assert_same(list(session.carved(grid, range(2))), carved_anew(session, grid, range(2)))
+        session.record_carved(frame.index, reconstruct(frame))
+    assert_same(list(session.iterate_carved(grid, range(2))), carved_anew(session, grid, range(2)))
 
 
 def test_what_is_hidden_is_known_of_kept_frames(session: Session) -> None:
@@ -99,8 +99,8 @@ def test_what_is_hidden_is_known_of_kept_frames(session: Session) -> None:
     session.keep_carved(range(2))
     reconstruct = session.reconstructor(grid)
     for index in range(2):
-        session.carved_by(index, reconstruct(session.sequence.read(index)))
-    kept = list(session.carved(grid, range(2)))
+        session.record_carved(index, reconstruct(session.sequence.read(index)))
+    kept = list(session.iterate_carved(grid, range(2)))
     assert_same(kept, carved_anew(session, grid, range(2)))
     assert not kept[0].known[0].all() and kept[0].known[1].all()
 
@@ -114,7 +114,7 @@ def test_a_corrected_rig_has_the_frames_that_were_kept(session: Session) -> None
 
 
 def test_evidence_is_computed_once(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
-    evidence_of = evidence_for(
+    evidence_of = make_evidence_function(
         session.device, session.rig, session.background, session.reconstruction.silhouette
     )
     expected = [evidence_of(session.sequence.read(index)) for index in (3, 0, 3)]

@@ -25,7 +25,7 @@ sys.path.insert(0, str(ROOT / "scripts"))
 
 from accuracy.recordings import Recording, spread_cameras
 from accuracy.report import Summary, grids, headline, joints, write_summary, write_tables
-from accuracy.runs import Results, Run, method_of, together
+from accuracy.runs import Results, Run, make_method, together
 from accuracy.settings import Setting, Table
 from accuracy.thesis import TABLES, thesis_headline, thesis_plan, write_thesis
 from timings.report.readme import replace_marked
@@ -114,16 +114,16 @@ def test_tables_in_markdown(tmp_path: Path) -> None:
 
 
 def test_methods_and_objectives() -> None:
-    assert method_of(BASE, 3).filter.search.seed == 3
-    song = method_of(replace(BASE, objective="edge+silhouette"), 0)
+    assert make_method(BASE, 3).filter.search.seed == 3
+    song = make_method(replace(BASE, objective="edge+silhouette"), 0)
     assert song.uses_voxels and song.filter.likelihood.weights[2:].tolist() == [0, 0]
-    thesis = method_of(replace(BASE, method="pso", objective="sp", particles=96), 0)
+    thesis = make_method(replace(BASE, method="pso", objective="sp", particles=96), 0)
     assert not thesis.uses_voxels and thesis.filter.search.n_particles == 96
-    search = method_of(replace(BASE, method="sir"), 0).filter.search
+    search = make_method(replace(BASE, method="sir"), 0).filter.search
     assert (search.n_particles, search.n_layers) == (2000, 1)
     for wrong in ({"method": "luck"}, {"objective": "edge+smell"}):
         with pytest.raises(InputError, match="expected"):
-            method_of(replace(BASE, **wrong), 0)
+            make_method(replace(BASE, **wrong), 0)
 
 
 def test_cameras_stand_around() -> None:
@@ -143,10 +143,10 @@ def test_cameras_stand_around() -> None:
 def test_shapes_by_their_vertices() -> None:
     """Rymut 2016, table 6.5."""
     setting = replace(BASE, method="pso", objective="sp@130")
-    assert method_of(setting, 0).image.vertices_per_part == 130
-    assert method_of(replace(setting, objective="sp"), 0).image.vertices_per_part == 4
+    assert make_method(setting, 0).image.vertices_per_part == 130
+    assert make_method(replace(setting, objective="sp"), 0).image.vertices_per_part == 4
     with pytest.raises(InputError, match="expected"):
-        method_of(replace(setting, objective="sp@many"), 0)
+        make_method(replace(setting, objective="sp@many"), 0)
 
 
 def test_seeds_are_tracked_at_once_where_possible() -> None:
@@ -162,7 +162,7 @@ def test_tables_of_the_thesis(tmp_path: Path) -> None:
     assert [len(settings) for settings in plan.values()] == [45, 8, 16, 3, 24]
     chosen = thesis_plan(tmp_path / "walk", 4, ["6.4"])
     (settings,) = chosen.values()
-    methods = [method_of(setting, 0) for setting in settings]
+    methods = [make_method(setting, 0) for setting in settings]
     scored = [m.filter.search.n_particles * m.filter.search.n_layers for m in methods]
     assert scored == [960, 2040, 3040, 5120] * 2
     assert {(m.search, m.objective) for m in methods} == {("sir", "sp"), ("pso", "sp")}

@@ -31,7 +31,7 @@ from cl import Device, InputError
 sys.path.insert(0, str(ROOT / "scripts"))
 
 import accuracy.suite as suite
-from accuracy.ablation import ABLATIONS, settings_of
+from accuracy.ablation import ABLATIONS, load_preset
 from accuracy.published import presets_headline, suite_headline
 from accuracy.runs import Results, Run
 from accuracy.settings import Setting
@@ -131,12 +131,12 @@ def test_triangulation_voxels_keypoints_and_both_side_by_side(folder: Path, tmp_
     first = {"method": "apf", "objective": "voxel", "particles": 60, "layers": 4}
     folders = [takes / "walk", takes / "without"]
     settings = dict(suite_settings(folders, ["true"], by, first))
-    assert [(s.sequence, s.witness, s.start) for s in settings] == [
+    assert [(s.sequence, s.observations, s.start) for s in settings] == [
         ("walk", "triangulation", "none"), *(("walk", name, "true") for name in by[1:]),
         ("without", "voxels", "true"),
     ]  # fmt: skip
     alone = dict(suite_settings(folders, ["true"], by, first, ["song"]))
-    assert [(s.sequence, s.witness, s.preset) for s in alone] == [
+    assert [(s.sequence, s.observations, s.preset) for s in alone] == [
         ("walk", "voxels", "song"), ("without", "voxels", "song"),
     ]  # fmt: skip
     results = Results(tmp_path / "results.json", {"device": "abacus", "commit": "c0ffee"})
@@ -287,13 +287,13 @@ def test_presets_beside_the_defaults(tmp_path: Path) -> None:
 
 
 def test_every_ablation_changes_the_defaults() -> None:
-    found = [settings_of(name, search="apf", objective="voxel") for name in ABLATIONS]
+    found = [load_preset(name, search="apf", objective="voxel") for name in ABLATIONS]
     assert all(one.method != Preset().method or one.reconstruction != Preset().reconstruction
                for one in found)  # fmt: skip
     changed = {repr((one.method, one.reconstruction)) for one in found}
     assert len(changed) == len(ABLATIONS)
     with pytest.raises(InputError, match="by no such name"):
-        settings_of("by no such name")
+        load_preset("by no such name")
 
 
 def test_the_table_of_an_ablation(tmp_path: Path) -> None:

@@ -20,15 +20,16 @@ from timings.report.machines import read_batches, read_machines
 from timings.report.page import write_report
 from timings.report.readme import update_readme
 from timings.results import Results, read_results
-from timings.stages import PARTS, stage_of
-from timings.streamed_cues import keypoints_of
+from timings.stages import PARTS, find_stage
+from timings.streamed_cues import make_sightings
 from timings.tables.grid import number
 from timings.tables.objective import ROWS, columns
 from timings.tables.whole import papers, table_3
 from timings.whole_frame import Problem, WholeFrame, sequence_run, stage_times, stream_run
 
 from apf.body import load_body
-from apf.filters.config import KEYPOINTS_ON, FilterConfig
+from apf.filters.config import FilterConfig
+from apf.filters.term_weights import KEYPOINTS_ON
 from apf.initialisation.from_joints import fit_to_joints
 from apf.synthetic.render import SyntheticScene
 from apf.synthetic.scene import SceneConfig
@@ -359,7 +360,7 @@ def test_the_whole_frame_on_the_device_agrees_with_the_twins(device: Device) -> 
     assert len(streamed["frames"].samples) == 3 and min(streamed["frames"].samples) > 0
     assert streamed["error_mm"] == pytest.approx(ours["error_mm"], abs=25)
     with_keypoints = WholeFrame(device, problem.smaller(**KEYPOINTS_ON))
-    seen = stream_run(with_keypoints, held, 3, sightings=keypoints_of(problem))
+    seen = stream_run(with_keypoints, held, 3, sightings=make_sightings(problem))
     assert seen["error_mm"] != streamed["error_mm"]
     assert seen["error_mm"] < streamed["error_mm"] + 25
     profiled = Device(device.handle, profile=True)
@@ -367,5 +368,5 @@ def test_the_whole_frame_on_the_device_agrees_with_the_twins(device: Device) -> 
     busy = {"silhouette", "occupancy", "smoothing", "surface", "colour", "reprojection",
             "likelihood", "annealing", "refinement", "download"}  # fmt: skip
     assert busy <= set(stages)
-    assert stage_of("score_poses") == "likelihood"
-    assert stage_of("a kernel of another project") == "other"
+    assert find_stage("score_poses") == "likelihood"
+    assert find_stage("a kernel of another project") == "other"

@@ -40,7 +40,7 @@ PARTS = "parts"
 START = "start.txt"
 
 
-def course_of(job: TakeJob) -> Workflow:
+def plan_take(job: TakeJob) -> Workflow:
     """Return the tasks of a take in order: the take itself, or, if it is long enough to be cut, its
     start, its chunks, and the joining of these."""
     if job.part_frames is not None:

@@ -12,13 +12,14 @@ from typing import Any
 from rich.progress import TaskID
 
 from apf.cli.batch.take import TakeDone
-from apf.cli.takes.take_report import reports_of
+from apf.cli.takes.take_report import count_reports
 from apf.cluster.page import LOGS, write_index
 from apf.cluster.take_row import TakeRow
 from apf.cluster.task_side import Progress
 from apf.cluster.whole_folder import replace_temporary_names
 from cl import InputError
 from psfs.cli.commandline import progress_bar, stderr, stdout
+from psfs.cli.program.outcome import describe
 
 #: Seconds between two versions of the page.
 _APART = 10.0
@@ -59,7 +60,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             return
         if report.task not in self._lines:
             self._lines[report.task] = self._bar.add_task(report.task, total=None)
-        total = reports_of(report.stage, report.total)
+        total = count_reports(report.stage, report.total)
         self._bar.update(
             self._lines[report.task],
             description=f"{report.task}: {report.stage}",
@@ -73,7 +74,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             self._done[name] = outcome
             text = "finished already" if outcome.kept else _describe(outcome)
         else:
-            text = replace_temporary_names(str(outcome)) or type(outcome).__name__
+            text = replace_temporary_names(describe(outcome))
             self._failed[name] = TakeRow(name, status="failed", error=text)
             text = f"failed: {text}"
         self._remove_lines(name)

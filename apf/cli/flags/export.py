@@ -31,7 +31,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="of the TRC: y-up (X Y Z) = world (x z -y), z-up = world (x y z), pose2sim = "
         "world (y z x) (default: %(default)s)",
     )
-    add_smoothing_flags(parser)
+    add_smoothing_flags(parser, "cutoff")
     parser.add_argument(
         "--raw", action="store_true", help="the poses as they were tracked, without smoothing"
     )

@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 
 from apf.formats.axes import AXES
-from apf.keypoints.config import TriangulationConfig
 from apf.tracking.config import SmoothingConfig
 from psfs.cli.commandline import path_or_name
 from psfs.cli.sequence_flags import voxel_edge
+from psfs.cli.setting_flags import add_setting_flags
 
 #: The name of the method.
 TRIANGULATE = "triangulate"
@@ -55,38 +55,9 @@ def add_keypoint_flags(parser: argparse.ArgumentParser) -> argparse._ArgumentGro
     return group
 
 
-def add_triangulation_flags(group: argparse._ArgumentGroup) -> None:
-    """Add --low-pass, --max-error and --longest-gap."""
-    group.add_argument(
-        "--low-pass",
-        type=float,
-        metavar="HZ",
-        help=f"{TRIANGULATE}: Butterworth filter of the points, such as 6 (default: none)",
-    )
-    group.add_argument(
-        "--max-error",
-        type=float,
-        metavar="PX",
-        help=f"{TRIANGULATE}: cameras are left out of a point until the mean reprojection error is "
-        f"below (default: {TriangulationConfig().max_error:g})",
-    )
-    group.add_argument(
-        "--longest-gap",
-        type=float,
-        metavar="S",
-        help=f"{TRIANGULATE}: leave longer gaps open, blank in the files (default: all are filled)",
-    )
-
-
-def add_smoothing_flags(parser: argparse.ArgumentParser) -> None:
-    """Add --cutoff and --body."""
-    parser.add_argument(
-        "--cutoff",
-        type=float,
-        default=SmoothingConfig().cutoff,
-        metavar="HZ",
-        help="smoothing: motion this fast keeps half of its amplitude (default: %(default)g)",
-    )
+def add_smoothing_flags(parser: argparse.ArgumentParser, *settings: str) -> None:
+    """Add the flags of these `settings` of the smoothing, and --body."""
+    add_setting_flags(parser, SmoothingConfig, only=settings, fill=True)
     parser.add_argument(
         "--body", type=Path, metavar="B", help="body model of a track that does not hold its own"
     )

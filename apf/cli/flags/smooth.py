@@ -12,11 +12,4 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this command."""
     parser.add_argument("track", type=Path, metavar="TRACK", help="folder that `apf track` wrote")
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT")
-    add_smoothing_flags(parser)
-    parser.add_argument(
-        "--lag",
-        type=int,
-        metavar="FRAMES",
-        help="look so many frames ahead, as a program that runs live could "
-        "(default: the whole sequence)",
-    )
+    add_smoothing_flags(parser, "cutoff", "lag")

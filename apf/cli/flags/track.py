@@ -9,18 +9,18 @@ from apf.cli.flags.shared import (
     TRIANGULATE,
     add_keypoint_flags,
     add_start_flags,
-    add_triangulation_flags,
 )
 from apf.cli.method_flags import add_method_flags
 from apf.presets import PRESETS
 from apf.report.names import PAGE
 from apf.settings import Settings
-from apf.tracking.config import BatchConfig
+from apf.tracking.config import BatchConfig, TriangulatedConfig
 from psfs.cli.commandline import add_device_flag
 from psfs.cli.sequence_flags import (
     add_all_cameras_flag,
     add_sequence_flags,
 )
+from psfs.cli.setting_flags import add_setting_flags
 from psfs.cli.settings import add_configs, add_preset_flag
 
 
@@ -57,7 +57,7 @@ def add_track_flags(parser: argparse.ArgumentParser) -> None:
     add_method_flags(
         parser, more=f"; {TRIANGULATE}: --keypoints alone, triangulated, without a body"
     )
-    add_triangulation_flags(add_keypoint_flags(parser))
+    add_setting_flags(add_keypoint_flags(parser), TriangulatedConfig)
     parser.add_argument(
         "--seeds",
         type=int,

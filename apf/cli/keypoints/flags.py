@@ -12,7 +12,7 @@ from psfs.cli.sequence_flags import stated
 from psfs.sequence import Sequence
 
 
-def keypoints_of(args: argparse.Namespace, sequence: Sequence) -> Keypoints | None:
+def read_keypoints(args: argparse.Namespace, sequence: Sequence) -> Keypoints | None:
     """Read the keypoints of --keypoints for the cameras and frames of `sequence`; None without the
     flag.
 

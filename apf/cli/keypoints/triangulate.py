@@ -8,16 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from apf.cli.flags.shared import TRIANGULATE
-from apf.cli.keypoints.flags import keypoints_of
+from apf.cli.keypoints.flags import read_keypoints
 from apf.cli.method_flags import METHOD_FLAGS
 from apf.report.overlay import write_overlay
 from apf.tracking.config import TriangulatedConfig
 from apf.tracking.track import Track
-from apf.tracking.triangulated import triangulated_track
+from apf.tracking.triangulated import triangulate_track
 from cl import InputError, UserError
 from psfs.cameras.names import listed
 from psfs.cli.commandline import progress_bar, stdout
 from psfs.cli.sequence_flags import open_sequence, selected_frames
+from psfs.cli.setting_flags import with_flags
 from psfs.cli.settings import FILE, refuse_unused, write_settings
 from psfs.common.outputs import output_folder
 from psfs.sequence import Sequence
@@ -27,7 +28,6 @@ _OF_BODIES = (
     *("init", "convention", "body", "height", "seeds", "voxel_size", "all_cameras", "preset"),
     *(flag for flag in METHOD_FLAGS if flag != "method"),
 )
-_DEFAULT = TriangulatedConfig()
 #: The files that are written.
 RESULTS = ("track.npz", "joints.trc", "joints.csv", "overlay.mp4", FILE)
 
@@ -55,31 +55,17 @@ def run_triangulate(args: argparse.Namespace, names: list[str]) -> None:
         raise InputError(f"{len(failed)} of {len(names)} takes failed: {listed(failed)}")
 
 
-def config_of(args: argparse.Namespace) -> TriangulatedConfig:
-    """Return the settings that the flags of `add_triangulation_flags` select. Raises InputError."""
-    stated = {
-        name: getattr(args, name)
-        for name in ("low_pass", "longest_gap")
-        if getattr(args, name) is not None
-    }
-    config = _DEFAULT.replace(**stated)
-    if args.max_error is None:
-        return config
-    limits = config.triangulation.replace(max_error=args.max_error)
-    return config.replace(triangulation=limits)
-
-
 def _one(args: argparse.Namespace, folder: str, output: Path) -> None:
     """Triangulate one take, and write track.npz, joints.trc, joints.csv and overlay.mp4."""
-    config = config_of(args)
+    config = with_flags(TriangulatedConfig(), args)
     job = argparse.Namespace(**{**vars(args), "folder": folder, "output": output})
     sequence = open_sequence(job)
     frames = selected_frames(job, sequence)
-    keypoints = keypoints_of(job, sequence)
+    keypoints = read_keypoints(job, sequence)
     assert keypoints is not None
     selection = slice(frames.start, frames.stop, frames.step)
     with output_folder(output, args.parser.prog, sequence.inputs, RESULTS):
-        track = triangulated_track(sequence, keypoints, config, selection)
+        track = triangulate_track(sequence, keypoints, config, selection)
         _write(args, output, sequence, track)
     stdout.print(f"{len(track)} frames triangulated: {output}", soft_wrap=True)
     stdout.print(_described(track), soft_wrap=True)

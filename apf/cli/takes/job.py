@@ -9,7 +9,7 @@ from pathlib import Path
 from apf.cli.first_pose import check_start
 from apf.cli.method_flags import chosen_method
 from apf.filters.method import Method
-from apf.tracking.trackers import seeded
+from apf.tracking.trackers import with_seeds
 from cl import Device, InputError, NumpyDevice
 from psfs.common.files import resolve_path
 
@@ -76,5 +76,5 @@ def chosen_seeds(args: argparse.Namespace, method: Method) -> list[int]:
         raise InputError(f"--seeds is {n_runs}; expected 1 to {MOST_SEEDS}")
     first = method.filter.search.seed
     seeds = list(range(first, first + n_runs))
-    seeded(method, seeds[-1:])
+    with_seeds(method, seeds[-1:])
     return seeds

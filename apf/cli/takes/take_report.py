@@ -22,7 +22,7 @@ from psfs.cli.commandline import stdout
 _BY_FRAMES = ("tracking", "tracking back", "overlay", "judging")
 
 
-def reports_of(stage: str, n_frames: int) -> int | None:
+def count_reports(stage: str, n_frames: int) -> int | None:
     """Return how many times a stage reports for `n_frames` frames; None if it does not report per
     frame."""
     if stage == "judging":
@@ -80,7 +80,7 @@ class TakeLine:
 
     def _show(self, stage: str) -> None:
         """Show a stage where it left off: forward and backward passes alternate."""
-        total, done = reports_of(stage, self.n_frames), self._done[stage]
+        total, done = count_reports(stage, self.n_frames), self._done[stage]
         described = f"{self._prefix}{stage}"
         self._bar.reset(self._task, total=total, completed=done, description=described)
         self._stage = stage

@@ -9,8 +9,8 @@ OBJECTIVE = tuple(
     ObjectiveSpec(
         kind,
         "images",
-        likelihood="apf.filters.likelihoods:of_images",
-        twin="apf.reference.filters.likelihoods:of_images",
+        likelihood="apf.filters.likelihoods:build_image_objective",
+        twin="apf.reference.filters.likelihoods:build_image_objective",
         settings={"image": ObjectiveConfig, "features": FeatureConfig},
     )
     for kind in OBJECTIVE_KINDS

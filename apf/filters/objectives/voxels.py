@@ -8,15 +8,15 @@ OBJECTIVE = (
     ObjectiveSpec(
         "voxel",
         "voxels",
-        likelihood="apf.filters.likelihoods:of_voxels",
-        twin="apf.reference.filters.likelihoods:of_voxels",
+        likelihood="apf.filters.likelihoods:build_voxel_objective",
+        twin="apf.reference.filters.likelihoods:build_voxel_objective",
         shares_launches=True,
     ),
     ObjectiveSpec(
         "keypoints",
         "nothing",
-        likelihood="apf.filters.likelihoods:of_keypoints",
-        twin="apf.reference.filters.likelihoods:of_keypoints",
+        likelihood="apf.filters.likelihoods:build_keypoint_objective",
+        twin="apf.reference.filters.likelihoods:build_keypoint_objective",
         shares_launches=True,
     ),
 )

@@ -11,9 +11,9 @@ class SirConfig(Config):
 
     sigma_z: float = setting(
         0.0,
-        "Standard deviation of 1 - f; 0 finds it anew in each frame, such that the effective "
-        "sample size is `SearchConfig.first_survival` of the particles.",
-        "Rymut does not state his",
+        "Standard deviation of 1 - f; with 0 it is computed in each frame such that the "
+        "effective sample size is `SearchConfig.first_survival` of the particles.",
+        "not stated by Rymut",
         least=0,
         flag="--sigma-z",
         flag_help="sir: of Rymut eq. (2.42), 0 for one found in each frame",

@@ -86,6 +86,6 @@ def bind(buffers: dict[int, Any]) -> None:
         buffer.bind_to_storage_buffer(binding)
 
 
-def buffer_of(context: Any, values: np.ndarray) -> Any:
+def make_buffer(context: Any, values: np.ndarray) -> Any:
     """Return a buffer that holds `values`."""
     return context.buffer(np.ascontiguousarray(values).tobytes())

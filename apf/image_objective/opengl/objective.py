@@ -69,15 +69,15 @@ class OpenGLObjective(Likelihood):
         inside = [maps[view, y0:y1, x0:x1, 0] for view, (x0, y0, x1, y1) in enumerate(regions)]
         areas = np.array([np.count_nonzero(region > 127) for region in inside], np.int32)
         with self.renderer:
-            self.renderer.look_at(regions)
+            self.renderer.select_regions(regions)
             self._maps.write(np.ascontiguousarray(maps).tobytes())
             self._areas.write(areas.tobytes())
 
     def launcher(self, poses: Array) -> list[Step]:
         """Return what scores `poses` (N, D) float32 into `errors`; the last of it waits."""
-        return [*self.kinematics.launcher(poses), self._scored]
+        return [*self.kinematics.launcher(poses), self._score_hypotheses]
 
-    def _scored(self) -> None:
+    def _score_hypotheses(self) -> None:
         cones = self.kinematics.cones.get()
         with self.renderer:
             self.upload(cones)

@@ -70,7 +70,7 @@ class OpenGLRenderer:
         bytes_per_pose = 4 * CONE_FLOATS * len(self.shape.body.cones)
         self._cones = self.context.buffer(reserve=n * bytes_per_pose)
         self.regions = self.context.buffer(reserve=16 * len(rig))
-        self.look_at(whole_pictures(rig))
+        self.select_regions(whole_pictures(rig))
 
     def __enter__(self) -> OpenGLRenderer:
         self._lock.acquire()
@@ -85,7 +85,7 @@ class OpenGLRenderer:
     def n_pictures(self) -> int:
         return self.n_hypotheses * len(self.rig)
 
-    def look_at(self, regions: np.ndarray) -> None:
+    def select_regions(self, regions: np.ndarray) -> None:
         """Draw within `regions` (V, 4) int32 from now on: first column and row, and, excluded, the
         last."""
         width, height = np.maximum((regions[:, 2:] - regions[:, :2]).max(0), 1).tolist()

@@ -9,7 +9,7 @@ import numpy as np
 from apf.body.cones import FAR_OUT
 from apf.body.mesh import BodyMesh
 from apf.body.model import BodyModel
-from apf.image_objective.opengl.context import Compute, bind, buffer_of, set_uniforms, source
+from apf.image_objective.opengl.context import Compute, bind, make_buffer, set_uniforms, source
 from apf.image_objective.renderer import packed_binds, with_frames
 from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
 
@@ -29,7 +29,7 @@ class Shape:
 
     def __init__(self, context: Any, rig: CameraRig, n: int) -> None:
         self.context, self.n_hypotheses, self.n_views = context, n, len(rig)
-        self._cameras = buffer_of(context, rig.packed())
+        self._cameras = make_buffer(context, rig.packed())
 
     def reserve(self, floats: int) -> Any:
         """Return a buffer of so many floats for each hypothesis and view."""
@@ -58,7 +58,7 @@ class FlatShape(Shape):
         super().__init__(context, rig, n)
         self.body, self.n_parts = body, len(body.cones)
         edged = np.array([cone.in_images for cone in body.cones], np.int32)
-        self._edged = buffer_of(context, edged)
+        self._edged = make_buffer(context, edged)
         self._parts = self.reserve(4 * _PART_VECTORS * self.n_parts)
         defines = {"N_PARTS": self.n_parts}
         self._place = Compute(context, "place_parts.comp", **defines, **_CAMERA)
@@ -86,7 +86,7 @@ class MeshShape(Shape):
         self.body, self.n_parts = with_frames(body), mesh.n_parts
         binds, bones = packed_binds(mesh)
         self._n_corners = len(binds)
-        self._binds, self._bones = buffer_of(context, binds), buffer_of(context, bones)
+        self._binds, self._bones = make_buffer(context, binds), make_buffer(context, bones)
         self._pixels = self.reserve(2 * self._n_corners)
         sizes = {"N_CORNERS": self._n_corners, "N_VERTICES": mesh.n_vertices}
         self._project = Compute(
@@ -100,11 +100,11 @@ class MeshShape(Shape):
         triangles = np.column_stack([mesh.faces, mesh.parts]).astype(np.int32)
         lines, owners = mesh.lines()
         drawn = mesh.edged[owners]
-        self._owners = buffer_of(context, owners[drawn])
+        self._owners = make_buffer(context, owners[drawn])
         self._passes = [
             (
                 self._program(f"{name}.vert", f"{name}.frag", FAR_OUT=FAR_OUT, **sizes),
-                buffer_of(context, shape),
+                make_buffer(context, shape),
                 n_corners * len(shape),
                 mode,
             )

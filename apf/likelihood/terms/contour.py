@@ -12,13 +12,13 @@ class ContourConfig(Config):
 
     weight: float = setting(
         8.0,
-        "Weight of what that mean lacks of 1 in one camera's error.",
+        "Weight of 1 minus that mean in one camera's error.",
         "tuned on the six suite sequences: 4 to 12 differ little",
         least=0,
     )
     contrast: float = setting(
         7.5,
-        "Change of the picture that counts in full.",
+        "Change of the picture that counts as a full contour.",
         "tuned: 4 does as well, 12 worse",
         "grey levels per px",
         above=0,

@@ -17,7 +17,7 @@ class MotionPriorConfig(Config):
     )
     scale: float = setting(
         1.0,
-        "Change at 60 frames/s that counts as one.",
+        "Change at 60 frames/s whose squared length is 1.",
         "by definition of the sigmas",
         "of the body's sigmas",
         above=0,

@@ -24,7 +24,7 @@ class PartColourConfig(Config):
     n_colours: int = setting(
         48,
         "Number of colours of the palette.",
-        "tuned: a fixed grid of 256 tells skin from a red shirt worse",
+        "tuned: a fixed grid of 256 colours distinguishes skin and a red shirt less well",
         least=2,
         most=63,
     )
@@ -36,14 +36,14 @@ class PartColourConfig(Config):
     )
     bound: float = setting(
         2.0,
-        "Bound of log ratios: a colour never seen on a part is not impossible.",
+        "Bound of the log ratios, so that no colour is impossible on a part.",
         unit="nats",
         above=0,
     )
     rare: float = setting(0.004, "Likelihood of a code on a part that never showed it.", above=0)
     least_samples: float = setting(
         60.0,
-        "Number of samples from which a part's ratios count in full: of fewer they say little.",
+        "Number of samples from which on a part's ratios count in full.",
         above=0,
     )
     least_pixels: int = setting(

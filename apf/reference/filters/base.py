@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from apf.filters.base import Estimate, Tracker, checked_pose
+from apf.filters.base import Estimate, Tracker, check_pose
 from apf.filters.config import FilterConfig
 from apf.filters.layer_noise import layer_sigmas
 from apf.likelihood.observations import PointObservations, Shown, with_points
@@ -26,7 +26,7 @@ class NumpyTracker(Tracker):
     def start(self, pose: np.ndarray) -> None:
         """Put all particles at `pose` (D,)."""
         n = self.config.search.n_particles
-        self.poses = np.tile(checked_pose(self.body, pose), (n, 1))
+        self.poses = np.tile(check_pose(self.body, pose), (n, 1))
         self._parents = np.arange(n)
         self._frame = 0
         self._last, self._drift, self._deviation = np.zeros((3, self.body.n_dof))
@@ -54,7 +54,7 @@ class NumpyTracker(Tracker):
             candidate_errors=ended.errors, misfit=misfit,
         )  # fmt: skip
 
-    def errors_of(self, poses: np.ndarray) -> np.ndarray:
+    def score_poses(self, poses: np.ndarray) -> np.ndarray:
         """Score poses (N, D) against the last observation; return errors (N,) in the likelihood's
         `unit`."""
         return self.likelihood.rescore(poses, 1) / self.likelihood.unit

@@ -9,17 +9,17 @@ from apf.reference.likelihood.base import NumpyLikelihood
 from apf.scene import Scene
 
 
-def of_voxels(scene: Scene, method: Method, n_runs: int) -> NumpyLikelihood:
+def build_voxel_objective(scene: Scene, method: Method, n_runs: int) -> NumpyLikelihood:
     """Return the voxels' likelihood of `method`, with the keypoints' if that has a weight."""
     return numpy_voxel_likelihood(scene, method.filter)
 
 
-def of_keypoints(scene: Scene, method: Method, n_runs: int) -> NumpyLikelihood:
+def build_keypoint_objective(scene: Scene, method: Method, n_runs: int) -> NumpyLikelihood:
     """Return the keypoints' likelihood of `method` alone."""
     return numpy_with_keypoints(scene, method.filter, None)
 
 
-def of_images(scene: Scene, method: Method, n_runs: int) -> NumpyLikelihood:
+def build_image_objective(scene: Scene, method: Method, n_runs: int) -> NumpyLikelihood:
     """Return the image objective of `method`, with the keypoints' if that has a weight."""
     base = NumpyImageObjective(scene, method.filter.search.n_particles, method.image)
     return numpy_with_keypoints(scene, method.filter, base)

@@ -9,7 +9,7 @@ import numpy as np
 from apf.body.limbs import limb_masks
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
-from apf.filters.limb_search import limb_ranges, n_near
+from apf.filters.limb_search import count_near, limb_ranges
 from apf.reference.filters.annealing import reflected
 from apf.reference.filters.noise import normals, uniforms
 from apf.reference.filters.refinement import refined
@@ -22,6 +22,7 @@ def propose(
     config: FilterConfig,
     frame: int,
     seen: np.ndarray | None = None,
+    *,
     round: int = 0,
     best: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -32,7 +33,7 @@ def propose(
     Also the limb (N,) of each, -1 of the mean, and numbered on from the number of limbs L where it
     is anywhere."""
     limbs, n = limb_masks(body), config.search.n_particles
-    near = n_near(n)
+    near = count_near(n)
     which = np.r_[-1, np.arange(n - 1) % len(limbs)]
     far = np.arange(n) >= near
     kinds, layer = which + len(limbs) * far, config.search.n_layers + round
@@ -78,7 +79,7 @@ def searched(
         stride = config.likelihood.samples.point_turns
         tried: np.ndarray | None = None
         for round in range(1 + config.limb_search.rounds):
-            poses, kinds = propose(body, mean, config, frame, seen, round, tried)
+            poses, kinds = propose(body, mean, config, frame, seen, round=round, best=tried)
             errors = likelihood.rescore(poses, stride)
             of_kind = [np.flatnonzero(kinds == kind) for kind in range(2 * n_limbs)]
             tried = np.stack(

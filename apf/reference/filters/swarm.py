@@ -34,7 +34,7 @@ class NumpyParticleSwarm(NumpyTracker):
         config: FilterConfig,
         swarm: SwarmConfig | None = None,
     ) -> None:
-        super().__init__(scene, likelihood, config.changed(trunk_layers=0))
+        super().__init__(scene, likelihood, config.with_changes(trunk_layers=0))
         self.swarm = swarm or SwarmConfig()
 
     def _search(self) -> Estimate:

@@ -15,12 +15,12 @@ from apf.likelihood.contour import (
     N_NORMALS,
     OUTER_MARGIN,
     REACH,
-    contrast_of,
+    full_contrast,
 )
-from apf.likelihood.part_colour import scored_parts
+from apf.likelihood.part_colour import list_scored_parts
 from apf.likelihood.term import SharedTwin, TermTwin
 from apf.likelihood.terms.contour import ContourConfig
-from apf.reference.likelihood.part_colour import hidden_by_trunk, looked_up
+from apf.reference.likelihood.part_colour import hidden_by_trunk, lookup_pixels
 from psfs.cameras.camera import Camera
 from psfs.voxels.host_voxels import HostVoxels
 
@@ -31,7 +31,7 @@ _GREY = np.array([29, 150, 77])
 _STEEP = 2.41421356
 
 
-def gradients_of(pictures: np.ndarray, maps: np.ndarray) -> np.ndarray:
+def compute_gradients(pictures: np.ndarray, maps: np.ndarray) -> np.ndarray:
     """Return the derivatives (V, 2, H, W) int16 along x and y, by the Sobel operator of 5 x 5
     pixels, of pictures (V, H, W, 3) uint8 BGR where maps (V, H, W, 2) are not 0; 0 within MARGIN
     pixels of the border."""
@@ -44,7 +44,7 @@ def gradients_of(pictures: np.ndarray, maps: np.ndarray) -> np.ndarray:
     return np.where(_shown(maps, MARGIN), np.stack(along, 1), 0).astype(np.int16)
 
 
-def contours_of(gradients: np.ndarray, maps: np.ndarray, contrast: int) -> np.ndarray:
+def compute_contours(gradients: np.ndarray, maps: np.ndarray, contrast: int) -> np.ndarray:
     """Return contours (V, 4, H, W) uint8: the largest derivative along each of the normals (1, 0),
     (1, 1), (0, 1) and (-1, 1) within REACH along it, 255 at `contrast` and beyond, HIDDEN
     where furniture is before the body; 0 within OUTER_MARGIN pixels of the border."""
@@ -91,15 +91,16 @@ def contour_means(
     """
     corners = project_outlines(camera, cones)
     sums, counts = np.zeros(len(cones)), np.zeros(len(cones))
-    for (number, t, _, _), part in zip(rows, row_parts, strict=True):
+    for row, part in zip(rows, row_parts, strict=True):
         if part < 0:
             continue
+        number, t, _, _ = row
         quad = corners[:, int(number)]
         for near, far in ((0, 3), (1, 2)):
             line = quad[:, far] - quad[:, near]
             pixels = quad[:, near] + t * line
-            y, x, seen = looked_up(camera, pixels)
-            hidden = hidden_by_trunk(camera, body, cones, corners, int(number), t, pixels[:, None])
+            y, x, seen = lookup_pixels(camera, pixels)
+            hidden = hidden_by_trunk(camera, body, cones, corners, row, pixels[:, None])
             seen &= ~hidden[:, 0]
             sums += np.where(seen, contours[_normals(line), y, x].astype(float), 0)
             counts += seen
@@ -120,14 +121,14 @@ class NumpyContours(TermTwin):
 
     def __init__(self, shared: SharedTwin, settings: ContourConfig) -> None:
         self._scene, self._settings, self._rows = shared.scene, settings, shared.rows
-        self._row_parts = scored_parts(shared.scene.body, shared.rows)
+        self._row_parts = list_scored_parts(shared.scene.body, shared.rows)
         self.contours: np.ndarray | None = None
 
     def observe(self, voxels: HostVoxels, maps: np.ndarray) -> None:
         self.contours = None
         if voxels.pictures is not None:
-            gradients = gradients_of(voxels.pictures, maps)
-            self.contours = contours_of(gradients, maps, contrast_of(self._settings))
+            gradients = compute_gradients(voxels.pictures, maps)
+            self.contours = compute_contours(gradients, maps, full_contrast(self._settings))
 
     def view_errors(self, view: int, cones: np.ndarray) -> np.ndarray | None:
         if self.contours is None:

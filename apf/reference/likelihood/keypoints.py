@@ -10,8 +10,8 @@ from apf.likelihood.config import KeypointConfig
 from apf.likelihood.observations import (
     Observation,
     PointObservations,
-    no_observations,
-    parted,
+    make_empty_observations,
+    split_observation,
 )
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.reference.likelihood.voxel import posture_errors
@@ -63,8 +63,8 @@ def missed_shares(
             return np.where(np.isfinite(square), square / (1 + square), 1.0)
 
     own, as_other = shares(observations.point), shares(observations.partner)
-    exchanged = config.exchange + (1 - config.exchange) * as_other
-    return np.where(observations.partner >= 0, np.minimum(own, exchanged), own)
+    swapped = config.exchange + (1 - config.exchange) * as_other
+    return np.where(observations.partner >= 0, np.minimum(own, swapped), own)
 
 
 class NumpyKeypointLikelihood(NumpyLikelihood):
@@ -79,7 +79,7 @@ class NumpyKeypointLikelihood(NumpyLikelihood):
     ) -> None:
         self._posture_weight = posture_prior_weight
         self.body, self.rig, self.config, self.base = scene.body, scene.rig, config, base
-        self._seen = no_observations()
+        self._seen = make_empty_observations()
 
     @property
     def observed(self) -> tuple[CameraRig, PointObservations] | None:  # type: ignore[override]
@@ -99,10 +99,10 @@ class NumpyKeypointLikelihood(NumpyLikelihood):
 
     def observe(self, observation: Observation) -> None:
         """Take an `Observed`."""
-        shown, points = parted(observation)
+        shown, points = split_observation(observation)
         if self.base is not None:
             self.base.observe(shown)
-        self._seen = points or no_observations()
+        self._seen = points or make_empty_observations()
         self._seen.check(self.body, self.rig)
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:

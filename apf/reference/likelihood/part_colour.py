@@ -3,6 +3,8 @@ part_colour.cl and the term in likelihood.cl."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from apf.body.cones import project_outlines
@@ -13,11 +15,11 @@ from apf.likelihood.part_colour import (
     N_CODES,
     RATIO_STEPS,
     ROWS,
-    learnt_parts,
-    palette_of,
-    part_names,
-    scored_parts,
-    trunk_cone,
+    find_trunk_cone,
+    fit_palette,
+    list_histogram_parts,
+    list_part_names,
+    list_scored_parts,
 )
 from apf.likelihood.term import SharedTwin, TermTwin
 from apf.likelihood.terms.part_colour import PartColourConfig
@@ -27,7 +29,9 @@ from psfs.voxels.host_voxels import HostVoxels
 _NO_CODE = N_CODES - 1
 
 
-def encoded(pictures: np.ndarray, silhouettes: np.ndarray, palette: np.ndarray) -> np.ndarray:
+def encode_colours(
+    pictures: np.ndarray, silhouettes: np.ndarray, palette: np.ndarray
+) -> np.ndarray:
     """Return the codes (V, H, W) uint8 of pictures (V, H, W, 3) uint8 BGR by `palette` (32768,),
     N_CODES - 1 outside silhouettes (V, H, W) and where these are hidden, not 255."""
     blue, green, red = np.moveaxis(pictures.astype(int) >> 3, -1, 0)
@@ -36,7 +40,7 @@ def encoded(pictures: np.ndarray, silhouettes: np.ndarray, palette: np.ndarray) 
     )
 
 
-def in_outline(corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+def is_in_outline(corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Return whether pixels (..., 2) lie in trapezoids with corners (..., 4, 2); never in one that
     is NaN."""
     onwards = np.roll(corners, -1, -2) - corners
@@ -45,7 +49,7 @@ def in_outline(corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     return (sides >= 0).all(-1) | (sides <= 0).all(-1)
 
 
-def looked_up(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def lookup_pixels(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return rows and columns (...) int of pixels (..., 2), 0 outside of the picture, and whether
     they lie in it."""
     x, y = np.moveaxis(np.floor(np.nan_to_num(pixels, nan=-1e6) + 0.5), -1, 0)
@@ -53,18 +57,18 @@ def looked_up(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return np.where(inside, y, 0).astype(int), np.where(inside, x, 0).astype(int), inside
 
 
-def _codes_at(camera: Camera, codes: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+def _lookup_codes(camera: Camera, codes: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Return the codes at pixels (..., 2), -1 outside of the picture."""
-    rows, columns, inside = looked_up(camera, pixels)
+    rows, columns, inside = lookup_pixels(camera, pixels)
     return np.where(inside, codes[rows, columns].astype(int), -1)
 
 
-def counted(rig: CameraRig, body: BodyModel, pose: np.ndarray, codes: np.ndarray) -> np.ndarray:
+def count_codes(rig: CameraRig, body: BodyModel, pose: np.ndarray, codes: np.ndarray) -> np.ndarray:
     """Return (P, N_CODES) how many samples of each part show each of the codes (V, H, W) at a pose
     (D,): of those that no other cone lies before or behind."""
     cones = posed_cones(body, pose[None])
-    parts = learnt_parts(body)
-    counts = np.zeros((len(part_names(body)), N_CODES))
+    parts = list_histogram_parts(body)
+    counts = np.zeros((len(list_part_names(body)), N_CODES))
     t = ((np.arange(ROWS) + 0.5) / ROWS)[:, None, None]
     u = ((np.arange(COLUMNS) + 0.5) / COLUMNS)[:, None]
     for camera, view in zip(rig, codes, strict=True):
@@ -73,15 +77,15 @@ def counted(rig: CameraRig, body: BodyModel, pose: np.ndarray, codes: np.ndarray
             left, right = own[0] + t * (own[3] - own[0]), own[1] + t * (own[2] - own[1])
             pixels = left + u * (right - left)
             others = np.delete(corners, c, 0)
-            alone = ~in_outline(others[:, None, None], pixels).any(0)
-            code = _codes_at(camera, view, pixels)
+            alone = ~is_in_outline(others[:, None, None], pixels).any(0)
+            code = _lookup_codes(camera, view, pixels)
             taken = alone & (code >= 0) & (code != _NO_CODE) & (parts[c][:, None] >= 0)
             part = np.broadcast_to(parts[c][:, None], code.shape)
             np.add.at(counts, (part[taken], code[taken]), 1)
     return counts
 
 
-def ratios_of(histograms: np.ndarray, config: PartColourConfig) -> np.ndarray:
+def compute_ratios(histograms: np.ndarray, config: PartColourConfig) -> np.ndarray:
     """Return (P, N_CODES) int8: the log of how much likelier each code is on a part than on the
     mean part, RATIO_STEPS at the bound and beyond."""
     total = histograms.sum(1, keepdims=True)
@@ -98,20 +102,28 @@ def hidden_by_trunk(
     body: BodyModel,
     cones: np.ndarray,
     corners: np.ndarray,
-    cone: int,
-    share: float,
+    row: np.ndarray,
     pixels: np.ndarray,
 ) -> np.ndarray:
-    """Return (N, K) whether the trunk hides samples at pixels (N, K, 2), that lie at this share of
-    a cone's length: they do in the outline of its cone, where that point lies further from the
-    camera than the trunk's middle. cones (N, C, 16), corners (N, C, 4, 2): their outlines."""
-    trunk = trunk_cone(body)
+    """Return (N, K) whether the trunk hides samples at pixels (N, K, 2), that lie in a row (4,) of
+    a cone: they do in the outline of its cone, where the row lies further from the camera than the
+    trunk's middle. cones (N, C, 16), corners (N, C, 4, 2): their outlines."""
+    trunk, cone, share = find_trunk_cone(body), int(row[0]), row[1]
     if trunk < 0:
         return np.zeros(pixels.shape[:2], bool)
     own = cones[:, cone, 0:3] + share * (cones[:, cone, 4:7] - cones[:, cone, 0:3])
     middle = (cones[:, trunk, 0:3] + cones[:, trunk, 4:7]) / 2
     further: np.ndarray = (own - middle) @ camera.R[2] > 0
-    return further[:, None] & in_outline(corners[:, trunk, None], pixels)
+    return further[:, None] & is_in_outline(corners[:, trunk, None], pixels)
+
+
+class Look(NamedTuple):
+    """The learned colours: ratios (P, N_CODES) int8, see `ratios_of`, the parts (R,) whose rows
+    they judge, -1 for rows that count nothing, and the rows (R, 4), see `make_sample_rows`."""
+
+    ratios: np.ndarray
+    row_parts: np.ndarray
+    rows: np.ndarray
 
 
 def colour_means(
@@ -119,32 +131,29 @@ def colour_means(
     body: BodyModel,
     cones: np.ndarray,
     codes: np.ndarray,
-    ratios: np.ndarray,
-    row_parts: np.ndarray,
-    rows: np.ndarray,
+    look: Look,
 ) -> np.ndarray:
-    """Return (N,) the mean of what `ratios` say, as shares of the bound, of the codes (H, W) that a
-    camera sees in the rows (R, 4) of cones (N, C, 16); 0 where it sees none.
+    """Return (N,) the mean of what the ratios of `look` say, as shares of the bound, of the codes
+    (H, W) that a camera sees in the rows of cones (N, C, 16); 0 where it sees none.
 
-    Rows of parts (R,) -1 count nothing; nor do samples in the outline of the trunk's cone whose
-    row lies further from the camera than the trunk's middle.
+    Samples that the trunk hides count nothing.
     """
     corners = project_outlines(camera, cones)
     sums, counts = np.zeros(len(cones)), np.zeros(len(cones))
-    for (number, t, n_columns, _), part in zip(rows, row_parts, strict=True):
+    for row, part in zip(look.rows, look.row_parts, strict=True):
         if part < 0:
             continue
-        c = int(number)
-        quad = corners[:, c, :, None]
+        number, t, n_columns, _ = row
+        quad = corners[:, int(number), :, None]
         left, right = (
             quad[:, 0] + t * (quad[:, 3] - quad[:, 0]),
             quad[:, 1] + t * (quad[:, 2] - quad[:, 1]),
         )
         u = ((np.arange(int(n_columns)) + 0.5) / n_columns)[:, None]
         pixels = left + u * (right - left)  # (N, columns, 2)
-        code = _codes_at(camera, codes, pixels)
-        seen = (code >= 0) & ~hidden_by_trunk(camera, body, cones, corners, c, t, pixels)
-        sums += np.where(seen, ratios[part][np.maximum(code, 0)].astype(float), 0).sum(1)
+        code = _lookup_codes(camera, codes, pixels)
+        seen = (code >= 0) & ~hidden_by_trunk(camera, body, cones, corners, row, pixels)
+        sums += np.where(seen, look.ratios[part][np.maximum(code, 0)].astype(float), 0).sum(1)
         counts += seen.sum(1)
     means: np.ndarray = sums / (RATIO_STEPS * np.maximum(counts, 1))
     return means
@@ -156,33 +165,33 @@ class NumpyPartColours(TermTwin):
 
     def __init__(self, shared: SharedTwin, settings: PartColourConfig) -> None:
         self._scene, self._settings, self._rows = shared.scene, settings, shared.rows
-        self._row_parts = scored_parts(shared.scene.body, shared.rows)
+        self._row_parts = list_scored_parts(shared.scene.body, shared.rows)
         self.codes: np.ndarray | None = None
         self._palette: np.ndarray | None = None
         self.forget()
 
     def forget(self) -> None:
-        self.histograms = np.zeros((len(part_names(self._scene.body)), N_CODES))
+        self.histograms = np.zeros((len(list_part_names(self._scene.body)), N_CODES))
         self.ratios = np.zeros(self.histograms.shape, np.int8)
 
     def learn(self, pose: np.ndarray) -> None:
         if self.codes is not None:
-            counts = counted(self._scene.rig, self._scene.body, pose, self.codes)
+            counts = count_codes(self._scene.rig, self._scene.body, pose, self.codes)
             self.histograms = self._settings.decay * self.histograms + counts
-            self.ratios = ratios_of(self.histograms, self._settings)
+            self.ratios = compute_ratios(self.histograms, self._settings)
 
     def observe(self, voxels: HostVoxels, maps: np.ndarray) -> None:
         self.codes, pictures, silhouettes = None, voxels.pictures, maps[..., 0]
         if pictures is None:
             return
         if self._palette is None:
-            self._palette = palette_of(pictures, silhouettes, self._settings)
+            self._palette = fit_palette(pictures, silhouettes, self._settings)
         if self._palette is not None:
-            self.codes = encoded(pictures, silhouettes, self._palette)
+            self.codes = encode_colours(pictures, silhouettes, self._palette)
 
     def view_errors(self, view: int, cones: np.ndarray) -> np.ndarray | None:
         if self.codes is None:
             return None
         camera, body, codes = self._scene.rig[view], self._scene.body, self.codes[view]
-        look = self.ratios, self._row_parts, self._rows
-        return -self._settings.weight * colour_means(camera, body, cones, codes, *look)
+        look = Look(self.ratios, self._row_parts, self._rows)
+        return -self._settings.weight * colour_means(camera, body, cones, codes, look)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pkgutil import resolve_name
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from apf.body.model import BodyModel
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.term import SharedTwin, TermTwin
 from apf.likelihood.terms import TERMS
-from apf.likelihood.voxel import cone_sampling, sample_rows
+from apf.likelihood.voxel import choose_cone_sampling, make_sample_rows
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.reference.likelihood.silhouette_recall import uncovered_errors
 from apf.scene import Scene
@@ -85,11 +86,18 @@ def posture_errors(body: BodyModel, poses: np.ndarray) -> np.ndarray:
     return np.sum(((poses - body.rest_pose) / body.posture_sigma) ** 2, 1)
 
 
+class FrameEvidence(NamedTuple):
+    """Evidence of a frame: maps (V, H, W, 2) uint8 of the voxels and samples (K, 3) m of their
+    surface."""
+
+    maps: np.ndarray
+    points: np.ndarray
+
+
 def total_errors(
     rig: CameraRig,
     cones: np.ndarray,
-    maps: np.ndarray,
-    points: np.ndarray,
+    observed: FrameEvidence,
     sampling: np.ndarray,
     pairs: Sequence[tuple[int, int]],
     config: LikelihoodConfig,
@@ -101,7 +109,7 @@ def total_errors(
     """
     errors = np.zeros(len(cones))
     seeing = np.zeros(len(cones))
-    for camera, view in zip(rig, maps, strict=True):
+    for camera, view in zip(rig, observed.maps, strict=True):
         edge, n_edge, inner, n_inner = np.moveaxis(
             image_errors(camera, cones, view, sampling).sum(1), -1, 0
         )
@@ -116,10 +124,13 @@ def total_errors(
     worst = config.edge_weight + config.silhouette_weight
     mean = np.where(seeing > 0, errors / np.maximum(seeing, 1), worst)
     if config.surface_weight > 0:
-        mean = mean + config.surface_weight * surface_errors(points, cones, config.surface_scale)
+        distant = surface_errors(observed.points, cones, config.surface_scale)
+        mean = mean + config.surface_weight * distant
     mean = mean + config.overlap_weight * overlap_errors(cones, pairs)
     if config.silhouette_recall_weight > 0:
-        mean = mean + config.silhouette_recall_weight * uncovered_errors(rig, cones, points)
+        mean = mean + config.silhouette_recall_weight * uncovered_errors(
+            rig, cones, observed.points
+        )
     return len(rig) * mean
 
 
@@ -133,9 +144,9 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         self._reprojection = NumpyReprojection(
             NumpyDevice(), scene.rig, scene.voxel_grid, join=config.reprojection.foreground_join
         )
-        self._sampling = cone_sampling(scene.body, config.reprojection.sample_spacing)
+        self._sampling = choose_cone_sampling(scene.body, config.reprojection.sample_spacing)
         self.points: np.ndarray = np.empty((0, 3))
-        shared = SharedTwin(scene, velocity, sample_rows(self._sampling))
+        shared = SharedTwin(scene, velocity, make_sample_rows(self._sampling))
         self.terms: dict[str, TermTwin] = {
             name: resolve_name(TERMS[name].twin)(shared, settings)
             for name, settings in config.terms.items()
@@ -172,8 +183,9 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         self, poses: np.ndarray, turn: int, turns: int, config: LikelihoodConfig
     ) -> np.ndarray:
         body, rig = self.body, self.rig
-        cones, seen = posed_cones(body, poses), subset(self.points, turn, turns)
-        errors = total_errors(rig, cones, self._maps, seen, self._sampling, body.apart, config)
+        cones, points = posed_cones(body, poses), subset(self.points, turn, turns)
+        seen = FrameEvidence(self._maps, points)
+        errors = total_errors(rig, cones, seen, self._sampling, body.apart, config)
         errors = errors + len(rig) * config.posture_prior_weight * posture_errors(body, poses)
         errors = errors + self._picture_errors(cones)
         for name, term in self.terms.items():
@@ -199,5 +211,6 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
             overlap_weight=0.0, silhouette_recall_weight=0.0,
         )  # fmt: skip
         cones = posed_cones(self.body, pose[None])
-        errors = total_errors(self.rig, cones, self._maps, self.points, self._sampling, (), config)
+        seen = FrameEvidence(self._maps, self.points)
+        errors = total_errors(self.rig, cones, seen, self._sampling, (), config)
         return float(errors[0]) / len(self.rig)

@@ -1,6 +1,6 @@
 // Voxel occupancy, Song et al. eq. (3)-(9), brick by brick; twin: psfs/reference/occupancy.py.
 // Defines: NX NY NZ of the grid, N_CAMERAS, WIDTH, HEIGHT of the evidence maps, MIN_CAMERAS,
-// THRESHOLD, UNKNOWN (see hidden.cl); BX BY BZ voxels of a brick, CX CY CZ bricks of a coarse one; LANES items per
+// THRESHOLD, FACES (see smoothing.h), UNKNOWN (see hidden.cl); BX BY BZ voxels of a brick, CX CY CZ bricks of a coarse one; LANES items per
 // work-group, LANES_Z of them along z; NO_DISTORTION if no camera has any; HALO: 0 for dense, 1 for
 // sparse; CAPACITY (bricks) for sparse.
 //
@@ -16,6 +16,7 @@
 #error "reconstruction/occupancy.cl needs BX, BY, BZ, CAMERA_FLOATS, CX, CY, CZ, FIND_LANES, HALO, LANES, LANES_Z, MIN_CAMERAS, NX, NY, NZ, N_CAMERAS, REACH_FLOATS, THRESHOLD, TILE_LANES and UNKNOWN"
 #endif
 #include "reconstruction/bricks.h"
+#include "reconstruction/smoothing.h"
 
 #if BZ != 16
 #error "occupancy.cl: a brick's row along z is a word of 16 bits"
@@ -191,7 +192,7 @@ static inline int may_hold(__global const float *cameras, __global const float *
         high += range.high;
         seeing += range.seen > 0;
     }
-    // A mean of 27 rounded numbers may exceed their largest by a few roundings.
+    // A mean of rounded numbers may exceed their largest by a few roundings.
     return seeing >= MIN_CAMERAS && table[high + 127 * N_CAMERAS] > THRESHOLD * (1.0f - 1e-5f);
 }
 
@@ -248,19 +249,8 @@ __kernel void sparse_occupancy(__global const float *restrict cameras,
             FOR_Z(z, DZ) p[row * DZ + z] = occupancy_of(table, sums[row * DZ + z]);
         SYNC;
         FOR_ROWS(row, BX * BY) {
-            SCRATCH const float *near = p + (row / BY * DY + row % BY) * DZ;
-            FOR_Z(z, BZ) {
-                // The same order of summation as `smooth` of surface.cl.
-                float sum = 0.0f;
-#pragma unroll
-                for (int dx = 0; dx < 3; ++dx)
-#pragma unroll
-                    for (int dy = 0; dy < 3; ++dy) {
-                        const int at = (dx * DY + dy) * DZ + z;
-                        sum += near[at] + near[at + 1] + near[at + 2];
-                    }
-                smoothed[row * BZ + z] = sum * (1.0f / 27.0f);
-            }
+            SCRATCH const float *near = p + ((row / BY + 1) * DY + row % BY + 1) * DZ + 1;
+            FOR_Z(z, BZ) smoothed[row * BZ + z] = SMOOTHED(near + z, DY * DZ, DZ);
         }
         SYNC;
         if (slot < CAPACITY)

@@ -1,11 +1,12 @@
-// From occupancy to surface voxels: 3x3x3 smoothing, threshold, removal of the inside, stream
+// From occupancy to surface voxels: smoothing, threshold, removal of the inside, stream
 // compaction in ascending order. Twin: psfs/reference/surface.py. Defines: NX NY NZ of the grid
-// (without padding), THRESHOLD, LANES, CAPACITY of the list.
+// (without padding), THRESHOLD, LANES, CAPACITY of the list, CLOSED (0 or 1).
 // Occupied voxels are bits: WORDS ushorts per row along z, voxel z is bit z % 16 of word z / 16.
-#if !defined(CAPACITY) || !defined(LANES) || !defined(NX) || !defined(NY) || !defined(NZ) || \
-    !defined(THRESHOLD)
-#error "reconstruction/surface.cl needs CAPACITY, LANES, NX, NY, NZ and THRESHOLD"
+#if !defined(CAPACITY) || !defined(CLOSED) || !defined(LANES) || !defined(NX) || !defined(NY) || \
+    !defined(NZ) || !defined(THRESHOLD)
+#error "reconstruction/surface.cl needs CAPACITY, CLOSED, LANES, NX, NY, NZ and THRESHOLD"
 #endif
+#include "reconstruction/smoothing.h"
 #define WORDS ((NZ + 15) / 16)
 // A group of one item needs no barrier.
 #if LANES > 1
@@ -14,20 +15,13 @@
 #define SYNC
 #endif
 
-// Mean over the 27 voxels around (x, y, z); `padded` has one more layer on every side.
+// Smoothed occupancy; `padded` has one more layer on every side.
 __kernel void smooth(__global const float *restrict padded, __global float *restrict probability)
 {
     const int z = get_global_id(0), y = get_global_id(1), x = get_global_id(2);
     if (z >= NZ || y >= NY || x >= NX) return;
-    float sum = 0.0f;
-#pragma unroll
-    for (int dx = 0; dx < 3; ++dx)
-#pragma unroll
-        for (int dy = 0; dy < 3; ++dy) {
-            const int at = ((x + dx) * (NY + 2) + y + dy) * (NZ + 2) + z;
-            sum += padded[at] + padded[at + 1] + padded[at + 2];
-        }
-    probability[(x * NY + y) * NZ + z] = sum * (1.0f / 27.0f);
+    __global const float *p = padded + ((x + 1) * (NY + 2) + y + 1) * (NZ + 2) + z + 1;
+    probability[(x * NY + y) * NZ + z] = SMOOTHED(p, (NY + 2) * (NZ + 2), NZ + 2);
 }
 
 // Bits of the occupied voxels, one item per word.
@@ -45,16 +39,32 @@ __kernel void threshold(__global const float *restrict probability, __global ush
     bits[word] = (ushort)mask;
 }
 
-// The occupied voxels of a word that have an empty 6-neighbour or lie on the grid's border.
+// The voxels of a word that are occupied together with both neighbours along z.
+static inline uint within_row(__global const ushort *restrict bits, int at, int word)
+{
+    const uint here = bits[at];
+    const uint below = word > 0 ? bits[at - 1] >> 15 : 0;
+    const uint above = word < WORDS - 1 ? (uint)bits[at + 1] << 15 : 0;
+    return (here << 1 | below) & here & (here >> 1 | above);
+}
+
+// The occupied voxels of a word that have an empty neighbour or lie on the grid's border: one of 26
+// neighbours if CLOSED, else of 6.
 static inline uint surface_bits(__global const ushort *restrict bits, int x, int y, int word)
 {
     const int at = (x * NY + y) * WORDS + word;
     const uint here = bits[at];
     if (here == 0 || x == 0 || x == NX - 1 || y == 0 || y == NY - 1) return here;
-    const uint below = word > 0 ? bits[at - 1] >> 15 : 0;
-    const uint above = word < WORDS - 1 ? (uint)bits[at + 1] << 15 : 0;
-    const uint enclosed = (here << 1 | below) & (here >> 1 | above) & bits[at - WORDS] &
-                          bits[at + WORDS] & bits[at - NY * WORDS] & bits[at + NY * WORDS];
+    uint enclosed = within_row(bits, at, word) & bits[at - WORDS] & bits[at + WORDS] &
+                    bits[at - NY * WORDS] & bits[at + NY * WORDS];
+    if (CLOSED && enclosed != 0) {
+        // Unrolled, the loads do not wait for each other.
+#pragma unroll
+        for (int dx = -1; dx <= 1; ++dx)
+#pragma unroll
+            for (int dy = -1; dy <= 1; ++dy)
+                enclosed &= within_row(bits, at + (dx * NY + dy) * WORDS, word);
+    }
     return here & ~enclosed;
 }
 

@@ -1,8 +1,8 @@
 // One annealing layer's bookkeeping: exponent, weights, resampling, diffusion, mean; of several
 // runs at once, whose particles follow each other and do not mix. Twin:
 // reference/filters/annealing.py. Defines: N_DOF; GROUP, a power of two; for `anneal` N_BETAS,
-// ROUNDS and RUN; LOG2_BETA_LIMIT: exponents are searched between 2^-LOG2_BETA_LIMIT and
-// 2^LOG2_BETA_LIMIT; that of pack.h.
+// ROUNDS and RUN, the greatest number of packs of an item; LOG2_BETA_LIMIT: exponents are searched
+// between 2^-LOG2_BETA_LIMIT and 2^LOG2_BETA_LIMIT; that of pack.h.
 #if !defined(LOG2_BETA_LIMIT) || !defined(N_BETAS) || !defined(N_DOF) || !defined(PACK) || \
     !defined(ROUNDS) || !defined(RUN)
 #error "tracking/annealing.cl needs LOG2_BETA_LIMIT, N_BETAS, N_DOF, PACK, ROUNDS and RUN"
@@ -14,6 +14,14 @@
 
 // Effective sample sizes (sum w)^2 / sum w^2 at N_BETAS exponents are found together.
 #define SUMS (2 * N_BETAS)
+
+// Number of packs of an item among n particles. Where an item has all of them, one program serves
+// many n; where a group shares them, the loops over them are unrolled.
+#if GROUP == 1
+#define PACKS(n) (((n) + PACK - 1) / PACK)
+#else
+#define PACKS(n) RUN
+#endif
 
 INLINED float group_min(__local float *scratch, float value)
 {
@@ -56,10 +64,11 @@ INLINED void group_sums(__local float *scratch, float values[SUMS])
 }
 
 // Adds up w = exp(-beta excess) and w^2 of this item's packs.
-static inline void weigh(const vfloat excess[RUN], float beta, float *sum, float *squares)
+static inline void weigh(const vfloat excess[RUN], int packs, float beta, float *sum,
+                         float *squares)
 {
     vfloat total = 0.0f, total2 = 0.0f;
-    for (int k = 0; k < RUN; ++k) {
+    for (int k = 0; k < packs; ++k) {
         const vfloat w = exp(-beta * excess[k]);
         total += w;
         total2 += w * w;
@@ -70,14 +79,15 @@ static inline void weigh(const vfloat excess[RUN], float beta, float *sum, float
 
 // The logarithm of beta whose effective sample size is `wanted`: the interval shrinks to the part
 // between two of N_BETAS exponents in it, ROUNDS times.
-INLINED float find_exponent(__local float *scratch, const vfloat excess[RUN], float wanted)
+INLINED float find_exponent(__local float *scratch, const vfloat excess[RUN], int packs,
+                           float wanted)
 {
     float low = -LOG2_BETA_LIMIT, width = 2.0f * LOG2_BETA_LIMIT;
     for (int round = 0; round < ROUNDS; ++round) {
         width /= N_BETAS + 1;
         float sums[SUMS];
         for (int b = 0; b < N_BETAS; ++b)
-            weigh(excess, exp2(low + (b + 1) * width), &sums[2 * b], &sums[2 * b + 1]);
+            weigh(excess, packs, exp2(low + (b + 1) * width), &sums[2 * b], &sums[2 * b + 1]);
         group_sums(scratch, sums);
         int parts = 0;  // whose effective sample size is too large
         for (int b = 0; b < N_BETAS; ++b)
@@ -115,7 +125,7 @@ typedef struct { int n, layer; uint frame; uint2 seed; } layer_state;
 
 // Finds beta whose effective sample size is survival_rate * n, unless a positive one is given, then
 // weights, normalised, and the parents of systematic resampling. A work-group finds those of all of
-// a run's particles, an item those of RUN packs that follow each other, and writes `weights` of the
+// a run's particles, an item those of PACKS(n) packs that follow each other, and writes `weights` of the
 // particles and `parents` of the children from number `begin` up to `end`. diagnostics: effective
 // sample size, beta, least error, written by the group that begins with 0.
 INLINED void find_parents(layer_state state, float survival_rate, float given_beta, int begin,
@@ -123,10 +133,10 @@ INLINED void find_parents(layer_state state, float survival_rate, float given_be
                           __global float *weights, __global int *parents,
                           __global float *diagnostics)
 {
-    const int n = state.n, lane = get_local_id(0), mine = lane * RUN * PACK;
+    const int n = state.n, lane = get_local_id(0), packs = PACKS(n), mine = lane * packs * PACK;
     vfloat excess[RUN];
     float lowest = INFINITY;
-    for (int k = 0; k < RUN; ++k) {
+    for (int k = 0; k < packs; ++k) {
         const int i = mine + k * PACK;
         // Beyond the last particle: of no weight.
 #define ERROR(l) (i + 0x##l < n ? errors[i + 0x##l] : INFINITY)
@@ -137,14 +147,14 @@ INLINED void find_parents(layer_state state, float survival_rate, float given_be
         for (int l = 0; l < PACK; ++l) lowest = lanes[l] < lowest ? lanes[l] : lowest;
     }
     lowest = group_min(scratch, lowest);
-    for (int k = 0; k < RUN; ++k) excess[k] -= lowest;
+    for (int k = 0; k < packs; ++k) excess[k] -= lowest;
 
     const float beta = given_beta > 0.0f
                            ? given_beta
-                           : exp2(find_exponent(scratch, excess, survival_rate * n));
+                           : exp2(find_exponent(scratch, excess, packs, survival_rate * n));
     float sums[SUMS];
     for (int v = 2; v < SUMS; ++v) sums[v] = 0.0f;
-    weigh(excess, beta, &sums[0], &sums[1]);
+    weigh(excess, packs, beta, &sums[0], &sums[1]);
     float through;
     const float before = sum_before(scratch, sums[0], &through);
     barrier(CLK_LOCAL_MEM_FENCE);
@@ -155,7 +165,7 @@ INLINED void find_parents(layer_state state, float survival_rate, float given_be
     const float offset = uniform01(philox4x32(counter, state.seed).x);
     float running = before;
     int child = first_child(before / total, offset, n);
-    for (int k = 0; k < RUN; ++k) {
+    for (int k = 0; k < packs; ++k) {
         float lanes[PACK];
         STORE_PACK(exp(-beta * excess[k]), lanes);
         for (int l = 0; l < PACK && mine + k * PACK + l < n; ++l) {
@@ -163,7 +173,7 @@ INLINED void find_parents(layer_state state, float survival_rate, float given_be
             if (i >= begin && i < end) weights[i] = lanes[l] / total;
             running += lanes[l];
             // An item's last particle ends where the next item's first one begins.
-            const bool ends = k == RUN - 1 && l == PACK - 1;
+            const bool ends = k == packs - 1 && l == PACK - 1;
             const float share = (ends || running > through ? through : running) / total;
             const int next = i == n - 1 ? n : first_child(share, offset, n);
             const int last = next < end ? next : end;

@@ -8,8 +8,10 @@ from pathlib import Path
 from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.targets.dictionaries import DICTIONARIES
 from psfs.cli.commandline import frame_range
-from psfs.cli.sequence_flags import frame_rate, sync_of
+from psfs.cli.sequence_flags import PARSERS
+from psfs.cli.setting_flags import add_setting_flags
 from psfs.cli.settings import add_configs
+from psfs.footage import settings as footage
 from psfs.settings import Settings
 
 _BOARDS = ("charuco", "chessboard")
@@ -51,14 +53,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--frames", type=frame_range, metavar="a:b", help="frames counted from 0, b excluded "
         f"(default: all, at most {CalibrationConfig().most_frames}, evenly spread)",
     )  # fmt: skip
-    group.add_argument(
-        "--cameras", type=lambda text: text.split(","), metavar="A,B,C", help="only these cameras"
-    )
-    group.add_argument("--fps", type=frame_rate, metavar="N", help="frames per second")
-    group.add_argument(
-        "--sync", type=sync_of, metavar="CAMERA=N,...",
-        help="cameras that come N of their frames later than the others, or earlier (-N)",
-    )  # fmt: skip
+    add_setting_flags(group, footage.Settings, only=("cameras", "fps", "sync"), parsers=PARSERS)
     add_configs(parser, Settings, "calibration")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from psfs.cli.commandline import add_device_flag
+from psfs.cli.commandline import add_device_flag, add_overwrite_flag
 from psfs.cli.sequence_flags import add_sequence_flags
 from psfs.cli.sequence_flags import check as check
 
@@ -17,12 +17,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--no-pictures",
         dest="pictures",
         action="store_false",
-        help="do not look at the pictures for what is wrong with them, which takes seconds",
+        help="do not examine the pictures for faults, which takes seconds",
     )
     parser.add_argument(
         "--masks",
         type=Path,
         metavar="FILE",
-        help="write what was looked at as one picture: silhouettes of all cameras, in some frames",
+        help="write the examined silhouettes of all cameras, in some frames, as one picture",
     )
+    add_overwrite_flag(parser)
     add_device_flag(parser)

@@ -15,7 +15,7 @@ from apf.body import load_body
 from psfs.common.files import written_whole
 from timings.report import curves, figures, limits, peers, rymut
 from timings.report.machines import BATCH, Machine, device_title, missing, named
-from timings.tables.batch import tables_of
+from timings.tables.batch import make_tables
 from timings.tables.grid import Grid, number
 from timings.tables.whole import (
     columns,
@@ -346,7 +346,7 @@ def _takes(machines: Sequence[Machine], batches: Sequence[Machine]) -> str:
         results = machine.results[BATCH]
         about = f"{results.made[:10]}, commit {results.commit}; `{results.command}`; "
         about += f"takes begin {results.settings.get('begin', 'all at once')}."
-        parts += [f"### {machine.title}", about, *(g.markdown() for g in tables_of(results))]
+        parts += [f"### {machine.title}", about, *(g.markdown() for g in make_tables(results))]
         parts += missing(machine, BATCH, "workers ", "decoding")
     counted = {machine.name for machine in batches}
     for machine in machines:

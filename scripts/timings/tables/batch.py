@@ -12,11 +12,11 @@ ONE_AFTER_ANOTHER = "one after another"
 
 
 def print_report(results: Results) -> None:
-    for grid in tables_of(results):
+    for grid in make_tables(results):
         grid.show()
 
 
-def tables_of(results: Results) -> list[Grid]:
+def make_tables(results: Results) -> list[Grid]:
     """Return tables: takes per minute, time of a take by stage, decoding cores."""
     rows = {
         name.removeprefix("workers "): section

@@ -127,7 +127,7 @@ def test_errors_equal_the_twins(device: Device) -> None:
     objective.observe(observed.on(device))
     twin = NumpyImageObjective(Scene(NumpyDevice(), rig, None, body), 5, config)
     twin.observe(observed)
-    errors = rendered.errors_of(device, objective, poses)
+    errors = rendered.score_poses(device, objective, poses)
     np.testing.assert_allclose(errors, twin(poses), atol=2e-3)
 
 

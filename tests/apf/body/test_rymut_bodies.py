@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers import scenes
 
-from apf.backend import tracker_for
+from apf.backend import make_tracker
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.filters.method import Method
@@ -105,7 +105,7 @@ def test_tracked_alone(device: Device, name: str) -> None:
     body = load_body(name)
     film = Film(device, body, rig())
     method = Method.of("pso", "sp", n_particles=200, n_layers=12)
-    tracker = tracker_for(Scene(device, film.rig, None, body), method)
+    tracker = make_tracker(Scene(device, film.rig, None, body), method)
     tracker.start(body.rest_pose)
     random = np.random.default_rng(1)
     direction = random.choice([-1, 1], body.n_dof) * body.sigma

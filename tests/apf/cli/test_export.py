@@ -16,7 +16,7 @@ from apf.body import save_body
 from apf.cli import main
 from apf.formats.trc import read_trc
 from apf.tracking.motion_files import EXPORTS
-from apf.tracking.smoothing import SmoothingConfig, smoothed
+from apf.tracking.smoothing import SmoothingConfig, smooth_track
 from apf.tracking.track import Track
 from cl import InputError
 
@@ -32,7 +32,7 @@ def test_all_of_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     said = capfd.readouterr().out
     assert "smoothed at 6 Hz and feet held" in said and "steps/min" in said
     assert all(name in said for name in EXPORTS.values())
-    smooth = smoothed(track)
+    smooth = smooth_track(track)
     np.testing.assert_allclose(
         read_trc(tmp_path / "motion.trc").joints, smooth.points.joints, atol=1e-6
     )
@@ -67,7 +67,7 @@ def test_exports_join_those_before_and_spare_what_is_not_theirs(
 
 
 def test_a_smoothed_track_is_not_smoothed_again(tmp_path: Path) -> None:
-    track = smoothed(strider(60, noise=0.01), SmoothingConfig(cutoff=3))
+    track = smooth_track(strider(60, noise=0.01), SmoothingConfig(cutoff=3))
     written = apf.export(track, tmp_path, ["c3d", "gait", "c3d"])
     assert written.track is track and written.files == (tmp_path / "motion.c3d",)
     assert written.gait is None  # one step only
@@ -95,7 +95,7 @@ def test_points_without_a_body(tmp_path: Path, capfd: pytest.CaptureFixture[str]
 def test_who_does_not_walk(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     walker(10).save(tmp_path / "track.npz")
     assert main(["export", str(tmp_path), "--to", "gait", "csv"]) == 0
-    assert "nobody walks" in capfd.readouterr().out
+    assert "no walk of two steps" in capfd.readouterr().out
     assert not (tmp_path / "gait.json").exists() and (tmp_path / "angles.csv").exists()
 
 

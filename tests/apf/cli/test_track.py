@@ -98,7 +98,7 @@ def test_a_body_and_a_pose_given_again(walk: Path, tmp_path: Path) -> None:
 
 def test_interrupted(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is done is kept, and the exit code says that it is not all."""
-    real = apf.tracking.pipeline.observed
+    real = apf.tracking.pipeline.observe_frames
 
     def two(frames: Iterable[object]) -> Iterator[object]:
         for number, frame in enumerate(frames):
@@ -107,7 +107,7 @@ def test_interrupted(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
             yield frame
 
     monkeypatch.setattr(
-        apf.tracking.pipeline, "observed", lambda observe, frames: real(observe, two(frames))
+        apf.tracking.pipeline, "observe_frames", lambda observe, frames: real(observe, two(frames))
     )
     assert track(walk, tmp_path / "out", "--no-overlay", "--no-report") == 130
     assert Track.open(tmp_path / "out").frames.tolist() == [0, 1]

@@ -12,12 +12,12 @@ from helpers import bodies
 from helpers.kinds import other_kind, skipped_without_room
 from helpers.worlds import World
 
-from apf.backend import filter_for
+from apf.backend import make_filter
 from apf.body.kinematics import posed_joints
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
-from apf.likelihood.voxel import cone_sampling
+from apf.likelihood.voxel import choose_cone_sampling
 from apf.reference.filters.annealed import NumpyAnnealedParticleFilter
 from cl import Device, InputError, NumpyDevice
 
@@ -88,7 +88,7 @@ def test_the_last_change_is_expected_again(device: Device, kind: str) -> None:
     world = World(device, body)
     config = FilterConfig.of(n_particles=5, n_layers=2, velocity=0.5, **MILD)
     chosen = device if kind == "opencl" else NumpyDevice()
-    tracker = filter_for(world.scene(chosen), config)
+    tracker = make_filter(world.scene(chosen), config)
     place = SONG.dof_names.index("pelvis.tx")
 
     def step() -> float:
@@ -121,7 +121,7 @@ def test_runs_repeat_bit_by_bit(device: Device, n_layers: int) -> None:
     first, second = list(run(world, config, 3)), list(run(world, config, 3))
     for a, b in zip(first, second, strict=True):
         assert_equal(a, b)
-    other = list(run(world, config.changed(seed=4), 1))
+    other = list(run(world, config.with_changes(seed=4), 1))
     assert np.any(other[0].pose != first[0].pose)
 
 
@@ -141,7 +141,9 @@ def test_runs_at_once_are_those_of_their_seeds_alone(device: Device, settings: d
     tracker.start(world.pose(0))
     found = [tracker.step_runs(world.voxels(frame)) for frame in range(3)]
     for place, seed in enumerate(seeds):
-        for alone, together in zip(run(world, config.changed(seed=seed), 3), found, strict=True):
+        for alone, together in zip(
+            run(world, config.with_changes(seed=seed), 3), found, strict=True
+        ):
             assert_equal(together[place], alone)
             np.testing.assert_array_equal(together[place].information, alone.information)
             assert together[place].misfit == alone.misfit
@@ -200,7 +202,7 @@ def test_a_filter_of_a_changed_body_is_that_bodys(device: Device, settings: dict
         upper=scene.body.upper - 0.01,
         posture_sigma=2.0 * scene.body.posture_sigma,
     )
-    n_rows = [cone_sampling(body, 0.06)[:, 0].sum() for body in (scene.body, taller)]
+    n_rows = [choose_cone_sampling(body, 0.06)[:, 0].sum() for body in (scene.body, taller)]
     assert n_rows[0] < n_rows[1]
     changed = AnnealedParticleFilter(scene, config)
     changed.start(world.pose(0))
@@ -299,7 +301,7 @@ def test_starting_poses_are_checked(device: Device, kind: str) -> None:
     world = World(device)
     chosen = device if kind == "opencl" else NumpyDevice()
     config = FilterConfig.of(n_particles=5, n_layers=1, **MILD)
-    tracker = filter_for(world.scene(chosen), config)
+    tracker = make_filter(world.scene(chosen), config)
     assert type(tracker).__name__.startswith("Numpy") == (kind == "numpy")
     for wrong in (np.zeros(30), np.full(31, np.nan), np.zeros((1, 31))):
         with pytest.raises(InputError, match="expected 31 finite values"):

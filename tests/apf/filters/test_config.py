@@ -6,13 +6,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from apf.filters.config import (
-    FilterConfig,
-    LimbSearchConfig,
-    RefinementConfig,
-    SearchConfig,
-    likelihood_weights,
-)
+from apf.filters.config import FilterConfig, LimbSearchConfig, RefinementConfig, SearchConfig
+from apf.filters.term_weights import likelihood_weights
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.terms import TERMS as REGISTERED
 from cl import InputError
@@ -127,7 +122,7 @@ def test_single_settings_find_their_parts() -> None:
     )
     assert config.search.n_layers == 3 and config.likelihood.surface_scale == 0.1
     assert config.likelihood.part_colour.decay == 0.5 and config.refinement.scale == 1
-    other = config.changed(limb_search_reach=2.0)
+    other = config.with_changes(limb_search_reach=2.0)
     assert other.limb_search.reach == 2 and other.search == config.search
     assert FilterConfig.of(**other.settings) == other
     with pytest.raises(TypeError, match="no setting of a filter: two_sided"):
@@ -138,7 +133,7 @@ def test_deviations_grow_with_the_time_between_frames() -> None:
     config, default = FilterConfig().at_rate(20.0), FilterConfig()
     assert config.search.noise == pytest.approx(3 * default.search.noise)
     assert config.likelihood.motion_prior.scale == pytest.approx(3)
-    assert config.changed(noise=default.search.noise, motion_prior_scale=1.0) == default
+    assert config.with_changes(noise=default.search.noise, motion_prior_scale=1.0) == default
 
 
 def test_parts_have_a_dozen_settings_at_most() -> None:

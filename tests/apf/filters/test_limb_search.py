@@ -130,7 +130,7 @@ def test_later_rounds_look_about_the_best() -> None:
 @pytest.mark.parametrize("n_particles", [3, 150])
 def test_kernels_and_twin(device: Device, name: str, n_particles: int) -> None:
     body = bodies.named(name)
-    config = CONFIG.changed(
+    config = CONFIG.with_changes(
         n_particles=n_particles, refinement_steps=2, first_survival=0.5, last_survival=0.4
     )
     pose = bodies.random_poses(body, 1)[0]
@@ -155,7 +155,7 @@ def test_kernels_and_twin(device: Device, name: str, n_particles: int) -> None:
 def test_each_kernel_agrees_with_the_twin(device: Device, n_particles: int) -> None:
     """On what it gets: what the kernels before it left."""
     body = load_body("song31")
-    config = CONFIG.changed(n_particles=n_particles, first_survival=0.9, last_survival=0.6)
+    config = CONFIG.with_changes(n_particles=n_particles, first_survival=0.9, last_survival=0.6)
     pose = bodies.random_poses(body, 1)[0].astype(np.float32)
     likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.samples.n_points))
     likelihood.errors = device.zeros((n_particles,), np.float32)
@@ -202,14 +202,16 @@ def test_a_lost_arm_is_found(device: Device) -> None:
     def miss(config: FilterConfig, n_frames: int = 8) -> float:
         found = body.rest_pose
         for frame in range(n_frames):
-            found = search_limbs(device, body, likelihood, found, config.changed(seed=frame))[0]
+            found = search_limbs(device, body, likelihood, found, config.with_changes(seed=frame))[
+                0
+            ]
         reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, pose))
         return float(np.linalg.norm(reached - wanted))
 
     assert miss(CONFIG) < 0.06
-    assert miss(CONFIG.changed(limb_search_far_margin=1.0)) < 0.06  # near where it was
-    assert miss(CONFIG.changed(limb_search_near_margin=1.0), 20) < 0.08  # anywhere
-    assert miss(CONFIG.changed(limb_search_reach=0.0)) > 0.3
+    assert miss(CONFIG.with_changes(limb_search_far_margin=1.0)) < 0.06  # near where it was
+    assert miss(CONFIG.with_changes(limb_search_near_margin=1.0), 20) < 0.08  # anywhere
+    assert miss(CONFIG.with_changes(limb_search_reach=0.0)) > 0.3
 
 
 def test_nothing_moves_where_nothing_is_gained(device: Device) -> None:
@@ -218,10 +220,10 @@ def test_nothing_moves_where_nothing_is_gained(device: Device) -> None:
     likelihood = Nearness(
         device, body, on_cones(body, raised(body), CONFIG.likelihood.samples.n_points)
     )
-    hopeless = CONFIG.changed(limb_search_near_margin=1.0, limb_search_far_margin=1.0)
+    hopeless = CONFIG.with_changes(limb_search_near_margin=1.0, limb_search_far_margin=1.0)
     stays = search_limbs(device, body, likelihood, body.rest_pose, hopeless)[0]
     alone = search_limbs(
-        device, body, likelihood, body.rest_pose, CONFIG.changed(limb_search_reach=0.0)
+        device, body, likelihood, body.rest_pose, CONFIG.with_changes(limb_search_reach=0.0)
     )[0]
     np.testing.assert_allclose(stays, alone, atol=1e-6)
 
@@ -236,7 +238,7 @@ def test_without_surface_points_nothing_is_searched(device: Device) -> None:
 def test_runs_are_searched_each_by_itself(device: Device) -> None:
     """Bit by bit as alone, from means, frames and seeds of their own."""
     body, seeds, frames = load_body("song31"), (5, 2**35, 1), np.array([7, 3, 9], np.uint32)
-    config = CONFIG.changed(n_particles=37, refinement_steps=2, last_survival=0.4)
+    config = CONFIG.with_changes(n_particles=37, refinement_steps=2, last_survival=0.4)
     likelihood = Nearness(
         device, body, on_cones(body, raised(body), CONFIG.likelihood.samples.n_points)
     )
@@ -267,7 +269,7 @@ def test_an_arm_is_where_its_points_are_seen() -> None:
     seen = seen_points(body, pose, rig, 60)
     likelihood.observe(Observed(None, replace(seen, partner=np.full(len(seen), -1))))
     wrist = body.joint_names.index("l_wrist")
-    config = CONFIG.changed(
+    config = CONFIG.with_changes(
         limb_search_reach=1.0, limb_search_far_margin=1.0, refinement_point_reach=2.5
     )  # which does not reach it otherwise
 
@@ -276,7 +278,7 @@ def test_an_arm_is_where_its_points_are_seen() -> None:
         reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, pose))
         return float(np.linalg.norm(reached - wanted))
 
-    assert miss(config) < 0.03 < 0.2 < miss(config.changed(limb_search_point_width=1e-3))
+    assert miss(config) < 0.03 < 0.2 < miss(config.with_changes(limb_search_point_width=1e-3))
 
 
 @pytest.mark.parity("tracking/limb_search.propose", "tracking/refinement.refine_system")
@@ -284,7 +286,7 @@ def test_an_arm_is_where_its_points_are_seen() -> None:
 def test_kernels_and_twin_on_observed_points(device: Device, n_particles: int) -> None:
     """Two runs, as each would be alone."""
     body, rig = load_body("song31"), scenes.ring(3, size=(640, 480))
-    config = CONFIG.changed(
+    config = CONFIG.with_changes(
         n_particles=n_particles, refinement_steps=2, first_survival=0.5, last_survival=0.4
     )
     pose = bodies.random_poses(body, 1)[0]

@@ -15,7 +15,7 @@ from apf.body.jacobian import distance_jacobian
 from apf.body.kinematics import posed_joints
 from apf.filters.config import FilterConfig
 from apf.filters.refinement import Refinement, prior_deviation
-from apf.likelihood.observations import ObservedPoints, PointObservations, no_observations
+from apf.likelihood.observations import ObservedPoints, PointObservations, make_empty_observations
 from apf.reference.filters.refinement import refined
 from apf.scene import Scene
 from cl import Device
@@ -66,7 +66,7 @@ def test_prior_holds_what_the_voxels_leave_open() -> None:
     pose = body.rest_pose.copy()
     pose[body.dof_names.index("l_forearm.ry")] = 0.0
     points = bodies.surface_points(body, pose, 300)
-    found = refined(body, pose, points, CONFIG.changed(refinement_width=4.0))[0]
+    found = refined(body, pose, points, CONFIG.with_changes(refinement_width=4.0))[0]
     assert np.abs(found - pose).max() < 0.02
 
 
@@ -79,7 +79,7 @@ def test_far_voxels_pull_first() -> None:
     wrist = body.joint_names.index("l_wrist")
 
     def miss(reach: float) -> float:
-        config = CONFIG.changed(refinement_scale=0.02, refinement_reach=reach)
+        config = CONFIG.with_changes(refinement_scale=0.02, refinement_reach=reach)
         found = refined(body, body.rest_pose, points, config)[0]
         reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, raised))
         return float(np.linalg.norm(reached - wanted))
@@ -106,7 +106,7 @@ def test_never_worse_than_the_mean() -> None:
 @pytest.mark.parametrize("n_points", [1, 37, 300])
 def test_kernel_and_twin(device: Device, name: str, n_points: int) -> None:
     body = bodies.named(name)
-    config = CONFIG.changed(
+    config = CONFIG.with_changes(
         refinement_steps=3, refinement_reach=0.1, refinement_width=4.0, n_points=n_points
     )
     pose = bodies.random_poses(body, 1)[0]
@@ -192,7 +192,7 @@ def test_finds_the_way_back_by_what_cameras_see() -> None:
     wrong = random.uniform(0, 500, (len(seen), 2))
     pixel = np.where(kind < 0.1, wrong, np.where(kind < 0.2, swapped.pixel, seen.pixel))
     seen = replace(seen, pixel=pixel, inverse_scale=np.full(len(seen), 0.2))
-    config = CONFIG.changed(refinement_width=20.0, refinement_point_reach=20.0)
+    config = CONFIG.with_changes(refinement_width=20.0, refinement_point_reach=20.0)
     moved = np.clip(pose + random.normal(0, 2, body.n_dof) * body.sigma, body.lower, body.upper)
     found = refined(body, moved, None, config, (RIG, seen))[0]
     before, after = (
@@ -216,10 +216,12 @@ def test_kernels_and_twin_on_observed_points(
 ) -> None:
     """Some of them behind a camera, wrong, or the other side's."""
     body, random = bodies.named(name), np.random.default_rng(n_points)
-    config = CONFIG.changed(refinement_steps=3, refinement_width=4.0, n_points=max(1, n_voxels))
+    config = CONFIG.with_changes(
+        refinement_steps=3, refinement_width=4.0, n_points=max(1, n_voxels)
+    )
     pose = bodies.random_poses(body, 1)[0]
     voxels = bodies.surface_points(body, pose, n_voxels)
-    seen = no_observations()
+    seen = make_empty_observations()
     if n_points:
         seen = seen_points(body, pose, RIG, n_points)
         other = seen_points(body, pose, RIG, n_points, as_partners=True)
@@ -245,7 +247,7 @@ def test_nothing_to_refine_on(device: Device) -> None:
     mean = bodies.random_poses(body, 1)[0]
     found, _ = on_device(device, body, mean, np.empty((0, 3)), CONFIG)
     np.testing.assert_allclose(found, mean, atol=1e-6)
-    off = CONFIG.changed(refinement_steps=0)
+    off = CONFIG.with_changes(refinement_steps=0)
     assert Refinement(device, body, off).launcher(device.zeros((300, 4), np.float32), mean) == []
 
 

@@ -55,7 +55,7 @@ def config_of(search: str, n: int = 65, **settings: object) -> FilterConfig:
 @pytest.mark.parametrize("search", SEARCHES)
 @pytest.mark.parametrize("settings", [{}, {"velocity": 0.6}, {"n_particles": 300}])
 def test_frames_agree_with_the_twin(device: Device, search: str, settings: dict) -> None:
-    config = config_of(search).changed(**settings)
+    config = config_of(search).with_changes(**settings)
     for found, expected in zip(
         run(search, device, config, 3)[0], run(search, None, config, 3)[0], strict=True
     ):
@@ -70,7 +70,7 @@ def test_frames_agree_with_the_twin(device: Device, search: str, settings: dict)
 @pytest.mark.parity("tracking/swarm.move")
 @pytest.mark.parametrize("n", [2, 65, 300])
 def test_moves_agree_with_the_twin(device: Device, n: int) -> None:
-    config, swarm = config_of("pso", n, n_layers=4, **MILD).changed(noise=3.0), SwarmConfig()
+    config, swarm = config_of("pso", n, n_layers=4, **MILD).with_changes(noise=3.0), SwarmConfig()
     with traced("tracking/swarm.move") as launches:
         run("pso", device, config, 2)
     assert len(launches) == 2 * 3
@@ -156,7 +156,7 @@ def test_the_swarm_improves_and_follows(device: Device) -> None:
 def test_runs_repeat_and_seeds_differ(device: Device, search: str) -> None:
     config = config_of(search)
     first, second = (run(search, device, config, 2)[0] for _ in range(2))
-    other = run(search, device, config.changed(seed=2**63 + 5), 1)[0]
+    other = run(search, device, config.with_changes(seed=2**63 + 5), 1)[0]
     for a, b in zip(first, second, strict=True):
         for field in FIELDS:
             np.testing.assert_array_equal(getattr(a, field), getattr(b, field))

@@ -155,7 +155,7 @@ def test_distances_are_exact(device: Device, density: float, reach: int, metric:
     maps = device.zeros((*shape, 2), np.uint8)
     evidence = device.zeros(shape, np.int8)
     arrays = (evidence, device.to_device(edges), device.to_device(roi), table, maps)
-    distance_launch(device, *arrays, metric)()
+    distance_launch(device, *arrays, metric=metric)()
     for view, (x0, y0, x1, y1) in enumerate(roi):
         expected = np.zeros(shape[1:], np.uint8)
         expected[y0:y1, x0:x1] = proximity(edges[view, y0:y1, x0:x1] > 0, table, metric)

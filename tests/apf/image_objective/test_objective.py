@@ -154,7 +154,7 @@ def test_errors_equal_the_twins(device: Device, kind: str) -> None:
         objective.observe(rendered.random_maps(rig, seed=1).on(device))
         objective.observe(observed.on(device))
         np.testing.assert_allclose(
-            rendered.errors_of(device, objective, poses), expected, atol=2e-3
+            rendered.score_poses(device, objective, poses), expected, atol=2e-3
         )
     assert np.ptp(expected) > 0.01
 
@@ -227,6 +227,6 @@ def test_the_walkers_true_pose_covers_its_silhouette(
     objective = ImageObjective(Scene(device, rig, None, body), 2, config)
     maps = np.stack([masks, np.zeros_like(masks)], -1)
     objective.observe(rendered.Maps(maps, whole_pictures(rig)).on(device))
-    right, wrong = 1 - rendered.errors_of(device, objective, np.stack([pose, away]))
+    right, wrong = 1 - rendered.score_poses(device, objective, np.stack([pose, away]))
     assert right >= least
     assert wrong < 0.4

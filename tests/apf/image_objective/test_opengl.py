@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers import bodies, rendered, scenes
 
-from apf.backend import check_renderer, device_tracker
+from apf.backend import check_renderer, make_device_tracker
 from apf.body.mesh import cone_mesh
 from apf.filters.method import Method
 from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
@@ -77,8 +77,8 @@ def test_scores_equal_opencl(device: Device, kind: str, vertices: int) -> None:
         observed.roi[1] += [seed, 2 * seed, -7 * seed, -seed]
         for objective in (kernels, shaders):
             objective.observe(observed.on(device))
-        expected = rendered.errors_of(device, kernels, poses)
-        errors = rendered.errors_of(device, shaders, poses)
+        expected = rendered.score_poses(device, kernels, poses)
+        errors = rendered.score_poses(device, shaders, poses)
         counts = kernels.counts.get()
         off = np.abs(counts - shaders.counts).sum((0, 1)) / counts.sum((0, 1))
         assert expected.std() > 0.005
@@ -96,7 +96,7 @@ def test_more_pictures_than_tiles(device: Device, monkeypatch: pytest.MonkeyPatc
     errors = []
     for objective in objectives:
         objective.observe(rendered.random_maps(rig).on(device))
-        errors.append(rendered.errors_of(device, objective, poses))
+        errors.append(rendered.score_poses(device, objective, poses))
     assert len(list(objectives[1].renderer.batches())) > 4
     np.testing.assert_allclose(errors[1], errors[0], atol=1e-3)
 
@@ -112,7 +112,7 @@ def test_a_swarm_tracks_by_opengl_from_any_thread(device: Device) -> None:
         found.append(tracker.step(observed).pose)
 
     for _ in range(2):
-        tracker = device_tracker(scene, method)
+        tracker = make_device_tracker(scene, method)
         threads = [threading.Thread(target=track, args=(tracker,)) for _ in range(2)]
         for thread in threads:
             thread.start()

@@ -17,17 +17,17 @@ from apf.initialisation import Start, StartConfig, StartError, find_start
 from apf.initialisation.config import AcceptanceConfig, ShapeFitConfig, StandingConfig
 from apf.initialisation.hypotheses import (
     Hypothesis,
-    close,
-    distinct,
     forward,
     registration_error,
     search_body,
+    select_close,
+    select_distinct,
     standing_pose,
     walking_factor,
 )
-from apf.initialisation.kept_voxels import StoredVoxels, person_points
+from apf.initialisation.kept_voxels import StoredVoxels, select_person_points
 from apf.initialisation.shape_fit import Cloud, fit_shape
-from apf.initialisation.shape_model import ShapeModel, points_on, surface_samples
+from apf.initialisation.shape_model import ShapeModel, place_points, surface_samples
 from apf.scene import Scene
 from cl import Device
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
@@ -39,7 +39,7 @@ def surface(body: BodyModel, pose: np.ndarray, spacing: float = 0.02) -> np.ndar
     """Points (N, 3) on the outside of the posed body."""
     cones = posed_cones(body, pose[None])[0]
     cone, coordinates = surface_samples(body, spacing)
-    points = points_on(cones[cone], coordinates)
+    points = place_points(cones[cone], coordinates)
     depth = cone_distances(points, cones)
     depth[np.arange(len(cone)), cone] = np.inf
     return points[depth.min(1) > 0]
@@ -58,7 +58,7 @@ def test_samples_lie_on_the_surface() -> None:
         body = bodies.named(name)
         cones = posed_cones(body, bodies.random_poses(body, 1))[0]
         cone, coordinates = surface_samples(body, 0.05)
-        every = cone_distances(points_on(cones[cone], coordinates), cones)
+        every = cone_distances(place_points(cones[cone], coordinates), cones)
         np.testing.assert_allclose(every[np.arange(len(cone)), cone], 0, atol=1e-9)
 
 
@@ -163,10 +163,10 @@ def test_hypotheses_that_go_on_look_in_different_directions() -> None:
         return Hypothesis(np.zeros(1), pose, badly, 1.0, badly)
 
     every = [looking(a, b) for a, b in ((0, 3), (20, 1), (190, 4), (150, 2), (250, 5))]
-    assert [h.cost for h in distinct(SONG, every, 3, 0.8)] == [1, 2, 5]
-    assert [h.cost for h in distinct(SONG, every, 2, 0.8)] == [1, 2]
+    assert [h.cost for h in select_distinct(SONG, every, 3, 0.8)] == [1, 2, 5]
+    assert [h.cost for h in select_distinct(SONG, every, 2, 0.8)] == [1, 2]
     near = [looking(0, 10), looking(90, 11.9), looking(180, 12.1)]
-    assert [h.cost for h in close(near, 1.2)] == [10, 11.9]
+    assert [h.cost for h in select_close(near, 1.2)] == [10, 11.9]
     np.testing.assert_allclose(forward(SONG, looking(90, 0).pose), [0, 1], atol=1e-12)
 
 
@@ -202,7 +202,7 @@ def test_what_speaks_against_a_start() -> None:
     (doubt,) = start(2.0, 1.5).doubts
     assert "fits badly" in doubt and "1.30 m high and 2.0 times as thick" in doubt
     (doubt,) = start(1.0, 1.02).doubts
-    assert "which way the person looks" in doubt
+    assert "the heading is ambiguous" in doubt
 
 
 def test_debris_is_no_person() -> None:
@@ -213,9 +213,9 @@ def test_debris_is_no_person() -> None:
     filled[3:6, 3:6, 17:19] = True  # the head of a person without a neck
     filled[12:14, 3:6, 17:19] = True  # as large, but elsewhere
     grid = VoxelGrid(np.zeros(3), 0.05, filled.shape)
-    points = person_points(grid, np.flatnonzero(filled).astype(np.int32))
+    points = select_person_points(grid, np.flatnonzero(filled).astype(np.int32))
     assert len(points) == 6 * 6 * 14 + 5 * 5 * 7 + 3 * 3 * 2
-    assert len(person_points(grid, np.zeros(0, np.int32))) == 0
+    assert len(select_person_points(grid, np.zeros(0, np.int32))) == 0
 
 
 def test_nobody_there() -> None:
@@ -240,7 +240,7 @@ def test_a_start_that_fits_badly_is_looked_for_again(monkeypatch: pytest.MonkeyP
             hypothesis = Hypothesis(shape, SONG.rest_pose, 1.0, error, 1.0)
             return find.Attempt(find.Fit([hypothesis], cost=-error), np.inf)
 
-        monkeypatch.setattr(find, "attempt", attempt)
+        monkeypatch.setattr(find, "run_attempt", attempt)
         scene = Scene(Device.best(), ring(), grid, SONG)
         config = StartConfig(acceptance=AcceptanceConfig(n_attempts=attempts))
         return find_start(scene, shown, 0.5, config=config).registration_error, len(left)

@@ -13,9 +13,9 @@ from apf.body import BodyModel, bone_matrices, load_body, posed_joints
 from apf.body.jacobian import bone_point_jacobian
 from apf.body.stature import stature
 from apf.initialisation import StartError
-from apf.initialisation.from_keypoints import pose_of_points, start_from_keypoints
+from apf.initialisation.from_keypoints import fit_pose_to_points, start_from_keypoints
 from apf.keypoints import Keypoints, locate_points
-from apf.likelihood.observations import no_observations
+from apf.likelihood.observations import make_empty_observations
 from cl import InputError
 
 TEMPLATE = load_body("song31")
@@ -106,7 +106,7 @@ def test_observations_are_those_of_the_frame() -> None:
     seen = found.observations(2)
     assert len(seen) == seen.most == seen.usual == 4 * 33
     few = found.keypoints.points[:, 2] * np.where(np.arange(4) > 0, np.nan, 1)[:, None, None]
-    assert found.model.observations(few).few and not seen.few and not no_observations().few
+    assert found.model.observations(few).few and not seen.few and not make_empty_observations().few
     own = locate_points(TEMPLATE, found.keypoints.names)
     assert (seen.partner[seen.point == 0] == -1).all() and (seen.bone == own.bones).all()
     row = seen.point == own.names.index("l_knee")
@@ -136,8 +136,8 @@ def test_the_pose_of_one_frame() -> None:
     poses = poses_of(TEMPLATE, 4)
     found = start_from_keypoints(RIG, of_poses(RIG, TEMPLATE, poses), TEMPLATE, range(4))
     for frame, pose in enumerate(poses):
-        alone = pose_of_points(found.body, RIG, found.observations(frame))
+        alone = fit_pose_to_points(found.body, RIG, found.observations(frame))
         assert alone is not None
         away = posed_joints(found.body, alone[None]) - posed_joints(TEMPLATE, pose[None])
         assert np.linalg.norm(away, axis=-1).mean() < 0.02
-    assert pose_of_points(TEMPLATE, RIG, no_observations()) is None
+    assert fit_pose_to_points(TEMPLATE, RIG, make_empty_observations()) is None

@@ -61,7 +61,7 @@ def test_who_stands_later_is_measured_there(
 
     monkeypatch.setattr(module, "find_start", find)
     monkeypatch.setattr(Session, "reconstructor", lambda *a: Frame)
-    monkeypatch.setattr(module, "stored", lambda device, voxels: voxels)
+    monkeypatch.setattr(module, "store_voxels", lambda device, voxels: voxels)
     monkeypatch.setattr(
         module,
         "seen_height",

@@ -32,7 +32,7 @@ def test_a_tracker_serves_the_next_body(device: Device, caplog: pytest.LogCaptur
         first.start(world.pose(0))
         first.step(world.voxels(0))
     assert not [record for record in caplog.records if "built" in record.message]
-    assert trackers(taller, FEW.changed(n_particles=38)) is not first
+    assert trackers(taller, FEW.with_changes(n_particles=38)) is not first
 
 
 def test_a_twin_is_made_for_every_body(device: Device) -> None:

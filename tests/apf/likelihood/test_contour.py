@@ -14,11 +14,11 @@ from helpers.likelihoods import Setup, assert_cost_nothing, only, smooth_maps
 from apf.body.kinematics import posed_cones
 from apf.filters.config import FilterConfig
 from apf.likelihood.config import ContourConfig
-from apf.likelihood.contour import N_NORMALS, SOBEL_GAIN, Contours, contrast_of
-from apf.likelihood.part_colour import scored_parts
-from apf.likelihood.voxel import VoxelLikelihood, cone_sampling, sample_rows
+from apf.likelihood.contour import N_NORMALS, SOBEL_GAIN, Contours, full_contrast
+from apf.likelihood.part_colour import list_scored_parts
+from apf.likelihood.voxel import VoxelLikelihood, choose_cone_sampling, make_sample_rows
 from apf.reference.image_objective.render import draw_hypotheses
-from apf.reference.likelihood.contour import contour_means, contours_of, gradients_of
+from apf.reference.likelihood.contour import compute_contours, compute_gradients, contour_means
 from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
@@ -48,8 +48,8 @@ def painted(pose: np.ndarray, arms: int) -> tuple[np.ndarray, np.ndarray]:
 
 def means(poses: np.ndarray, contours: np.ndarray) -> np.ndarray:
     """The term's means (N,) over the cameras."""
-    rows = sample_rows(cone_sampling(SONG, 0.06))
-    look = scored_parts(SONG, rows), rows
+    rows = make_sample_rows(choose_cone_sampling(SONG, 0.06))
+    look = list_scored_parts(SONG, rows), rows
     cones = posed_cones(SONG, poses)
     views = zip(RIG, contours, strict=True)
     return np.mean([contour_means(camera, SONG, cones, view, *look) for camera, view in views], 0)
@@ -60,7 +60,7 @@ def test_an_arm_before_the_trunk_is_found_by_its_contours() -> None:
     gain = {}
     for arms in (150, 90):
         pictures, maps = painted(bodies.crossing(), arms)
-        contours = contours_of(gradients_of(pictures, maps), maps, contrast_of(CONFIG))
+        contours = compute_contours(compute_gradients(pictures, maps), maps, full_contrast(CONFIG))
         hanging, right = means(np.stack([SONG.rest_pose, bodies.crossing()]), contours)
         gain[arms] = right - hanging
     assert gain[150] > 0.005 and gain[150] > gain[90] + 0.01
@@ -69,14 +69,14 @@ def test_an_arm_before_the_trunk_is_found_by_its_contours() -> None:
 def test_contours_know_their_direction_and_end_at_the_silhouette() -> None:
     pictures, maps = np.full((1, 40, 40, 3), 50, np.uint8), np.full((1, 40, 40, 2), 255, np.uint8)
     pictures[:, :, 20:] = 90
-    contrast = contrast_of(ContourConfig(contrast=20.0))
+    contrast = full_contrast(ContourConfig(contrast=20.0))
     assert contrast == 20 * SOBEL_GAIN
-    found = contours_of(gradients_of(pictures, maps), maps, contrast)[0]
+    found = compute_contours(compute_gradients(pictures, maps), maps, contrast)[0]
     assert found[0, 20, 20] > 2 * found[2, 20, 20] == 0
     assert found[1, 20, 20] == found[3, 20, 20] < found[0, 20, 20]
     assert found[0, 20, 16] > 0 == found[0, 20, 10]
     maps[:, :20] = 0
-    found = contours_of(gradients_of(pictures, maps), maps, contrast)[0]
+    found = compute_contours(compute_gradients(pictures, maps), maps, contrast)[0]
     assert not found[:, :20].any() and found[0, 25, 20] > 0
 
 
@@ -93,8 +93,8 @@ def test_contours_are_those_of_the_twin(device: Device) -> None:
     term = here.terms["contour"]
     assert isinstance(term, Contours) and term.known
     found, maps = term.contours.get(), here.reprojection.maps.get()
-    gradients = gradients_of(images, maps)
-    np.testing.assert_array_equal(found, contours_of(gradients, maps, contrast_of(CONFIG)))
+    gradients = compute_gradients(images, maps)
+    np.testing.assert_array_equal(found, compute_contours(gradients, maps, full_contrast(CONFIG)))
     assert np.abs(gradients).max() > 1000 and 0.02 < (found > 0).mean() < 0.98
     twin = NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, SONG), config)
     twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
@@ -109,7 +109,7 @@ def test_the_term_agrees_with_the_twin(device: Device, name: str, kind: str) -> 
     device = device if kind == "own" else other_kind(device)
     body, rig, grid = bodies.named(name), scenes.ring(2, (161, 121)), scenes.small_grid(0.1)
     poses = bodies.random_poses(body, 37)
-    config = only("none").changed(part_colour_weight=0.0, contour_weight=1.5)
+    config = only("none").with_changes(part_colour_weight=0.0, contour_weight=1.5)
     setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
     likelihood = setup.likelihood
     assert isinstance(likelihood.terms["contour"], Contours)
@@ -117,8 +117,10 @@ def test_the_term_agrees_with_the_twin(device: Device, name: str, kind: str) -> 
     contours = np.ascontiguousarray(np.moveaxis(np.concatenate(both, -1), -1, 1))
     assert contours.shape[1] == N_NORMALS
     likelihood.seen["contours"].set(contours)
-    rows = sample_rows(cone_sampling(body, config.likelihood.reprojection.sample_spacing))
-    look = scored_parts(body, rows), rows
+    rows = make_sample_rows(
+        choose_cone_sampling(body, config.likelihood.reprojection.sample_spacing)
+    )
+    look = list_scored_parts(body, rows), rows
     cones = posed_cones(body, setup.poses)
     views = zip(rig, contours, strict=True)
     expected = np.mean([1 - contour_means(c, body, cones, v, *look) for c, v in views], 0)

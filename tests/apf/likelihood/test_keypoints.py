@@ -15,7 +15,12 @@ from apf.body import load_body
 from apf.likelihood.base import Likelihood
 from apf.likelihood.config import KeypointConfig
 from apf.likelihood.keypoints import KeypointLikelihood
-from apf.likelihood.observations import Observed, PointObservations, joined, no_observations
+from apf.likelihood.observations import (
+    Observed,
+    PointObservations,
+    concatenate_observations,
+    make_empty_observations,
+)
 from apf.reference.likelihood.keypoints import NumpyKeypointLikelihood, missed_shares
 from apf.scene import Scene
 from cl import Device, InputError
@@ -74,7 +79,7 @@ def test_kernel_agrees_with_the_twin(device: Device, name: str, n: int, kind: st
     poses = bodies.random_poses(body, 23, wild=True).astype(np.float32)
     seen = replace(seen_points(body, poses[3].astype(float), rig, max(1, n // 3)), most=350.0)
     if n == 0:
-        seen = no_observations()
+        seen = make_empty_observations()
     scene = Scene(device, rig, None, body)
     kernel = KeypointLikelihood(scene, CONFIG, POSTURE, 23)
     twin = NumpyKeypointLikelihood(scene, CONFIG, POSTURE)
@@ -114,7 +119,7 @@ def test_the_voxels_kernel_takes_the_term(device: Device, n: int, kind: str) -> 
     device, rig = device if kind == "own" else other_kind(device), scenes.ring(3)
     setup = Setup(device, SONG, rig, bodies.random_poses(SONG, 23), smooth_maps(rig), only("edge"))
     seen = seen_points(SONG, setup.poses[3].astype(float), rig, max(1, n // 3))
-    seen = replace(seen, most=350.0) if n else no_observations()
+    seen = replace(seen, most=350.0) if n else make_empty_observations()
     alone, voxels = setup.errors(), setup.likelihood
     scene = Scene(device, rig, scenes.small_grid(0.1), SONG)
     term = KeypointLikelihood(scene, CONFIG, POSTURE, 23, voxels)
@@ -153,14 +158,14 @@ class _Constant(Likelihood):
 def test_joined_observations_keep_their_points() -> None:
     rig, pose = scenes.ring(3), bodies.random_poses(SONG, 1)[0]
     one, other = seen_points(SONG, pose, rig, 5), seen_points(SONG, pose, rig, 8, seed=1)
-    both = joined([one, other])
+    both = concatenate_observations([one, other])
     assert len(both) == len(one) + len(other) == both.most
     separate, together = (
         [missed_shares(SONG, rig, pose[None] + 0.02, part, KeypointConfig()) for part in parts]
         for parts in ((one, other), (both,))
     )
     np.testing.assert_allclose(together[0], np.concatenate(separate, 1))
-    assert len(joined([])) == 0
+    assert len(concatenate_observations([])) == 0
 
 
 def test_impossible_observations(device: Device) -> None:

@@ -76,7 +76,7 @@ def test_a_jump_to_a_better_place_is_forbidden_once_there_was_a_frame(device: De
     poses[0, SONG.dof_names.index("l_upper_arm.ry")] += 12 * SONG.sigma.max()
 
     def setup(weight: float) -> Setup:
-        config = only("surface").changed(n_points=100, motion_prior_weight=weight)
+        config = only("surface").with_changes(n_points=100, motion_prior_weight=weight)
         made = Setup(device, SONG, rig, poses, smooth_maps(rig), config, grid)
         points = np.concatenate([made_points(poses[0]), np.ones((100, 1))], 1)
         made.likelihood.points.set(points.astype(np.float32))

@@ -22,16 +22,22 @@ from apf.likelihood.part_colour import (
     N_COLOURS,
     RATIO_STEPS,
     PartColours,
-    learnt_parts,
-    palette_of,
-    part_names,
-    part_of,
-    scored_parts,
-    trunk_cone,
+    find_part,
+    find_trunk_cone,
+    fit_palette,
+    list_histogram_parts,
+    list_part_names,
+    list_scored_parts,
 )
-from apf.likelihood.voxel import VoxelLikelihood, cone_sampling, sample_rows
+from apf.likelihood.voxel import VoxelLikelihood, choose_cone_sampling, make_sample_rows
 from apf.reference.image_objective.render import draw_hypotheses
-from apf.reference.likelihood.part_colour import colour_means, counted, encoded, ratios_of
+from apf.reference.likelihood.part_colour import (
+    Look,
+    colour_means,
+    compute_ratios,
+    count_codes,
+    encode_colours,
+)
 from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
@@ -58,18 +64,18 @@ def painted(rig: CameraRig, pose: np.ndarray, arms: int) -> np.ndarray:
 
 def means(poses: np.ndarray, codes: np.ndarray, ratios: np.ndarray) -> np.ndarray:
     """The term's means (N,) over the cameras."""
-    rows = sample_rows(cone_sampling(SONG, 0.06))
-    look = ratios, scored_parts(SONG, rows), rows
+    rows = make_sample_rows(choose_cone_sampling(SONG, 0.06))
+    look = Look(ratios, list_scored_parts(SONG, rows), rows)
     cones = posed_cones(SONG, poses)
     views = zip(RIG, codes, strict=True)
-    return np.mean([colour_means(camera, SONG, cones, view, *look) for camera, view in views], 0)
+    return np.mean([colour_means(camera, SONG, cones, view, look) for camera, view in views], 0)
 
 
 @pytest.mark.parametrize("arms", [SKIN, SHIRT])
 def test_an_arm_before_the_trunk_is_found_by_its_colour(arms: int) -> None:
     """Learnt with hanging arms; then one crosses the belly. Of one colour, nothing tells."""
-    counts = counted(RIG, SONG, SONG.rest_pose, painted(RIG, SONG.rest_pose, arms))
-    ratios = ratios_of(counts, CONFIG)
+    counts = count_codes(RIG, SONG, SONG.rest_pose, painted(RIG, SONG.rest_pose, arms))
+    ratios = compute_ratios(counts, CONFIG)
     poses = np.stack([SONG.rest_pose, bodies.crossing()])
     hanging, right = means(poses, painted(RIG, bodies.crossing(), arms), ratios)
     if arms == SKIN:
@@ -81,27 +87,27 @@ def test_an_arm_before_the_trunk_is_found_by_its_colour(arms: int) -> None:
 def test_a_hidden_arm_teaches_nothing() -> None:
     """The codes are those of hanging arms; a pose that has the arm on the belly learns no shirt."""
     codes = painted(RIG, SONG.rest_pose, SKIN)
-    forearm = part_names(SONG).index("forearm")
-    counts = counted(RIG, SONG, bodies.crossing(), codes)
+    forearm = list_part_names(SONG).index("forearm")
+    counts = count_codes(RIG, SONG, bodies.crossing(), codes)
     assert counts[forearm, SHIRT] < 0.25 * counts[forearm].sum()
 
 
 def test_left_and_right_are_one_part_and_hands_are_as_bare_as_the_head() -> None:
-    names = part_names(SONG)
+    names = list_part_names(SONG)
     assert len(names) == len(set(names)) == 6  # torso, thigh, calf, upper arm, forearm, head
     cones = [cone.name for cone in SONG.cones]
     for side in "lr":
         forearm = cones.index(f"{side}_forearm")
-        shares = [names[part_of(SONG, forearm, share)] for share in (0.1, 0.6, 0.9)]
+        shares = [names[find_part(SONG, forearm, share)] for share in (0.1, 0.6, 0.9)]
         assert shares == ["forearm", "forearm", "head"]
-    assert part_of(SONG, cones.index("hips"), 0.5) == -1
-    assert cones[trunk_cone(SONG)] == "torso"
-    rows = sample_rows(cone_sampling(SONG, 0.06))
-    parts = scored_parts(SONG, rows)
+    assert find_part(SONG, cones.index("hips"), 0.5) == -1
+    assert cones[find_trunk_cone(SONG)] == "torso"
+    rows = make_sample_rows(choose_cone_sampling(SONG, 0.06))
+    parts = list_scored_parts(SONG, rows)
     of_torso = rows[:, 0] == cones.index("torso")
     assert (parts[of_torso] == -1).all() and (parts[~of_torso] >= 0).all()
     lower = bodies.named("stick")
-    assert learnt_parts(lower).max() < len(part_names(lower))
+    assert list_histogram_parts(lower).max() < len(list_part_names(lower))
 
 
 def test_a_palette_tells_a_persons_colours_apart() -> None:
@@ -110,27 +116,27 @@ def test_a_palette_tells_a_persons_colours_apart() -> None:
     chosen = random.integers(0, 3, (2, 40, 50))
     pictures = np.clip(colours[chosen] + random.normal(0, 4, (2, 40, 50, 3)), 0, 255)
     silhouettes = np.full(chosen.shape, 255, np.uint8)
-    palette = palette_of(pictures.astype(np.uint8), silhouettes, CONFIG)
+    palette = fit_palette(pictures.astype(np.uint8), silhouettes, CONFIG)
     assert palette is not None and palette.shape == (N_COLOURS,)
-    again = palette_of(pictures.astype(np.uint8), silhouettes, CONFIG)
+    again = fit_palette(pictures.astype(np.uint8), silhouettes, CONFIG)
     np.testing.assert_array_equal(palette, again)
-    codes = encoded(pictures.astype(np.uint8), silhouettes, palette)
+    codes = encode_colours(pictures.astype(np.uint8), silhouettes, palette)
     seen = [set(np.unique(codes[chosen == k])) for k in range(3)]
     assert not (seen[0] & seen[1] or seen[0] & seen[2] or seen[1] & seen[2])
     silhouettes[:] = 0
-    assert palette_of(pictures.astype(np.uint8), silhouettes, CONFIG) is None
-    assert (encoded(pictures.astype(np.uint8), silhouettes, palette) == NOTHING).all()
+    assert fit_palette(pictures.astype(np.uint8), silhouettes, CONFIG) is None
+    assert (encode_colours(pictures.astype(np.uint8), silhouettes, palette) == NOTHING).all()
 
 
 def test_ratios_are_bounded_and_grow_with_the_samples() -> None:
     histograms = np.zeros((3, N_CODES))
     histograms[0, 0], histograms[1, 1], histograms[2, 0] = 600, 600, 6
-    ratios = ratios_of(histograms, CONFIG)
+    ratios = compute_ratios(histograms, CONFIG)
     assert np.abs(ratios).max() <= RATIO_STEPS
     assert ratios[1, 0] == -RATIO_STEPS < 0 < ratios[0, 0]
     assert 0 < ratios[2, 0] < ratios[0, 0] / 5  # few samples
     assert not ratios[:, NOTHING].any()
-    assert not ratios_of(np.zeros((3, N_CODES)), CONFIG).any()
+    assert not compute_ratios(np.zeros((3, N_CODES)), CONFIG).any()
 
 
 @pytest.mark.parity("tracking/part_colour.encode_colours")
@@ -147,9 +153,9 @@ def test_codes_agree_with_the_twin(device: Device) -> None:
     colours, codes = here.terms["part_colour"], twin.terms["part_colour"].codes
     assert isinstance(colours, PartColours) and colours.known and codes is not None
     found, maps = colours.codes.get(), here.reprojection.maps.get()[..., 0]
-    palette = palette_of(images, maps, config.part_colour)
+    palette = fit_palette(images, maps, config.part_colour)
     assert palette is not None
-    np.testing.assert_array_equal(found, encoded(images, maps, palette))
+    np.testing.assert_array_equal(found, encode_colours(images, maps, palette))
     assert ((found == NOTHING) == (codes == NOTHING)).mean() > 0.99
     assert 0.02 < (found != NOTHING).mean() < 0.9
 
@@ -167,26 +173,28 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, kind: str) -> No
     device = device if kind == "own" else other_kind(device)
     body, rig, grid = bodies.named(name), scenes.ring(2, (161, 121)), scenes.small_grid(0.1)
     poses = bodies.random_poses(body, 37)
-    config = only("none").changed(part_colour_weight=1.5)
+    config = only("none").with_changes(part_colour_weight=1.5)
     setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
     likelihood, colours = setup.likelihood, setup.likelihood.terms["part_colour"]
     assert isinstance(colours, PartColours)
-    histograms = np.zeros((len(part_names(body)), N_CODES))
-    rows = sample_rows(cone_sampling(body, config.likelihood.reprojection.sample_spacing))
+    histograms = np.zeros((len(list_part_names(body)), N_CODES))
+    rows = make_sample_rows(
+        choose_cone_sampling(body, config.likelihood.reprojection.sample_spacing)
+    )
     cones = posed_cones(body, setup.poses)
     for frame in range(3):
         codes = smooth_maps(rig, frame)[..., 0] // 5
         likelihood.seen["codes"].set(codes)
         colours.known = True
-        ratios = ratios_of(histograms, CONFIG)
+        ratios = compute_ratios(histograms, CONFIG)
         if frame:
             assert np.abs(colours.ratios.get()[0].astype(int) - ratios).max() <= 1
             ratios = colours.ratios.get()[0]
         else:
             assert not colours.ratios.get().any()
-        look = ratios, scored_parts(body, rows), rows
+        look = Look(ratios, list_scored_parts(body, rows), rows)
         views = zip(rig, codes, strict=True)
-        expected = np.mean([colour_means(c, body, cones, v, *look) for c, v in views], 0)
+        expected = np.mean([colour_means(c, body, cones, v, look) for c, v in views], 0)
         # What the launches know is set where a frame is observed.
         setup.on_device.set(setup.poses)
         launches = likelihood.launcher(setup.on_device)
@@ -202,7 +210,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, kind: str) -> No
         with traced("tracking/part_colour.count_colours") as counts:
             for launch in likelihood.learning_launcher(device.to_device(moved)):
                 launch()
-        twin = counted(rig, body, moved[0].astype(float), codes)
+        twin = count_codes(rig, body, moved[0].astype(float), codes)
         taken = counts[0].after["counts"].reshape(twin.shape)
         assert twin.sum() > 50
         assert np.abs(taken - twin).sum() <= 0.04 * twin.sum() + 4
@@ -248,7 +256,7 @@ def test_trackers_learn_at_their_estimates(device: Device) -> None:
         voxels: Any = world.voxels(frame)
         voxels.pictures = lambda: pictures
         pose = tracker.step(voxels).pose
-        counts = counted(rig, SONG, pose, colours.codes.get())
+        counts = count_codes(rig, SONG, pose, colours.codes.get())
         expected = CONFIG.decay * expected + counts
         found = colours.histograms.get()[0]
         assert np.abs(found - expected).sum() < 0.05 * expected.sum()

@@ -55,7 +55,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, views: int, n_vo
     body, rig, grid = bodies.named(name), scenes.ring(views), scenes.small_grid(0.1)
     indices = np.arange(n_voxels, dtype=np.int32) * max(1, grid.size // 1000)
     poses = scattered_poses(body, 23)
-    config = only("none").changed(silhouette_recall_weight=1.5, n_points=300, point_turns=2)
+    config = only("none").with_changes(silhouette_recall_weight=1.5, n_points=300, point_turns=2)
     setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
     count = device.to_device(np.array([n_voxels], np.int32))
     surface = device.to_device(indices if n_voxels else np.zeros(1, np.int32))
@@ -75,7 +75,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, views: int, n_vo
 def test_projected_points_agree_with_the_twin(device: Device, views: int, n_points: int) -> None:
     """A point on a picture's border may count as in or out."""
     rig, grid = scenes.ring(views), VoxelGrid.covering(np.full(3, -4.0), np.full(3, 4.0), 0.3)
-    config = only("none").changed(silhouette_recall_weight=1.5, n_points=n_points)
+    config = only("none").with_changes(silhouette_recall_weight=1.5, n_points=n_points)
     poses = scattered_poses(SONG, 2)
     setup = Setup(device, SONG, rig, poses, smooth_maps(rig), config, grid)
     indices = np.sort(np.random.default_rng(views).choice(grid.size, 999, replace=False))
@@ -101,7 +101,7 @@ def test_the_other_kind_of_work_groups_finds_the_same(device: Device, views: int
     """GPUs look at several cameras together, CPUs at several samples."""
     rig, grid, other = scenes.ring(views), scenes.small_grid(0.1), other_kind(device)
     indices, poses = np.arange(0, grid.size, 7, dtype=np.int32), scattered_poses(SONG, 23)
-    config = only("none").changed(silhouette_recall_weight=1.5, n_points=301, point_turns=2)
+    config = only("none").with_changes(silhouette_recall_weight=1.5, n_points=301, point_turns=2)
     found = []
     for place in (device, other):
         setup = Setup(place, SONG, rig, poses, smooth_maps(rig), config, grid)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from helpers.terms import assert_parity
 
-from apf.filters.config import FilterConfig, likelihood_weights
+from apf.filters.config import FilterConfig
+from apf.filters.term_weights import likelihood_weights
 from apf.likelihood.terms import TERMS, TermSpec
 from cl import Device
 

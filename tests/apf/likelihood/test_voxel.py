@@ -11,8 +11,9 @@ from helpers.likelihoods import CONFIG, FRONT, Setup, cloud, only, scattered_pos
 
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
-from apf.likelihood.voxel import VoxelLikelihood, cone_sampling
+from apf.likelihood.voxel import VoxelLikelihood, choose_cone_sampling
 from apf.reference.likelihood.voxel import (
+    FrameEvidence,
     sampled_surface,
     total_errors,
 )
@@ -28,7 +29,7 @@ def point_sampler(
     device: Device, body: BodyModel, grid: VoxelGrid, indices: np.ndarray, n_points: int
 ) -> tuple[VoxelLikelihood, np.ndarray]:
     """A likelihood that has sampled the surface voxels `indices`; its points (n_points, 4)."""
-    config = CONFIG.changed(n_points=n_points).likelihood
+    config = CONFIG.with_changes(n_points=n_points).likelihood
     likelihood = VoxelLikelihood(Scene(device, scenes.ring(1), grid, body), config, 2)
     surface: Array = device.empty(grid.size, np.int32)
     padded = np.full(grid.size, grid.size - 1, np.int32)  # what is beyond `count` is stale
@@ -145,7 +146,7 @@ def test_surface_kernel_agrees_with_the_twin(
 @pytest.mark.parametrize("name", ["song31", "stick"])
 def test_totals_agree_with_the_twin(device: Device, name: str, views: int, weights: dict) -> None:
     body, rig = bodies.named(name), scenes.ring(views)
-    config = CONFIG.changed(**weights)
+    config = CONFIG.with_changes(**weights)
     grid = scenes.small_grid(0.1)
     indices = np.arange(0, grid.size, 7, dtype=np.int32)
     poses = scattered_poses(body, 37)
@@ -177,13 +178,14 @@ def test_misfit_is_silhouette_and_surface_error_of_one_pose(device: Device) -> N
     for launch in setup.likelihood.misfit_launcher(setup.on_device):
         launch()
     config = CONFIG.likelihood
+    points = sampled_surface(grid.centres(indices), config.samples.n_points)
+    seen = FrameEvidence(setup.maps, points)
     expected = sum(
         total_errors(
             rig,
             posed_cones(body, setup.poses[:1]),
-            setup.maps,
-            sampled_surface(grid.centres(indices), config.samples.n_points),
-            cone_sampling(body, config.reprojection.sample_spacing),
+            seen,
+            choose_cone_sampling(body, config.reprojection.sample_spacing),
             (),
             only(term).likelihood,
         )[0]

@@ -13,8 +13,9 @@ from helpers.likelihoods import FRONT
 from apf.body.cones import cone_distances, overlap_errors
 from apf.body.kinematics import CONE_FLOATS, posed_cones
 from apf.likelihood.config import LikelihoodConfig
-from apf.likelihood.voxel import cone_sampling
+from apf.likelihood.voxel import choose_cone_sampling
 from apf.reference.likelihood.voxel import (
+    FrameEvidence,
     image_errors,
     posture_errors,
     sampled_surface,
@@ -73,14 +74,14 @@ def test_samples_outside_the_picture_do_not_count() -> None:
 
 def test_unseen_parts_are_left_out() -> None:
     body = bodies.named("song31")
-    sampling = cone_sampling(body, 0.04)
+    sampling = choose_cone_sampling(body, 0.04)
     for cone, (rows, columns) in zip(body.cones, sampling, strict=True):
         assert (rows > 0) == (columns > 0) == cone.in_images, cone.name
         if cone.in_images:
             length = np.linalg.norm(cone.end - cone.start)
             assert rows >= 4 and columns >= 3
             assert rows == 4 or length / rows <= 0.04 <= length / (rows - 1) + 1e-9
-    finer = cone_sampling(body, 0.02)
+    finer = choose_cone_sampling(body, 0.02)
     assert finer.sum() > 1.5 * sampling.sum()
 
 
@@ -135,7 +136,7 @@ def test_cameras_that_see_nothing_are_replaced_by_the_others() -> None:
 
     def errors(*cameras: Camera, cones: np.ndarray = UPRIGHT) -> float:
         rig = CameraRig(cameras)
-        arguments = (maps[: len(rig)], points, sampling, body_pairs, config)
+        arguments = (FrameEvidence(maps[: len(rig)], points), sampling, body_pairs, config)
         return float(total_errors(rig, cones, *arguments)[0])
 
     image = 0.8 * (config.edge_weight + config.silhouette_weight)
@@ -156,7 +157,7 @@ def test_the_weights_of_the_settings_weigh() -> None:
         weights: Any = {f"{other}_weight": 0.0 for other in expected} | {f"{name}_weight": 3.0}
         config = LikelihoodConfig(**weights)
         sampling = np.array([[8, 5], [8, 5]])
-        found = total_errors(rig, cones, maps, points, sampling, [(0, 1)], config)
+        found = total_errors(rig, cones, FrameEvidence(maps, points), sampling, [(0, 1)], config)
         np.testing.assert_allclose(found, [3 * value], err_msg=name)
 
 
@@ -177,9 +178,8 @@ def test_the_true_pose_has_the_least_error(song_alone: bool) -> None:
     poses = np.clip(
         truth + np.concatenate([0 * steps[:1], 3 * steps, 12 * steps]), body.lower, body.upper
     )
-    errors = total_errors(
-        rig, posed_cones(body, poses), maps, points, cone_sampling(body, 0.04), body.apart, config
-    )
+    seen, sampling = FrameEvidence(maps, points), choose_cone_sampling(body, 0.04)
+    errors = total_errors(rig, posed_cones(body, poses), seen, sampling, body.apart, config)
     assert errors[0] == errors.min()
     assert errors[0] < np.median(errors[1:31]) < np.median(errors[31:])
 

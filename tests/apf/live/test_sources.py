@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import footage
 
-from apf.live.captures import cameras_of
+from apf.live.captures import open_cameras
 from apf.live.pictures import Smaller, fitting_factor
 from apf.live.sources import ACQUISITION, Newest, Replay, Shot
 from apf.live.timeline import Timeline
@@ -101,7 +101,7 @@ def test_pictures_as_fine_as_voxels() -> None:
 def test_captures_of_files(tmp_path: Path) -> None:
     folder = footage.native(tmp_path / "s", frames=12)
     videos = [str(folder / "videos" / f"cam{k:02d}.mp4") for k in (1, 2, 3)]
-    cameras = cameras_of(folder, {}, videos, 0.0)
+    cameras = open_cameras(folder, {}, videos, 0.0)
     assert cameras.fps == 25 and len(cameras.rig) == 3
     assert abs(cameras.background.mean[1].mean() - 101) < footage.LOSS  # from background/
     first = cameras.first()
@@ -115,7 +115,7 @@ def test_captures_of_files(tmp_path: Path) -> None:
 def test_a_background_filmed_first(tmp_path: Path) -> None:
     folder = footage.native(tmp_path / "s", frames=8)
     videos = [str(path) for path in sorted((folder / "videos").iterdir())]
-    cameras = cameras_of(folder / "calibration.toml", {}, videos, 0.12)  # three frames of 25/s
+    cameras = open_cameras(folder / "calibration.toml", {}, videos, 0.12)  # three frames of 25/s
     levels = np.mean([footage.grey(frame, 0) for frame in range(3)])
     assert abs(cameras.background.mean[0].mean() - levels) < footage.LOSS
     assert abs(int(cameras.first().images[0, 9, 9, 0]) - footage.grey(3, 0)) < footage.LOSS
@@ -132,4 +132,4 @@ def test_bad_captures(tmp_path: Path) -> None:
         ([*videos[:2], str(tmp_path / "wide.mp4")], "80 x 48 pixels; camera cam03"),
     ):
         with pytest.raises(InputError, match=message):
-            cameras_of(folder, {}, names, 0.0).first()
+            open_cameras(folder, {}, names, 0.0).first()

@@ -53,7 +53,7 @@ class Footage:
             return Frame(index, None, np.full(shape, 255, np.uint8))
         return Frame(index, np.full((*shape, 3), 90, np.uint8), None)
 
-    def frames_at(self, indices: list[int]) -> Iterator[Frame]:
+    def select_frames(self, indices: list[int]) -> Iterator[Frame]:
         return map(self.read, indices)
 
 

@@ -25,7 +25,7 @@ from apf.filters.method import Method
 from apf.initialisation.from_joints import fit_to_joints
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
-from apf.tracking.batch import at_once
+from apf.tracking.batch import run_at_once
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import Take, track_take
 from apf.tracking.track import Track
@@ -53,7 +53,7 @@ FLAGS = [
 
 
 def results(work: Callable[..., object], n_takes: int, n_at_once: int = 3) -> dict[int, object]:
-    return dict(at_once(NumpyDevice(), work, n_takes, n_at_once))
+    return dict(run_at_once(NumpyDevice(), work, n_takes, n_at_once))
 
 
 def test_so_many_at_a_time_and_no_more() -> None:
@@ -79,7 +79,7 @@ def test_each_has_a_queue_of_its_own(device: Device) -> None:
     def work(own: Device, number: int, check: Check) -> None:
         seen.append(own)
 
-    list(at_once(device, work, 3, 2))
+    list(run_at_once(device, work, 3, 2))
     queues = {one.queue.int_ptr for one in (device, *seen)}
     assert len(queues) == 4 and {one.context for one in seen} == {device.context}
 
@@ -142,7 +142,7 @@ def test_interrupts_reach_all_takes_in_work_and_no_other_is_begun(where: str) ->
 
     found = []
     with pytest.raises(KeyboardInterrupt):
-        found.extend(at_once(NumpyDevice(), work, 5, 2))
+        found.extend(run_at_once(NumpyDevice(), work, 5, 2))
     assert sorted(begun) == [0, 1]
 
 
@@ -155,7 +155,7 @@ def test_closing_ends_the_work() -> None:
             until_checked(check, lambda: ended.append(number))
         return number
 
-    with closing(at_once(NumpyDevice(), work, 4, 2)) as outcomes:
+    with closing(run_at_once(NumpyDevice(), work, 4, 2)) as outcomes:
         assert next(outcomes) == (0, 0)
     assert 3 not in begun and sorted(ended) == sorted(begun)[1:]
 
@@ -212,7 +212,7 @@ def test_takes_are_bit_by_bit_those_alone(
         session = Session(Sequence.open(walks[number]), own, session_settings)  # type: ignore[arg-type]
         return track_take(session, settings, lambda stage: told.append((number, stage)))
 
-    together = dict(at_once(device, take_of, 2, 2))
+    together = dict(run_at_once(device, take_of, 2, 2))
     told_together = told.copy()
     assert sorted(together) == [0, 1]
     for number in range(2):
@@ -289,7 +289,7 @@ def test_interrupted_takes_leave_whole_results(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    real = apf.tracking.pipeline.observed
+    real = apf.tracking.pipeline.observe_frames
 
     def interrupting(observe: object, frames: Iterator) -> Iterator:
         for number, seen in enumerate(real(observe, frames)):
@@ -298,7 +298,7 @@ def test_interrupted_takes_leave_whole_results(
                 time.sleep(0.5)  # the main thread has to notice
             yield seen
 
-    monkeypatch.setattr(apf.tracking.pipeline, "observed", interrupting)
+    monkeypatch.setattr(apf.tracking.pipeline, "observe_frames", interrupting)
     folders = [str(folder) for folder in walks]
     assert main(["track", *folders, "-o", str(tmp_path), *FLAGS, "--at-once", "1"]) == 130
     said = capsys.readouterr()

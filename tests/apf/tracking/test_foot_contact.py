@@ -9,12 +9,18 @@ import pytest
 from helpers.striders import SONG, Stride, strider, track_of_poses
 
 from apf.body import load_body
-from apf.tracking.foot_contact import ContactConfig, feet, flat, stances, standing
-from apf.tracking.smoothing import SmoothingConfig, smoothed
+from apf.tracking.foot_contact import (
+    ContactConfig,
+    detect_flat_feet,
+    detect_standing,
+    find_ankles,
+    find_stances,
+)
+from apf.tracking.smoothing import SmoothingConfig, smooth_track
 from apf.tracking.track import Track
 from cl import InputError
 
-ANKLES = feet(SONG)
+ANKLES = find_ankles(SONG)
 JOINTS = ("knee", "ankle")
 
 
@@ -23,7 +29,7 @@ def travel(track: Track, stands: np.ndarray) -> float:
     which it lands or leaves."""
     found = [0.0]
     for foot, ankle in enumerate(ANKLES):
-        for stance in stances(stands[:, foot]):
+        for stance in find_stances(stands[:, foot]):
             places = track.joints[stance.start + 3 : stance.stop - 3, ankle, :2]
             if len(places):
                 found.append(np.linalg.norm(places[:, None] - places[None], axis=-1).max())
@@ -38,18 +44,18 @@ def test_the_helper_stands_still() -> None:
 def test_stances_are_found(fps: float) -> None:
     stride = Stride(fps=fps)
     track = strider(int(2.5 * fps), stride)
-    found, true = standing(track.joints[:, ANKLES], track.times), stride.stands(len(track))
+    found, true = detect_standing(track.joints[:, ANKLES], track.times), stride.stands(len(track))
     assert (found == true).mean() > 0.9
-    assert len(stances(found[:, 0])) == len(stances(true[:, 0]))
-    late = [f.start - t.start for f, t in zip(*(stances(s[:, 1]) for s in (found, true)))]  # noqa: B905
+    assert len(find_stances(found[:, 0])) == len(find_stances(true[:, 0]))
+    late = [f.start - t.start for f, t in zip(*(find_stances(s[:, 1]) for s in (found, true)))]  # noqa: B905
     assert np.abs(late).max() <= 0.07 * fps
 
 
 def test_standing_feet_do_not_slide_and_the_rest_stays() -> None:
     noisy, true = strider(noise=0.03), strider()
     stands = Stride().stands(len(true))
-    free = smoothed(noisy, SmoothingConfig(contact=None))
-    held = smoothed(noisy)
+    free = smooth_track(noisy, SmoothingConfig(contact=None))
+    held = smooth_track(noisy)
     assert travel(noisy, stands) > 0.05 and travel(free, stands) > 0.02
     assert travel(held, stands) < 0.01
     errors = [np.linalg.norm(t.joints - true.joints, axis=-1).mean() for t in (noisy, free, held)]
@@ -66,7 +72,7 @@ def test_a_straight_leg_that_is_too_short_stays_within_its_limits() -> None:
     track = strider(noise=0.02)
     poses = track.poses.copy()
     poses[:, SONG.dof_names.index("pelvis.tz")] += 0.06
-    held = smoothed(track_of_poses(SONG, poses))
+    held = smooth_track(track_of_poses(SONG, poses))
     assert np.isfinite(held.poses).all() and np.all(held.poses >= SONG.lower)
     assert np.linalg.norm(held.joints - posed(poses), axis=-1).max() < 0.12
 
@@ -79,7 +85,7 @@ def test_a_foot_that_is_drawn_along_slowly_does_not_stand() -> None:
     shuffle = np.zeros((120, 2, 3))
     shuffle[:, 0, 0] = 0.2 * np.arange(120) / 60  # 0.4 m in 2 s, slower than any limit
     shuffle[:, 1, 0] = 0.02 * np.arange(120) / 60  # what a tracker may drift
-    found = standing(shuffle, np.arange(120) / 60)
+    found = detect_standing(shuffle, np.arange(120) / 60)
     assert not found[:, 0].any() and found[:, 1].all()
 
 
@@ -87,20 +93,20 @@ def test_lifted_feet_and_gaps() -> None:
     still = np.zeros((60, 2, 3))
     still[:, 0, 2], still[:, 1, 2] = 0.08, 0.3
     times = np.arange(60) / 60
-    found = standing(still, times)
+    found = detect_standing(still, times)
     assert found[:, 0].all() and not found[:, 1].any()  # a foot in the air does not stand
     still[20:30] = np.nan
-    found = standing(still, times)
-    assert stances(found[:, 0]) == [slice(0, 20), slice(30, 60)]
-    assert not standing(np.full((5, 2, 3), np.nan), np.arange(5.0)).any()
-    assert standing(np.zeros((1, 2, 3)), np.zeros(1)).shape == (1, 2)
+    found = detect_standing(still, times)
+    assert find_stances(found[:, 0]) == [slice(0, 20), slice(30, 60)]
+    assert not detect_standing(np.full((5, 2, 3), np.nan), np.arange(5.0)).any()
+    assert detect_standing(np.zeros((1, 2, 3)), np.zeros(1)).shape == (1, 2)
 
 
 def test_ankles_are_known_where_a_foot_stands_flat() -> None:
     """Then the foot is level, and the angle is by how much the shank leans forward."""
     true = strider()
     assert "l_ankle_dorsiflexion" not in true.angles
-    held = smoothed(strider(noise=0.01))
+    held = smooth_track(strider(noise=0.01))
     for foot, side in enumerate("lr"):
         knee, ankle = (true.joints[:, SONG.joint_names.index(f"{side}_{j}")] for j in JOINTS)
         lean = np.degrees(np.arctan2(knee[:, 0] - ankle[:, 0], knee[:, 2] - ankle[:, 2]))
@@ -117,7 +123,7 @@ def test_a_risen_heel_is_not_flat() -> None:
     ankles = np.zeros((30, 2, 3))
     ankles[20:, 0, 2] = np.linspace(0, 0.1, 10)
     stands = np.ones((30, 2), bool)
-    found = flat(ankles, stands)
+    found = detect_flat_feet(ankles, stands)
     assert found[:22].all() and not found[23:, 0].any() and found[:, 1].all()
 
 
@@ -125,7 +131,7 @@ def test_lost_frames_are_neither_standing_nor_changed() -> None:
     noisy = strider(noise=0.03)
     lost = np.zeros(len(noisy), bool)
     lost[40:50] = True
-    held = smoothed(replace(noisy, diagnostics={"lost": lost}))
+    held = smooth_track(replace(noisy, diagnostics={"lost": lost}))
     assert not held.standing[lost].any()
     np.testing.assert_array_equal(held.poses[lost], noisy.poses[lost])
 
@@ -133,8 +139,8 @@ def test_lost_frames_are_neither_standing_nor_changed() -> None:
 def test_bodies_without_feet() -> None:
     body = load_body("rymut31_upper")
     track = track_of_poses(body, np.tile(body.rest_pose, (20, 1)))
-    held = smoothed(track)
-    assert not feet(body) and held.standing.shape == (20, 2) and not held.standing.any()
+    held = smooth_track(track)
+    assert not find_ankles(body) and held.standing.shape == (20, 2) and not held.standing.any()
 
 
 def test_settings_that_make_no_sense() -> None:

@@ -14,8 +14,8 @@ from helpers.striders import STANCE, Stride, strider, track_of_poses
 from apf.body import load_body
 from apf.synthetic.gait import Gait as SyntheticGait
 from apf.synthetic.walk import Walk
-from apf.tracking.gait import GaitConfig, gait_of
-from apf.tracking.smoothing import smoothed
+from apf.tracking.gait import GaitConfig, measure_gait
+from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
 from cl import InputError
 
@@ -32,7 +32,7 @@ def filmed(walk: Walk, frames: int = 240) -> Track:
 @pytest.mark.parametrize("seed", [0, 3])
 def test_a_synthetic_walker(seed: int) -> None:
     walk = Walk.varied(seed, 1.6 + 0.1 * seed)
-    gait = gait_of(filmed(walk))
+    gait = measure_gait(filmed(walk))
     assert gait is not None
     assert gait.n_steps in (6, 7, 8)
     assert gait.cadence == pytest.approx(120 * walk.speed / walk.stride, rel=0.01)
@@ -47,7 +47,7 @@ def test_a_synthetic_walker(seed: int) -> None:
 
 def test_a_tracked_body_with_noise() -> None:
     stride = Stride()
-    gait = gait_of(smoothed(strider(240, stride, noise=0.02)))
+    gait = measure_gait(smooth_track(strider(240, stride, noise=0.02)))
     assert gait is not None
     assert gait.cadence == pytest.approx(120, rel=0.03)
     assert gait.step_length == pytest.approx(0.5, rel=0.03)
@@ -59,28 +59,28 @@ def test_a_tracked_body_with_noise() -> None:
         done = event.time * stride.speed / stride.length + 0.5 * (event.side == "right")
         late = (done - (STANCE if event.kind == "off" else 0) + 0.5) % 1 - 0.5
         assert abs(late) < 0.08, event
-    plain = json.loads(json.dumps(gait.described()))
+    plain = json.loads(json.dumps(gait.describe()))
     assert plain["n_steps"] == gait.n_steps and len(plain["events"]) == len(gait.events)
     assert plain["events"][0]["step_length_m"] is None
 
 
 def test_who_does_not_walk() -> None:
-    assert gait_of(tracks.walker(0)) is None
+    assert measure_gait(tracks.walker(0)) is None
     still = strider(60)
-    assert gait_of(track_of_poses(still.its_body, np.tile(still.poses[:1], (60, 1)))) is None
-    assert gait_of(strider(40)) is None  # one step
+    assert measure_gait(track_of_poses(still.its_body, np.tile(still.poses[:1], (60, 1)))) is None
+    assert measure_gait(strider(40)) is None  # one step
     marking_time = replace(still, joints=still.joints - still.joints[:, :1])
-    assert gait_of(marking_time) is None
+    assert measure_gait(marking_time) is None
     upper = load_body("rymut31_upper")
-    assert gait_of(track_of_poses(upper, np.tile(upper.rest_pose, (60, 1)))) is None
+    assert measure_gait(track_of_poses(upper, np.tile(upper.rest_pose, (60, 1)))) is None
 
 
 def test_no_step_is_counted_across_lost_frames() -> None:
     track = strider(300)
-    whole = gait_of(track)
+    whole = measure_gait(track)
     lost = np.zeros(300, bool)
     lost[100:110] = True
-    parted = gait_of(replace(track, diagnostics={"lost": lost}))
+    parted = measure_gait(replace(track, diagnostics={"lost": lost}))
     assert whole is not None and parted is not None
     assert parted.n_steps < whole.n_steps
     assert all(event.frame >= 110 for event in parted.events)

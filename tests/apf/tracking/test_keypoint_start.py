@@ -12,7 +12,7 @@ from helpers.keypoints import of_poses
 
 import apf
 import psfs
-from apf.backend import tracker_for
+from apf.backend import make_tracker
 from apf.body import load_body, posed_joints
 from apf.cli import main
 from apf.filters.annealed import AnnealedParticleFilter
@@ -118,7 +118,7 @@ def test_live_keypoints_frame_by_frame(device: Device) -> None:
     known = start_from_keypoints(RIG, keypoints, BODY, range(N))
     config = FilterConfig.of(n_particles=100, n_layers=5, keypoints_weight=4.0).at_rate(30)
     method = Method(objective="keypoints", filter=config)
-    tracker = tracker_for(Scene(device, RIG, None, known.body), method)
+    tracker = make_tracker(Scene(device, RIG, None, known.body), method)
     assert isinstance(tracker, AnnealedParticleFilter)
     tracker.start(known.anchored[1])
     for frame in range(N):

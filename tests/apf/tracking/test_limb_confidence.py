@@ -11,7 +11,7 @@ from helpers import tracks
 from apf.body import load_body
 from apf.body.limbs import limb_ends, limb_names
 from apf.tracking.limb_confidence import LOST, Regression, limb_confidence, limb_margins
-from apf.tracking.smoothing import smoothed
+from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
 
 BODY = load_body("song31")
@@ -90,6 +90,6 @@ def test_a_track_keeps_what_it_said(tmp_path) -> None:
     assert track.lost_limbs[20:, ARM].all() and not track.lost_limbs[:5, ARM].any()
     judged = track.judged
     judged.save(tmp_path / "x.npz")
-    for same in (Track.open(tmp_path / "x.npz"), smoothed(judged)):
+    for same in (Track.open(tmp_path / "x.npz"), smooth_track(judged)):
         np.testing.assert_array_equal(same.limb_confidence, track.limb_confidence)
     assert not walker.lost_limbs.any()  # which states nothing

@@ -19,7 +19,7 @@ from apf.evaluation.evaluate import evaluate
 from apf.formats.angles import write_angle_csv
 from apf.formats.trc import read_trc
 from apf.report.quality import Quality
-from apf.tracking.smoothing import smoothed
+from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
 from cl import InputError
 
@@ -99,9 +99,9 @@ def test_commands_keep_and_say_it(track: Track, tmp_path: Path, capsys) -> None:
     track.save(tmp_path / "track.npz")
     assert main(["export", str(tmp_path), "-o", str(tmp_path / "out"), "--to", "trc", "bvh"]) == 0
     assert "left arm in 10-13" in " ".join(capsys.readouterr().out.split())
-    np.testing.assert_array_equal(smoothed(track).lost_limbs, track.lost_limbs)
+    np.testing.assert_array_equal(smooth_track(track).lost_limbs, track.lost_limbs)
     found = evaluate(track, tracks.truth_of(track))
-    assert found.said_lost == {"left arm": pytest.approx(4 / 30)}
+    assert found.predicted_lost_fraction == {"left arm": pytest.approx(4 / 30)}
     assert json.loads(json.dumps(found.summary()))["limbs_said_to_be_lost"] == {"left arm": 0.13333}
 
 

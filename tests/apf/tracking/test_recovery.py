@@ -17,17 +17,17 @@ from apf.filters.method import Method
 from apf.initialisation import StartError
 from apf.initialisation.kept_voxels import StoredVoxels
 from apf.scene import Scene
-from apf.tracking.pipeline import track_of, track_voxels
+from apf.tracking.pipeline import build_track, track_voxels
 from apf.tracking.recovery import (
     GLOBAL_RESTART,
     LOCAL_RESTART,
     TRACKED,
     Judge,
+    RecoveringRuns,
+    RecoveringTracker,
     RecoveryConfig,
-    Watched,
-    WatchedRuns,
 )
-from apf.tracking.trackers import watched
+from apf.tracking.trackers import make_recovering_tracker
 from cl import Device, InputError
 
 STICK = bodies.named("stick")
@@ -56,15 +56,15 @@ class OnALine:
         )
 
 
-def on_a_line(everywhere: bool = False) -> Watched:
-    return Watched(
+def on_a_line(everywhere: bool = False) -> RecoveringTracker:
+    return RecoveringTracker(
         OnALine(0.1),
         lambda: OnALine(1.0, n_layers=4),
         (lambda person: [np.array([-9.0]), np.array([person + 0.5])]) if everywhere else None,
     )
 
 
-def run(tracker: Watched, places: list[float]) -> list[Estimate]:
+def run(tracker: RecoveringTracker, places: list[float]) -> list[Estimate]:
     tracker.start(np.zeros(1))
     return [tracker.step(place) for place in places]
 
@@ -101,7 +101,9 @@ def test_a_person_elsewhere_is_searched_everywhere() -> None:
 def test_the_search_everywhere_is_tried_now_and_then() -> None:
     calls = []
     config = RecoveryConfig(retry=3)
-    tracker = Watched(OnALine(0.1), lambda: OnALine(1.0), lambda p: calls.append(p) or [], config)
+    tracker = RecoveringTracker(
+        OnALine(0.1), lambda: OnALine(1.0), lambda p: calls.append(p) or [], config
+    )
     assert all(e.lost for e in run(tracker, [50.0 + k for k in range(7)]))
     assert calls == [50.0, 53.0, 56.0]
 
@@ -120,7 +122,7 @@ def test_the_limit_follows_what_is_usual() -> None:
     assert accepted(0.35, 9) == pytest.approx(0.7)
     assert accepted(0.8, 30) == config.worst
     assert accepted(np.nan, 3) == config.worst  # of likelihoods that know none
-    assert judge.judged(replace(estimate, misfit=config.worst)).confidence == pytest.approx(0.5)
+    assert judge.judge(replace(estimate, misfit=config.worst)).confidence == pytest.approx(0.5)
     judge.forget()
     assert judge.limit == config.unknown
 
@@ -131,7 +133,7 @@ def test_likelihoods_without_a_misfit_are_trusted() -> None:
             ones = np.ones(2)
             return Estimate(STICK, np.zeros(1), ones, ones, ones, ones)
 
-    found = run(Watched(Blind(1.0), lambda: Blind(1.0)), [0.0, 50.0])
+    found = run(RecoveringTracker(Blind(1.0), lambda: Blind(1.0)), [0.0, 50.0])
     assert not any(e.lost for e in found) and all(np.isnan(e.confidence) for e in found)
 
 
@@ -158,10 +160,10 @@ def test_one_who_leaves_and_comes_back_elsewhere_is_tracked_again(
     monkeypatch.setattr(apf.tracking.trackers, "find_start", found)
     poses = [*(walker(k) for k in range(4)), *[None] * 3, *(walker(k, 1.0) for k in range(7, 10))]
     method = Method.of(n_particles=100, n_layers=6)
-    tracker = watched(Scene(device, scenes.ring(4), GRID, SONG), method)
+    tracker = make_recovering_tracker(Scene(device, scenes.ring(4), GRID, SONG), method)
     frames = ((k, surface_voxels(device, pose)) for k, pose in enumerate(poses))
     indices, estimates = track_voxels(tracker, walker(0), frames)
-    track = track_of(SONG, 60.0, indices, estimates, {})
+    track = build_track(SONG, 60.0, indices, estimates, {})
     # The search everywhere is tried in every fifth lost frame: in frames 4 and 9.
     assert track.lost.tolist() == [False] * 4 + [True] * 5 + [False]
     assert GLOBAL_RESTART in track.diagnostics["restart"]
@@ -193,7 +195,9 @@ class OnLines:
 
 def test_of_several_runs_only_the_lost_one_is_started_again() -> None:
     tracker = OnLines()
-    runs = WatchedRuns(tracker, 2, lambda _, restart: Watched(restart, lambda: OnALine(1.0)))
+    runs = RecoveringRuns(
+        tracker, 2, lambda _, restart: RecoveringTracker(restart, lambda: OnALine(1.0))
+    )
     runs.start(np.zeros(1))
     tracker.runs[1].starts.clear()
     found = [runs.step(place) for place in (0.0, 0.05, 0.9, 0.95)]

@@ -12,7 +12,7 @@ from helpers import tracks
 from apf.body import load_body, save_body
 from apf.body.kinematics import posed_joints
 from apf.cli import main
-from apf.tracking.smoothing import SmoothingConfig, smoothed, smoothed_series, unbroken_parts
+from apf.tracking.smoothing import SmoothingConfig, find_unbroken_parts, smooth_series, smooth_track
 from apf.tracking.track import Track
 from cl import InputError
 
@@ -34,9 +34,9 @@ def distance(a: Track, b: Track) -> float:
 def test_jitter_goes_and_motion_stays() -> None:
     true, noisy = jittery()
     noisy = replace(noisy, joints=posed_joints(BODY, noisy.poses))
-    whole = smoothed(noisy, CUTOFF)
-    lagging = smoothed(noisy, SmoothingConfig(cutoff=6.0, lag=6))
-    blind = smoothed(noisy, SmoothingConfig(cutoff=6.0, lag=0))
+    whole = smooth_track(noisy, CUTOFF)
+    lagging = smooth_track(noisy, SmoothingConfig(cutoff=6.0, lag=6))
+    blind = smooth_track(noisy, SmoothingConfig(cutoff=6.0, lag=0))
     before = distance(noisy, true)
     assert before > 0.02
     assert distance(whole, true) < 0.55 * before
@@ -47,10 +47,10 @@ def test_jitter_goes_and_motion_stays() -> None:
 def test_the_cutoff_halves_the_amplitude(cutoff: float) -> None:
     times = np.arange(2000) / 100
     wave = np.sin(2 * np.pi * cutoff * times)[:, None]
-    found = smoothed_series(wave, np.ones_like(wave), times, SmoothingConfig(cutoff=cutoff))
+    found = smooth_series(wave, np.ones_like(wave), times, SmoothingConfig(cutoff=cutoff))
     assert np.abs(found[500:1500]).max() == pytest.approx(0.5, abs=0.01)
     slow = np.sin(2 * np.pi * cutoff / 4 * times)[:, None]
-    found = smoothed_series(slow, np.ones_like(slow), times, SmoothingConfig(cutoff=cutoff))
+    found = smooth_series(slow, np.ones_like(slow), times, SmoothingConfig(cutoff=cutoff))
     assert np.abs(found - slow)[500:1500].max() < 0.01
 
 
@@ -58,9 +58,7 @@ def test_a_straight_line_is_kept() -> None:
     times = np.arange(50) / 60
     line = 3.0 + 2.0 * times[:, None]
     for lag in (None, 5):
-        found = smoothed_series(
-            line, np.ones_like(line), times, SmoothingConfig(cutoff=6.0, lag=lag)
-        )
+        found = smooth_series(line, np.ones_like(line), times, SmoothingConfig(cutoff=6.0, lag=lag))
         np.testing.assert_allclose(found[10:], line[10:], atol=2e-3)
 
 
@@ -72,7 +70,7 @@ def test_uncertain_frames_count_less() -> None:
     deviation[60, 0] = 20
     track = replace(track, poses=outliers, diagnostics={"deviation": deviation})
     trusted = replace(track, diagnostics={})
-    errors = [abs(smoothed(t).poses[60, 0] - true.poses[60, 0]) for t in (track, trusted)]
+    errors = [abs(smooth_track(t).poses[60, 0] - true.poses[60, 0]) for t in (track, trusted)]
     assert errors[0] < 0.03 < 0.1 < errors[1]
 
 
@@ -83,7 +81,7 @@ def test_turning_round_and_round() -> None:
     poses[:, heading] = np.linspace(0, 4 * np.pi, 200)
     wrapped = poses.copy()
     wrapped[:, heading] = (poses[:, heading] + np.pi) % (2 * np.pi) - np.pi
-    found = smoothed(replace(track, poses=wrapped))
+    found = smooth_track(replace(track, poses=wrapped))
     np.testing.assert_allclose(found.poses[:, heading], poses[:, heading], atol=0.03)
 
 
@@ -92,22 +90,22 @@ def test_lost_frames_stay_as_they_are() -> None:
     lost = np.zeros(len(track), bool)
     lost[50:60] = lost[0] = True
     track = replace(track, diagnostics={"lost": lost})
-    assert unbroken_parts(track) == [slice(1, 50), slice(60, 120)]
-    found = smoothed(track)
+    assert find_unbroken_parts(track) == [slice(1, 50), slice(60, 120)]
+    found = smooth_track(track)
     np.testing.assert_array_equal(found.lost, lost)
     np.testing.assert_array_equal(found.poses[lost], track.poses[lost])
     assert np.abs(found.poses[~lost] - track.poses[~lost]).max() > 0.01
     # What lies on one side of the gap does not reach the other.
     moved = track.poses.copy()
     moved[:50] += 1.0
-    again = smoothed(replace(track, poses=np.clip(moved, BODY.lower, BODY.upper)))
+    again = smooth_track(replace(track, poses=np.clip(moved, BODY.lower, BODY.upper)))
     np.testing.assert_array_equal(again.poses[60:], found.poses[60:])
 
 
 @pytest.mark.parametrize("frames", [0, 1, 2])
 def test_short_tracks(frames: int) -> None:
     track = tracks.walker(frames)
-    np.testing.assert_allclose(smoothed(track).joints, track.joints, atol=1e-12)
+    np.testing.assert_allclose(smooth_track(track).joints, track.joints, atol=1e-12)
 
 
 def test_the_command(tmp_path: Path) -> None:
@@ -133,16 +131,16 @@ def test_the_command(tmp_path: Path) -> None:
     }
     assert Track.open(tmp_path / "a").smoothing is None
     np.testing.assert_allclose(
-        found.poses, smoothed(track, SmoothingConfig(lag=4)).poses, atol=1e-9
+        found.poses, smooth_track(track, SmoothingConfig(lag=4)).poses, atol=1e-9
     )
 
 
 def test_what_cannot_be_smoothed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     _, track = jittery()
     with pytest.raises(InputError, match="already"):
-        smoothed(smoothed(track))
+        smooth_track(smooth_track(track))
     with pytest.raises(InputError, match="does not hold its body"):
-        smoothed(replace(track, body=None))
+        smooth_track(replace(track, body=None))
     track.save(tmp_path / "a" / "track.npz")
     save_body(tmp_path / "a" / "body.toml", BODY)
     folder, out = str(tmp_path / "a"), str(tmp_path / "b")

@@ -21,7 +21,7 @@ from apf.formats.trc import read_trc
 from apf.keypoints import Keypoints, TriangulationConfig
 from apf.keypoints.estimation import write_openpose
 from apf.keypoints.readers.orders import BODY_25, MEDIAPIPE
-from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
+from apf.tracking.triangulated import TriangulatedConfig, triangulate_track
 
 FRAMES = 40
 BODY = load_body("song31")
@@ -52,21 +52,21 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_exact_keypoints_give_the_exact_points(folder: Path) -> None:
     sequence = psfs.open_sequence(folder)
     keypoints = Keypoints.open(folder, sequence)
-    track = triangulated_track(sequence, keypoints)
+    track = triangulate_track(sequence, keypoints)
     np.testing.assert_allclose(track.joints, world_points(BODY, POSES, MEDIAPIPE), atol=1e-4)
     assert track.joint_names[11] == "l_shoulder" and track.poses.shape == (FRAMES, 0)
     assert track.diagnostics["cameras_used"].min() == 3
     assert track.diagnostics["reprojection_error"].max() < 0.01
     named = {tuple(track.joint_names[i] for i in edge) for edge in track.edges}
     assert {("l_elbow", "l_wrist"), ("l_hip", "r_hip"), ("r_ankle", "r_heel")} <= named
-    some = triangulated_track(sequence, keypoints, selection=slice(4, 20, 4))
+    some = triangulate_track(sequence, keypoints, selection=slice(4, 20, 4))
     assert some.frames.tolist() == [4, 8, 12, 16]
     np.testing.assert_array_equal(some.joints, track.joints[4:20:4])
 
 
 def test_it_is_evaluated_as_a_track_is(folder: Path) -> None:
     sequence = psfs.open_sequence(folder)
-    track = triangulated_track(sequence, Keypoints.open(folder, sequence))
+    track = triangulate_track(sequence, Keypoints.open(folder, sequence))
     truth = JointSeries(
         tuple(BODY.joint_names), posed_joints(BODY, POSES), sequence.fps, np.arange(FRAMES)
     )
@@ -82,11 +82,11 @@ def test_gaps_and_noise(folder: Path) -> None:
     points[1:, 12:18, 5] = np.nan
     points[:, :, 6] = np.nan
     keypoints = Keypoints(points, MEDIAPIPE, tuple(sequence.rig.names))
-    raw = triangulated_track(sequence, keypoints)
+    raw = triangulate_track(sequence, keypoints)
     assert np.isfinite(np.delete(raw.joints, 6, 1)).all() and np.isnan(raw.joints[:, 6]).all()
-    holed = triangulated_track(sequence, keypoints, TriangulatedConfig(longest_gap=0.2))
+    holed = triangulate_track(sequence, keypoints, TriangulatedConfig(longest_gap=0.2))
     assert np.isnan(holed.joints[12:18, 5]).all() and np.isfinite(holed.joints[:12, 5]).all()
-    smooth = triangulated_track(sequence, keypoints, TriangulatedConfig(low_pass=2.0))
+    smooth = triangulate_track(sequence, keypoints, TriangulatedConfig(low_pass=2.0))
     truth = world_points(BODY, POSES, MEDIAPIPE)
     errors = [np.nanmean(np.linalg.norm(t.joints - truth, axis=-1)) for t in (raw, smooth)]
     assert errors[1] < 0.6 * errors[0]
@@ -97,14 +97,14 @@ def test_what_cannot_be_triangulated_is_an_error(folder: Path) -> None:
     keypoints = Keypoints.open(folder, sequence)
     other = Keypoints(keypoints.points[:, :, :2], ("tail", "fin"), keypoints.camera_names)
     with pytest.raises(apf.InputError, match="none of the keypoints tail, fin is a point"):
-        triangulated_track(sequence, other)
+        triangulate_track(sequence, other)
     alone = keypoints.points.copy()
     alone[1:] = np.nan
     with pytest.raises(apf.InputError, match="no keypoint of walk is seen by 2 cameras"):
-        triangulated_track(sequence, Keypoints(alone, MEDIAPIPE, keypoints.camera_names))
+        triangulate_track(sequence, Keypoints(alone, MEDIAPIPE, keypoints.camera_names))
     limits = TriangulationConfig(min_cameras=4)
     with pytest.raises(apf.InputError, match="seen by 4 cameras that agree within 15 px"):
-        triangulated_track(sequence, keypoints, TriangulatedConfig(triangulation=limits))
+        triangulate_track(sequence, keypoints, TriangulatedConfig(triangulation=limits))
 
 
 def command(folder: Path, out: Path, *more: str) -> int:
@@ -184,7 +184,7 @@ def test_json_and_arrays_of_the_same_points_give_the_same_track(
         track = apf.track(
             sequence, method=method, keypoints=keypoints, frames=slice(0, 3), device="cpu"
         )
-        poses.append((track.poses, triangulated_track(sequence, keypoints).joints))
+        poses.append((track.poses, triangulate_track(sequence, keypoints).joints))
     np.testing.assert_array_equal(poses[0][0], poses[1][0])
     np.testing.assert_array_equal(poses[0][1], poses[1][1])
 
@@ -218,7 +218,7 @@ def test_the_known_figures(name: str) -> None:
     folder = shared_data(name)
     sequence = psfs.open_sequence(folder)
     keypoints = Keypoints.open(folder, sequence)
-    track = triangulated_track(sequence, keypoints, TriangulatedConfig(low_pass=6))
+    track = triangulate_track(sequence, keypoints, TriangulatedConfig(low_pass=6))
     found = apf.evaluate(track, apf.load_truth(folder / "truth.npz"))
     limbs = [k for k, joint in enumerate(found.joint_names) if joint != "pelvis"]
     assert 1000 * np.nanmean(found.errors[:, limbs]) == pytest.approx(FIGURES[name], abs=1.0)

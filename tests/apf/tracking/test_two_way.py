@@ -12,25 +12,25 @@ from helpers import bodies, scenes
 from helpers.walkers import GRID, SONG, surface_voxels, walker
 from helpers.worlds import World
 
-from apf.backend import tracker_for
+from apf.backend import make_tracker
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_masks, limb_names
 from apf.filters.base import Estimate
 from apf.filters.method import Method
-from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, cropped
+from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, crop_voxels
 from apf.reference.kept_voxels import uncropped
 from apf.scene import Scene
 from apf.tracking.limb_confidence import REGRESSION
 from apf.tracking.recovery import SeparateRuns
-from apf.tracking.trackers import run_seeds, watched, watched_runs
+from apf.tracking.trackers import make_recovering_runs, make_recovering_tracker, run_seeds
 from apf.tracking.two_way import (
     TwoWayConfig,
-    best_path,
-    both_ways,
-    combined,
-    exchanged,
-    steadied,
+    exchange_limbs,
+    find_best_path,
+    fuse_passes,
+    smooth_poses,
+    track_both_ways,
 )
 from cl import Device, DeviceError, InputError, NumpyDevice
 from psfs.sequence import Frame
@@ -56,7 +56,9 @@ def together(
     ahead: list[np.ndarray], behind: list[np.ndarray], errors: np.ndarray | None = None
 ) -> np.ndarray:
     errors = np.zeros((len(ahead), 2 + 2 * N_LIMBS)) if errors is None else errors
-    found = combined([[estimate(p) for p in of] for of in zip(ahead, behind, strict=True)], errors)
+    found = fuse_passes(
+        [[estimate(p) for p in of] for of in zip(ahead, behind, strict=True)], errors
+    )
     return np.stack([one.pose for one in found])
 
 
@@ -70,7 +72,7 @@ def test_the_best_path_is_the_cheapest_of_all() -> None:
             return float(costs[np.arange(5), path].sum() + steps)
 
         cheapest = min(itertools.product((0, 1), repeat=5), key=price)
-        assert tuple(best_path(costs, changes)) == cheapest
+        assert tuple(find_best_path(costs, changes)) == cheapest
 
 
 def test_ways_that_agree_give_their_mean() -> None:
@@ -78,7 +80,7 @@ def test_ways_that_agree_give_their_mean() -> None:
     ahead, behind = 4 * [moved(rest, r_forearm__ry=0.2)], 4 * [moved(rest, r_forearm__ry=-0.2)]
     np.testing.assert_allclose(together(ahead, behind), 4 * [rest], atol=1e-12)
     frames = [[estimate(p) for p in of] for of in zip(ahead, behind, strict=True)]
-    found = combined(frames, np.zeros((4, 2 + 2 * N_LIMBS)))
+    found = fuse_passes(frames, np.zeros((4, 2 + 2 * N_LIMBS)))
     np.testing.assert_allclose(found[0].deviation, 0.02 / np.sqrt(2))
     apart = np.array([one.disagreement for one in found])
     assert apart[:, RIGHT_ARM].min() > REGRESSION.least
@@ -91,9 +93,9 @@ def test_the_mean_is_of_the_ways_that_agree() -> None:
     bends = (0.1, -0.1, 0.06, -0.06)
     ways = [moved(rest, r_forearm__ry=bend, l_forearm__ry=bend) for bend in bends]
     ways[3] = moved(rest, r_upper_arm__rx=-1.2, l_forearm__ry=bends[3])
-    n_poses = len(exchanged(BODY, np.stack(ways)))
+    n_poses = len(exchange_limbs(BODY, np.stack(ways)))
     assert n_poses == 4 + 12 * N_LIMBS
-    found = combined(5 * [[estimate(way) for way in ways]], np.zeros((5, n_poses)))
+    found = fuse_passes(5 * [[estimate(way) for way in ways]], np.zeros((5, n_poses)))
     expected = moved(rest, r_forearm__ry=0.02)
     np.testing.assert_allclose([one.pose for one in found], 5 * [expected], atol=1e-12)
     arm = limb_masks(BODY)[RIGHT_ARM]
@@ -111,24 +113,24 @@ def test_poses_are_steadied_by_parabolas() -> None:
     times = np.linspace(0, 1, n)[:, None]
     smooth = BODY.rest_pose + 0.3 * times**2 * np.isin(BODY.dof_names, ["pelvis.tx", "pelvis.rz"])
     known = np.arange(n) != 12
-    np.testing.assert_allclose(steadied(BODY, smooth, known, 5, 0.04, 0.01), smooth, atol=1e-12)
+    np.testing.assert_allclose(smooth_poses(BODY, smooth, known, 5, 0.04, 0.01), smooth, atol=1e-12)
     noisy = smooth + random.normal(scale=0.01, size=smooth.shape)
     noisy = np.clip(noisy, BODY.lower, BODY.upper)
     noisy[12] = BODY.rest_pose
-    found = steadied(BODY, noisy, known, 5, 0.04, 0.01)
+    found = smooth_poses(BODY, noisy, known, 5, 0.04, 0.01)
     np.testing.assert_array_equal(found[12], noisy[12])
     assert np.abs(found - smooth)[known].mean() < 0.75 * np.abs(noisy - smooth)[known].mean()
-    np.testing.assert_array_equal(steadied(BODY, noisy, known, 3, 0.04, 0.01), noisy)
+    np.testing.assert_array_equal(smooth_poses(BODY, noisy, known, 3, 0.04, 0.01), noisy)
     # Though angles go another way round to the same pose, its joints move steadily.
     wrist = BODY.joint_names.index("l_wrist")
     other = moved(BODY.rest_pose, **{f"l_upper_arm__r{axis}": 0.4 for axis in "xyz"})
     jumping = np.where(np.arange(n)[:, None] % 2, other, moved(other, l_upper_arm__ry=0.12))
     places = posed_joints(BODY, jumping)[:, wrist]
-    found = posed_joints(BODY, steadied(BODY, jumping, known, 5, 0.05, 0.01))[:, wrist]
+    found = posed_joints(BODY, smooth_poses(BODY, jumping, known, 5, 0.05, 0.01))[:, wrist]
     assert np.ptp(found[2:10], axis=0).max() < 0.6 * np.ptp(places[2:10], axis=0).max()
     # A limb that jumps to where it is found again stays on either side.
     again = np.where(np.arange(n)[:, None] < 20, BODY.rest_pose, moved(other, l_upper_arm__ry=1.0))
-    away = posed_joints(BODY, steadied(BODY, again, known, 5, 0.04, 0.01)) - posed_joints(
+    away = posed_joints(BODY, smooth_poses(BODY, again, known, 5, 0.04, 0.01)) - posed_joints(
         BODY, again
     )
     assert np.abs(away[:, wrist]).max() < 0.04
@@ -151,9 +153,9 @@ def test_every_body_has_both_ways(name: str) -> None:
     ones = np.ones(2)
     way = [Estimate(body, pose, np.full(body.n_dof, 0.02), ones, ones, ones) for pose in poses]
     errors = np.zeros((3, 2 + 2 * len(limb_masks(body))))
-    found = combined(list(zip(way, way, strict=True)), errors)
+    found = fuse_passes(list(zip(way, way, strict=True)), errors)
     np.testing.assert_allclose([one.pose for one in found], poses, atol=1e-12)
-    assert exchanged(body, poses[:2]).shape == (errors.shape[1], body.n_dof)
+    assert exchange_limbs(body, poses[:2]).shape == (errors.shape[1], body.n_dof)
 
 
 def test_whole_turns_are_no_difference() -> None:
@@ -191,7 +193,7 @@ def test_a_limb_stays_where_its_way_has_it() -> None:
     away = posed_joints(BODY, found)[:, wrist] - posed_joints(BODY, right[None])[0, wrist]
     assert np.linalg.norm(away, axis=-1).max() < 0.01
     # So are the poses that are compared.
-    mixed = exchanged(BODY, np.stack([wrong, right]))[2 + turned]
+    mixed = exchange_limbs(BODY, np.stack([wrong, right]))[2 + turned]
     away = posed_joints(BODY, mixed[None])[0, wrist] - posed_joints(BODY, right[None])[0, wrist]
     assert np.linalg.norm(away) < 0.02
 
@@ -202,7 +204,7 @@ def test_a_lost_way_says_nothing() -> None:
     errors[:, 1] = 9.0
     ahead = [estimate(rest), estimate(rest, lost=True), estimate(rest, lost=True)]
     behind = [estimate(other), estimate(other), estimate(other, lost=True)]
-    found = combined(list(zip(ahead, behind, strict=True)), errors)
+    found = fuse_passes(list(zip(ahead, behind, strict=True)), errors)
     assert [one.lost for one in found] == [False, False, True]
     np.testing.assert_array_equal(found[1].pose, other)
     assert all(np.isnan(one.disagreement).all() for one in found[1:])
@@ -211,7 +213,7 @@ def test_a_lost_way_says_nothing() -> None:
 def test_exchanged_poses_differ_in_one_limb() -> None:
     ahead = BODY.rest_pose
     behind = np.where(limb_masks(BODY).any(0), ahead + 0.1, ahead)
-    poses = exchanged(BODY, np.stack([ahead, behind]))
+    poses = exchange_limbs(BODY, np.stack([ahead, behind]))
     np.testing.assert_array_equal(poses[:2], [ahead, behind])
     for limb, mask in enumerate(limb_masks(BODY)):
         np.testing.assert_array_equal(poses[2 + limb], np.where(mask, behind, ahead))
@@ -233,7 +235,7 @@ class Follower:
         self.seen.append(shown)
         return estimate(moved(BODY.rest_pose, pelvis__tx=shown))
 
-    def errors_of(self, poses: np.ndarray) -> np.ndarray:
+    def score_poses(self, poses: np.ndarray) -> np.ndarray:
         return np.zeros(len(poses))
 
 
@@ -251,7 +253,7 @@ def frames(n: int, ending: BaseException | None = None) -> Iterator[tuple[int, f
 
 @pytest.fixture
 def kept_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("apf.tracking.two_way.cropped", lambda device, shown: shown)
+    monkeypatch.setattr("apf.tracking.two_way.crop_voxels", lambda device, shown: shown)
 
 
 CONFIG = TwoWayConfig(overlap=3, longest=12)
@@ -260,7 +262,9 @@ CONFIG = TwoWayConfig(overlap=3, longest=12)
 def test_windows_overlap_and_give_every_frame_once(kept_as_it_is: None) -> None:
     back, told = Follower(), list[str]()
     found = list(
-        both_ways(NumpyDevice(), Forward(), [SeparateRuns([back])], frames(25), told.append, CONFIG)
+        track_both_ways(
+            NumpyDevice(), Forward(), [SeparateRuns([back])], frames(25), told.append, CONFIG
+        )
     )
     assert [index for index, _ in found] == list(range(5, 30))
     for (_, (one,)), (_, shown) in zip(found, frames(25), strict=True):
@@ -296,12 +300,12 @@ def test_kept_frames_are_restored_about_the_foreground(device: Device) -> None:
     before = surface_voxels(device, walker(0))
     before.evidence = device.to_device(evidence)
     before.frame = Frame(0, pictures, None)
-    kept = cropped(device, before)
+    kept = crop_voxels(device, before)
     assert isinstance(kept, CroppedVoxels) and kept.nbytes < 0.5 * 4 * evidence.size
     later = surface_voxels(device, walker(5))
     later.evidence = device.to_device(-evidence)  # foreground all over
     later.frame = Frame(1, pictures[::-1], None)
-    other = cropped(device, later)
+    other = crop_voxels(device, later)
     assert isinstance(other, CroppedVoxels)
     restored = RestoredVoxels(device, [kept, other])
     restored.show(other)  # of which nothing remains
@@ -328,7 +332,7 @@ def test_what_ends_the_frames_is_raised_after_them(
 ) -> None:
     found, back = [], Follower()
     with pytest.raises(type(ending)):
-        for one in both_ways(
+        for one in track_both_ways(
             NumpyDevice(),
             Forward(),
             [SeparateRuns([back])],
@@ -353,7 +357,7 @@ def test_what_ends_the_way_back_leaves_the_way_ahead(
 
     found = []
     with pytest.raises(type(ending)):
-        for one in both_ways(
+        for one in track_both_ways(
             NumpyDevice(), Forward(), [SeparateRuns([Follower()])], frames(n), progress, CONFIG
         ):
             found.append(one)
@@ -365,10 +369,10 @@ def test_errors_are_the_twins(device: Device) -> None:
     world, found = World(device), []
     wrong = moved(world.pose(0), l_upper_arm__rx=-0.9)
     for own, voxels in ((device, world.voxels(0)), (NumpyDevice(), world.twin(0))):
-        tracker = tracker_for(world.scene(own), method)
+        tracker = make_tracker(world.scene(own), method)
         tracker.start(world.pose(0))
         tracker.step(voxels)
-        found.append(tracker.errors_of(exchanged(BODY, np.stack([world.pose(0), wrong]))))
+        found.append(tracker.score_poses(exchange_limbs(BODY, np.stack([world.pose(0), wrong]))))
     np.testing.assert_allclose(found[0], found[1], atol=0.01)
     left = limb_names(BODY).index("left arm")
     # The wrong arm fits worse, on whichever pose it is.
@@ -380,7 +384,7 @@ def test_errors_are_the_twins(device: Device) -> None:
 def test_an_arm_that_began_wrong_is_right_from_the_end_back(device: Device) -> None:
     method = Method.of(n_particles=60, n_layers=4, limb_search_rounds=0)
     scene = Scene(device, scenes.ring(4), GRID, SONG)
-    forward = SeparateRuns([watched(scene, method)])
+    forward = SeparateRuns([make_recovering_tracker(scene, method)])
     forward.start(moved(walker(0), l_upper_arm__rx=-0.7))
     alone = []
 
@@ -390,8 +394,8 @@ def test_an_arm_that_began_wrong_is_right_from_the_end_back(device: Device) -> N
             return alone[-1]
 
     seen = ((k, surface_voxels(device, walker(k))) for k in range(8))
-    back = [SeparateRuns([watched(scene, method)])]
-    found = list(both_ways(device, Heard(), back, seen, lambda stage: None))
+    back = [SeparateRuns([make_recovering_tracker(scene, method)])]
+    found = list(track_both_ways(device, Heard(), back, seen, lambda stage: None))
     wrist = SONG.joint_names.index("l_wrist")
     true = posed_joints(SONG, np.stack([walker(k) for k in range(8)]))[:, wrist]
     by_one, by_both = (
@@ -408,15 +412,15 @@ def test_runs_that_start_apart_are_those_alone(device: Device) -> None:
     world = World(device)
     scene = world.scene(device)
     starts = np.stack([world.pose(0), moved(world.pose(0), l_upper_arm__rx=-0.4)])
-    together = watched_runs(scene, method, [3, 4])
+    together = make_recovering_runs(scene, method, [3, 4])
     together.start(starts)
     found = [together.step(world.voxels(k)) for k in range(2)]
     errors = []
     for run, seed in enumerate([3, 4]):
-        alone = watched_runs(scene, method, [seed])
+        alone = make_recovering_runs(scene, method, [seed])
         alone.start(starts[run])
         for k in range(2):
             (expected,) = alone.step(world.voxels(k))
             np.testing.assert_array_equal(found[k][run].pose, expected.pose)
-        errors.append(alone.errors_of(starts))
-    np.testing.assert_allclose(together.errors_of(starts), np.mean(errors, 0), atol=1e-6)
+        errors.append(alone.score_poses(starts))
+    np.testing.assert_allclose(together.score_poses(starts), np.mean(errors, 0), atol=1e-6)

@@ -10,7 +10,12 @@ from helpers.shared import ROOT
 
 from apf.body import load_body
 from apf.body.kinematics import posed_joints
-from apf.tracking.uncertainty import Calibration, inside, joint_covariance, raw_covariance
+from apf.tracking.uncertainty import (
+    Calibration,
+    is_inside_ellipsoid,
+    joint_covariance,
+    raw_covariance,
+)
 
 sys.path.insert(0, str(ROOT / "scripts"))
 
@@ -38,7 +43,9 @@ def test_joints_spread_as_samples_of_the_pose_do() -> None:
     found = raw_covariance(SONG, pose[None], known[None], deviation[None])[0]
     np.testing.assert_allclose(found, expected, atol=0.06 * expected.max())
     truth = posed_joints(SONG, pose[None])[0]
-    held = inside(joints - truth, np.broadcast_to(found + 1e-9 * np.eye(3), (20_000, *found.shape)))
+    held = is_inside_ellipsoid(
+        joints - truth, np.broadcast_to(found + 1e-9 * np.eye(3), (20_000, *found.shape))
+    )
     np.testing.assert_allclose(held.mean(), 0.95, atol=0.01)
 
 
@@ -68,7 +75,7 @@ def test_calibration_scales_and_adds_a_floor_per_joint() -> None:
 def test_ellipsoids_hold_what_they_say() -> None:
     covariance = np.diag([4.0, 1.0, 1.0])
     offsets = np.array([[5.0, 0, 0], [0, 5.0, 0], [0, 0, 2.7], [6.0, 0, 0]])
-    assert inside(offsets, covariance).tolist() == [True, False, True, False]
+    assert is_inside_ellipsoid(offsets, covariance).tolist() == [True, False, True, False]
 
 
 def test_the_script_finds_what_offsets_were_drawn_from() -> None:

@@ -7,7 +7,7 @@ import pytest
 from helpers import scenes
 
 from cl import Device, InputError
-from psfs.background.adaptation import Adaptation
+from psfs.background.adaptation import Adaptation, AdaptationArrays
 from psfs.background.config import AdaptationConfig, LightConfig
 from psfs.background.gaussian import Background
 from psfs.background.light import steady_light
@@ -41,9 +41,10 @@ def test_the_drift_agrees_with_the_twin(device: Device, views: int) -> None:
     before = background_planes(plate, CONFIG.background)
     planes = device.to_device(before)
     sizes = np.array([camera.size for camera in rig], np.int32)
-    inputs = (device.to_device(array) for array in (images, evidence, bordered, sizes))
+    inputs = (device.to_device(array) for array in (images, evidence, bordered, sizes, light))
+    arrays = AdaptationArrays(*inputs, planes)
     rates = CONFIG.adaptation, CONFIG.background
-    ours = Adaptation(device, rig, *rates, *inputs, planes, device.to_device(light))
+    ours = Adaptation(device, rig, *rates, arrays)
     twin = NumpyAdaptation(rig, plate, CONFIG)
     for _ in range(CONFIG.adaptation.period + 2):  # some rows of cells are looked at twice
         ours()

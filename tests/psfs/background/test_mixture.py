@@ -8,7 +8,7 @@ import numpy as np
 from helpers import footage
 from helpers.shared import shared_data
 
-from psfs.background.config import PlateConfig
+from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.background.mixture import Mixture
 from psfs.sequence import Sequence
 
@@ -29,7 +29,10 @@ def test_an_adaptive_mixture_forgets_who_stands_still(tmp_path: Path) -> None:
     person = sequence.read(0).images
     assert person is not None
     mixture = Mixture(
-        sequence.footage.background, True, adaptive=True, config=PlateConfig(mixture_rate=0.02)
+        sequence.footage.background,
+        True,
+        adaptive=True,
+        config=BackgroundModelConfig(mixture_rate=0.02),
     )
     seen = [mixture(0, person[0]).mean() for _ in range(30)]
     assert seen[0] == 255 and seen[-1] == 0  # what stays is scene (Rymut 2016, 2.1)

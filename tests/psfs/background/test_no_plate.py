@@ -79,7 +79,7 @@ def test_a_background_that_holds_the_person_is_named(
     cv2.imwrite(str(plate / "background/cam02.png"), images[0][1])
     assert main(["info", str(plate)]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "camera cam02: its background holds somebody" in said
+    assert "camera cam02: its background contains a person" in said
     assert not [name for name in ("cam01", "cam03", "cam04") if f"camera {name}" in said]
     shutil.copytree(walk, long, ignore=shutil.ignore_patterns("videos", "background"))
     for view, camera in enumerate(sequence.rig):
@@ -90,4 +90,7 @@ def test_a_background_that_holds_the_person_is_named(
             assert cv2.imwrite(str(folder / f"{number:04d}.jpg"), picture)
     assert main(["info", str(long)]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "the background learnt from its pictures holds somebody" in said and "late" not in said
+    assert (
+        "the background estimated from its pictures contains a person" in said
+        and "late" not in said
+    )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import scenes
 
-from psfs.background.config import PlateConfig, TakeConfig
+from psfs.background.estimation_config import BackgroundModelConfig, TakeConfig
 from psfs.background.gaussian import median_moments
 from psfs.background.hull import CoarseHull
 from psfs.background.person_search import (
@@ -16,7 +16,7 @@ from psfs.background.person_search import (
     moving_region,
     person_colours,
 )
-from psfs.background.take import background_from_take, masked_moments
+from psfs.background.take import estimate_background_from_take, masked_moments
 from psfs.footage.media import Media
 
 SIZE = (201, 153)
@@ -87,7 +87,7 @@ def test_somebody_who_walks_about_is_not_in_it() -> None:
     gains = np.linspace(0.85, 1.2, 24)[:, None] * np.linspace([1, 1, 1], [1.1, 1, 0.9], 24)
     gains[9:] *= 0.85
     rig, scene, media = take(shifts, gains)
-    background = background_from_take(rig, media)
+    background = estimate_background_from_take(rig, media)
     assert wrong_share(background, scene, rig) < 2e-3
     assert (background.std < 6).mean() > 0.97
 
@@ -97,7 +97,7 @@ def test_somebody_who_stays_in_a_place_is_unknown() -> None:
     sway = np.arange(24.0)
     shifts = 0.08 * np.stack([np.sin(sway), np.cos(1.7 * sway)], -1)
     rig, scene, media = take(shifts, np.ones((24, 3)))
-    background = background_from_take(rig, media)
+    background = estimate_background_from_take(rig, media)
     assert wrong_share(background, scene, rig) < 0.02
     there = np.abs(np.stack([m.held[0] for m in media[:1]])[0] - scene[0, :, :]).max(-1) > 60
     height, width = media[0].size[::-1]
@@ -120,7 +120,7 @@ def swaying(count: int = 12) -> tuple[np.ndarray, np.ndarray]:
 def test_the_persons_colours_are_found_although_the_median_shows_them() -> None:
     frames, person = swaying()
     region = moving_region(frames, CONFIG)
-    search = PersonSearch(frames, region, *median_moments(frames, PlateConfig()), CONFIG)
+    search = PersonSearch(frames, region, *median_moments(frames, BackgroundModelConfig()), CONFIG)
     colours = np.ones(N_COLOURS)
     for _ in range(3):
         colours = person_colours([search.unexplained(colours)])
@@ -135,7 +135,9 @@ def test_the_persons_colours_are_found_although_the_median_shows_them() -> None:
 def test_no_background_is_extrapolated_that_looks_like_the_person() -> None:
     frames, person = swaying()
     frames[:] = [20, 30, 160]
-    search = PersonSearch(frames, person.any(0), *median_moments(frames, PlateConfig()), CONFIG)
+    search = PersonSearch(
+        frames, person.any(0), *median_moments(frames, BackgroundModelConfig()), CONFIG
+    )
     colours = person_colours([np.eye(N_COLOURS)[colour_bins(np.array([20.0, 30, 160]))]])
     assert np.isnan(search.extrapolated(colours)[..., 3]).all()
 
@@ -170,7 +172,7 @@ def test_moments_leave_out_what_is_hidden() -> None:
     hidden = random.random((20, 8, 9)) < 0.6
     hidden[:, 2, 3] = True
     frames[hidden] = 250
-    mean, std, known = masked_moments(frames, hidden, PlateConfig(), CONFIG)
+    mean, std, known = masked_moments(frames, hidden, BackgroundModelConfig(), CONFIG)
     assert np.abs(mean[known] - 100).max() < 6 and std[known].max() < 11
     assert not known[2, 3] and mean[2, 3, 0] == 250
     seen = np.ma.masked_array(frames, np.repeat(hidden[..., None], 3, -1))

@@ -16,7 +16,7 @@ from apf.synthetic.scene import SceneConfig
 from cl import Device, NumpyDevice
 from psfs.background.config import EvidenceConfig
 from psfs.cli import main
-from psfs.diagnostics.silhouette_mosaic import differences
+from psfs.diagnostics.silhouette_mosaic import draw_differences
 from psfs.diagnostics.silhouette_scores import score_silhouettes, true_mask, truth_frames
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
@@ -129,7 +129,7 @@ def test_the_likelihood_is_that_of_the_counts() -> None:
 def test_differences_are_red_and_green() -> None:
     picture = np.full((1, 4, 3), 100, np.uint8)
     mask, truth = np.array([[0, 0, 1, 1]], bool), np.array([[0, 1, 0, 1]], bool)
-    drawn = differences(picture, mask, truth)[0]
+    drawn = draw_differences(picture, mask, truth)[0]
     assert (drawn[0] == 35).all() and (drawn[3] == 100).all()
     assert drawn[1].argmax() == 2 and drawn[2].argmax() == 1  # BGR
 
@@ -162,13 +162,13 @@ def test_errors_write_nothing(
 def test_an_interrupt_keeps_what_was_shown(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole, out = command.mosaic, tmp_path / "out"
+    whole, out = command.draw_mosaic, tmp_path / "out"
 
     def interrupted(rig, shown):
         if shown.frame.index == 2:
             raise KeyboardInterrupt
         return whole(rig, shown)
 
-    monkeypatch.setattr(command, "mosaic", interrupted)
+    monkeypatch.setattr(command, "draw_mosaic", interrupted)
     assert show(folder, out) == 130
     assert list(json.loads((out / "silhouettes.json").read_text())["frames"]) == ["0"]

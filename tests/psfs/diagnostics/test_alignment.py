@@ -10,9 +10,9 @@ import pytest
 from helpers import scenes
 
 from psfs.cameras.camera import CameraRig
-from psfs.diagnostics.alignment import aligned, beside_hidden
+from psfs.diagnostics.alignment import estimate_alignment, mark_hidden_points
 from psfs.diagnostics.config import AlignmentConfig
-from psfs.diagnostics.small_views import Outline, outline_of
+from psfs.diagnostics.small_views import Outline, extract_outline
 
 EXACT = scenes.ring(5, (640, 480), 4.0)
 CONFIG = AlignmentConfig()
@@ -44,7 +44,7 @@ def outlines_of(rig: CameraRig, n: int = 40) -> list[list[Outline | None]]:
             mask = np.zeros(camera.size[::-1], np.uint8)
             _, y, x, _ = camera.look_up(limbs(frame))
             mask[y, x] = 1
-            row.append(outline_of(cv2.dilate(mask, np.ones((9, 9), np.uint8)) > 0))
+            row.append(extract_outline(cv2.dilate(mask, np.ones((9, 9), np.uint8)) > 0))
         rows.append(row)
     return rows
 
@@ -74,8 +74,8 @@ def outlines() -> list[list[Outline | None]]:
 
 def test_a_rig_that_is_off_is_turned(outlines: list[list[Outline | None]]) -> None:
     rig = off(EXACT, 0.5)
-    found = aligned(rig, rig, outlines)
-    assert found is not None and found.believed(CONFIG)
+    found = estimate_alignment(rig, rig, outlines)
+    assert found is not None and found.is_accepted(CONFIG)
     assert pixels_apart(found.rig, EXACT) < 0.5 * pixels_apart(rig, EXACT)
     assert found.after < 0.4 * found.before
     assert "px past" in str(found)
@@ -84,15 +84,15 @@ def test_a_rig_that_is_off_is_turned(outlines: list[list[Outline | None]]) -> No
 def test_small_pictures_tell_the_large_rig(outlines: list[list[Outline | None]]) -> None:
     rig = off(EXACT, 0.5)
     small = [outlines_of(EXACT.scaled(0.5))]
-    found = aligned(rig, rig.scaled(0.5), small[0])
+    found = estimate_alignment(rig, rig.scaled(0.5), small[0])
     assert found is not None
     assert found.rig[0].size == rig[0].size
     assert pixels_apart(found.rig, EXACT) < 0.6 * pixels_apart(rig, EXACT)
 
 
 def test_an_exact_rig_stays(outlines: list[list[Outline | None]]) -> None:
-    found = aligned(EXACT, EXACT, outlines)
-    assert found is not None and not found.believed(CONFIG)
+    found = estimate_alignment(EXACT, EXACT, outlines)
+    assert found is not None and not found.is_accepted(CONFIG)
     assert pixels_apart(found.rig, EXACT) < 0.5
 
 
@@ -100,8 +100,8 @@ def test_nothing_is_said_of_two_cameras_or_of_nobody(
     outlines: list[list[Outline | None]],
 ) -> None:
     two = EXACT.subset(EXACT.names[:2])
-    assert aligned(two, two, [row[:2] for row in outlines]) is None
-    assert aligned(EXACT, EXACT, [[None] * len(EXACT)] * 40) is None
+    assert estimate_alignment(two, two, [row[:2] for row in outlines]) is None
+    assert estimate_alignment(EXACT, EXACT, [[None] * len(EXACT)] * 40) is None
 
 
 def test_outlines_end_at_furniture(outlines: list[list[Outline | None]]) -> None:
@@ -110,8 +110,8 @@ def test_outlines_end_at_furniture(outlines: list[list[Outline | None]]) -> None
     assert whole is not None and not whole.at_border.any()
     x, y = whole.points[0].astype(int)
     hidden[0][y, x] = 1
-    cut = beside_hidden(outlines, hidden)[0][0]
+    cut = mark_hidden_points(outlines, hidden)[0][0]
     assert cut is not None and cut.at_border[0] and not cut.at_border.all()
-    other, same = outlines[0][1], beside_hidden(outlines, hidden)[0][1]
+    other, same = outlines[0][1], mark_hidden_points(outlines, hidden)[0][1]
     assert other is not None and same is not None
     np.testing.assert_array_equal(other.at_border, same.at_border)

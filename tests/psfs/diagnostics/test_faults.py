@@ -89,7 +89,7 @@ def test_late_cameras_are_named_and_mended(tmp_path: Path, masks: np.ndarray, la
     diagnosis = diagnose(Session(Sequence.open(folder), NumpyDevice()))
     assert diagnosis.late == {"c2": late}
     assert "--sync auto" in str(diagnosis.faults[0]) and "c2" in str(diagnosis.faults[0])
-    mended = Sequence.open(folder).synchronised(diagnosis.late)
+    mended = Sequence.open(folder).synchronise(diagnosis.late)
     assert len(mended) == FRAMES - 2 * abs(late)
     assert diagnose(Session(mended, NumpyDevice())).faults == []
     shown = mended.read(0).masks

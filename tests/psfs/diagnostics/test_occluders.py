@@ -6,9 +6,9 @@ import numpy as np
 from helpers import scenes
 
 from psfs.cameras.camera import CameraRig
-from psfs.diagnostics.camera_consistency import of_person
+from psfs.diagnostics.camera_consistency import select_person
 from psfs.diagnostics.config import OccluderConfig
-from psfs.diagnostics.occluders import hidden_in
+from psfs.diagnostics.occluders import find_hidden_in_box
 
 RIG = scenes.ring(6, (320, 240))
 LOW, HIGH = np.array([-0.9, -0.9, 0.0]), np.array([0.9, 0.9, 1.8])
@@ -51,7 +51,7 @@ def some_table(frames: list[np.ndarray], view: int) -> np.ndarray:
 def test_a_table_is_found_in_the_camera_that_it_stands_before() -> None:
     frames = walking(RIG)
     table = some_table(frames, 1)
-    hidden = hidden_in(RIG, behind(frames, table, 1), LOW, HIGH, CONFIG)
+    hidden = find_hidden_in_box(RIG, behind(frames, table, 1), LOW, HIGH, CONFIG)
     assert hidden is not None
     assert hidden[1].sum() > 3 * hidden[[0, 2, 3, 4, 5]].sum((1, 2)).max()  # beside the body
     crossed = table & (np.sum([maps[1] > 0 for maps in frames], 0) >= 3)
@@ -61,20 +61,20 @@ def test_a_table_is_found_in_the_camera_that_it_stands_before() -> None:
 
 
 def test_clean_footage_has_none() -> None:
-    assert hidden_in(RIG, walking(RIG), LOW, HIGH, CONFIG) is None
+    assert find_hidden_in_box(RIG, walking(RIG), LOW, HIGH, CONFIG) is None
 
 
 def test_a_limb_that_is_lost_once_is_no_furniture() -> None:
     frames = walking(RIG)
     spoilt = frames.copy()
     spoilt[4] = behind(frames[4:5], some_table(frames, 1), 1)[0]
-    assert hidden_in(RIG, spoilt, LOW, HIGH, CONFIG) is None
+    assert find_hidden_in_box(RIG, spoilt, LOW, HIGH, CONFIG) is None
 
 
 def test_a_camera_that_shows_nobody_is_not_hidden_behind_furniture() -> None:
     frames = walking(RIG)
     everything = np.ones((RIG.height, RIG.width), bool)
-    assert hidden_in(RIG, behind(frames, everything, 1), LOW, HIGH, CONFIG) is None
+    assert find_hidden_in_box(RIG, behind(frames, everything, 1), LOW, HIGH, CONFIG) is None
 
 
 def test_clutter_beside_the_person_is_not_his() -> None:
@@ -82,5 +82,5 @@ def test_clutter_beside_the_person_is_not_his() -> None:
     expected[10:30, 10:20] = shown[12:30, 10:20] = True
     person = shown.copy()
     shown[0:6, 25:40] = True
-    np.testing.assert_array_equal(of_person(shown, expected), person)
-    np.testing.assert_array_equal(of_person(shown & ~person, expected), shown & ~person)
+    np.testing.assert_array_equal(select_person(shown, expected), person)
+    np.testing.assert_array_equal(select_person(shown & ~person, expected), shown & ~person)

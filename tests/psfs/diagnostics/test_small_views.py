@@ -8,8 +8,8 @@ import pytest
 from helpers import scenes
 
 from cl import Device
-from psfs.backend import evidence_ahead, evidence_for
-from psfs.diagnostics.small_views import outline_of
+from psfs.backend import make_evidence_function, make_evidence_pipeline
+from psfs.diagnostics.small_views import extract_outline
 from psfs.diagnostics.tangency import CAP, Tangency
 from psfs.sequence import Frame
 from psfs.silhouettes.config import SilhouetteConfig
@@ -23,7 +23,7 @@ def test_an_outline_is_the_hull_of_the_largest_part(speck: tuple[int, int]) -> N
     mask |= body
     row, column = speck
     mask[row : row + 7, column : column + 7] = True
-    found = outline_of(mask)
+    found = extract_outline(mask)
     assert found is not None
     part = cv2.medianBlur(body.astype(np.uint8), 3) > 0
     pixels = np.argwhere(part)[:, ::-1].astype(np.int32)
@@ -36,7 +36,7 @@ def test_an_outline_is_the_hull_of_the_largest_part(speck: tuple[int, int]) -> N
 def test_an_outline_on_the_border_says_so() -> None:
     mask = np.zeros((40, 50), bool)
     mask[10:30, :20] = True
-    found = outline_of(mask)
+    found = extract_outline(mask)
     assert found is not None
     np.testing.assert_array_equal(found.at_border, found.points[:, 0] == 0)
     assert found.at_border.any()
@@ -44,9 +44,9 @@ def test_an_outline_on_the_border_says_so() -> None:
 
 def test_nobody_has_no_outline() -> None:
     mask = np.zeros((40, 50), bool)
-    assert outline_of(mask) is None
+    assert extract_outline(mask) is None
     mask[3:8, 3:8] = True  # fewer pixels than count
-    assert outline_of(mask) is None
+    assert extract_outline(mask) is None
 
 
 def test_lags_of_planes_at_once() -> None:
@@ -73,8 +73,8 @@ def test_evidence_of_one_frame_ahead(device: Device) -> None:
     frames = [
         Frame(k, None, random.integers(0, 256, (2, 48, 64)).astype(np.uint8)) for k in range(4)
     ]
-    now = evidence_for(device, rig, None, SilhouetteConfig())
-    begin = evidence_ahead(device, rig, None, SilhouetteConfig())
+    now = make_evidence_function(device, rig, None, SilhouetteConfig())
+    begin = make_evidence_pipeline(device, rig, None, SilhouetteConfig())
     before = begin(frames[0])
     for number, frame in enumerate(frames[1:]):
         begun = begin(frame)

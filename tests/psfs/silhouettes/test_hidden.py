@@ -9,7 +9,7 @@ import pytest
 from helpers import scenes
 
 from cl import Device, InputError, NumpyDevice
-from psfs.backend import reconstructor_for
+from psfs.backend import make_reconstructor
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import Reconstructor
 from psfs.reference.hidden import hide, mark_hidden
@@ -101,7 +101,7 @@ def test_furniture_before_the_body_carves_nothing(device: Device) -> None:
         ("known", RIG.with_hidden(table), spoilt),
     ):
         for where in (device, NumpyDevice()):
-            voxels = reconstructor_for(where, rig, GRID, None)(shown)
+            voxels = make_reconstructor(where, rig, GRID, None)(shown)
             counts[name, where.name] = len(voxels.cloud())
         assert abs(counts[name, device.name] - counts[name, "numpy"]) <= 3
     whole, carved, known = (counts[name, device.name] for name in ("whole", "carved", "known"))
@@ -113,7 +113,7 @@ def test_reprojected_maps_are_marked(device: Device) -> None:
     rig = RIG.with_hidden(some_hidden(RIG))
     voxels = Reconstructor(device, rig, GRID, background)(frame)
     maps = Reprojection(device, rig, GRID)(voxels).get()
-    twin = reconstructor_for(NumpyDevice(), rig, GRID, background)(frame)
+    twin = make_reconstructor(NumpyDevice(), rig, GRID, background)(frame)
     expected = NumpyReprojection(NumpyDevice(), rig, GRID)(twin)
     hidden = np.isin(maps[..., 0], (1, 254))
     assert hidden.any() and not hidden[1].any()

@@ -28,7 +28,7 @@ from psfs.reference.silhouette import (
     smoothed_evidence,
 )
 from psfs.reference.surface import surface_voxels
-from psfs.silhouettes.appearance import BINS, Foreground
+from psfs.silhouettes.appearance import BINS, Foreground, ForegroundPrior
 from psfs.silhouettes.config import EvidenceSmoothingConfig, SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
 
@@ -177,8 +177,9 @@ def test_what_is_learnt(device: Device, views: int, shown: str) -> None:
     random, person = np.random.default_rng(views), scenes.masks_of(rig) > 0
     twin, shape = NumpyForeground(rig, CONFIG), (views, rig.height, rig.width)
     inputs = [device.zeros((*shape, 3), np.uint8), device.zeros(shape, np.int8)]
-    tables = [device.zeros(BINS**3, np.int8), device.zeros((views, *cells(rig)), np.int8)]
-    foreground = Foreground(device, rig, *inputs, *tables, CONFIG)
+    cell_odds = device.zeros((views, *cells(rig)), np.int8)
+    prior = ForegroundPrior(device.zeros(BINS**3, np.int8), cell_odds)
+    foreground = Foreground(device, rig, CONFIG, *inputs, prior)
     listed = np.append(surface, np.int32(grid.size - 1))  # what is beyond `count` is stale
     voxels = SimpleNamespace(
         grid=grid,
@@ -197,7 +198,7 @@ def test_what_is_learnt(device: Device, views: int, shown: str) -> None:
         marks = foreground.marks.get()[:, reach:-reach, reach:-reach]
         # The edge of a voxel's box in the middle between two cells.
         assert ((marks > 0) != twin.marked).mean() < 5e-3
-        assert (foreground.location.get() != twin.location).mean() < 0.02
-        difference = np.abs(foreground.colours.get().astype(int) - twin.colours)
+        assert (prior.location.get() != twin.location).mean() < 0.02
+        difference = np.abs(prior.colours.get().astype(int) - twin.colours)
         assert difference.max() <= 1 and (difference > 0).mean() < 5e-3
     assert twin.colours.any() or shown != "body"

@@ -14,15 +14,15 @@ from cl import InputError
 from psfs.common.open3d import load_open3d
 from psfs.reference.surface import surface_voxels
 from psfs.voxels.clouds import (
-    coarsened,
-    connected_parts,
+    coarsen,
+    label_connected_parts,
     read_cloud,
-    without_debris,
+    remove_debris,
     write_cloud,
     write_ply,
 )
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
-from psfs.voxels.normals import normals_of
+from psfs.voxels.normals import estimate_normals
 
 
 def a_cloud(colour: bool = False, speck: bool = False) -> VoxelCloud:
@@ -69,22 +69,22 @@ def test_open3d_reads_our_ply(tmp_path: Path, colour: bool, normals: bool) -> No
     if cloud.colour is not None:
         np.testing.assert_array_equal(read.colors.numpy(), cloud.colour)
     if normals:
-        np.testing.assert_array_equal(read.normals.numpy(), normals_of(cloud))
+        np.testing.assert_array_equal(read.normals.numpy(), estimate_normals(cloud))
 
 
 def test_an_empty_cloud_is_written_and_read(tmp_path: Path) -> None:
     cloud = VoxelCloud(scenes.small_grid(), np.zeros(0, np.int32), np.zeros(0, np.float32))
-    write_cloud(without_debris(cloud), tmp_path / "empty")
+    write_cloud(remove_debris(cloud), tmp_path / "empty")
     assert len(read_cloud(tmp_path / "empty.npz")) == 0
     assert b"element vertex 0\n" in (tmp_path / "empty.ply").read_bytes()
 
 
 def test_debris_is_dropped() -> None:
     clean, dirty = a_cloud(), a_cloud(speck=True)
-    kept = without_debris(dirty)
+    kept = remove_debris(dirty)
     np.testing.assert_array_equal(kept.indices, clean.indices)
     assert kept.volume == pytest.approx(clean.volume)
-    assert len(without_debris(dirty, 0)) == len(dirty)
+    assert len(remove_debris(dirty, 0)) == len(dirty)
 
 
 @pytest.mark.parametrize("density", [0.01, 0.06, 0.3])
@@ -97,17 +97,17 @@ def test_parts_are_those_of_the_whole_grid(density: float) -> None:
         grid = VoxelGrid(np.zeros(3), 1.0, shape)
         cloud = VoxelCloud(grid, indices, np.ones(len(indices), np.float32))
         expected = ndimage.label(flags, np.ones((3, 3, 3)))[0].ravel()[indices]
-        ours = connected_parts(cloud)
+        ours = label_connected_parts(cloud)
         pairs = set(zip(ours.tolist(), expected.tolist(), strict=True))
         assert len(pairs) == len(set(ours)) == len(set(expected))
 
 
 def test_a_coarser_cloud_covers_the_same_place() -> None:
     cloud = a_cloud(colour=True)
-    coarse = coarsened(cloud, 3)
+    coarse = coarsen(cloud, 3)
     offsets = cloud.centres[:, None] - coarse.centres
     assert np.abs(offsets).max(2).min(1).max() <= coarse.grid.voxel_size / 2
-    assert len(coarse) < len(cloud) and coarsened(cloud, 1).grid.shape == cloud.grid.shape
+    assert len(coarse) < len(cloud) and coarsen(cloud, 1).grid.shape == cloud.grid.shape
     assert cloud.colour is not None and coarse.colour is not None
     assert set(map(tuple, coarse.colour)) <= set(map(tuple, cloud.colour))
 

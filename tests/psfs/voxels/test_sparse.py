@@ -10,7 +10,7 @@ from helpers import scenes
 from scipy import ndimage
 
 from cl import Device, NumpyDevice
-from psfs.backend import reconstructor_for
+from psfs.backend import make_reconstructor
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import ReconstructionConfig, Reconstructor
 from psfs.reference.occupancy import occupancy
@@ -42,7 +42,7 @@ def compare(
     maps = device.to_device(evidence)
     bricks = Bricks(device, rig, grid, maps, STEP, config)
     dense = Occupancy(bricks)
-    surface = Surface(device, grid.shape, dense(), config.threshold)
+    surface = Surface(device, grid.shape, dense(), config)
     surface()
     found = SparseSurface(bricks)
     for _ in range(2):  # the second time over what the first one left
@@ -89,8 +89,8 @@ def test_sparse_agrees_with_the_twin(
     found = SparseSurface(Bricks(device, rig, grid, device.to_device(evidence), STEP, config))
     found()
     indices = found.list.indices.get(int(found.list.count.get()[0]))
-    smoothed = smooth(occupancy(rig, grid, evidence, STEP, config))
-    expected = surface_voxels(smoothed > config.threshold)
+    smoothed = smooth(occupancy(rig, grid, evidence, STEP, config), faces=True)
+    expected = surface_voxels(smoothed > config.threshold, config.closed_surface)
     assert len(expected) > 20
     # Voxels at the border of two pixels, or as probable as the threshold, may differ.
     union = np.union1d(indices, expected)
@@ -145,7 +145,7 @@ def test_pictures_of_either_mode_agree_with_the_twin(device: Device) -> None:
     frame, background = scenes.pictures_of(rig)
     config = ReconstructionConfig()
     clouds = [
-        reconstructor_for(where, rig, scenes.small_grid(), background, config, sparse=True)(
+        make_reconstructor(where, rig, scenes.small_grid(), background, config, sparse=True)(
             frame
         ).cloud()
         for where in (device, NumpyDevice())

@@ -7,6 +7,7 @@ import pytest
 
 from cl import Device
 from psfs.reference.surface import mean_position, smooth, surface_voxels
+from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.host_voxels import surface_indices
 from psfs.voxels.moving_grid import SAMPLES, MeanPosition
 from psfs.voxels.surface import Surface
@@ -14,9 +15,14 @@ from psfs.voxels.surface import Surface
 SHAPES = [(1, 1, 1), (1, 7, 3), (17, 1, 33), (40, 23, 31), (9, 64, 65), (5, 6, 16), (4, 3, 32)]
 
 
-def run(device: Device, padded: np.ndarray, threshold: float = 0.5) -> Surface:
+CUBE = OccupancyConfig(threshold=0.501, smoothing="cube", closed_surface=False)
+FACES = CUBE.replace(threshold=0.9, smoothing="faces", closed_surface=True)
+
+
+def run(device: Device, padded: np.ndarray, config: OccupancyConfig = CUBE) -> Surface:
     shape = tuple(n - 2 for n in padded.shape)
-    surface = Surface(device, shape, device.to_device(padded.astype(np.float32)), threshold)
+    occupancy = device.to_device(padded.astype(np.float32))
+    surface = Surface(device, shape, occupancy, config)
     surface()
     return surface
 
@@ -32,7 +38,7 @@ def run(device: Device, padded: np.ndarray, threshold: float = 0.5) -> Surface:
 def test_agrees_with_the_twin(device: Device, shape: tuple[int, int, int]) -> None:
     # Multiples of 1/64: their sums are exact, no voxel sits on the threshold by rounding.
     padded = np.random.default_rng(1).integers(0, 65, [n + 2 for n in shape]) / 64
-    surface = run(device, padded, threshold=0.501)
+    surface = run(device, padded)
     expected = smooth(padded)
     np.testing.assert_allclose(surface.probability.get(), expected, atol=1e-6)
     occupied = expected > 0.501
@@ -43,6 +49,22 @@ def test_agrees_with_the_twin(device: Device, shape: tuple[int, int, int]) -> No
     np.testing.assert_allclose(
         surface.surface_probability(count), expected.ravel()[surface_voxels(occupied)], atol=1e-6
     )
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_closed_surface_of_faces_agrees_with_the_twin(
+    device: Device, shape: tuple[int, int, int]
+) -> None:
+    padded = (np.random.default_rng(4).random([n + 2 for n in shape]) < 0.96).astype(float)
+    surface = run(device, padded, FACES)
+    smoothed = smooth(padded, faces=True)
+    np.testing.assert_allclose(surface.probability.get(), smoothed, atol=1e-6)
+    occupied = smoothed > 0.9
+    expected = surface_voxels(occupied, closed=True)
+    count = int(surface.list.count.get()[0])
+    np.testing.assert_array_equal(surface.list.indices.get(count), expected)
+    if min(shape) > 20:  # neither of the two surfaces is the other, nor all that is occupied
+        assert len(surface_voxels(occupied)) < len(expected) < occupied.sum()
 
 
 def test_nothing_occupied(device: Device) -> None:

@@ -1,0 +1,178 @@
+"""Settings of the background's estimation from pictures of the empty scene or from the take."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from psfs.common.config import Config, setting
+
+
+class BackgroundModelConfig(Config):
+    """Settings of the background's estimation from pictures of the empty scene, see
+    `psfs.background.gaussian`."""
+
+    SOURCE: ClassVar = "by hand"
+
+    std_floor: float = setting(
+        2.0,
+        "Least standard deviation of the background's estimate: without it, N(I; mu, sigma) of"
+        " a noiseless background would be unbounded.",
+        unit="grey levels",
+        above=0,
+    )
+    prior_std: float = setting(
+        6.0,
+        "Prior standard deviation of a pixel, before any frame is read.",
+        unit="grey levels",
+        above=0,
+    )
+    prior_frames: float = setting(
+        2.0,
+        "Weight of `prior_std`; a background of a single picture thus has a standard deviation"
+        " of 4.9 grey levels.",
+        unit="frames",
+        least=0,
+    )
+    clip: float = setting(
+        3.0,
+        "Distance from the mean beyond which a value is left out of it.",
+        "the usual 3 sigma",
+        "standard deviations",
+        above=0,
+    )
+    samples: int = setting(
+        25,
+        "Number of frames from which the background is estimated if there is no film of the "
+        "empty scene.",
+        "by hand: enough for a median",
+        "frames",
+        least=1,
+    )
+    mixture_samples: int = setting(
+        50,
+        "Number of frames to which mixtures of Gaussians are fitted if there is no film of the"
+        " empty scene.",
+        unit="frames",
+        least=1,
+    )
+    mixture_rate: float = setting(
+        0.0005,
+        "Learning rate of an adaptive mixture, alpha of Rymut 2016 eq. (2.5). OpenCV counts a "
+        "component as background once it is a tenth of the mixture, so a person may stand "
+        "still for 210 frames.",
+        "by hand; Rymut does not state his",
+        least=0,
+        most=1,
+    )
+
+
+class TakeConfig(Config):
+    """Settings of the background's estimation from a take with people in it, see
+    `psfs.background.take`."""
+
+    SOURCE: ClassVar = (
+        "by hand, on synth_box_4cam, synth_pickup_6cam, synth_walk_4cam without films of the empty "
+        "scene"
+    )
+
+    longest_side: int = setting(
+        320,
+        "Longest side of the small pictures in which people are searched.",
+        unit="px",
+        least=32,
+    )
+    moving: float = setting(
+        18.0,
+        "Least change of a pixel over the take that counts as motion.",
+        unit="grey levels",
+        above=0,
+    )
+    gap: int = setting(
+        9, "Width of the gaps in the moving region that are closed.", unit="px", least=1
+    )
+    least_area: float = setting(
+        40.0, "Area below which a moving region counts as noise.", unit="px^2", least=0
+    )
+    extrapolated_std: float = setting(
+        10.0,
+        "Standard deviation of a background that is extrapolated into the region where something "
+        "moved.",
+        unit="grey levels",
+        above=0,
+    )
+    unlike: float = setting(
+        -2.0,
+        "Evidence for the person below which an extrapolated background replaces one that is never "
+        "seen.",
+        unit="nats",
+    )
+    least_std: float = setting(
+        5.0, "Least standard deviation of a learnt background.", unit="grey levels", above=0
+    )
+    median_blur: float = setting(
+        1.5,
+        "Standard deviation of the blur of the map that says where the median is background.",
+        unit="px",
+        above=0,
+    )
+    colour_limit: float = setting(
+        4.0, "Most that a pixel's colour may say for or against the person.", unit="nats", above=0
+    )
+    least_evidence: float = setting(
+        -1.0,
+        "Mean over 3 x 3 pixels of what their colours say for the person, from which on a pixel "
+        "may be the person's.",
+        unit="nats",
+    )
+    voxels: int = setting(
+        60_000, "Number of voxels of the coarse hull, at most.", unit="voxels", least=1000
+    )
+    explained: float = setting(
+        0.62,
+        "Least share of the silhouettes (against the medians) that the hull of all cameras "
+        "explains; below it, the medians are searched for a person.",
+        "between people who walk about (0.78) and who stay in a place (0.39, 0.46)",
+        least=0,
+        most=1,
+    )
+    judged: int = setting(4, "Stride of the samples for which this share is computed.", least=1)
+    denials: int = setting(
+        1,
+        "Number of cameras, out of more than three, that may contradict a voxel, because their"
+        " background may contain a person.",
+        least=0,
+    )
+    margin: int = setting(1, "Distance by which the projected hull is dilated.", unit="px", least=0)
+    shadow_width: float = setting(
+        0.06, "Standard deviation of the light factor of background pixels around 1.", above=0
+    )
+    rounds: int = setting(
+        3,
+        "Greatest number of alternations between estimating the hull and the background.",
+        least=1,
+    )
+    rest: float = setting(
+        0.002,
+        "Share of pixels that change label below which the alternation stops.",
+        least=0,
+        most=1,
+    )
+    least_free: int = setting(
+        3,
+        "Least number of frames in which a background pixel must be visible.",
+        unit="frames",
+        least=1,
+    )
+    free_share: float = setting(
+        0.1,
+        "Least share of the frames in which a background pixel must be visible.",
+        least=0,
+        most=1,
+    )
+    hidden_prior: float = setting(
+        1.0,
+        "Prior log-odds of a person at pixels whose background is never visible and not "
+        "extrapolated.",
+        unit="nats",
+        least=0,
+    )

@@ -1,0 +1,94 @@
+"""Agreement of voxel clouds with true masks, beside what the same grid would give with true masks
+as silhouettes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence as Items
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.common.regions import iou
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+DEFINITION = (
+    "iou: of the true masks with the cloud, whose surface voxels are drawn as discs of half their "
+    "projected size; ceiling: the same for all voxels of the grid that lie in every true mask; "
+    "ghosts: share of the cloud's voxels that are none of those, nor neighbours of one"
+)
+
+
+#: The scores of a cloud.
+NAMES = ("iou", "ceiling", "ghosts")
+
+
+@dataclass(frozen=True)
+class CloudScore:
+    """The scores of a frame's cloud, means over the cameras with a true mask, as `DEFINITION`
+    says. NaN where there is nothing to compare."""
+
+    iou: float
+    ceiling: float
+    ghosts: float
+
+
+def score_cloud(rig: CameraRig, cloud: VoxelCloud, truth: Items[np.ndarray | None]) -> CloudScore:
+    """Return the scores of a frame's cloud, given the true masks (H, W) bool of the cameras."""
+    seen = [(camera, mask) for camera, mask in zip(rig, truth, strict=True) if mask is not None]
+    grid = cloud.grid
+    hull = _carved(seen, grid)
+    ours, best = (
+        [
+            iou(draw_voxels(camera, points, grid.voxel_size, mask.shape), mask)
+            for camera, mask in seen
+        ]
+        for points in (cloud.centres, grid.centres(hull))
+    )
+    near = np.zeros(grid.shape, bool)
+    near.ravel()[hull] = True
+    near = ndimage.binary_dilation(near, np.ones((3, 3, 3)))
+    ghosts = float(1 - near.ravel()[cloud.indices].mean()) if len(cloud) else float("nan")
+    return CloudScore(_mean(ours), _mean(best), ghosts)
+
+
+def mean_scores(scores: Items[CloudScore]) -> dict[str, float | None]:
+    """Return the mean of each score over frames, None where it is unknown."""
+    means = {name: _mean([getattr(of, name) for of in scores]) for name in NAMES}
+    return {name: None if np.isnan(mean) else mean for name, mean in means.items()}
+
+
+def draw_voxels(
+    camera: Camera, points: np.ndarray, edge: float, shape: tuple[int, ...]
+) -> np.ndarray:
+    """Return the pixels `shape` (H, W) bool that the voxels cover, of `edge` m around `points` (N,
+    3): each a disc of half its projected size."""
+    _, row, column, depth = camera.look_up(points)
+    radii = np.maximum(1, np.round(0.5 * edge * camera.K[0, 0] / depth)).astype(int)
+    drawn = np.zeros(shape, bool)
+    for radius in np.unique(radii):
+        own = np.zeros(shape, np.uint8)
+        own[row[radii == radius], column[radii == radius]] = 1
+        disc = np.zeros((2 * radius + 1,) * 2, np.uint8)
+        cv2.circle(disc, (int(radius), int(radius)), int(radius), 1, -1)
+        drawn |= cv2.dilate(own, disc) > 0
+    return drawn
+
+
+def _carved(seen: Items[tuple[Camera, np.ndarray]], grid: VoxelGrid) -> np.ndarray:
+    """Return the flat indices (N,) of the voxels that lie in every mask whose picture shows
+    them."""
+    left = np.arange(grid.size)
+    for camera, mask in seen:
+        inside, row, column, _ = camera.look_up(grid.centres(left))
+        kept = ~inside
+        kept[inside] = mask[row, column]
+        left = left[kept]
+    return left
+
+
+def _mean(scores: Items[float]) -> float:
+    known = [score for score in scores if not np.isnan(score)]
+    return float(np.mean(known)) if known else float("nan")
