@@ -152,7 +152,8 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     for path in Path(known).glob("*.icd"):
         shutil.copy(path, folder)
     paths = os.pathsep.join(filter(None, sys.path))
-    return {**os.environ, "OCL_ICD_VENDORS": str(folder), "PYTHONPATH": paths}
+    wide = {"COLUMNS": "200"}  # no name in the table is cut
+    return {**os.environ, "OCL_ICD_VENDORS": str(folder), "PYTHONPATH": paths, **wide}
 
 
 def run(environment: dict[str, str], *words: str) -> subprocess.CompletedProcess[str]:

@@ -19,6 +19,8 @@ from psfs.cameras.calibration.humaneva import read_humaneva
 from psfs.cameras.calibration.matlab import read_matlab
 from psfs.cameras.calibration.middlebury import read_middlebury
 from psfs.cameras.calibration.projections import read_projections
+from psfs.cameras.calibration.qualisys import SUFFIX as QUALISYS
+from psfs.cameras.calibration.qualisys import looks_like_qualisys, read_qualisys
 from psfs.cameras.calibration.surrey import looks_like_surrey, read_surrey
 from psfs.cameras.calibration.toml_tables import read_toml_tables
 from psfs.cameras.calibration.transforms import read_transforms
@@ -42,6 +44,7 @@ __all__ = [
     "read_matlab",
     "read_middlebury",
     "read_projections",
+    "read_qualisys",
     "read_surrey",
     "read_toml_tables",
     "read_transforms",
@@ -142,6 +145,8 @@ def _is_tsai(path: Path) -> bool:
 
 def _read_text_file(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     text = read_text(path)
+    if looks_like_qualisys(text):
+        return read_qualisys(path, unit, sizes)
     if looks_like_surrey(text):
         return read_surrey(path, unit, sizes)
     words = [line.split() for line in text.splitlines() if line.strip()]
@@ -170,6 +175,8 @@ def _read_folder(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     if (folder / "cameras.txt").exists():
         return read_colmap(folder, unit)
     files = _camera_files(folder)
+    if len(files) == 1 and files[0].name.endswith(QUALISYS):
+        return read_qualisys(files[0], unit, sizes)
     suffixes = {path.suffix.lower() for path in files}
     if len(suffixes) == 1 and _is_tsai(files[0]):
         return read_tsai(files, unit, sizes)

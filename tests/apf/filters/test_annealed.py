@@ -276,7 +276,8 @@ def test_a_moving_body_is_followed(device: Device) -> None:
             last.joints, posed_joints(world.body, last.pose[None])[0], strict=True
         )
         assert np.all(np.diff(last.ess) < 0) and np.all(last.deviation >= 0)
-        assert last.least_error[-1] < last.least_error[0]
+    errors = np.mean([last.least_error for last in runs], axis=0)  # layers score other samples
+    assert errors[-1] < errors[0]
 
 
 def test_no_voxels_leave_the_body_within_its_limits(device: Device) -> None:

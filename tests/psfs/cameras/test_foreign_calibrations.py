@@ -155,9 +155,38 @@ def transposed(folder: Path, rig: CameraRig) -> None:
     (folder / "projections.txt").write_text("\n".join(rows(projection(c).T) for c in rig))
 
 
+def qualisys(folder: Path, rig: CameraRig) -> None:
+    """XML with camera axes x right, y up, z backward, positions in mm, 64 units to a pixel."""
+    (folder / "calibration").mkdir()
+    elements = []
+    for c in rig:
+        turn = np.diag([1.0, -1, -1]) @ c.R
+        position = 1e3 * np.linalg.inv(turn) @ (np.diag([1.0, -1, -1]) @ -c.t)
+        names = [f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)]
+        transform = dict(zip([*names, *"xyz"], [*turn.ravel(), *position], strict=True))
+        intrinsic = {
+            "focalLengthU": 64 * c.K[0, 0],
+            "focalLengthV": 64 * c.K[1, 1],
+            "centerPointU": 64 * (c.K[0, 2] + 8),
+            "centerPointV": 64 * c.K[1, 2],
+            **dict.fromkeys(("radialDistortion1", "radialDistortion2"), 0.0),
+            **dict.fromkeys(("tangentalDistortion1", "tangentalDistortion2"), 0.0),
+        }
+        field = {"left": 8, "top": 0, "right": c.size[0] + 7, "bottom": c.size[1] - 1}
+        parts = {"fov_video": field, "transform": transform, "intrinsic": intrinsic}
+        inner = "".join(
+            f"<{tag} {' '.join(f'{key}={str(float(v))!r}' for key, v in values.items())}/>"
+            for tag, values in parts.items()
+        )
+        elements.append(f'<camera serial="{c.name}" viewrotation="0">{inner}</camera>')
+    text = "<?xml version='1.0'?>\n<calibration><cameras>" + "\n".join(elements)
+    (folder / "calibration" / "Calib.qca.txt").write_text(text + "</cameras></calibration>")
+
+
 FORMATS: list[Write] = [
     middlebury,
     surrey,
+    qualisys,
     krt,
     k_and_rt,
     pa,
@@ -199,7 +228,11 @@ def test_info_says_the_same_of_all(
     for name in ("toml", "other"):
         assert main(["info", str(tmp_path / name), "--no-pictures"]) == 0
         said = [line.strip() for line in capsys.readouterr().out.splitlines()]
-        own = ("folder", "by columns")  # where it lies, and what one format alone needs said
+        own = (
+            "folder",
+            "by columns",
+            "unit, up axis",
+        )  # where it lies, and what one format alone needs said
         printed.append([line for line in said if not any(word in line for word in own)])
     assert printed[0] == printed[1]
 
@@ -241,6 +274,9 @@ def test_worlds_of_both_hands_are_refused(tmp_path: Path) -> None:
         ("transforms.json", b'{"frames": []}', "frames"),
         ("transforms.json", b'{"frames": [{"file_path": "a"}]}', "transform_matrix"),
         ("cameras.txt", b"1 FISHEYE 10 10 1 2 3", "camera model FISHEYE"),
+        ("a.qca.txt", b"<calibration><cameras/></calibration>", "no cameras"),
+        ("b.qca.txt", b"<calibration><cameras><camera></cameras>", "expected Qualisys"),
+        ("c.qca.txt", b'<!DOCTYPE a [<!ENTITY b "c">]><calibration/>', "document type"),
         ("calib.txt", b"1 0\n0 9 0 9 1 2 3 4 5 6 7 8 9 0 1 2 3 4 5", "3x4"),
     ],
 )

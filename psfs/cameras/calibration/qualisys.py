@@ -1,0 +1,97 @@
+"""Read Qualisys Track Manager's calibration (`.qca.txt`), XML with one `camera` element per camera.
+
+`transform` has the rotation from the world's axes to the camera's (x right, y up, z backward), by
+rows, and the camera's position, mm; `intrinsic` has focal lengths and principal point
+in 1/64 px, k1, k2, p1, p2 of OpenCV's model; `fov_video` the part of the sensor that the video
+shows, px.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from cl import InputError
+from psfs.cameras.calibration.common import (
+    Calibration,
+    Sizes,
+    check_whole_size,
+    convert_to_metres,
+    name_file_in_errors,
+    parse_numbers,
+    parse_rotation,
+    read_text,
+)
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.units import Unit
+
+SUFFIX = ".qca.txt"
+#: Units of the sensor per pixel.
+_SUBPIXELS = 64
+#: Half a turn about x: from the camera's axes to OpenCV's, y down and z forward.
+_TO_OPENCV = np.diag([1.0, -1.0, -1.0])
+_TRANSFORM = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33", "x", "y", "z")
+_INTRINSIC = (
+    *("focalLengthU", "focalLengthV", "centerPointU", "centerPointV"),
+    *("radialDistortion1", "radialDistortion2", "tangentalDistortion1", "tangentalDistortion2"),
+)
+_FIELD = ("left", "top", "right", "bottom")
+
+
+def looks_like_qualisys(text: str) -> bool:
+    """Return whether the text begins as Qualisys' XML does."""
+    return text.lstrip().startswith("<") and "<calibration" in text[:2000]
+
+
+def read_qualisys(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+    """Read the cameras, named by their serial numbers. Millimetres unless `unit` says otherwise.
+
+    Raises InputError naming file, camera and attribute.
+    """
+    text = read_text(path)
+    with name_file_in_errors(path):
+        if "<!" in text.replace("<!--", ""):
+            raise InputError("a document type; expected XML without one")
+        try:
+            root = ElementTree.fromstring(text)
+        except ElementTree.ParseError as error:
+            raise InputError(f"{error}; expected Qualisys' XML") from None
+        found = root.findall("cameras/camera")
+        if not found:
+            raise InputError("no cameras; expected Qualisys' elements cameras/camera")
+        cameras = [_camera(element, index) for index, element in enumerate(found, 1)]
+        return convert_to_metres(CameraRig(tuple(cameras)), unit, default="mm")
+
+
+def _camera(element: ElementTree.Element, index: int) -> Camera:
+    name = element.get("serial") or f"cam{index:02d}"
+    if element.get("viewrotation", "0") != "0":
+        turned = element.get("viewrotation")
+        raise InputError(f"camera {name}: viewrotation is {turned}; expected 0")
+    rotation = _attributes(element, "transform", _TRANSFORM, name)
+    fu, fv, cu, cv, k1, k2, p1, p2 = _attributes(element, "intrinsic", _INTRINSIC, name)
+    left, top, right, bottom = _attributes(element, "fov_video", _FIELD, name)
+    turn = _TO_OPENCV @ rotation[:9].reshape(3, 3)
+    K = np.array([[fu, 0, cu], [0, fv, cv], [0, 0, _SUBPIXELS]]) / _SUBPIXELS
+    K[:2, 2] -= left, top
+    return Camera(
+        name=name,
+        K=K,
+        distortion=np.array([k1, k2, p1, p2]),
+        R=parse_rotation(turn, f"camera {name}: transform"),
+        t=-turn @ rotation[9:],
+        size=check_whole_size(right - left + 1, bottom - top + 1, f"camera {name}: fov_video"),
+    )
+
+
+def _attributes(
+    camera: ElementTree.Element, tag: str, names: tuple[str, ...], name: str
+) -> np.ndarray:
+    """Return the numbers of an element inside a camera's."""
+    element = camera.find(tag)
+    missing = [key for key in names if element is None or key not in element.attrib]
+    if element is None or missing:
+        raise InputError(f"camera {name}: {tag} lacks {', '.join(missing)}")
+    return parse_numbers([element.attrib[key] for key in names], f"camera {name}: {tag}")
