@@ -19,7 +19,7 @@ _BINS = 16
 N_COLOURS = _BINS**3
 #: Share of a density that is uniform: what no model explains.
 _UNEXPLAINED = 0.05
-#: Share of a learnt background's density that the extrapolated one keeps.
+#: Share of an estimated background's density that the extrapolated one keeps.
 _UNSURE = 0.1
 
 
@@ -90,14 +90,14 @@ class PersonSearch:
         share = self._picture((unseen / (unseen + person[colour_bins(mean)]))[None], 0.0)[0]
         share = cv2.GaussianBlur(share, (0, 0), self._config.median_blur)[self.region]
         trust = (1 - _UNSURE) * np.clip(4 * share - 1.5, 0, 1)
-        learnt = self._density(self._shown, mean, std)
-        self._background = trust * learnt + (1 - trust) * self._unseen
+        estimated = self._density(self._shown, mean, std)
+        self._background = trust * estimated + (1 - trust) * self._unseen
 
     def learn(self, mean: np.ndarray, std: np.ndarray, known: np.ndarray) -> None:
         """Take the moments (h, w, 3) for the background of the pixels that are `known` (h, w)."""
         where = self.region
-        learnt = self._density(self._shown, mean[where], std[where])
-        mixed = (1 - _UNSURE) * learnt + _UNSURE * self._unseen
+        estimated = self._density(self._shown, mean[where], std[where])
+        mixed = (1 - _UNSURE) * estimated + _UNSURE * self._unseen
         self._background = np.where(known[where], mixed, self._unseen)
 
     def evidence(self, person: np.ndarray) -> np.ndarray:
@@ -177,7 +177,8 @@ def _around(picture: np.ndarray, region: np.ndarray) -> list[tuple[np.ndarray, n
     """Return colours (pixels, 3) and shares (pixels,) of the nearest pixels of a picture (h, w, 3)
     outside of the region (h, w), to the left, to the right, above and below each of its pixels."""
     height, width = region.shape
-    row, column = np.indices(region.shape)
+    indices: np.ndarray = np.indices(region.shape)
+    row, column = indices[0], indices[1]
     left = np.maximum.accumulate(np.where(region, -1, column), 1)
     right = np.minimum.accumulate(np.where(region, width, column)[:, ::-1], 1)[:, ::-1]
     above = np.maximum.accumulate(np.where(region, -1, row), 0)
