@@ -93,20 +93,37 @@ class TakeConfig(Config):
     least_area: float = setting(
         40.0, "Area below which a moving region counts as noise.", unit="px^2", least=0
     )
-    around: int = setting(
-        30,
-        "Distance from the moving region within which pixels are samples of the background.",
-        unit="px",
-        least=1,
+    extrapolated_std: float = setting(
+        10.0,
+        "Standard deviation of a background that is extrapolated into the region where something "
+        "moved.",
+        unit="grey levels",
+        above=0,
     )
     unlike: float = setting(
-        14.0,
-        "Least difference from the surrounding background at which a pixel is first labelled "
-        "as person.",
-        unit="grey levels",
-        least=0,
+        -2.0,
+        "Evidence for the person below which an extrapolated background replaces one that is never "
+        "seen.",
+        unit="nats",
     )
-    cuts: int = setting(4, "Number of iterations of GrabCut.", least=1)
+    least_std: float = setting(
+        5.0, "Least standard deviation of a learnt background.", unit="grey levels", above=0
+    )
+    median_blur: float = setting(
+        1.5,
+        "Standard deviation of the blur of the map that says where the median is background.",
+        unit="px",
+        above=0,
+    )
+    colour_limit: float = setting(
+        4.0, "Most that a pixel's colour may say for or against the person.", unit="nats", above=0
+    )
+    least_evidence: float = setting(
+        -1.0,
+        "Mean over 3 x 3 pixels of what their colours say for the person, from which on a pixel "
+        "may be the person's.",
+        unit="nats",
+    )
     voxels: int = setting(
         60_000, "Number of voxels of the coarse hull, at most.", unit="voxels", least=1000
     )
@@ -126,12 +143,6 @@ class TakeConfig(Config):
         least=0,
     )
     margin: int = setting(1, "Distance by which the projected hull is dilated.", unit="px", least=0)
-    somebody: float = setting(
-        5.0,
-        "Least distance from the background at which a pixel counts as person.",
-        unit="standard deviations",
-        above=0,
-    )
     shadow_width: float = setting(
         0.06, "Standard deviation of the light factor of background pixels around 1.", above=0
     )
@@ -160,8 +171,8 @@ class TakeConfig(Config):
     )
     hidden_prior: float = setting(
         1.0,
-        "Prior log-odds of a person at pixels whose background is never visible and whose "
-        "median looks like a person.",
+        "Prior log-odds of a person at pixels whose background is never visible and not "
+        "extrapolated.",
         unit="nats",
         least=0,
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
@@ -28,7 +30,7 @@ class CoarseHull:
                 break
             found = self._centres[inside]
             box = found.min(0) - self.edge, found.max(0) + self.edge
-        self._inside = inside
+        self.inside = inside
 
     def _take(self, low: np.ndarray, high: np.ndarray, voxels: int) -> None:
         self.edge = float(np.cbrt(np.prod(high - low) / voxels))
@@ -43,7 +45,7 @@ class CoarseHull:
         self._seeing = np.zeros(len(self._centres), np.int16)
         for seen, _ in self._at:
             self._seeing[seen] += 1
-        self._inside = self._seeing >= self._needed
+        self.inside = self._seeing >= self._needed
 
     def occupied(self, masks: np.ndarray, denials: int = 0) -> np.ndarray:
         """Return (voxels,) bool: the voxels that at most `denials` cameras deny; of three cameras,
@@ -52,8 +54,15 @@ class CoarseHull:
         shown = np.zeros(len(self._centres), np.int16)
         for mask, (seen, pixels) in zip(masks, self._at, strict=True):
             shown[seen] += mask.ravel()[pixels]
-        occupied: np.ndarray = self._inside & (shown >= self._seeing - denials)
+        occupied: np.ndarray = self.inside & (shown >= self._seeing - denials)
         return occupied
+
+    def total(self, maps: Sequence[np.ndarray]) -> np.ndarray:
+        """Return (voxels,) float32: the sum of the maps (h, w) of all views where a voxel falls."""
+        total = np.zeros(len(self._centres), np.float32)
+        for own, (seen, pixels) in zip(maps, self._at, strict=True):
+            total[seen] += own.ravel()[pixels]
+        return total
 
     def reprojected(self, occupied: np.ndarray, margin: int) -> np.ndarray:
         """Return (V, h, w) bool: the projection of the occupied voxels, dilated by `margin` px."""

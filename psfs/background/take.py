@@ -13,9 +13,14 @@ import numpy as np
 from psfs.background.config import BackgroundConfig, LightConfig
 from psfs.background.estimation_config import BackgroundModelConfig, TakeConfig
 from psfs.background.gaussian import Background, median_moments, sorted_stack, with_prior
-from psfs.background.ghosts import find_ghost, moving_region
 from psfs.background.hull import CoarseHull
 from psfs.background.light import GRID, fit_light, unlit_picture
+from psfs.background.person_search import (
+    N_COLOURS,
+    PersonSearch,
+    moving_region,
+    person_colours,
+)
 from psfs.cameras.camera import CameraRig
 from psfs.footage.media import Media
 
@@ -23,6 +28,8 @@ _VIEWS_AT_ONCE = 4  # estimated in parallel at most; more need more memory for f
 #: Standard deviation, grey levels, with which a channel's normal density peaks at the uniform
 #: foreground's, 1/256.
 _UNIFORM_STD = 256 / np.sqrt(2 * np.pi)
+#: Pixels around one that looks like the person, which may belong to the person, too.
+_NEAR = np.ones((3, 3), np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,26 +51,24 @@ def estimate_background_from_take(
     """Estimate the background from frames spread over the sequence itself.
 
     Each frame is relit by the light of the pixels' median. Then two steps alternate in small
-    pictures: the pixels that differ from the background are carved to a coarse hull by all cameras;
-    the background becomes the median of the frames in which that hull appears elsewhere. If the
-    silhouettes against the medians do not agree, the medians contain a person, who is segmented by
-    `find_ghost`: the person is present in the frames that look like the median there, until the
-    background behind is known. The background behind a person who hides it in nearly all frames is
-    unknown; its density is lower than the foreground's.
+    pictures: the pixels whose colours are the person's rather than the background's, see
+    `PersonSearch`, are carved to a coarse hull by all cameras; the background becomes the median of
+    the frames in which that hull appears elsewhere, and the person's colours those inside. The
+    background behind a person who hides it in nearly all frames is unknown; its density is lower
+    than the foreground's.
     """
     model, config = model or BackgroundModelConfig(), config or TakeConfig()
     small = rig.scaled(min(1.0, config.longest_side / max(rig.width, rig.height)))
     with ThreadPoolExecutor(min(_VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
         sizes = [camera.size for camera in small]
         views = list(pool.map(lambda own, size: _sampled(own, size, model), media, sizes))
-        hidden, ghosts = _hidden(small, views, pool, model, config)
+        hidden, unseen = _hidden(small, views, pool, model, config)
         shape = (len(rig), rig.height, rig.width, 3)
         mean, std = np.zeros(shape, np.float32), np.full(shape, model.std_floor, np.float32)
 
         def learn(view: int) -> None:
             width, height = media[view].size
-            masks = hidden[view], ghosts[view]
-            own = _relearnt(media[view], views[view], *masks, model, config)
+            own = _relearnt(media[view], views[view], hidden[view], unseen[view], model, config)
             mean[view, :height, :width], std[view, :height, :width] = own
 
         list(pool.map(learn, range(len(media))))  # raises the threads' errors
@@ -103,51 +108,59 @@ def _hidden(
     model: BackgroundModelConfig,
     config: TakeConfig,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pixels that the person may cover in each sample (V, n, h, w) bool, and those of a
-    person in a view's median (V, h, w) bool, in small pictures."""
+    """Return the pixels that the person may cover in each sample (V, n, h, w) bool, and the
+    extrapolated background's mean and standard deviation (V, h, w, 4), in small pictures."""
     frames = _stacked([view.small for view in views], rig)
-    medians = [median_moments(own, model) for own in frames]
     regions = np.stack(list(pool.map(lambda own: moving_region(own, config), frames)))
-    mean, std = (np.stack(of) for of in zip(*medians, strict=True))
-    ghosts, hull = np.zeros(regions.shape, bool), CoarseHull(rig, regions, config.voxels)
-    if _explained(frames, mean, std, regions, hull, config) < config.explained:
-        pictures = list(mean.astype(np.uint8))
-        ghosts = np.stack(
-            list(pool.map(lambda mean, where: find_ghost(mean, where, config), pictures, regions))
-        )
-    doubtful, hidden = ghosts.copy(), np.zeros(frames.shape[:-1], bool)
+    hull = CoarseHull(rig, regions, config.voxels)
+    regions &= hull.reprojected(hull.inside, config.margin)
+    hidden = np.zeros(frames.shape[:-1], bool)
+
+    def search(own: np.ndarray, region: np.ndarray) -> PersonSearch:
+        return PersonSearch(own, region, *median_moments(own, model), config)
+
+    searches = list(pool.map(search, frames, regions))
+    colours = np.ones(N_COLOURS)
+    if _explained(hull, searches, config) < config.explained:
+        for _ in range(config.rounds):
+            colours = person_colours([of.unexplained(colours) for of in searches])
+        for of in searches:
+            of.trust_median(colours)
     for _ in range(config.rounds):
-        before, shown = hidden, []
-        for images in np.moveaxis(frames, 1, 0):
-            # If the mean contains a person, frames that differ from it do not.
-            person = doubtful ^ _not_background(images, mean, std, config)
-            shown.append(hull.reprojected(hull.occupied(person, config.denials), config.margin))
-        hidden = np.stack(shown, axis=1)
-        for view, own in enumerate(frames):
-            mean[view], std[view], known = masked_moments(own, hidden[view], model, config)
-            doubtful[view] = ghosts[view] & ~known
+        before = hidden
+        hidden = _covered(hull, [of.evidence(colours) for of in searches], config)
         if (hidden != before).mean() < config.rest:
             break
-    return hidden, ghosts
+
+        def learn(view: int, hidden: np.ndarray = hidden) -> None:
+            searches[view].learn(*masked_moments(frames[view], hidden[view], model, config))
+
+        list(pool.map(learn, range(len(searches))))
+        shown = [of.colours(colours, own) for of, own in zip(searches, hidden, strict=True)]
+        colours = person_colours(shown)
+    return hidden, np.stack([of.extrapolated(colours) for of in searches])
 
 
-def _explained(
-    frames: np.ndarray,
-    mean: np.ndarray,
-    std: np.ndarray,
-    regions: np.ndarray,
-    hull: CoarseHull,
-    config: TakeConfig,
-) -> float:
-    """Return the share of the silhouettes of frames (V, n, h, w, 3) against a background (V, h, w,
-    3) that the projection of their common hull covers; it is low if the background contains a
-    person."""
-    shares = []
-    for images in np.moveaxis(frames, 1, 0)[:: config.judged]:
-        person = _not_background(images, mean, std, config) & regions
-        shown = hull.reprojected(hull.occupied(person), 0)
-        shares.append((person & shown).sum() / max(person.sum(), 1))
-    return float(np.mean(shares))
+def _explained(hull: CoarseHull, searches: list[PersonSearch], config: TakeConfig) -> float:
+    """Return the share of the silhouettes against the medians that their common hull covers; it is
+    low if the medians show a person."""
+    evidence = [of.evidence(np.ones(N_COLOURS))[:: config.judged] for of in searches]
+    person = np.stack(evidence) > 0
+    covered = [hull.reprojected(hull.occupied(own), 0) for own in np.moveaxis(person, 1, 0)]
+    shown = person & np.stack(covered, axis=1)
+    return float((shown.sum((0, 2, 3)) / np.maximum(person.sum((0, 2, 3)), 1)).mean())
+
+
+def _covered(hull: CoarseHull, evidence: list[np.ndarray], config: TakeConfig) -> np.ndarray:
+    """Return (V, n, h, w) bool: the pixels where the common hull of the evidence (n, h, w) of each
+    view appears and which do not look like background themselves."""
+    shown = []
+    for maps in zip(*evidence, strict=True):
+        person = np.stack(maps) > config.least_evidence
+        occupied = hull.occupied(person, config.denials) & (hull.total(maps) > 0)
+        near = np.stack([cv2.dilate(own, _NEAR) for own in person.view(np.uint8)]) > 0
+        shown.append(hull.reprojected(occupied, config.margin) & near)
+    return np.stack(shown, axis=1)
 
 
 def _stacked(pictures: list[np.ndarray], rig: CameraRig) -> np.ndarray:
@@ -157,21 +170,6 @@ def _stacked(pictures: list[np.ndarray], rig: CameraRig) -> np.ndarray:
     for own, picture in zip(stack, pictures, strict=True):
         own[:, : picture.shape[1], : picture.shape[2]] = picture[:count]
     return stack
-
-
-def _not_background(
-    images: np.ndarray, mean: np.ndarray, std: np.ndarray, config: TakeConfig
-) -> np.ndarray:
-    """Return (V, h, w) bool: pixels of images (V, h, w, 3) that are not the background, brighter or
-    darker."""
-    density = BackgroundConfig()
-    weight = np.maximum(std, density.sigma_floor) ** -2
-    factor = (weight * images * mean).sum(-1) / ((weight * mean * mean).sum(-1) + 1e-6)
-    factor = np.clip(factor, density.shadow_low, density.shadow_high)
-    rest = images - factor[..., None] * mean
-    distance = (weight * rest * rest).sum(-1) + ((1 - factor) / config.shadow_width) ** 2
-    person = (distance > config.somebody**2).astype(np.uint8)
-    return np.stack([cv2.medianBlur(view, 3) for view in person]).astype(bool)
 
 
 def masked_moments(
@@ -208,13 +206,13 @@ def _relearnt(
     media: Media,
     view: _View,
     hidden: np.ndarray,
-    ghost: np.ndarray,
+    unseen: np.ndarray,
     model: BackgroundModelConfig,
     config: TakeConfig,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and standard deviation (h, w, 3) float32 of a view's background. Where the
-    background is never visible and the median shows a `ghost`, its density is below the
-    foreground's."""
+    background is never visible, it is extrapolated as `unseen` (h, w, 4) says; where that is not
+    known, its density is below the foreground's."""
     width, height = media.size
     seen = media.frames(view.numbers)
     frames = np.stack(
@@ -234,5 +232,8 @@ def _relearnt(
         part = np.s_[:, top : top + band]
         own = masked_moments(frames[part], masks[part], model, config)
         mean[top : top + band], std[top : top + band], known[top : top + band] = own
-    std[~known & enlarge(ghost)] = _UNIFORM_STD * np.exp(config.hidden_prior / 3)
+    std[~known] = _UNIFORM_STD * np.exp(config.hidden_prior / 3)
+    large = cv2.resize(unseen[:rows, :columns], (width, height), interpolation=cv2.INTER_NEAREST)
+    known |= np.isnan(large[..., 3])
+    mean[~known], std[~known] = large[~known][:, :3], large[~known][:, 3:]
     return mean, std
