@@ -28,7 +28,7 @@ from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up
 from psfs.common.files import resolve_path
 from psfs.common.ranges import check_kind
 from psfs.footage.layouts import Footage, find_layout
-from psfs.footage.media import Decoder, Media
+from psfs.footage.media import Decoder, Media, pad_pictures
 from psfs.footage.memory import FRAME_MEMORY, frame_memory_limit
 from psfs.footage.numbering import pair_by_number
 from psfs.footage.prefetch import prefetch
@@ -282,8 +282,7 @@ class Sequence:
         if kind == "frames" and self.settings.background is None:
             self.notes.append(
                 "no film of the empty scene: the background is estimated from the frames; a "
-                "person who "
-                "never moves becomes part of it"
+                "person who never moves becomes part of it"
             )
         return kind
 
@@ -357,9 +356,9 @@ class Sequence:
         elif self.background_kind in MIXTURES:
             masks = pool.map(mixture or self._mixture, range(len(seen)), seen)
         if images is not None:
-            _pad(seen, images)
+            pad_pictures(seen, images)
         frame = Frame(
-            index, images, None if masks is None else _pad(masks, np.empty(shape, np.uint8))
+            index, images, None if masks is None else pad_pictures(masks, np.empty(shape, np.uint8))
         )
         if keeps:
             self._n_kept = index + 1
@@ -385,17 +384,6 @@ class Sequence:
                 f"{self._views[error.number].where}: frame {index} was not decoded within "
                 f"{TIMEOUT_S:g} s; expected a file that can be read"
             ) from None
-
-
-def _pad(pictures: list[np.ndarray], into: np.ndarray) -> np.ndarray:
-    """Copy pictures into `into` (V, H, W, ...), zero padded; those that are there already are not
-    copied."""
-    for own, picture in zip(into, pictures, strict=True):
-        if not np.may_share_memory(own, picture):
-            if picture.shape != own.shape:
-                own[...] = 0
-            own[: picture.shape[0], : picture.shape[1]] = picture
-    return into
 
 
 def _refuse_unused(stated: Settings, sequence: Sequence) -> None:

@@ -309,3 +309,14 @@ def _count_remaining(capture: cv2.VideoCapture) -> int:
     while capture.grab():
         count += 1
     return count
+
+
+def pad_pictures(pictures: list[np.ndarray], into: np.ndarray) -> np.ndarray:
+    """Copy pictures into `into` (V, H, W, ...), zero padded; those that are there already are not
+    copied."""
+    for own, picture in zip(into, pictures, strict=True):
+        if not np.may_share_memory(own, picture):
+            if picture.shape != own.shape:
+                own[...] = 0
+            own[: picture.shape[0], : picture.shape[1]] = picture
+    return into

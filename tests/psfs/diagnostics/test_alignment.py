@@ -78,7 +78,7 @@ def test_a_rig_that_is_off_is_turned(outlines: list[list[Outline | None]]) -> No
     assert found is not None and found.is_accepted(CONFIG)
     assert pixels_apart(found.rig, EXACT) < 0.5 * pixels_apart(rig, EXACT)
     assert found.after < 0.4 * found.before
-    assert "px past" in str(found)
+    assert "the calibration is off by" in str(found)
 
 
 def test_small_pictures_tell_the_large_rig(outlines: list[list[Outline | None]]) -> None:
