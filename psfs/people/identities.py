@@ -26,8 +26,8 @@ _APART = 0.9
 
 @dataclass(eq=False)
 class Looks:
-    """The appearance of a trajectory in some frames: its colours (BANDS, K) by frame, and the share of its
-    silhouettes that nobody else explains (see `CoarseVoxels.unexplained`) by frame."""
+    """The appearance of a trajectory in some frames: its colours (BANDS, K) by frame, and the share
+    of its silhouettes that nobody else explains (see `CoarseVoxels.unexplained`) by frame."""
 
     colours: dict[int, np.ndarray] = field(default_factory=dict)
     unexplained: dict[int, float] = field(default_factory=dict)
