@@ -3,6 +3,7 @@ launch the kernels that they are marked for."""
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Generator
 from pathlib import Path
 
@@ -27,19 +28,25 @@ def device(request: pytest.FixtureRequest) -> Device:
     return Device(DEVICES[request.param])
 
 
-@pytest.fixture(scope="module")
-def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a synthetic walk: 4 cameras, 5 frames."""
-    folder = tmp_path_factory.mktemp("walk") / "walk"
+@pytest.fixture(scope="session")
+def made_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a synthetic walk, for `walk` to copy."""
+    folder = tmp_path_factory.mktemp("made") / "walk"
     config = SceneConfig(cameras=4, frames=5, fps=60, size=(320, 240), seed=4)
     generate(folder, config, Device.best())
     return folder
 
 
 @pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of three frames of five cameras, of which the first shows nobody."""
-    folder = tmp_path_factory.mktemp("walk")
+def walk(made_walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a synthetic walk: 4 cameras, 5 frames."""
+    return Path(shutil.copytree(made_walk, tmp_path_factory.mktemp("walk") / "walk"))
+
+
+@pytest.fixture(scope="session")
+def made_out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A stored run within its sequence's folder, for `out` to copy."""
+    folder = tmp_path_factory.mktemp("made") / "masks"
     rig = scenes.ring(5, size=(160, 120))
     footage.write_toml(folder / "calibration.toml", footage.tables(rig))
     for camera, mask in zip(rig, scenes.masks_of(rig), strict=True):
@@ -51,6 +58,15 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = folder / "out"
     assert main(["reconstruct", str(folder), "-o", str(out), "--voxel-size", "0.04"]) == 0
     return out
+
+
+@pytest.fixture(scope="module")
+def out(made_out: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of three frames of five cameras, of which the first shows nobody."""
+    folder = Path(shutil.copytree(made_out.parent, tmp_path_factory.mktemp("walk") / "masks"))
+    summary = folder / "out" / "summary.json"  # which names the sequence in full
+    summary.write_text(summary.read_text().replace(str(made_out.parent), str(folder)))
+    return folder / "out"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -17,7 +17,8 @@ from apf.cli import main
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "tests" / "example_term"
 TERMS = "edge,silhouette,surface,overlap,posture,near_limits=0.7"
-TRACK = ["--frames", "0:3", "--one-way", "--no-overlay", "--no-report", "--likelihood", TERMS]
+SMALL = ["--particles", "40", "--layers", "2", "--voxel-size", "0.05", "--frames", "0:2"]
+TRACK = [*SMALL, "--one-way", "--no-overlay", "--no-report", "--likelihood", TERMS]
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +39,8 @@ def test_a_term_takes_four_files_at_most() -> None:
 
 
 def test_a_tracker_uses_the_term(walk: Path, tmp_path: Path, installed: dict[str, str]) -> None:
-    command = ["track", str(walk), "-o", str(tmp_path / "out"), *TRACK]
+    start = ["--init", str(walk / "truth.npz")]
+    command = ["track", str(walk), "-o", str(tmp_path / "out"), *start, *TRACK]
     subprocess.run([sys.executable, "-m", "apf.cli", *command], env=installed, check=True)
     track = np.load(tmp_path / "out" / "track.npz")
     settings = json.loads(str(track["provenance"]))["filter"]

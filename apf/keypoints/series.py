@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from cl import InputError
 
@@ -48,6 +47,8 @@ def low_pass(points: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
             f"the low-pass is at {cutoff:g} Hz; expected between 0 and {rate / 2:g}, half of the "
             "frame rate"
         )
+    from scipy.signal import butter, sosfiltfilt  # takes a while to load
+
     sections = butter(_ORDER, cutoff, fs=rate, output="sos")
     shortest = 3 * (2 * len(sections) + 1)  # SciPy's own padding
     pad = max(shortest, round(_PAD * rate / cutoff))

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from apf.body.stature import ANKLES, HIPS
 from apf.tracking.config import GaitConfig
@@ -95,6 +94,8 @@ def _walk(track: Track, part: slice, points: np.ndarray, config: GaitConfig) -> 
     times, pelvis = track.times[part], points[:, 0, :2]
     if len(times) < 3:
         return None
+    from scipy.signal import find_peaks  # takes a while to load
+
     velocity = _velocity(pelvis, times, config.window)
     speed = np.linalg.norm(velocity, axis=1)
     walking = speed > config.speed

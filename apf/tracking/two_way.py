@@ -19,7 +19,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_ends, limb_joints, limb_masks, solve_inverse_kinematics
@@ -256,6 +255,8 @@ def smooth_poses(
     joint by more than `most` m, the limb stays as it was tracked: it jumps to where it was found
     again. Frames that are not `known` (F,) stay as they are, and no parabola crosses them.
     """
+    from scipy.signal import savgol_filter  # takes a while to load
+
     poses = unwrap_angles(poses, body)
     for part in find_stances(known):
         if n < 5 or part.stop - part.start < n:  # a parabola passes through any three points

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel, sideless
@@ -103,4 +103,5 @@ def is_inside_ellipsoid(
     """Return whether offsets (..., 3), m, lie in the ellipsoids that hold `share` of the
     probability."""
     solved = np.linalg.solve(covariance, offsets[..., None])[..., 0]
-    return np.einsum("...a,...a->...", offsets, solved) <= chi2.ppf(share, 3)
+    limit = 2 * gammaincinv(1.5, share)  # quantile of the chi-squared distribution, 3 degrees
+    return np.einsum("...a,...a->...", offsets, solved) <= limit

@@ -146,26 +146,32 @@ class _Fit:
         comparable = self._tangency.comparable
         self.pairs = [(a, b) for a in range(n) for b in range(a) if known and comparable(a, b)]
 
-    def _planes(self, view: int, correction: np.ndarray, other: int) -> np.ndarray:
-        camera = correct_camera(self.rig[view], correction)
-        return self._tangency.measure_planes(view, camera, other).ravel()
+    def _rays(self, view: int, correction: np.ndarray) -> list[np.ndarray]:
+        """Return the rays (N, 3) of a view's outlines under its correction (4,), then under those
+        that differ from it by a step in one number."""
+        near = [correction, *(correction + _STEP * np.eye(_N))]
+        cameras = [correct_camera(self.rig[view], one) for one in near]
+        return [self._tangency.trace_outlines(view, camera) for camera in cameras]
+
+    def _planes(
+        self, view: int, rays: list[np.ndarray], other: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the planes (2 F,) of a view around the line to another camera, and their
+        derivatives (2 F, 4) by its correction."""
+        planes, *moved = (self._tangency.measure_planes(view, own, other).ravel() for own in rays)
+        return planes, np.stack([(one - planes) / _STEP for one in moved], -1)
 
     def linearise(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return residuals (M,) m of corrections x (V, 4), and their derivatives (M, 4 V)."""
         residuals, rows = [], []
+        rays = [self._rays(view, own) for view, own in enumerate(x)]
         for a, b in self.pairs:
-            planes = {}
-            slopes = {}
-            for view, other in ((a, b), (b, a)):
-                planes[view] = self._planes(view, x[view], other)
-                moved = x[view] + _STEP * np.eye(_N)
-                slopes[view] = np.stack(
-                    [(self._planes(view, one, other) - planes[view]) / _STEP for one in moved], -1
-                )
-            derivative = np.zeros((len(planes[a]), x.size))
-            derivative[:, _N * a : _N * a + _N] = slopes[a]
-            derivative[:, _N * b : _N * b + _N] = -slopes[b]
-            residuals.append(planes[a] - planes[b])
+            first, first_slopes = self._planes(a, rays[a], b)
+            second, second_slopes = self._planes(b, rays[b], a)
+            derivative = np.zeros((len(first), x.size))
+            derivative[:, _N * a : _N * a + _N] = first_slopes
+            derivative[:, _N * b : _N * b + _N] = -second_slopes
+            residuals.append(first - second)
             rows.append(derivative)
         found, jacobian = np.concatenate(residuals), np.concatenate(rows)
         kept = np.isfinite(found) & np.isfinite(jacobian).all(1)

@@ -163,11 +163,15 @@ class Tangency:
             total, count = total + pair[0], count + pair[1]
         return total / count if count else float("nan")
 
-    def measure_planes(self, view: int, camera: Camera, other: int) -> np.ndarray:
-        """Return the extreme planes (F, 2) of a view's own outlines around the line to another
-        camera, for a changed `camera` in the same place."""
+    def trace_outlines(self, view: int, camera: Camera) -> np.ndarray:
+        """Return the directions (N, 3) of a view's own outlines for a changed `camera` in the same
+        place."""
         points = self._images[view].points
-        rays = camera.rays(points) if len(points) else np.zeros((0, 3))
+        return camera.rays(points) if len(points) else np.zeros((0, 3))
+
+    def measure_planes(self, view: int, rays: np.ndarray, other: int) -> np.ndarray:
+        """Return the extreme planes (F, 2) of a view's own outlines, of which `rays` (N, 3) are the
+        directions, around the line to another camera."""
         return self._of_rays(view, rays, view, other)
 
     def _axis(self, a: int, b: int) -> tuple[np.ndarray, np.ndarray, float]:

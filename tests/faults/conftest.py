@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers import faults
+
+from apf.initialisation import StartError
 
 
 @pytest.fixture(autouse=True)
@@ -16,6 +20,19 @@ def quick_preview(monkeypatch: pytest.MonkeyPatch) -> None:
     picture = np.zeros((4, 6, 3), np.uint8)
     monkeypatch.setattr("psfs.cli.reconstruct.draw_preview", lambda *_: picture)
     monkeypatch.setattr("psfs.cli.view.draw_preview", lambda *_: picture)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick_recovery() -> Iterator[None]:
+    """The stock's block is nobody, for whom a tracker that is lost searches everywhere in each
+    frame; no fault is in that search."""
+
+    def nowhere(*_: Any, **__: Any) -> None:
+        raise StartError("nobody")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("apf.tracking.trackers.find_start", nowhere)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -29,7 +29,7 @@ PARTS = ("rymut31_lower", "rymut31_upper", "armless")
 FAST = StartConfig(
     headings=HeadingConfig(n_headings=4, n_kept=2),
     search=PoseSearchConfig(
-        n_particles_body=150, n_particles_limb=80, n_particles_near=60, n_limb_starts=2
+        n_particles_body=100, n_particles_limb=50, n_particles_near=40, n_limb_starts=1
     ),
     acceptance=AcceptanceConfig(n_attempts=1),
 )

@@ -40,7 +40,7 @@ def calibration_of(
 
 
 @pytest.mark.parametrize(
-    ("target", "frames"), [(BOARD, 70), (UNEVEN, 120)], ids=["board", "wand of three"]
+    ("target", "frames"), [(BOARD, 70), (UNEVEN, 70)], ids=["board", "wand of three"]
 )
 def test_cameras_and_lenses_are_found(target: Target, frames: int) -> None:
     """Known lenses are tested with rendered pictures."""
