@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import warnings
 from collections.abc import Mapping
@@ -28,8 +29,10 @@ def build_program(context: Any, source: str, options: str) -> Any:
     `scripts/check_kernels.py` shows them to developers. Raises pyopencl.RuntimeError with the
     compiler's errors.
     """
+    # PyOpenCL looks this up without a default where its cache cannot be written, as on a full disk.
+    os.environ.setdefault("PYOPENCL_CACHE_FAILURE_FATAL", "")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", pyopencl.CompilerWarning)
+        warnings.simplefilter("ignore")
         return pyopencl.Program(context, source).build(options=f"{options} -w")
 
 

@@ -11,8 +11,9 @@ import numpy as np
 from apf.body.cones import cone_distances
 from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel, Cone
-from cl import InputError, MissingFileError
+from cl import InputError
 from psfs.common.npz import Values, read_npz
+from psfs.common.reading import open_input
 
 #: Vertices per part of the frusta of table 6.5: a square base, then elliptic ones.
 FRUSTUM_VERTICES = (8, 18, 34, 66, 130, 258, 514)
@@ -215,8 +216,7 @@ def load_mesh(
     """
     import trimesh  # slower to import than the rest of this package
 
-    if not Path(path).is_file():
-        raise MissingFileError(f"{path}: no such file; expected a mesh that trimesh reads")
+    open_input(Path(path), "a mesh that trimesh reads").close()
     if Path(path).stat().st_size > _MOST_BYTES:
         raise InputError(f"{path}: more than {_MOST_BYTES // 2**20} MiB; expected a mesh")
     try:

@@ -15,7 +15,7 @@ from apf.body.model import BodyModel, Bone, Cone, FreeAxis, Joint
 from apf.body.schema import MOST, AxisEntry, BodyEntry, BoneEntry, ConeEntry
 from cl import InputError, MissingFileError
 from psfs.cameras.names import listed
-from psfs.common.files import written_whole
+from psfs.common.files import write_text
 from psfs.common.schema import checked
 from psfs.common.toml import parse_toml, read_toml
 
@@ -33,7 +33,7 @@ def load_body(name_or_path: str | Path) -> BodyModel:
     path = Path(name_or_path)
     shipped = {file.stem: file for file in sorted(_BODIES.glob("*.toml"))}
     path = shipped.get(str(name_or_path), path)
-    if not path.is_file():
+    if not path.exists():
         wanted = f"a TOML file or one of {listed(shipped)}"
         raise MissingFileError(f"{path}: no body model; expected {wanted}")
     return _validate(read_toml(path), path)
@@ -188,8 +188,7 @@ def _find_index(names: Sequence[str], name: str, what: str) -> int:
 
 def save_body(path: str | Path, body: BodyModel) -> None:
     """Write `body` as a TOML file that `load_body` reads."""
-    with written_whole(path) as temporary:
-        temporary.write_text(format_body(body))
+    write_text(path, format_body(body))
 
 
 def format_body(body: BodyModel) -> str:

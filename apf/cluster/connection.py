@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import logging
+import os
+import shutil
+import socket
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, gettempdir
 from types import ModuleType
 from typing import Any
+from urllib.parse import urlsplit
 
 from apf.cluster.workers import Share, make_setup_plugin
 from cl import InputError
 from psfs.common.files import read_json
 from psfs.common.schema import Table, checked
+from psfs.common.system import is_alive
 from psfs.common.versions import versions
 
 
@@ -25,6 +30,13 @@ class _SchedulerFile(Table):
 
 #: Number of workers that may die during a task before the scheduler gives it up.
 ATTEMPTS = 3
+#: Beginning of the names of the workers' temporary folders; the number of the command's process
+#: follows.
+_SCRATCH = "apf-workers-"
+#: Networks of Dask whose servers are not asked for their greeting.
+_OTHER_NETWORKS = ("tls", "ucx", "ucxx", "ws", "wss")
+#: Bytes; of a scheduler about 200.
+_LONGEST_GREETING = 2**16
 
 
 def import_distributed() -> ModuleType:
@@ -58,7 +70,8 @@ def start_cluster(shares: Sequence[Share]) -> Iterator[Any]:
         "distributed.worker.profile.enabled": False,
     }
     local = {"host": "127.0.0.1", "dashboard": False, "silence_logs": logging.CRITICAL}
-    with TemporaryDirectory(prefix="apf-workers-") as scratch, dask.config.set(quiet):
+    _clear_scratch()
+    with TemporaryDirectory(prefix=f"{_SCRATCH}{os.getpid()}-") as scratch, dask.config.set(quiet):
         common = {**local, "nthreads": 1, "memory_limit": 0, "local_directory": scratch}
         workers = {
             number: {"cls": distributed.Nanny, "options": {**common, "env": share.environment}}
@@ -77,6 +90,14 @@ def start_cluster(shares: Sequence[Share]) -> Iterator[Any]:
             yield client
 
 
+def _clear_scratch() -> None:
+    """Remove the temporary folders of commands that were killed."""
+    for folder in Path(gettempdir()).glob(f"{_SCRATCH}*-*"):
+        process = folder.name.removeprefix(_SCRATCH).split("-")[0]
+        if process.isdigit() and not is_alive(int(process)):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
 @contextmanager
 def connect_cluster(address: str, shared: Path, patience: float = 10.0) -> Iterator[Any]:
     """Connect to a running scheduler and yield the client.
@@ -87,13 +108,13 @@ def connect_cluster(address: str, shared: Path, patience: float = 10.0) -> Itera
     `shared`.
     """
     distributed = import_distributed()
-    where: dict[str, str] = {"address": address}
-    if Path(address).is_file():
+    where = address
+    if Path(address).exists():
         what = "the file that a `dask scheduler` wrote"
-        checked(_SchedulerFile, read_json(Path(address), what), address)
-        where = {"scheduler_file": address}
+        where = checked(_SchedulerFile, read_json(Path(address), what), address).address
     try:
-        client = distributed.Client(**where, timeout=patience)
+        _check_answer(where, patience)
+        client = distributed.Client(where, timeout=patience)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(
             f"--scheduler {address}: no scheduler answers ({str(error) or 'timed out'}); expected "
@@ -109,6 +130,27 @@ def connect_cluster(address: str, shared: Path, patience: float = 10.0) -> Itera
         _check_workers(client, shared)
         client.register_plugin(make_setup_plugin(embedded=False))
         yield client
+
+
+def _check_answer(address: str, patience: float) -> None:
+    """Raise OSError, TimeoutError or ValueError unless a Dask scheduler listens at `address`.
+
+    It sends its greeting, after the greeting's length, before it is asked anything. Dask's own
+    client takes the first bytes of any other server for a length, and waits or allocates.
+    """
+    parts = urlsplit(address if "//" in address else f"tcp://{address}")
+    if parts.scheme != "tcp":  # encrypted, or of another network
+        if parts.scheme not in _OTHER_NETWORKS:
+            raise ValueError(f"{parts.scheme}:// is not a scheduler's")
+        return
+    if not parts.hostname or not parts.port:
+        raise ValueError("it names no host and port")
+    with socket.create_connection((parts.hostname, parts.port), patience) as connection:
+        connection.settimeout(patience)
+        greeting = connection.recv(8, socket.MSG_WAITALL)
+    length = int.from_bytes(greeting, "little")
+    if len(greeting) < 8 or not 0 < length < _LONGEST_GREETING:
+        raise ValueError("another kind of server answers")
 
 
 def _check_workers(client: Any, shared: Path) -> None:

@@ -12,9 +12,11 @@ from urllib.parse import quote
 
 from apf.cluster.record import RECORD, TakeRecord
 from apf.cluster.take_row import THUMBNAIL, TakeRow
-from psfs.common.files import resolve_path, written_whole
+from psfs.common.files import open_text, resolve_path, write_text
 
 LOGS = "logs"
+#: The files of the overview.
+FILES = ("index.html", "takes.csv")
 #: Columns of the page: field of the row, heading, explanation.
 _COLUMNS = (
     ("name", "take", "folder of the results"),
@@ -93,12 +95,11 @@ def write_index(
     rows = read_rows(out) | {name: [row] for name, row in failed.items()}
     rows = {row.name: [row] for row in unfinished} | rows
     in_order = [row for name in sorted(rows) for row in rows[name]]
-    with written_whole(out / "takes.csv") as temporary, temporary.open("w", newline="") as file:
+    with open_text(out / "takes.csv") as file:
         writer = csv.DictWriter(file, [field.name for field in fields(TakeRow)])
         writer.writeheader()
         writer.writerows(row.plain() for row in in_order)
-    with written_whole(out / "index.html") as temporary:
-        temporary.write_text(_format_page(out, in_order), encoding="utf-8")
+    write_text(out / "index.html", _format_page(out, in_order))
 
 
 def _format_page(out: Path, rows: list[TakeRow]) -> str:

@@ -111,6 +111,7 @@ def _get_outcome(future: Any) -> Any:
     if future.status == "error":
         error = future.exception()
         if isinstance(error, import_distributed().KilledWorker):
-            return InputError(f"its worker died {ATTEMPTS} times, at last on {error.last_worker}")
+            worker = getattr(error.last_worker, "address", error.last_worker)
+            return InputError(f"its worker died {ATTEMPTS} times, at last {worker}")
         return error
     raise InputError(_GONE)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from cl import InputError
-from psfs.common.files import unreadable_error, write_json
+from psfs.common.files import read_json, write_json
+from psfs.common.reading import open_input, parsing
 from psfs.common.versions import versions
 
 RECORD = "take.json"
@@ -28,16 +30,13 @@ class FileFacts:
     @classmethod
     def of(cls, path: Path, known: FileFacts | None = None) -> FileFacts:
         """Read the file, unless its size and time equal those of `known`. Raises InputError."""
-        try:
-            stat = path.stat()
+        with parsing(path, "a file"), open_input(path) as file:
+            stat = os.fstat(file.fileno())
             if known is not None and (stat.st_size, stat.st_mtime_ns) == known.looks:
                 return known
             digest = hashlib.sha256()
-            with path.open("rb") as file:
-                while lot := file.read(_LOT):
-                    digest.update(lot)
-        except OSError as error:
-            raise unreadable_error(path, error) from None
+            while lot := file.read(_LOT):
+                digest.update(lot)
         return cls(stat.st_size, stat.st_mtime_ns, digest.hexdigest())
 
     @property
@@ -88,7 +87,7 @@ class TakeRecord:
     def read(cls, folder: Path) -> TakeRecord | None:
         """Read the record of a folder of results; None if there is none of the right format."""
         try:
-            data = json.loads((folder / RECORD).read_text())
+            data = read_json(folder / RECORD, "the record of a take")
             for part in ("inputs", "files", "outputs"):
                 data[part] = {name: FileFacts(**facts) for name, facts in data[part].items()}
             return cls(**{**data, "rows": tuple(data["rows"])})

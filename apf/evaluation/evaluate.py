@@ -18,7 +18,7 @@ from apf.formats.trc import JointSeries, read_trc
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import is_inside_ellipsoid
 from cl import InputError
-from psfs.common.files import write_json, written_whole
+from psfs.common.files import open_text, write_json
 from psfs.common.npz import Values, get_scalar, read_npz
 
 #: A joint farther than this from the truth, m, counts as lost in that frame.
@@ -195,7 +195,7 @@ class Evaluation:
     def write_csv(self, path: str | Path) -> None:
         """Write one row per frame: frame, time_s, mean_mm, then <joint>_mm, blank without truth."""
         header = ["frame", "time_s", "mean_mm", *(f"{name}_mm" for name in self.joint_names)]
-        with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+        with open_text(path) as file:
             file.write(",".join(header) + "\n")
             for frame, mean, row in zip(self.frames, self.frame_errors, self.errors, strict=True):
                 cells = ("" if np.isnan(e) else f"{1000 * e:.2f}" for e in (mean, *row))
@@ -224,6 +224,8 @@ def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
     if fps.size != 1:
         raise InputError(f"{path}: fps has the shape {fps.shape}; expected one number")
     frames = data.get("frames", np.arange(len(joints)))
+    if np.any(np.diff(frames) <= 0):
+        raise InputError(f"{path}: frames are not ascending; expected each once, in their order")
     return JointSeries(names, joints, float(get_scalar(fps)), frames.astype(np.int64))
 
 

@@ -75,7 +75,9 @@ class Tracker:
         """Put all particles at `pose` (D,). Raises InputError unless it has D finite values."""
         raise NotImplementedError
 
-    def step(self, observation: Shown, keypoints: PointObservations | None = None) -> Estimate:
+    def step(
+        self, observation: Observation, keypoints: PointObservations | None = None
+    ) -> Estimate:
         """Track one frame further and return its estimate.
 
         observation: voxels, or what else the likelihood observes. keypoints: used if the keypoint
@@ -144,7 +146,9 @@ class DeviceTracker(Tracker):
         self.particles.restart(run, check_pose(self.body, pose))
         self.likelihood.forget(run)
 
-    def step(self, observation: Shown, keypoints: PointObservations | None = None) -> Estimate:
+    def step(
+        self, observation: Observation, keypoints: PointObservations | None = None
+    ) -> Estimate:
         """Track one frame further and return the first run's estimate."""
         return self.step_runs(with_points(observation, keypoints))[0]
 

@@ -15,7 +15,7 @@ from apf.body.model import BodyModel
 from apf.formats.motion import BodyMotion
 from apf.formats.skeleton import TO_Y_UP
 from apf.formats.trc import JointSeries
-from psfs.common.files import written_whole
+from psfs.common.files import open_text
 
 #: OpenSim's coordinates: angles about Z, X' and Y'' from one segment to another, and their sign.
 _COORDINATES: tuple[tuple[str, str, tuple[str, ...], int], ...] = (
@@ -38,7 +38,7 @@ def write_angle_csv(
     Raises InputError if the file cannot be written.
     """
     table = np.stack(list(angles.values()), -1)
-    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+    with open_text(path) as file:
         file.write(",".join(["frame", "time_s", *(f"{name}_deg" for name in angles)]) + "\n")
         for frame, time, row in zip(series.frames, series.times, table, strict=True):
             cells = ("" if np.isnan(value) else f"{value:.5f}" for value in row)
@@ -65,7 +65,7 @@ def write_mot(path: str | Path, motion: BodyMotion) -> None:
         "endheader",
         "\t".join(["time", *table]),
     ]
-    with written_whole(path) as temporary, temporary.open("w", newline="\n") as file:
+    with open_text(path) as file:
         file.write("\n".join(header) + "\n")
         np.savetxt(
             file, np.column_stack([motion.points.times, columns]), fmt="%.8f", delimiter="\t"

@@ -15,7 +15,7 @@ from apf.body.angles import decompose_zxy
 from apf.body.model import BodyModel
 from apf.formats.motion import BodyMotion
 from apf.formats.skeleton import Skeleton, build_skeleton
-from psfs.common.files import written_whole
+from psfs.common.files import open_text
 
 _TURNS = "Zrotation Xrotation Yrotation"
 _SHIFTS = "Xposition Yposition Zposition"
@@ -40,7 +40,7 @@ def write_bvh(path: str | Path, motion: BodyMotion) -> None:
             columns.append(np.degrees(make_continuous(decompose_zxy(rotations[:, index]))))
     lines += ["MOTION", f"Frames: {len(rows)}", f"Frame Time: {1 / rate:.8f}"]
     table = np.concatenate(columns, axis=1)[rows]
-    with written_whole(path) as temporary, temporary.open("w", newline="\n") as file:
+    with open_text(path) as file:
         file.write("\n".join(lines) + "\n")
         np.savetxt(file, table, fmt="%.6f")
 

@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 
 from apf.formats.trc import CONVENTIONS, METRES, JointSeries
-from cl import InputError, MissingFileError
+from cl import InputError
 from psfs.common.files import written_whole
+from psfs.common.reading import open_input, parsing
 
 #: The format's header counts frames in 16 bits; ezc3d drops those that follow.
 _MOST_FRAMES = 65535
@@ -47,12 +48,11 @@ def read_c3d(path: str | Path, convention: str | None = None) -> JointSeries:
     import ezc3d  # slow to import
 
     path = Path(path)
-    if not path.is_file():
-        raise MissingFileError(f"{path}: no such file; expected a C3D")
-    try:
-        with TemporaryDirectory() as folder:
+    with parsing(path, "a C3D with points"):
+        with open_input(path, "a C3D") as opened, TemporaryDirectory() as folder:
             plain = Path(folder) / "motion.c3d"  # ezc3d accepts only paths in UTF-8
-            shutil.copyfile(path, plain)
+            with plain.open("wb") as copy:
+                shutil.copyfileobj(opened, copy)
             file: Any = ezc3d.c3d(str(plain))
         point, points = file["parameters"]["POINT"], file["data"]["points"]
         residuals = file["data"]["meta_points"]["residuals"]
@@ -60,8 +60,6 @@ def read_c3d(path: str | Path, convention: str | None = None) -> JointSeries:
         unit = str(point["UNITS"]["value"][0]) if point["UNITS"]["value"] else "mm"
         rate = float(point["RATE"]["value"][0])
         first = int(file["header"]["points"]["first_frame"])
-    except (OSError, RuntimeError, ValueError, KeyError, IndexError) as error:
-        raise InputError(f"{path}: not a C3D with points ({error})") from None
     if unit.strip().lower() not in METRES:
         raise InputError(f"{path}: POINT:UNITS is {unit!r}; expected {', '.join(METRES)}")
     n_points = points.shape[1]

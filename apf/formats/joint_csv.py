@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.formats.trc import JointSeries
-from psfs.common.files import written_whole
+from psfs.common.files import open_text
 
 
 def write_csv(path: str | Path, series: JointSeries) -> None:
@@ -16,7 +16,7 @@ def write_csv(path: str | Path, series: JointSeries) -> None:
     Cells of missing points are empty.
     """
     columns = [f"{name}_{axis}_m" for name in series.joint_names for axis in "xyz"]
-    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+    with open_text(path) as file:
         file.write(",".join(["frame", "time_s", *columns]) + "\n")
         for frame, time, joints in zip(series.frames, series.times, series.joints, strict=True):
             cells = ("" if np.isnan(value) else f"{value:.6f}" for value in joints.ravel())

@@ -8,7 +8,7 @@ import numpy as np
 
 from apf.body.model import BodyModel
 from cl import InputError
-from psfs.common.files import read_numbers, read_text, written_whole
+from psfs.common.files import read_numbers, read_text, write_text
 
 #: Largest distance from the origin, m, and largest angle, rad.
 FARTHEST, _MOST_TURNS = 10_000.0, 1000.0
@@ -63,5 +63,4 @@ def write_pose(path: Path, pose: np.ndarray, body: BodyModel) -> None:
     It has one line per degree of freedom, with its name as a comment.
     """
     lines = [f"{v:.9g}  # {name}\n" for v, name in zip(pose, body.dof_names, strict=True)]
-    with written_whole(path) as temporary:
-        temporary.write_text("".join(lines), encoding="utf-8")
+    write_text(path, "".join(lines))

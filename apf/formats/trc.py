@@ -15,7 +15,7 @@ import numpy as np
 
 from apf.formats.axes import AXES
 from cl import InputError
-from psfs.common.files import read_text, written_whole
+from psfs.common.files import open_text, read_text
 
 #: Rotations from TRC axes to the world's (Z up): world = trc @ matrix.T
 CONVENTIONS: dict[str, np.ndarray] = dict(
@@ -121,7 +121,7 @@ def write_trc(path: str | Path, series: JointSeries, convention: str = "y-up") -
         ["", "", *(f"{axis}{j}" for j in range(1, n_joints + 1) for axis in "XYZ")],
         [],
     ]
-    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+    with open_text(path) as file:
         for cells in header:
             file.write("\t".join(cells) + "\n")
         for index, row in zip(series.frames, points, strict=True):

@@ -29,9 +29,7 @@ class FrameChoice(Config):
         above=0,
     )
     n_between: int = setting(
-        1,
-        "Approximate number of frames between two fitted ones, which are only tracked.",
-        least=0,
+        1, "Approximate number of frames between two fitted ones, which are only tracked.", least=0
     )
     n_searched: int = setting(
         4,
@@ -79,10 +77,7 @@ class HeadingConfig(Config):
     )
     n_kept: int = setting(3, "Number of best headings that are pursued.", least=1)
     separation: float = setting(
-        0.8,
-        "Least angle between the pursued headings.",
-        unit="rad",
-        least=0,
+        0.8, "Least angle between the pursued headings.", unit="rad", least=0
     )
     max_first_ratio: float = setting(
         1.4,

@@ -21,7 +21,7 @@ from apf.keypoints.network import PoseNetwork, check_network
 from apf.keypoints.readers.orders import MEDIAPIPE
 from cl import DeviceError, InputError, select_device
 from psfs.backend import make_evidence_function
-from psfs.common.files import written_whole
+from psfs.common.files import write_text
 from psfs.common.regions import keep_large_regions
 from psfs.common.system import ignore_signals
 from psfs.sequence import Frame, Sequence
@@ -116,8 +116,8 @@ def write_openpose(folder: Path, camera: str, points: np.ndarray) -> None:
         if np.isfinite(person).any():
             flat = np.round(np.nan_to_num(person), 3).ravel().tolist()
             people = [{"person_id": [-1], "pose_keypoints_2d": flat}]
-        with written_whole(folder / f"{camera}_{frame:06d}.json") as temporary:
-            temporary.write_text(json.dumps({"version": 1.3, "people": people}))
+        path, content = folder / f"{camera}_{frame:06d}.json", {"version": 1.3, "people": people}
+        write_text(path, json.dumps(content))
 
 
 class _Crop:

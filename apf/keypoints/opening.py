@@ -20,6 +20,7 @@ from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError, MissingFileError
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import contains_name, listed, name_tokens, natural_key
+from psfs.common.reading import parsing
 from psfs.sequence import Sequence as Footage
 
 #: What keypoints can be matched to.
@@ -39,7 +40,8 @@ def read_raw(path: Path) -> RawKeypoints:
     if any(sign in str(path) for sign in "*?["):
         fixed = next(n for n, part in enumerate(path.parts) if any(s in part for s in "*?["))
         base = Path(*path.parts[:fixed])
-        roots = sorted(base.glob(str(Path(*path.parts[fixed:]))))
+        with parsing(path, "a pattern such as Videos/Cam*/OutputPkl*/jump"):
+            roots = sorted(base.glob(str(Path(*path.parts[fixed:]))))
         if not roots:
             raise MissingFileError(f"{path}: matches no file or folder; expected {_EXPECTED}")
         return _read_folder(base, roots)

@@ -13,7 +13,7 @@ from apf.report.curves import agreement_curves, angle_curves, confidence_curves
 from apf.report.film import encode_page_video
 from apf.report.player import player_scene
 from apf.report.quality import DOUBTFUL, Quality
-from psfs.common.files import written_whole
+from psfs.common.files import open_text
 
 
 def write_page(
@@ -52,7 +52,7 @@ def write_page(
         "script": _text("page.js"),
         "content": _escape_for_script(content),
     }
-    with written_whole(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+    with open_text(path) as file:
         for number, piece in enumerate(_text("page.html").split("@@")):
             file.write(parts[piece] if number % 2 else piece)
 

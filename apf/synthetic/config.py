@@ -26,7 +26,7 @@ class SceneConfig(Config):
     )
     fps: float = setting(30.0, "Frame rate.", unit="frames/s", least=1, most=1000, flag="--fps")
     size: tuple[int, int] = setting(
-        (640, 480), "Width and height of the pictures, each from 32 to 8192.", unit="px"
+        (640, 480), "Width and height of the pictures, each even and from 32 to 8192.", unit="px"
     )
     seed: int = setting(
         1,
@@ -54,8 +54,8 @@ class SceneConfig(Config):
     @model_validator(mode="after")
     def _can_be_drawn(self) -> SceneConfig:
         for side in self.size:
-            if not 32 <= side <= 8192:
-                raise InputError(f"size is {self.size} px; expected sides from 32 to 8192 px")
+            if not 32 <= side <= 8192 or side % 2:  # of which H.264 codes pairs
+                raise InputError(f"size is {self.size} px; expected even sides from 32 to 8192 px")
         return self
 
     @property

@@ -19,6 +19,7 @@ from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.common.files import write_picture
 from psfs.common.outputs import claim, clear_leftovers, output_folder, temporary_name
 from psfs.common.toml import write_toml
+from psfs.footage.media import name_for_opencv
 
 BACKGROUND_FRAMES = 30
 #: Every n-th frame's true silhouettes are written.
@@ -84,9 +85,8 @@ def _open_videos(folder: Path, scene: SyntheticScene) -> Iterator[Callable[[np.n
         writers = []
         for camera in scene.rig:
             path = folder / f"{camera.name}.mp4"
-            writer = cv2.VideoWriter(
-                str(path), cv2.VideoWriter.fourcc(*"mp4v"), scene.config.fps, camera.size
-            )
+            codec, name = cv2.VideoWriter.fourcc(*"mp4v"), name_for_opencv(path)
+            writer = cv2.VideoWriter(name, codec, scene.config.fps, camera.size)
             stack.callback(writer.release)
             if not writer.isOpened():
                 raise InputError(

@@ -10,7 +10,7 @@ from collections.abc import Sequence as Items
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.initialisation.sequence import check_rate
-from apf.likelihood.observations import Observed, PointObservations
+from apf.likelihood.observations import Observation, Observed, PointObservations, Shown
 from apf.scene import Scene
 from apf.tracking.limb_confidence import limb_margins
 from apf.tracking.track import Track, concatenate_tracks
@@ -33,6 +33,18 @@ from psfs.sequence import Frame
 from psfs.session import Session
 from psfs.volume import automatic_grid
 from psfs.voxels.grid import VoxelGrid
+
+R = TypeVar("R")
+R_co = TypeVar("R_co", covariant=True)
+
+
+class Stepping(Protocol[R_co]):
+    """A tracker, or several runs, whose `step` returns what is found in a frame."""
+
+    def start(self, pose: np.ndarray, /) -> None: ...
+
+    def step(self, observation: Observation, /) -> R_co: ...
+
 
 #: The observed points of a frame, by its number.
 FrameKeypoints: TypeAlias = Callable[[int], PointObservations]
@@ -96,7 +108,7 @@ def track_frames(
         found = track_forward(tracker, seen, report)
     described = _provenance(session, task, grid)
 
-    def build_tracks(frames: list[int], estimates: list[Any]) -> list[Track]:
+    def build_tracks(frames: list[int], estimates: list[list[Estimate]]) -> list[Track]:
         runs = zip(*estimates, strict=True)
         return [
             build_track(task.body, sequence.fps, frames, list(run), made)
@@ -106,15 +118,15 @@ def track_frames(
     return _collect_tracks(found, build_tracks, keep)
 
 
-def observations(session: Session, task: TrackingTask) -> Iterator[tuple[int, Any]]:
+def observations(session: Session, task: TrackingTask) -> Iterator[tuple[int, Observation]]:
     """Yield number and observation of every frame of the session, with keypoints. Frames that the
     session is asked to keep are kept while they are carved."""
     method, keypoints = task.method, task.keypoints
-    seen: Iterator[tuple[int, Any]]
+    seen: Iterator[tuple[int, Observation]]
     if method.objective == "keypoints":
         seen = ((index, None) for index in session.frames)
     else:
-        observe: Callable[[Frame], Any]
+        observe: Callable[[Frame], Shown]
         if method.uses_voxels:
             observe = session.reconstructor(automatic_grid(session))
         else:
@@ -155,8 +167,8 @@ def _provenance(
 
 
 def track_forward(
-    tracker: Any, seen: Iterable[tuple[int, Any]], progress: Callable[[str], object]
-) -> Iterator[tuple[int, list[Estimate]]]:
+    tracker: Stepping[R], seen: Iterable[tuple[int, Observation]], progress: Callable[[str], object]
+) -> Iterator[tuple[int, R]]:
     """Yield the number of every frame of `seen` and each run's estimate of it. The tracker must be
     started.
 
@@ -169,7 +181,7 @@ def track_forward(
 
 def _collect_tracks(
     found: Iterator[tuple[int, list[Estimate]]],
-    build_tracks: Callable[[list[int], list[Any]], list[Track]],
+    build_tracks: Callable[[list[int], list[list[Estimate]]], list[Track]],
     keep: KeepParts | None,
 ) -> Tracked:
     """Build the tracks chunk by chunk, so that a long run holds only its rows in memory, or none if
@@ -206,12 +218,12 @@ def _stop_reason(track: Track) -> Track:
 
 
 def _part(
-    found: Iterator[tuple[int, Any]], seconds: float
-) -> tuple[list[int], list[Any], bool, BaseException | None]:
+    found: Iterator[tuple[int, R]], seconds: float
+) -> tuple[list[int], list[R], bool, BaseException | None]:
     """Track for about `seconds`. Return frames, estimates, whether more frames may follow, and the
     error that ended them early."""
     frames: list[int] = []
-    estimates: list[Any] = []
+    estimates: list[R] = []
     until = time.perf_counter() + seconds
     try:
         for index, estimate in found:
@@ -225,8 +237,8 @@ def _part(
 
 
 def observe_frames(
-    observe: Callable[[Frame], Any], frames: Iterable[Frame]
-) -> Iterator[tuple[int, Any]]:
+    observe: Callable[[Frame], Shown], frames: Iterable[Frame]
+) -> Iterator[tuple[int, Shown]]:
     """Yield number and observation of every frame; an `observe` that can stream works ahead of
     them.
 
@@ -252,8 +264,8 @@ def observe_frames(
 
 
 def track_voxels(
-    tracker: Any, pose: np.ndarray, voxels: Iterable[tuple[int, Any]]
-) -> tuple[list[int], list[Any]]:
+    tracker: Stepping[R], pose: np.ndarray, voxels: Iterable[tuple[int, Observation]]
+) -> tuple[list[int], list[R]]:
     """Return frame numbers and the results of `step` for `voxels`; the tracker, or the runs, start
     at `pose` (D,).
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from apf.filters.base import Estimate
+from apf.filters.base import DeviceTracker, Estimate, Tracker
+from apf.likelihood.observations import Observation
 from apf.tracking.config import RecoveryConfig
 
 #: Values of `Estimate.restart`: tracked from the last frame, or found by a search near the last
@@ -61,15 +61,15 @@ class RecoveringTracker:
 
     def __init__(
         self,
-        tracker: Any,
-        wide: Callable[[], Any],
-        everywhere: Callable[[Any], Iterable[np.ndarray]] | None = None,
+        tracker: Tracker,
+        wide: Callable[[], Tracker],
+        everywhere: Callable[[Observation], Iterable[np.ndarray]] | None = None,
         config: RecoveryConfig | None = None,
-        enough: Callable[[Any], bool] = lambda observation: True,
+        enough: Callable[[Observation], bool] = lambda observation: True,
     ) -> None:
         self._judge, self._enough = Judge(config), enough
         self._tracker, self._make_wide, self._everywhere = tracker, wide, everywhere
-        self._wide: Any = None
+        self._wide: Tracker | None = None
 
     def start(self, pose: np.ndarray) -> None:
         """Put all particles at `pose` (D,)."""
@@ -77,16 +77,15 @@ class RecoveringTracker:
         self._judge.forget()
         self._pose, self._n_lost = np.asarray(pose, np.float64), 0
 
-    def step(self, observation: Any) -> Estimate:
+    def step(self, observation: Observation) -> Estimate:
         """Track the next frame."""
         return self.recover_if_lost(self._tracker.step(observation), observation)
 
     def score_poses(self, poses: np.ndarray) -> np.ndarray:
         """Return the errors (N,) of poses (N, D), see `Tracker.score_poses`."""
-        errors: np.ndarray = self._tracker.score_poses(poses)
-        return errors
+        return self._tracker.score_poses(poses)
 
-    def recover_if_lost(self, estimate: Estimate, observation: Any) -> Estimate:
+    def recover_if_lost(self, estimate: Estimate, observation: Observation) -> Estimate:
         """Return the result of `step`, given the tracker's own `estimate` for an observation."""
         found = self._judge.judge(estimate)
         if found.lost:
@@ -99,16 +98,14 @@ class RecoveringTracker:
         self._judge.accept(found)
         return found
 
-    def _recover(self, observation: Any, lost: Estimate) -> Estimate:
+    def _recover(self, observation: Observation, lost: Estimate) -> Estimate:
         """Return the estimate after a restart, or `lost` if no restart succeeds."""
         found = self._reacquire(observation, lost) if self._enough(observation) else lost
         # In either case the next frame starts from the last pose in which the person was tracked.
         self._tracker.start(self._pose if found.lost else found.pose)
         return found
 
-    def _reacquire(self, observation: Any, lost: Estimate) -> Estimate:
-        if self._wide is None:
-            self._wide = self._make_wide()
+    def _reacquire(self, observation: Observation, lost: Estimate) -> Estimate:
         found = self._search_around(self._pose, observation, LOCAL_RESTART)
         config = self._judge.config
         again = self._n_lost % config.retry == 0 and (found.lost or config.everywhere_too)
@@ -120,7 +117,9 @@ class RecoveringTracker:
             found = min([found, *tried], key=lambda estimate: estimate.misfit)
         return lost if found.lost else _match_layers(found, lost)
 
-    def _search_around(self, pose: np.ndarray, observation: Any, restart: int) -> Estimate:
+    def _search_around(self, pose: np.ndarray, observation: Observation, restart: int) -> Estimate:
+        if self._wide is None:
+            self._wide = self._make_wide()
         self._wide.start(pose)
         for _ in range(self._judge.config.n_steps):
             estimate = self._wide.step(observation)
@@ -137,7 +136,10 @@ class RecoveringRuns:
     """
 
     def __init__(
-        self, tracker: Any, n_runs: int, watch: Callable[[int, Any], RecoveringTracker]
+        self,
+        tracker: DeviceTracker,
+        n_runs: int,
+        watch: Callable[[int, Tracker], RecoveringTracker],
     ) -> None:
         self._tracker = tracker
         self._runs = [watch(run, _Restart(tracker, run)) for run in range(n_runs)]
@@ -149,7 +151,7 @@ class RecoveringRuns:
         for run, pose in zip(self._runs, each, strict=True):
             run.start(pose)
 
-    def step(self, observation: Any) -> list[Estimate]:
+    def step(self, observation: Observation) -> list[Estimate]:
         """Track the next frame; return the estimate of each run."""
         estimates = self._tracker.step_runs(observation)
         return [
@@ -159,15 +161,14 @@ class RecoveringRuns:
 
     def score_poses(self, poses: np.ndarray) -> np.ndarray:
         """Return the errors (N,) of poses (N, D), see `Tracker.score_poses`."""
-        errors: np.ndarray = self._tracker.score_poses(poses)
-        return errors
+        return self._tracker.score_poses(poses)
 
 
 class SeparateRuns:
     """Trackers that receive the same observations one after the other; same interface as
     `RecoveringRuns`."""
 
-    def __init__(self, trackers: Sequence[Any]) -> None:
+    def __init__(self, trackers: Sequence[Tracker | RecoveringTracker]) -> None:
         self._trackers = trackers
 
     def start(self, poses: np.ndarray) -> None:
@@ -176,7 +177,7 @@ class SeparateRuns:
         for tracker, pose in zip(self._trackers, each, strict=True):
             tracker.start(pose)
 
-    def step(self, observation: Any) -> list[Estimate]:
+    def step(self, observation: Observation) -> list[Estimate]:
         """Track the next frame; return the estimate of each run."""
         return [tracker.step(observation) for tracker in self._trackers]
 
@@ -186,10 +187,10 @@ class SeparateRuns:
         return errors
 
 
-class _Restart:
+class _Restart(Tracker):
     """A handle by which one run of a batched tracker can be restarted."""
 
-    def __init__(self, tracker: Any, run: int) -> None:
+    def __init__(self, tracker: DeviceTracker, run: int) -> None:
         self._tracker, self._run = tracker, run
 
     def start(self, pose: np.ndarray) -> None:

@@ -136,8 +136,8 @@ class Track:
         for name in ("poses", "joints") if self.dof_names else ("poses",):
             if not np.isfinite(getattr(self, name)).all():
                 raise InputError(f"{name} hold a number that is not finite; expected finite ones")
-        if np.any(np.diff(self.frames) < 0):
-            raise InputError("frames are not ascending; expected the frames in their order")
+        if np.any(np.diff(self.frames) <= 0):
+            raise InputError("frames are not ascending; expected each once, in their order")
         _provenance(self.provenance)
 
     def __len__(self) -> int:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from apf.backend import make_device_tracker, make_tracker, shares_launches
+from apf.filters.base import Tracker
 from apf.filters.method import Method
 from apf.initialisation import StartConfig, StartError, find_start
 from apf.initialisation.config import AcceptanceConfig
 from apf.initialisation.from_keypoints import fit_pose_to_points
 from apf.initialisation.kept_voxels import store_voxels
-from apf.likelihood.observations import split_observation
+from apf.likelihood.observations import Observation, split_observation
 from apf.scene import Scene
 from apf.tracking.config import RecoveryConfig
 from apf.tracking.recovery import RecoveringRuns, RecoveringTracker, SeparateRuns
@@ -46,14 +45,17 @@ def make_recovering_runs(
     if len(seeds) == 1 or not shares_launches(scene.device, method):
         return SeparateRuns([make_recovering_tracker(scene, of) for of in methods])
 
-    def watch(run: int, restart: Any) -> RecoveringTracker:
+    def watch(run: int, restart: Tracker) -> RecoveringTracker:
         return make_recovering_tracker(scene, methods[run], restart)
 
     return RecoveringRuns(make_device_tracker(scene, method, seeds), len(seeds), watch)
 
 
 def make_recovering_tracker(
-    scene: Scene, method: Method, tracker: Any = None, config: RecoveryConfig | None = None
+    scene: Scene,
+    method: Method,
+    tracker: Tracker | None = None,
+    config: RecoveryConfig | None = None,
 ) -> RecoveringTracker:
     """Make the recovering tracker of `method`, see `recovery`; it wraps `tracker`, if given, which
     must search by that method."""
@@ -66,7 +68,7 @@ def make_recovering_tracker(
     wide = method.filter.with_changes(noise=config.wider * search.noise, **longer)
     wider = method.replace(filter=wide)
 
-    def everywhere(observation: Any) -> list[np.ndarray]:
+    def everywhere(observation: Observation) -> list[np.ndarray]:
         shown, points = split_observation(observation)
         if points is not None and not points.few:
             by_points = fit_pose_to_points(scene.body, scene.rig, points)
@@ -84,7 +86,7 @@ def make_recovering_tracker(
             return []  # nobody is there, or this body has no automatic start
         return [found.pose]
 
-    def enough(observation: Any) -> bool:
+    def enough(observation: Observation) -> bool:
         points = split_observation(observation).points
         return method.uses_voxels or points is None or not points.few
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -27,7 +26,7 @@ from apf.body.limbs import limb_ends, limb_joints, limb_masks, solve_inverse_kin
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, crop_voxels
-from apf.likelihood.observations import split_observation, with_points
+from apf.likelihood.observations import Observation, split_observation, with_points
 from apf.tracking.config import TwoWayConfig
 from apf.tracking.foot_contact import find_stances
 from apf.tracking.limb_confidence import REGRESSION
@@ -36,14 +35,14 @@ from apf.tracking.smoothing import unwrap_angles
 from cl import Device, NumpyDevice, UserError
 
 #: One frame of a window: its number, its observation, and for each track the estimates of its runs.
-Seen = tuple[int, Any, list[list[Estimate]]]
+Seen = tuple[int, Observation, list[list[Estimate]]]
 
 
 def track_both_ways(
     device: Device | NumpyDevice,
-    forward: Any,
+    forward: RecoveringRuns | SeparateRuns,
     back: Sequence[RecoveringRuns | SeparateRuns],
-    seen: Iterable[tuple[int, Any]],
+    seen: Iterable[tuple[int, Observation]],
     progress: Callable[[str], object],
     config: TwoWayConfig | None = None,
     *,
@@ -93,18 +92,20 @@ def track_both_ways(
         del window[:n_final]
 
 
-def _keep(device: Device | NumpyDevice, observation: Any) -> Any:
+def _keep(device: Device | NumpyDevice, observation: Observation) -> Observation:
     """Return a copy of an observation that stays valid when the next one is made."""
     shown, points = split_observation(observation)
     return with_points(None if shown is None else crop_voxels(device, shown), points)
 
 
-def _n_bytes(kept: Any) -> int:
+def _n_bytes(kept: Observation) -> int:
     shown = split_observation(kept).shown
     return shown.nbytes if isinstance(shown, CroppedVoxels) else 0
 
 
-def _reverse_observations(device: Device | NumpyDevice, window: list[Seen]) -> Iterator[Any]:
+def _reverse_observations(
+    device: Device | NumpyDevice, window: list[Seen]
+) -> Iterator[Observation]:
     """Yield the observations of a window in reverse order; each overwrites the one before."""
     parts = [split_observation(kept) for _, kept, _ in reversed(window)]
     crops = [shown for shown, _ in parts if isinstance(shown, CroppedVoxels)]

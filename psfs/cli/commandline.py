@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 import re
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -127,6 +128,12 @@ def messages(args: argparse.Namespace) -> Iterator[None]:
             log = make_log_console(file)
             handlers.append(logging.StreamHandler(file))
             handlers[-1].setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
+        if not sys.warnoptions:
+            # Those of NumPy and other libraries say nothing that a user can mend; --verbose and
+            # the log file have them.
+            handlers[0].addFilter(lambda record: args.verbose or record.name != "py.warnings")
+            logging.captureWarnings(True)
+            stack.callback(logging.captureWarnings, False)
         for handler in handlers:
             root.addHandler(handler)
             stack.callback(root.removeHandler, handler)
@@ -156,7 +163,7 @@ def log_line(text: str) -> None:
 def _opened(path: Path) -> TextIO:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        if path.is_file() and not _is_log(path):
+        if path.exists() and not (path.is_file() and _is_log(path)):
             raise InputError(f"--log-file {path}: is no log of psfs or apf; expected another file")
         return path.open("a", encoding="utf-8", buffering=1)
     except OSError as error:
@@ -199,6 +206,15 @@ def add_message_flags(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="append all messages to FILE, with the times and the traceback of an error",
+    )
+
+
+def add_overwrite_flag(parser: argparse.ArgumentParser) -> None:
+    """Add --overwrite, for commands that write a single file where the user says."""
+    parser.add_argument(
+        "--overwrite",
+        action="store_true",
+        help="replace FILE even if it was not written by this program",
     )
 
 

@@ -41,9 +41,16 @@ def make_log_console(file: TextIO) -> Console:
     )
 
 
+class _Bar(Progress):
+    def stop(self) -> None:
+        """Leave no bar behind if nothing was done before an error."""
+        self.live.transient = not any(task.completed for task in self.tasks)
+        super().stop()
+
+
 def make_progress_bar(console: Console, hidden: bool) -> Progress:
     """Return the progress bar for long work."""
-    return Progress(
+    return _Bar(
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),

@@ -11,7 +11,7 @@ from cl import select_device
 from psfs.cli.commandline import remark, stdout, warn
 from psfs.cli.sequence_flags import open_sequence
 from psfs.cli.settings import refuse_unused
-from psfs.common.files import write_picture
+from psfs.common.files import check_picture_name, write_picture
 from psfs.diagnostics.examination import examine
 from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
@@ -24,6 +24,8 @@ def run(args: argparse.Namespace) -> None:
     if not args.pictures:
         refuse_unused(args, ["masks"], "shows pictures; expected none with --no-pictures")
     sequence = open_sequence(args)
+    if args.masks is not None:
+        check_picture_name(args.masks, sequence.inputs[1:])
     info = sequence_info(sequence)
     stdout.print(_cameras(info))
     stdout.print(_facts(sequence, info))

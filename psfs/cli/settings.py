@@ -19,14 +19,17 @@ from cl import InputError
 from psfs.cli.commandline import path_or_name
 from psfs.cli.recording import RecordingParser
 from psfs.common.config import Config, part_kind
-from psfs.common.files import resolve_path, written_whole
+from psfs.common.files import resolve_path, write_text
 from psfs.common.presets import Presets, overlaid, read_preset
 from psfs.common.toml import read_toml
 
 #: The name of the file beside results.
 FILE = "settings.toml"
 #: Flags that are no settings: they choose where results go and what is printed.
-_NONE = ("help", "output", "config", "verbose", "quiet", "log_file", "print_completion")
+_NONE = (
+    *("help", "output", "overwrite", "config"),
+    *("verbose", "quiet", "log_file", "print_completion"),
+)
 
 
 def add_config_flag(parser: argparse.ArgumentParser) -> None:
@@ -137,8 +140,7 @@ def write_settings(
         "default.\n\n"
     )
     path = folder / FILE
-    with written_whole(path) as temporary:
-        temporary.write_text(head + tomli_w.dumps({**flags, **tables}), encoding="utf-8")
+    write_text(path, head + tomli_w.dumps({**flags, **tables}))
     return path
 
 
@@ -168,6 +170,12 @@ def stated_words(args: argparse.Namespace, without: Sequence[str] = ()) -> list[
 def _in_full(action: argparse.Action, value: Any) -> str:
     is_path = action.type is Path or action.type is path_or_name
     return path_or_name(str(value)) if is_path else str(value)
+
+
+def command_flags(command: RecordingParser, words: Sequence[str]) -> list[str]:
+    """Return the flags among `words` that choose where results go and what is printed."""
+    given = set(command.stated(words)).intersection(_NONE) - {"config"}
+    return [f"--{_name(action)}" for action in command.actions if action.dest in given]
 
 
 def _settings(command: RecordingParser) -> list[argparse.Action]:

@@ -13,7 +13,7 @@ import trimesh
 from cl import select_device
 from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import stdout, warn
-from psfs.common.files import write_picture
+from psfs.common.files import check_picture_name, write_picture
 from psfs.common.outputs import output_folder
 from psfs.mesh.drawing import (
     Layer,
@@ -58,6 +58,8 @@ def view_run(args: argparse.Namespace, on_top: OnTop) -> None:
     run.warn_if_unfinished(warn)
     frame = run.chosen(args.frame)
     sequence = run.sequence()
+    if args.png is not None:
+        check_picture_name(args.png, (*sequence.inputs[1:], args.out / "clouds"))
     mesher = Mesher(select_device(args.device), run, sequence) if args.mesh else None
 
     def shape(index: int) -> tuple[VoxelCloud, trimesh.Trimesh | None]:

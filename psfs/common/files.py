@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
-from cl import InputError, MissingFileError
+from cl import InputError
 from psfs.common.outputs import claim, temporary_name
+from psfs.common.reading import open_input, parsing
+from psfs.common.single_files import check_file, remember_file
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,12 +25,6 @@ MOST_BYTES = 256 * 2**20
 def resolve_path(path: str | Path) -> Path:
     """Return the absolute path with symbolic links resolved as far as they exist."""
     return Path(os.path.realpath(path))
-
-
-def unreadable_error(path: Path, error: OSError) -> InputError:
-    """Return the error to raise for a file that the file system cannot read."""
-    kind = MissingFileError if isinstance(error, FileNotFoundError) else InputError
-    return kind(f"{path}: cannot be read: {error.strerror}")
 
 
 @contextmanager
@@ -57,15 +53,16 @@ def read_numbers(path: Path) -> np.ndarray:
         raise InputError(f"{path}: expected numbers only: {error}") from None
 
 
-def read_json(path: Path, what: str) -> Any:
-    """Read a JSON file. Raises InputError, or MissingFileError if the file is absent.
+def read_json(path: Path, what: str, most_bytes: int = MOST_BYTES, nan: bool = False) -> Any:
+    """Read a JSON file of at most `most_bytes`. Raises InputError, or MissingFileError if the file
+    is absent.
 
-    what: description of the expected file, for errors.
+    what: description of the expected file, for errors. nan: allow NaN and Infinity, which JSON does
+    not have.
     """
     try:
-        return json.loads(read_text(path, what, MOST_BYTES), parse_constant=_reject_constant)
-    except MissingFileError:
-        raise MissingFileError(f"{path}: no such file; expected {what}") from None
+        constants = None if nan else _reject_constant
+        return json.loads(read_text(path, what, most_bytes), parse_constant=constants)
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
@@ -83,11 +80,8 @@ def read_text(path: Path, what: str, most_bytes: int = 16 * 2**20) -> str:
     what: description of the expected file, for errors. Raises InputError, or MissingFileError if
     the file is absent.
     """
-    try:
-        with path.open("rb") as file:
-            content = file.read(most_bytes + 1)
-    except OSError as error:
-        raise unreadable_error(path, error) from None
+    with parsing(path, what), open_input(path, what) as file:
+        content = file.read(most_bytes + 1)
     if len(content) > most_bytes:
         raise InputError(f"{path}: more than {most_bytes // 2**20} MiB; expected {what}")
     try:
@@ -103,27 +97,58 @@ def written_whole(path: str | Path) -> Iterator[Path]:
 
     `with written_whole("a.ply") as temporary: write(temporary)` In an output folder that is being
     written, see `psfs.common.outputs`, the name is added to its manifest. Raises InputError if the
-    file system refuses (no permission, disk full, a file for a folder), or if the folder holds a
-    file of that name that no command of ours wrote.
+    file system refuses (no permission, disk full, a file for a folder), or if there is a file of
+    that name that no command of ours wrote; see `psfs.common.single_files` for those elsewhere.
     """
     path = Path(path)
     temporary = temporary_name(path)
     try:
-        claim(path)
+        claimed = claim(path)
+        if not claimed:
+            check_file(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             yield temporary
             temporary.replace(path)
+            if not claimed:
+                remember_file(path)
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
+@contextmanager
+def open_text(path: str | Path) -> Iterator[TextIO]:
+    """Yield a text file (UTF-8, lines end with LF) that gets its name on success. What is no UTF-8,
+    as names may be, is escaped. Raises InputError as `written_whole` does."""
+    with (
+        written_whole(path) as temporary,
+        temporary.open("w", encoding="utf-8", newline="", errors="backslashreplace") as file,
+    ):
+        yield file
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text file like `open_text`."""
+    with open_text(path) as file:
+        file.write(text)
+
+
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write plain values as JSON. Raises InputError as `written_whole` does."""
-    with written_whole(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
+    write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def check_picture_name(path: Path, inputs: Iterable[Path]) -> None:
+    """Raise InputError if `path` cannot be written by `write_picture`, or lies in one of the
+    folders `inputs`, which are read."""
+    import cv2  # takes a while to load
+
+    check_file(path, inputs)
+    # OpenCV crashes on text that is not UTF-8
+    if not path.suffix.isascii() or not cv2.haveImageWriter(f"picture{path.suffix}"):
+        raise _picture_format_error(path)
 
 
 def write_picture(path: Path, picture: np.ndarray) -> None:
@@ -131,10 +156,14 @@ def write_picture(path: Path, picture: np.ndarray) -> None:
     import cv2  # takes a while to load
 
     try:
-        done, content = cv2.imencode(path.suffix, picture)
+        done, content = cv2.imencode(path.suffix if path.suffix.isascii() else "", picture)
     except cv2.error:
         done = False
     if not done:
-        raise InputError(f"{path}: unknown picture format; expected a name such as view.png")
+        raise _picture_format_error(path)
     with written_whole(path) as temporary:
         temporary.write_bytes(content.tobytes())  # its errors say why
+
+
+def _picture_format_error(path: Path) -> InputError:
+    return InputError(f"{path}: unknown picture format; expected a name such as view.png")

@@ -3,30 +3,29 @@
 from __future__ import annotations
 
 import math
-import struct
+import os
 import zipfile
-import zlib
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
-from cl import InputError, MissingFileError
-from psfs.common.files import unreadable_error
+from cl import InputError
+from psfs.common.reading import open_input, parsing
 from psfs.common.schema import LARGEST
 
-#: Most bytes of all arrays of a file together.
+#: Most bytes of all arrays of a file together; of a compressed file at most `_MOST_RATIO` times its
+#: size beyond `_SMALL` bytes. Frames of nothing compress to a thousandth, but are small.
 MOST_BYTES = 4 * 2**30
+_MOST_RATIO, _SMALL = 50, 64 * 2**20
 _MOST_ARRAYS = 1000
 _MOST_DIMENSIONS = 8
+#: Bytes that are unpacked at a time.
+_LOT = 2**20
 #: Most bytes of an array's header.
 _MOST_HEADER = 10_000
-_BROKEN = (ValueError, EOFError, zipfile.BadZipFile, zlib.error, TypeError, KeyError,
-           NotImplementedError, RuntimeError, SyntaxError, RecursionError, OverflowError,
-           struct.error)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -72,44 +71,33 @@ def read_npy(path: Path, values: Values, what: str) -> np.ndarray:
 
     Raises InputError, or MissingFileError if the file is absent.
     """
-    with _translate_errors(path, "npy", what), path.open("rb") as file:
-        array = _read_array(path, "it", file, min(path.stat().st_size, MOST_BYTES))
+    with parsing(path, what), open_input(path, what) as file:
+        array = _read_array(path, "it", file, min(os.fstat(file.fileno()).st_size, MOST_BYTES))
     check_values(path, "the array", array, values, {})
     return array
 
 
 def _load(path: Path, what: str) -> dict[str, np.ndarray]:
-    with _translate_errors(path, "npz", what), zipfile.ZipFile(path) as archive:
+    with (
+        parsing(path, what),
+        open_input(path, what) as opened,
+        zipfile.ZipFile(opened) as archive,
+    ):
         entries = archive.infolist()
+        most = min(MOST_BYTES, _SMALL + _MOST_RATIO * os.fstat(opened.fileno()).st_size)
         if len(entries) > _MOST_ARRAYS:
             raise InputError(f"{path}: holds {len(entries)} arrays; "
                              f"expected at most {_MOST_ARRAYS}")  # fmt: skip
-        total, data = 0, {}
+        total = sum(entry.file_size for entry in entries)
+        if total > most:
+            raise InputError(f"{path}: its arrays unpack to {total / 2**20:,.0f} MiB; expected "
+                             f"{what}, of at most {most / 2**20:,.0f} MiB")  # fmt: skip
+        data = {}
         for entry in entries:
-            total += entry.file_size
-            if total > MOST_BYTES:
-                raise InputError(f"{path}: its arrays take more than "
-                                 f"{MOST_BYTES / 2**30:.0f} GiB; expected {what}")  # fmt: skip
             name = entry.filename.removesuffix(".npy")
             with archive.open(entry) as file:
                 data[name] = _read_array(path, name, file, entry.file_size)
         return data
-
-
-@contextmanager
-def _translate_errors(path: Path, kind: str, what: str) -> Iterator[None]:
-    """Turn the errors of reading an npz or npy file (`kind`) into InputError or
-    MissingFileError."""
-    try:
-        yield
-    except FileNotFoundError:
-        raise MissingFileError(f"{path}: no such file; expected {what}") from None
-    except OSError as error:
-        raise unreadable_error(path, error) from None
-    except InputError:
-        raise
-    except _BROKEN:
-        raise InputError(f"{path}: not a readable {kind} file; expected {what}") from None
 
 
 def _read_array(path: Path, name: str, file: IO[bytes], nbytes: int) -> np.ndarray:
@@ -127,11 +115,25 @@ def _read_array(path: Path, name: str, file: IO[bytes], nbytes: int) -> np.ndarr
     if claimed > nbytes:
         raise InputError(f"{path}: {name} claims {shape} of {dtype}, {claimed:,} bytes, but has "
                          f"{nbytes:,}; the file is damaged")  # fmt: skip
-    content = file.read(claimed)
-    if len(content) < claimed:
+    if dtype.itemsize == 0:
+        return np.zeros(shape, dtype)
+    content = np.empty(claimed, np.uint8)
+    if _read_into(file, content.data) < claimed:
         raise InputError(f"{path}: {name} ends early; the file is damaged")
-    flat = np.frombuffer(bytearray(content), dtype)
+    flat = content.view(dtype)
     return flat.reshape(shape[::-1]).T if fortran else flat.reshape(shape)
+
+
+def _read_into(file: IO[bytes], buffer: memoryview) -> int:
+    """Fill the buffer from the file; return the number of bytes that there were."""
+    done = 0
+    while done < len(buffer):
+        lot = file.read(min(_LOT, len(buffer) - done))
+        if not lot:
+            break
+        buffer[done : done + len(lot)] = lot
+        done += len(lot)
+    return done
 
 
 def check_values(

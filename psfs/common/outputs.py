@@ -16,7 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from cl import InputError
+from cl import InputError, MissingFileError
+from psfs.common.reading import open_input, parsing
 from psfs.common.system import is_alive, lock_file
 
 MANIFEST = "manifest.txt"
@@ -30,7 +31,10 @@ _lock = threading.RLock()
 
 
 def temporary_name(path: Path) -> Path:
-    """Return the temporary name beside `path`, with the same suffix."""
+    """Return the temporary name beside `path`, with the same suffix. Raises InputError for the root
+    folder."""
+    if not path.name:
+        raise InputError(f"{path}: has no name of its own; expected a folder inside it")
     return path.with_name(f"{_TEMPORARY}{os.getpid()}-{path.name}")
 
 
@@ -72,12 +76,10 @@ class Manifest:
         """
         path = folder / MANIFEST
         try:
-            with path.open("rb") as file:
+            with parsing(path, "a manifest"), open_input(path) as file:
                 lines = file.read(2**28).split(b"\n")
-        except FileNotFoundError:
+        except MissingFileError:
             return None
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read: {error.strerror}") from None
         if len(lines) == 1 and _HEAD.encode().startswith(lines[0]):  # left by a killed process
             return None
         if lines[0] != _HEAD.encode():
@@ -181,7 +183,7 @@ class OutputFolder:
         A file that matches one of the `expected` patterns (of Path.glob) may exist that the
         manifest does not name, or another process may be writing here.
         """
-        with contextlib.suppress(FileNotFoundError), (self._real / MANIFEST).open("rb") as file:
+        with contextlib.suppress(MissingFileError), open_input(self._real / MANIFEST) as file:
             self._lock_or_fail(file)
         manifest = Manifest.read(self.folder)
         before = manifest.command if manifest is not None and not self._addition else ""
@@ -350,14 +352,24 @@ def _check_place(folder: Path) -> None:
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
 
 
-def claim(path: Path) -> None:
-    """Enter `path` in the manifest of the output folder that it lies in, if that is being written.
+def claim(path: Path) -> bool:
+    """Enter `path` in the manifest of the output folder that it lies in, if that is being written;
+    return whether it is.
 
-    Raises InputError for a file that the manifest does not name.
+    Raises InputError for a file that the manifest does not name, and for one that a symbolic link
+    takes out of the folder.
     """
     real = Path(os.path.realpath(path.parent)) / path.name
+    named = path.absolute()
     with _lock:
         for parent in real.parents:
             if parent in _OPEN:
                 _OPEN[parent].claim(real)
-                return
+                return True
+        for output in _OPEN.values():
+            if output.folder.absolute() in named.parents:
+                raise InputError(
+                    f"{path}: a symbolic link leads out of {output.folder}; expected a folder of "
+                    "its own"
+                )
+    return False

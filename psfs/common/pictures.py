@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import warnings
 from pathlib import Path
 
@@ -10,9 +11,9 @@ import cv2
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
-from cl import InputError, MissingFileError
-from psfs.common.files import unreadable_error
+from cl import InputError
 from psfs.common.picture_size import check_picture_size
+from psfs.common.reading import open_input, parsing
 
 #: Largest picture file.
 _MOST_BYTES = 2**30
@@ -36,16 +37,10 @@ def read_picture(path: Path, flags: int = cv2.IMREAD_COLOR) -> np.ndarray:
 
 
 def _read_bytes(path: Path) -> np.ndarray:
-    try:
-        if not path.is_file():
-            raise MissingFileError(f"{path}: no such file; expected an image")
-        if path.stat().st_size > _MOST_BYTES:
+    with parsing(path, "an image"), open_input(path, "an image") as file:
+        if os.fstat(file.fileno()).st_size > _MOST_BYTES:
             raise InputError(f"{path}: more than {_MOST_BYTES // 2**20} MiB; expected an image")
-        return np.fromfile(path, np.uint8)
-    except OSError as error:
-        if isinstance(error, MissingFileError):
-            raise
-        raise unreadable_error(path, error) from None
+        return np.fromfile(file, np.uint8)
 
 
 def _check_header(path: Path, content: np.ndarray) -> None:

@@ -74,6 +74,23 @@ def _named(name: str) -> str:
 Name = Annotated[str, AfterValidator(_named)]
 
 
+def _path_text(value: Any) -> str:
+    if not isinstance(value, str) or "\0" in value:
+        raise ValueError("a path")
+    return value
+
+
+def _absolute(path: str) -> str:
+    if not re.match(r"/|[A-Za-z]:", path):
+        raise ValueError("a path from the root")
+    return path
+
+
+#: A path, also one that is no UTF-8, which is no text for pydantic.
+PathText = Annotated[Any, AfterValidator(_path_text)]
+AbsolutePath = Annotated[PathText, AfterValidator(_absolute)]
+
+
 @cache
 def _adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)

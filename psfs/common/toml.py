@@ -10,7 +10,7 @@ from typing import Any
 import tomli_w
 
 from cl import InputError
-from psfs.common.files import read_text, written_whole
+from psfs.common.files import read_text, write_text
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -28,8 +28,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def write_toml(path: Path, values: Mapping[str, Any]) -> None:
     """Write plain values. Raises InputError as `written_whole` does."""
-    with written_whole(path) as temporary:
-        temporary.write_text(tomli_w.dumps(values), encoding="utf-8")
+    write_text(path, tomli_w.dumps(values))
 
 
 def parse_toml(text: str, source: str | Path) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -16,10 +17,12 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 import cv2
 import numpy as np
 
-from cl import InputError, MissingFileError
+from cl import InputError
 from psfs.cameras.names import natural_key
 from psfs.common.picture_size import check_picture_size
 from psfs.common.pictures import read_picture
+from psfs.common.reading import open_input
+from psfs.common.system import memory_limit
 
 if hasattr(cv2, "setLogLevel"):  # OpenCV 4
     cv2.setLogLevel(0)
@@ -228,7 +231,7 @@ class ImagesDecoder:
         pass
 
 
-def _name_for_opencv(path: Path) -> str:
+def name_for_opencv(path: Path) -> str:
     """Return the path as text, or as bytes if it is not UTF-8.
 
     OpenCV crashes on text that is not UTF-8, and its version 4 does not accept bytes otherwise.
@@ -255,11 +258,12 @@ class SelectingDecoder:
 
 
 def _open_capture(path: Path) -> cv2.VideoCapture:
-    if not path.is_file():
-        raise MissingFileError(f"{path}: no such file; expected a video")
-    capture = cv2.VideoCapture(_name_for_opencv(path), cv2.CAP_FFMPEG)
+    open_input(path, "a video").close()
+    capture = cv2.VideoCapture(name_for_opencv(path), cv2.CAP_FFMPEG)
     if not capture.isOpened():
-        raise InputError(f"{path}: cannot be opened as a video; it is damaged or truncated")
+        raise InputError(
+            f"{path}: cannot be opened as a video; it is damaged or truncated{_or_memory()}"
+        )
     sides = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
     width, height = (int(capture.get(side)) for side in sides)
     try:
@@ -268,6 +272,12 @@ def _open_capture(path: Path) -> cv2.VideoCapture:
         capture.release()
         raise
     return capture
+
+
+def _or_memory() -> str:
+    """Return what else may be the reason of a decoder's failure, under a limit of memory."""
+    limit = memory_limit()
+    return f", or {limit / 2**20:,.0f} MiB (ulimit -v) are too few" if limit < math.inf else ""
 
 
 def _count_frames(capture: cv2.VideoCapture, path: Path) -> int:

@@ -15,7 +15,16 @@ from cl import Device, InputError, MissingFileError, NumpyDevice
 from psfs.cameras.names import listed
 from psfs.common.files import name_file_in_errors, read_json
 from psfs.common.outputs import find_unfinished_command
-from psfs.common.schema import Name, Number, Positive, Table, Vector, checked
+from psfs.common.schema import (
+    AbsolutePath,
+    Name,
+    Number,
+    PathText,
+    Positive,
+    Table,
+    Vector,
+    checked,
+)
 from psfs.sequence import Sequence
 from psfs.voxels.clouds import read_cloud
 from psfs.voxels.config import ReconstructionConfig
@@ -92,9 +101,9 @@ def grid_facts(grid: VoxelGrid) -> dict[str, Any]:
 class SequenceFacts(Table):
     """The entries of `sequence_facts` that are read."""
 
-    absolute: Annotated[str, Field(pattern=r"^(/|[A-Za-z]:)")]
+    absolute: AbsolutePath
     overrides: dict[str, Any]
-    relative: str = ""
+    relative: PathText = ""
     cameras: list[Name] | None = None
     left_out: dict[str, str] | None = None
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from pathlib import Path
 from typing import Any
 
 from apf.cli.batch.chunks import PARTS, plan_take
@@ -15,20 +14,21 @@ from apf.cli.batch.takes import listed_takes
 from apf.cli.takes.job import take_names
 from apf.cluster.connection import connect_cluster, import_distributed, start_cluster
 from apf.cluster.courses import run_workflows
-from apf.cluster.page import LOGS
+from apf.cluster.page import FILES, LOGS
 from apf.cluster.pool import Pool
 from apf.cluster.whole_folder import clear_partial
 from apf.cluster.workers import share_machine
 from cl import InputError
 from psfs.cli.settings import stated_words
 from psfs.common.files import resolve_path
-from psfs.common.outputs import output_folder
+from psfs.common.names import check_name
+from psfs.common.outputs import MANIFEST, output_folder
 from psfs.common.ranges import check_number
 
 #: Flags of this command that `apf track` does not have.
 _OWN = ("workers", "scheduler", "part_frames", "to")
 #: Names in OUT that are reserved: no take may have them.
-_TAKEN = (LOGS, PARTS)
+_TAKEN = (LOGS, PARTS, *FILES, MANIFEST)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> None:
     if args.scheduler is None and args.workers is not None:
         share_machine(args.device, args.workers)  # before anything is written
     inputs = [job.source for job in jobs]
-    with output_folder(args.output, "apf batch", inputs, ("index.html", "takes.csv")) as out:
+    with output_folder(args.output, "apf batch", inputs, FILES) as out:
         out.begin()
         with BatchReport(args.output, [job.name for job in jobs]) as report:
             left = []
@@ -73,8 +73,8 @@ def make_jobs(args: argparse.Namespace) -> list[TakeJob]:
     jobs: dict[str, TakeJob] = {}
     for take in takes:
         name = next(found) if take.name is None else take.name
-        folder = Path(name).name == name and not name.startswith(".") and name not in _TAKEN
-        if not folder or name in jobs:
+        check_name(name, f"the take {take.source}")
+        if name.startswith(".") or name in _TAKEN or name in jobs:
             wanted = f"names of folders that differ, and not {' or '.join(_TAKEN)}"
             raise InputError(f"a take is called {name!r}; expected {wanted}")
         if take.source in (out / name, out, *out.parents):

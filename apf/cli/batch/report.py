@@ -19,6 +19,7 @@ from apf.cluster.task_side import Progress
 from apf.cluster.whole_folder import replace_temporary_names
 from cl import InputError
 from psfs.cli.commandline import progress_bar, stderr, stdout
+from psfs.cli.program.outcome import describe
 
 #: Seconds between two versions of the page.
 _APART = 10.0
@@ -73,7 +74,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             self._done[name] = outcome
             text = "finished already" if outcome.kept else _describe(outcome)
         else:
-            text = replace_temporary_names(str(outcome)) or type(outcome).__name__
+            text = replace_temporary_names(describe(outcome))
             self._failed[name] = TakeRow(name, status="failed", error=text)
             text = f"failed: {text}"
         self._remove_lines(name)

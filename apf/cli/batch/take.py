@@ -23,7 +23,7 @@ from apf.tracking.take import Take
 from cl import Device, InputError, NumpyDevice
 from psfs.cli.commandline import CommandParser
 from psfs.cli.program import program_parser
-from psfs.cli.settings import collect_settings, with_settings
+from psfs.cli.settings import collect_settings, command_flags, with_settings
 from psfs.common.outputs import MANIFEST, output_folder
 
 
@@ -53,6 +53,12 @@ class TakeJob:
             args = with_settings(parser, parser.parse_args(words), words)
         except _Refused as error:
             raise InputError(f"{self.where}: {error}") from None
+        beyond = command_flags(args.parser, [str(self.source), *self.words])
+        if beyond:
+            raise InputError(
+                f"{self.where}: {', '.join(beyond)} is of the whole batch; expected settings of "
+                "a take"
+            )
         if args.method == track.TRIANGULATE:
             raise InputError(f"{self.where}: {args.method} has no body; expected apf track for it")
         args.configs = {**self.configs, **args.configs}

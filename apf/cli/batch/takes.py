@@ -28,7 +28,7 @@ def listed_takes(folders: list[str]) -> list[ListedTake]:
     """Return the takes that the command names. Raises InputError."""
     takes: list[ListedTake] = []
     for given in map(Path, folders):
-        if given.suffix == ".toml" and given.is_file():
+        if given.suffix == ".toml" and given.exists() and not given.is_dir():
             takes += _of_list(given)
         elif given.is_file():
             warn(f"{given}: no folder; left out")  # `takes/*` also matches files such as notes

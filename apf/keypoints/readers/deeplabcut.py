@@ -8,6 +8,8 @@ extra `deeplabcut`.
 from __future__ import annotations
 
 import csv
+import io
+from codecs import BOM_UTF8
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,8 @@ import numpy as np
 from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError
 from psfs.cameras.names import listed
-from psfs.common.files import unreadable_error
+from psfs.common.files import MOST_BYTES, read_text
+from psfs.common.reading import open_input, parsing
 
 #: Endings of the files.
 ENDINGS = (".csv", ".h5", ".hdf5")
@@ -36,9 +39,9 @@ def is_deeplabcut(path: Path) -> bool:
     if path.suffix.lower() != ".csv":
         return path.suffix.lower() in ENDINGS
     try:
-        with path.open(encoding="utf-8-sig") as file:
-            return file.readline().split(",")[0].strip() == "scorer"
-    except (OSError, UnicodeDecodeError):
+        with open_input(path) as file:
+            return file.readline(100).removeprefix(BOM_UTF8).split(b",")[0].strip() == b"scorer"
+    except InputError:
         return False
 
 
@@ -72,13 +75,8 @@ def read_deeplabcut(path: Path, files: Sequence[Path]) -> RawKeypoints:
 
 def _read_csv(path: Path) -> tuple[list[Column], np.ndarray]:
     """Return columns and values (F, C) of a table with header rows; blank cells are NaN."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.reader(file))
-    except OSError as error:
-        raise unreadable_error(path, error) from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read as a table: {error}") from None
+    with parsing(path, "a table"):
+        rows = list(csv.reader(io.StringIO(read_text(path, "a table", MOST_BYTES), newline="")))
     heads: dict[str, list[str]] = {}
     while rows and rows[0] and rows[0][0].strip() in ("scorer", *_LEVELS):
         level, *cells = (cell.strip() for cell in rows.pop(0))
@@ -109,12 +107,9 @@ def _read_h5(path: Path) -> tuple[list[Column], np.ndarray]:
             f"{path}: reading DeepLabCut's .h5 needs pandas and tables "
             "(pip install psfs-apf[deeplabcut]); its .csv needs nothing"
         ) from None
-    try:
+    with parsing(path, "a pandas table"):
+        open_input(path).close()
         table: Any = pandas.read_hdf(path)
-    except FileNotFoundError as error:
-        raise unreadable_error(path, error) from None
-    except Exception as error:  # pandas, tables and HDF5 raise almost anything
-        raise InputError(f"{path}: not a pandas table: {' '.join(str(error).split())}") from None
     names = list(getattr(table.columns, "names", []))
     if not {"bodyparts", "coords"} <= set(names):
         raise InputError(f"{path}: its columns are by {listed(map(str, names))}; no {_EXPECTED}")

@@ -8,8 +8,7 @@ same lists in a pickle per camera and trial
 
 from __future__ import annotations
 
-import json
-import pickle
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,10 +17,12 @@ from typing import Any
 import numpy as np
 
 from apf.keypoints.readers.orders import find_order
+from apf.keypoints.readers.plain_pickle import read_plain_pickle
 from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError
 from psfs.cameras.names import listed
-from psfs.common.files import unreadable_error
+from psfs.common.files import read_json
+from psfs.common.reading import parsing
 
 #: `cam01.0000`, `cam01_000000_keypoints`: the camera, and the frame.
 _STEM = re.compile(r"(?P<camera>.*?)[._-]?(?P<frame>\d+)(?:[._-]keypoints)?")
@@ -30,6 +31,14 @@ OPENCAP = ("*_rotated_pp.pkl", "*_keypoints.pkl")
 _POINTS = "pose_keypoints_2d"
 #: Most frames without a file, as a multiple of those with one.
 _MOST_GAPS = 20
+#: Most persons of a picture, numbers of a person, and bytes of all keypoints of a camera. Holistic
+#: networks list 553 points.
+_MOST_PERSONS, _MOST_NUMBERS, _MOST_BYTES = 200, 3000, 2**30
+#: Most persons in all frames of a camera together; an hour of ten persons has so many.
+_MOST_OF_ALL_FRAMES = 2_000_000
+#: Largest JSON file, which is of one picture.
+_MOST_JSON_BYTES = 16 * 2**20
+_PICKLED = "a pickle of plain lists of frames, persons and pose_keypoints_2d"
 
 
 def read_openpose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
@@ -50,7 +59,7 @@ def read_openpose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
             raise InputError(f"{path}: has the frame number of {other}; expected one file a frame")
         files[int(found["frame"])] = path
     views = {
-        parts: {frame: _parse_persons(path, _read_json(path)) for frame, path in files.items()}
+        parts: {frame: _parse_persons(path, _read_picture(path)) for frame, path in files.items()}
         for parts, files in cameras.items()
         if _is_openpose(next(iter(files.values())))
     }
@@ -69,9 +78,11 @@ def read_opencap(folder: Path, paths: Sequence[Path]) -> RawKeypoints:
     """
     people = {}
     for path in paths:
-        frames = _unpickle(path)
+        frames = read_plain_pickle(path, _PICKLED)
         if not isinstance(frames, list):
-            raise InputError(f"{path}: holds a {type(frames).__name__}; expected a list of frames")
+            raise InputError(f"{path}: holds a {type(frames).__name__}; expected {_PICKLED}")
+        if sum(len(frame) for frame in frames if isinstance(frame, list)) > _MOST_OF_ALL_FRAMES:
+            raise InputError(f"{path}: more than {_MOST_OF_ALL_FRAMES:,} persons in all frames")
         parts = (*path.relative_to(folder).parent.parts, path.stem)
         people[parts] = [_parse_persons(path, {"people": frame}) for frame in frames]
     return _build_raw(folder, people)
@@ -79,35 +90,12 @@ def read_opencap(folder: Path, paths: Sequence[Path]) -> RawKeypoints:
 
 def _is_openpose(path: Path) -> bool:
     """Return whether this is a file of keypoints and not some other JSON."""
-    content = _read_json(path)
+    content = _read_picture(path)
     return isinstance(content, dict) and "people" in content
 
 
-def _read_json(path: Path) -> Any:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise unreadable_error(path, error) from None
-    except (ValueError, RecursionError) as error:  # also of text that is not UTF-8
-        raise InputError(f"{path}: malformed JSON: {' '.join(str(error).split())}") from None
-
-
-class _PlainUnpickler(pickle.Unpickler):
-    """Unpickler of built-in values only, so that a file cannot run code."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        raise pickle.UnpicklingError(f"it names {module}.{name}")
-
-
-def _unpickle(path: Path) -> Any:
-    try:
-        with path.open("rb") as file:
-            return _PlainUnpickler(file).load()
-    except OSError as error:
-        raise unreadable_error(path, error) from None
-    except Exception as error:  # a broken pickle raises almost anything
-        wanted = "lists of frames, persons and pose_keypoints_2d"
-        raise InputError(f"{path}: not a pickle of plain {wanted}: {error}") from None
+def _read_picture(path: Path) -> Any:
+    return read_json(path, "OpenPose's JSON of a picture", _MOST_JSON_BYTES, nan=True)
 
 
 def _parse_persons(path: Path, content: Any) -> list[np.ndarray]:
@@ -115,21 +103,31 @@ def _parse_persons(path: Path, content: Any) -> list[np.ndarray]:
     persons = content.get("people") if isinstance(content, dict) else None
     if not isinstance(persons, list):
         raise InputError(f"{path}: lacks the list people; expected OpenPose's JSON")
-    found = []
-    for number, person in enumerate(persons):
-        values = person.get(_POINTS) if isinstance(person, dict) else None
-        try:
-            points = np.array(values, np.float64)
-        except (TypeError, ValueError):
-            points = np.zeros(())
-        if points.ndim != 1 or points.size % 3:
-            raise InputError(
-                f"{path}: {_POINTS} of person {number} is not a list x, y, confidence, x, ...; "
-                f"found {points.size if points.ndim else type(values).__name__} values"
-            )
-        if points.size:  # OpenPose leaves it empty if it only searched for hands
-            found.append(points.reshape(-1, 3))
-    return found
+    if len(persons) > _MOST_PERSONS:
+        raise InputError(
+            f"{path}: {len(persons):,} persons in a picture; expected at most {_MOST_PERSONS}"
+        )
+    points = (_parse_points(path, number, person) for number, person in enumerate(persons))
+    # OpenPose leaves the list empty if it only searched for hands
+    return [found for found in points if len(found)]
+
+
+def _parse_points(path: Path, number: int, person: Any) -> np.ndarray:
+    """Parse the points (K, 3) of a person. Raises InputError."""
+    values = person.get(_POINTS) if isinstance(person, dict) else None
+    if (
+        isinstance(values, list)
+        and len(values) <= _MOST_NUMBERS
+        and len(values) % 3 == 0
+        and all(type(value) in (int, float) for value in values)
+    ):
+        with parsing(path, "pixels and confidences"):
+            return np.array(values, np.float64).reshape(-1, 3)
+    count = f"{len(values):,}" if isinstance(values, list) else type(values).__name__
+    raise InputError(
+        f"{path}: {_POINTS} of person {number} is not a list x, y, confidence, x, ... of at most "
+        f"{_MOST_NUMBERS} numbers; found {count} values"
+    )
 
 
 def _order_frames(
@@ -155,7 +153,13 @@ def _build_raw(path: Path, people: dict[tuple[str, ...], list[list[np.ndarray]]]
         raise InputError(f"{path}: persons have {found} keypoints; expected the same number of all")
     views = {}
     for name, frames in zip(_short_names(list(people)), people.values(), strict=True):
-        view = np.full((len(frames), max([1, *map(len, frames)]), counts[0], 3), np.nan)
+        shape = (len(frames), max([1, *map(len, frames)]), counts[0], 3)
+        if 8 * math.prod(shape) > _MOST_BYTES:
+            raise InputError(
+                f"{path}: camera {name}: {shape[0]:,} frames of up to {shape[1]} persons with "
+                f"{shape[2]} points; expected at most {_MOST_BYTES // 2**30} GiB of a camera"
+            )
+        view = np.full(shape, np.nan)
         for row, frame in zip(view, frames, strict=True):
             row[: len(frame)] = np.array(frame).reshape(-1, counts[0], 3)
         view[(view[..., 2] == 0) | np.isnan(view).any(-1)] = np.nan  # not found

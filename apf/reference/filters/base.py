@@ -9,7 +9,7 @@ import numpy as np
 from apf.filters.base import Estimate, Tracker, check_pose
 from apf.filters.config import FilterConfig
 from apf.filters.layer_noise import layer_sigmas
-from apf.likelihood.observations import PointObservations, Shown, with_points
+from apf.likelihood.observations import Observation, PointObservations, with_points
 from apf.reference.filters.limb_search import Searched, searched
 from apf.reference.filters.noise import normals
 from apf.reference.likelihood.base import NumpyLikelihood
@@ -32,7 +32,9 @@ class NumpyTracker(Tracker):
         self._last, self._drift, self._deviation = np.zeros((3, self.body.n_dof))
         self.likelihood.forget()
 
-    def step(self, observation: Shown, keypoints: PointObservations | None = None) -> Estimate:
+    def step(
+        self, observation: Observation, keypoints: PointObservations | None = None
+    ) -> Estimate:
         """Track one frame further."""
         likelihood = self.likelihood
         likelihood.observe(with_points(observation, keypoints))

@@ -10,13 +10,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cl import InputError, MissingFileError
+from cl import InputError
 from psfs.calibration.scene import CalibrationScene, place_camera, rigid_transform
 from psfs.calibration.start.board import choose_best_pose
 from psfs.calibration.targets.target import Sighting, Target, group_by_view, make_wand
 from psfs.cameras.camera import Camera
 from psfs.cameras.names import listed
 from psfs.cameras.units import metres_per_unit
+from psfs.common.reading import open_input, parsing
 
 #: Focal lengths to try for an unknown lens, in longer sides of the picture.
 _FOCALS = np.geomspace(0.5, 3.0, 25)
@@ -69,17 +70,14 @@ def _read_c3d(path: Path) -> tuple[list[str], np.ndarray, float, str]:
     """Read names, points (F, P, 3) with NaN where missing, rate and unit from a C3D file."""
     import ezc3d  # slow to import
 
-    if not path.is_file():
-        raise MissingFileError(f"{path}: no such file; expected a C3D file")
-    try:
+    with parsing(path, "a C3D file"):
+        open_input(path, "a C3D file").close()
         file: Any = ezc3d.c3d(str(path))
         group = file["parameters"]["POINT"]
         names = [str(name) for name in group["LABELS"]["value"]]
         rate, unit = float(group["RATE"]["value"][0]), str(group["UNITS"]["value"][0])
         points = np.asarray(file["data"]["points"])[:3].transpose(2, 1, 0).astype(float)
         residuals = np.asarray(file["data"]["meta_points"]["residuals"])[0].T
-    except (OSError, KeyError, IndexError, ValueError, RuntimeError) as error:
-        raise InputError(f"{path}: cannot be read as C3D: {error}") from None
     if rate <= 0 or points.shape[1] < len(names):
         raise InputError(f"{path}: {points.shape[1]} markers at {rate:g} Hz; expected a C3D file")
     points[residuals < 0] = np.nan

@@ -26,6 +26,7 @@ from psfs.cameras.calibration.tsai import SUFFIXES as TSAI
 from psfs.cameras.calibration.tsai import looks_like_tsai, read_tsai
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
+from psfs.common.reading import open_input
 
 __all__ = [
     "Calibration",
@@ -118,6 +119,7 @@ def _read(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         path = path.parent
     if path.is_dir():
         return _read_folder(path, unit, sizes)
+    open_input(path, "a calibration").close()
     if suffix == ".toml":
         return read_toml_tables(path, unit, sizes)
     if suffix == ".json" and name.startswith("transforms"):

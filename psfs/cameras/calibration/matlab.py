@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat
 
-from cl import InputError
+from cl import InputError, UserError
 from psfs.cameras.calibration.common import (
     Calibration,
     Size,
@@ -24,6 +24,7 @@ from psfs.cameras.calibration.projections import decompose_projection, mirror_if
 from psfs.cameras.camera import MOST_CAMERAS, Camera
 from psfs.cameras.names import listed
 from psfs.cameras.units import Unit
+from psfs.common.reading import open_input
 
 _K, _R, _T = ("K", "KK", "intrinsic"), ("R", "Rc", "rotation"), ("t", "T", "Tc", "translation")
 
@@ -62,10 +63,12 @@ def _camera(name: str, values: np.ndarray, size: Size) -> Camera:
 
 def _read_variables(path: Path) -> dict[str, Any]:
     try:
-        with path.open("rb") as file:
+        with open_input(path, "a MATLAB .mat file") as file:
             found = loadmat(file, struct_as_record=True)
     except NotImplementedError:
         raise InputError("a MATLAB 7.3 file; expected one saved with `save -v7`") from None
+    except UserError:
+        raise
     except Exception:  # scipy raises anything for bytes that are not a MATLAB file
         raise InputError("cannot be read; expected a MATLAB .mat file") from None
     return {name: value for name, value in found.items() if not name.startswith("__")}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from psfs.cli.commandline import add_device_flag
+from psfs.cli.commandline import add_device_flag, add_overwrite_flag
 from psfs.cli.sequence_flags import add_sequence_flags
 from psfs.cli.sequence_flags import check as check
 
@@ -25,4 +25,5 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="write the examined silhouettes of all cameras, in some frames, as one picture",
     )
+    add_overwrite_flag(parser)
     add_device_flag(parser)

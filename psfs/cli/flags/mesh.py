@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from psfs.cli.commandline import add_device_flag
+from psfs.cli.commandline import add_device_flag, add_overwrite_flag
 from psfs.mesh.config import FORMATS, SMOOTHING
 
 #: Definition of the figures that --check writes.
@@ -36,6 +36,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="PATH",
         help="file, or folder for --frame all (default: in OUT/meshes)",
     )
+    add_overwrite_flag(parser)
     parser.add_argument("--format", choices=FORMATS, help="default: the output's suffix, or ply")
     parser.add_argument(
         "--smooth",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from psfs.cli.commandline import add_device_flag
+from psfs.cli.commandline import add_device_flag, add_overwrite_flag
 from psfs.mesh.keys import KEYS
 
 
@@ -28,4 +28,5 @@ def add_view_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--mesh", action="store_true", help="show the surfaces of psfs mesh")
     parser.add_argument("--png", type=Path, metavar="FILE", help="write a picture, open no window")
+    add_overwrite_flag(parser)
     add_device_flag(parser)

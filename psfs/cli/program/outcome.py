@@ -51,9 +51,18 @@ def exit_code(program: str, run: Callable[[], None]) -> int:
         if reason is not None:
             _say(f"{program}: error: {reason}")
             return MENDABLE
-        kind = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        _say(f"{program}: error: unexpected {kind}; please report it{_logged(program)}")
+        _say(f"{program}: error: {describe(error)}; please report it{_logged(program)}")
         return UNEXPECTED
+
+
+def describe(error: BaseException) -> str:
+    """Return the message of an error: of one that the user can mend its reason, of others that they
+    are unexpected, with their kind."""
+    reason = mendable(error) if isinstance(error, Exception) else None
+    if reason is not None:
+        return reason
+    text = " ".join(str(error).split())[: _LONGEST_LINE // 2]
+    return f"unexpected {type(error).__name__}{f': {text}' if text else ''}"
 
 
 def mendable(error: Exception) -> str | None:

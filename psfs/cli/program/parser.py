@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from cl import InputError
 from psfs.cli.commandline import (
     CommandParser,
     add_command,
@@ -22,10 +23,15 @@ from psfs.cli.commandline import (
 )
 from psfs.cli.program.command import Command
 from psfs.cli.program.outcome import exit_code
+from psfs.common.single_files import guard_files
+from psfs.common.system import memory_limit
 from psfs.common.versions import versions
 
 #: The shells that shtab writes completions for.
 _SHELLS = ("bash", "zsh", "tcsh", "fish", "powershell")
+
+#: Bytes of address space that the libraries take before anything is read.
+_LEAST_MEMORY = 1.25 * 2**30
 
 
 def run_program(
@@ -84,10 +90,22 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
         from psfs.cli.settings import with_settings
 
         args = with_settings(parser, args, words)
-        with messages(args):
+        _check_memory_limit()
+        with guard_files(getattr(args, "overwrite", False)), messages(args):
             _logged(parser.prog, args, words)
 
     return exit_code(parser.prog, run)
+
+
+def _check_memory_limit() -> None:
+    """Raise InputError if the process may use less memory than its libraries take, which else fail
+    with reasons of their own."""
+    limit = memory_limit()
+    if limit < _LEAST_MEMORY:
+        raise InputError(
+            f"the process may use {limit / 2**20:,.0f} MiB (ulimit -v); expected at least "
+            f"{_LEAST_MEMORY / 2**20:,.0f}, or no limit"
+        )
 
 
 def _logged(prog: str, args: argparse.Namespace, words: Sequence[str]) -> None:

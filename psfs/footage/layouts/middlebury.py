@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from cl import InputError
+from psfs.common.files import read_text
 from psfs.footage.layouts.common import Footage, Layout, assign_pictures, choose_cameras, read_rig
 from psfs.footage.media import IMAGE_SUFFIXES
 from psfs.footage.settings import Settings
@@ -25,7 +26,9 @@ def _read(folder: Path, settings: Settings) -> Footage:
     good = folder / calibration.name.replace("_par.txt", "_good_silhouette_images.txt")
     notes = []
     if settings.cameras is None and good.is_file() and good != calibration:
-        names = {Path(line.strip()).stem for line in good.read_text().splitlines()}
+        names = {
+            Path(line.strip()).stem for line in read_text(good, "names of pictures").splitlines()
+        }
         kept = tuple(name for name in rig.names if name in names)
         if not kept:
             raise InputError(f"{good}: names no view of {calibration.name}")

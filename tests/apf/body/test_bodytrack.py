@@ -164,7 +164,7 @@ def test_missing_files_and_words_are_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match=f"{name}: 0 numbers"):
         read()
     (tmp_path / name).unlink()
-    with pytest.raises(InputError, match=f"{name}: cannot be read"):
+    with pytest.raises(InputError, match=f"{name}: no such file"):
         read()
 
 

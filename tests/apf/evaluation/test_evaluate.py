@@ -211,8 +211,8 @@ def test_plot_of_one_frame_with_a_lost_joint(tmp_path: Path) -> None:
     [
         ("nothing", "truth.npz", {}, "nothing: no such file"),
         ("out", "nothing.npz", {}, "nothing.npz: no such file"),
-        ("out", "nothing.trc", {}, "nothing.trc: cannot be read"),
-        ("truth.trc", "truth.npz", {}, "truth.trc: not a readable npz"),
+        ("out", "nothing.trc", {}, "nothing.trc: no such file"),
+        ("truth.trc", "truth.npz", {}, "truth.trc: damaged or of another kind"),
         ("truth.npz", "truth.npz", {}, "lacks body_name"),
         ("out", "bad.npz", {"joint_names": ["a"]}, "lacks joints, fps"),
         (

@@ -103,7 +103,7 @@ def test_bad_files(tmp_path: Path, text: str, message: str) -> None:
 
 
 def test_missing_and_binary_files(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="No such file"):
+    with pytest.raises(InputError, match="no such file"):
         read_trc(tmp_path / "none.trc")
     (tmp_path / "a.trc").write_bytes(bytes(range(256)))
     with pytest.raises(InputError, match="not a text file"):

@@ -131,7 +131,7 @@ def test_pose_files_of_something_else(tmp_path: Path, text: str, said: str) -> N
 
 
 def test_pose_files_that_cannot_be_read(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"nowhere\.txt: cannot be read"):
+    with pytest.raises(InputError, match=r"nowhere\.txt: no such file"):
         read_pose(tmp_path / "nowhere.txt", SONG)
     (tmp_path / "binary.txt").write_bytes(b"\xff\xfe\x00\x81")
     with pytest.raises(InputError, match=r"binary\.txt: not a text file"):

@@ -195,7 +195,7 @@ def test_bad_keypoints_are_one_clear_error(tmp_path: Path) -> None:
         (tmp_path / "none.npz", "no such file"),
         (tmp_path / "notes.txt", "not a file of keypoints of all frames; expected keypoints.npz"),
         (tmp_path / "empty", "holds no keypoints; expected keypoints.npz"),
-        (tmp_path / "broken.npy", "not a readable npy"),
+        (tmp_path / "broken.npy", "damaged or of another kind"),
     ):
         if "none" not in path.name:
             path.write_text("x") if path.suffix else path.mkdir()

@@ -1,0 +1,173 @@
+"""Every reader given damaged files: one clear error, little memory, little time.
+
+A few examples of each in the test run; PSFS_APF_FUZZ=10000 tries so many, other ones every time, as
+the nightly workflow does.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import tomli_w
+from helpers import bodies, footage, scenes, tracks
+from helpers.memory import limited_memory
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from apf.body import load_body
+from apf.evaluation.evaluate import load_truth
+from apf.formats.c3d import write_c3d
+from apf.formats.pose import read_pose
+from apf.keypoints.opening import read_raw
+from apf.tracking.track import Track
+from cl import InputError
+from psfs.cameras.calibration import read_calibration
+from psfs.common.files import read_json
+from psfs.common.toml import read_toml
+
+EXAMPLES = int(os.environ.get("PSFS_APF_FUZZ", "0"))
+#: Most bytes and seconds of a reader of a small file.
+MEMORY, SECONDS = 2**30, 10.0
+#: What stands for a number, or is put in anywhere.
+EVIL = (
+    *(b"nan", b"inf", b"-1", b"0", b"1e308", b"1e-308", b"9" * 400, b"9" * 5000, b"0x10", b"1L"),
+    *(b"", b"[", b"]", b"[[[[", b"{", b'"', b"\\", b"\0", b"\xff\xfe", b"\n", b"\r", b"\t", b","),
+    *(b"null", b"true", b"%s", b"../", b"&a;", b"<", b">", b"\x80", b"[" * 3000, b"{" * 3000),
+)
+
+
+def seeds(folder: Path) -> None:
+    """Write a small file of each kind."""
+    track, rig = tracks.walker(3), scenes.ring(3, size=(64, 48))
+    track.save(folder / "track.npz")
+    truth = tracks.truth_of(track)
+    track.save(folder / "truth.trc")
+    write_c3d(folder / "truth.c3d", truth)
+    np.savez(folder / "truth.npz", joint_names=np.array(truth.joint_names), joints=truth.joints,
+             fps=truth.fps, frames=truth.frames)  # fmt: skip
+    (folder / "body.toml").write_text(bodies.STICK)
+    (folder / "pose.txt").write_text("0.1 " * 31)
+    (folder / "summary.json").write_text(json.dumps({"frames": [{"index": 1, "a": [1.5, None]}]}))
+    points = np.random.default_rng(1).uniform(0, 60, (3, 4, 17, 3)) % (64, 48, 1)
+    np.savez(folder / "keypoints.npz", keypoints=points, camera_names=["a", "b", "c"])
+    np.save(folder / "keypoints.npy", points)
+    people = [[{"pose_keypoints_2d": points[0, frame].ravel().tolist()}] for frame in range(4)]
+    (folder / "a_keypoints.pkl").write_bytes(pickle.dumps(people))
+    (folder / "json").mkdir()
+    (folder / "json/a_000000.json").write_text(json.dumps({"people": people[0]}))
+    names = [f"p{n}" for n in range(3) for _ in range(3)]
+    table = (
+        ["scorer"] + ["DLC"] * 9,
+        ["bodyparts", *names],
+        ["coords", *["x", "y", "likelihood"] * 3],
+    )
+    lines = [*(",".join(row) for row in table), *(f"{n},{','.join(['1.5'] * 9)}" for n in range(3))]
+    (folder / "dlc.csv").write_text("\n".join(lines))
+    (folder / "calibration.toml").write_text(tomli_w.dumps(footage.tables(rig)))
+    matrices = [camera.K @ np.c_[camera.R, camera.t] for camera in rig]
+    text = "\n".join(" ".join(map(repr, row)) for matrix in matrices for row in matrix.tolist())
+    (folder / "projections.txt").write_text(text)
+    savemat(folder / "cameras.mat", {"P": np.stack(matrices, -1)})
+    for suffix in ("yml", "xml"):
+        storage = cv2.FileStorage(str(folder / f"camera.{suffix}"), cv2.FILE_STORAGE_WRITE)
+        for key, value in (("K", rig[0].K), ("R", rig[0].R), ("T", rig[0].t[:, None])):
+            storage.write(key, value)
+        storage.release()
+    frames = [{"file_path": f"{n}.png", "transform_matrix": np.eye(4).tolist()} for n in range(3)]
+    lens = {"fl_x": 60.0, "fl_y": 60.0, "cx": 32.0, "cy": 24.0, "w": 64, "h": 48}
+    (folder / "transforms.json").write_text(json.dumps({**lens, "frames": frames}))
+
+
+READERS: dict[str, Callable[[Path], Any]] = {
+    "track.npz": Track.open,
+    "truth.trc": load_truth,
+    "truth.c3d": load_truth,
+    "truth.npz": load_truth,
+    "body.toml": load_body,
+    "pose.txt": lambda path: read_pose(path, load_body("song31")),
+    "summary.json": lambda path: read_json(path, "a summary"),
+    "keypoints.npz": read_raw,
+    "keypoints.npy": read_raw,
+    "a_keypoints.pkl": read_raw,
+    "json/a_000000.json": lambda path: read_raw(path.parent),
+    "dlc.csv": read_raw,
+    "calibration.toml": read_calibration,
+    "projections.txt": lambda path: read_calibration(path, sizes=(64, 48)),
+    "cameras.mat": lambda path: read_calibration(path, sizes=(64, 48)),
+    "camera.yml": read_calibration,
+    "camera.xml": read_calibration,
+    "transforms.json": read_calibration,
+    "calibration.toml as TOML": lambda path: read_toml(path),
+}
+CHANGE = st.tuples(
+    st.sampled_from(["replace a word", "insert", "cut out", "flip", "repeat", "end"]),
+    st.floats(0, 1, exclude_max=True),
+    st.sampled_from(EVIL),
+)
+
+
+def changed(data: bytes, kind: str, place: float, evil: bytes) -> bytes:
+    """Damage `data` at a share of its length."""
+    at = int(place * len(data))
+    end = min(len(data), at + 1 + len(evil))
+    if kind == "replace a word":
+        stops = [data.find(mark, at) for mark in b' ,\n\t]}:"' if data.find(mark, at) >= 0]
+        return data[:at] + evil + data[min(stops, default=len(data)) :]
+    if kind == "flip":
+        return data[:at] + bytes(b ^ 0xFF for b in data[at:end]) + data[end:]
+    if kind == "repeat":
+        return data[:end] + data[at:]
+    return {
+        "insert": data[:at] + evil + data[at:],
+        "cut out": data[:at] + data[end:],
+        "end": data[:at],
+    }[kind]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("seeds")
+    seeds(folder)
+    return folder
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_seeds_are_read(whole: Path, name: str) -> None:
+    if name.startswith(("camera.", "summary")):  # of one camera alone; read_json checks nothing
+        return
+    READERS[name](whole / name.split(" ")[0])
+
+
+@pytest.mark.parametrize("name", READERS)
+@settings(
+    max_examples=EXAMPLES or 12,
+    deadline=None,
+    database=None,
+    derandomize=not EXAMPLES,
+    suppress_health_check=list(HealthCheck),
+)
+@given(changes=st.lists(CHANGE, min_size=1, max_size=3))
+def test_damaged_files(tmp_path: Path, whole: Path, name: str, changes: list) -> None:
+    source = name.split(" ")[0]
+    path, data = tmp_path / source, (whole / source).read_bytes()
+    for change in changes:
+        data = changed(data, *change)
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(data)
+    began = time.process_time()
+    with limited_memory(MEMORY):
+        try:
+            READERS[name](path)
+        except InputError as error:
+            assert path.name in str(error) or str(path.parent) in str(error), error
+    assert time.process_time() - began < SECONDS
