@@ -52,7 +52,7 @@ def scattered_poses(body: BodyModel, n: int) -> np.ndarray:
     return np.clip(poses, body.lower, body.upper).astype(np.float32)
 
 
-def errors_of(device: Device, objective: ImageObjective, poses: np.ndarray) -> np.ndarray:
+def score_poses(device: Device, objective: ImageObjective, poses: np.ndarray) -> np.ndarray:
     """(N,) errors of poses (N, D)."""
     for launch in objective.launcher(device.to_device(poses.astype(np.float32))):
         launch()
@@ -95,7 +95,7 @@ def check_counts(
     observed = random_maps(rig)
     objective = ImageObjective(Scene(device, rig, None, body), len(poses), mesh=mesh)
     objective.observe(observed.on(device))
-    errors_of(device, objective, poses)
+    score_poses(device, objective, poses)
     counts = objective.counts.get()
     pictures = draw_hypotheses(Scene(device, rig, None, body), poses, mesh)
     for v, (x0, y0, x1, y1) in enumerate(observed.roi):

@@ -34,7 +34,7 @@ def rigs(pelvis: np.ndarray) -> dict[str, CameraRig]:
     away = looking([x + 1.0, y, 1.0], [x + 3.0, y + 0.5, 1.0], (40, 33))
     amid = looking([x, y - 0.3, 1.4], [x + 0.6, y + 2.0, 1.2], (47, 35))  # parts behind it
     return {
-        "around": make_rig(SceneConfig(cameras=3, size=(101, 77), seed=2)),
+        "around": make_rig(SceneConfig(cameras=3, size=(102, 78), seed=2)),
         "near": CameraRig((near,)),
         "turned away": CameraRig((away,)),
         "amid the body": CameraRig((amid,)),

@@ -195,7 +195,7 @@ def test_bad_input_is_one_line(
     for flags, message in (
         (["--keypoints", "none.npz"], f"{folder / 'none.npz'}: no such file"),
         (["--low-pass", "60"], "expected between 0 and 12.5, half of the frame rate"),
-        (["--max-error", "-3"], "max_error is -3"),
+        (["--max-error", "-3"], "--max-error is -3"),
         (["--init", str(folder / "truth.npz")], "--init is of bodies, which --method triangulate"),
         (["--seeds", "3"], "--seeds is of bodies, which --method triangulate"),
     ):

@@ -69,7 +69,7 @@ def test_a_still_person_is_background(
 def test_a_background_that_holds_the_person_is_named(
     walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One camera's own, or that which is learnt where the person keeps still for long."""
+    """One camera's own; without any, the person who keeps still for long is told apart."""
     plate, long = tmp_path / "plate", tmp_path / "long"
     shutil.copytree(walk, plate)
     sequence = Sequence.open(walk)
@@ -90,7 +90,4 @@ def test_a_background_that_holds_the_person_is_named(
             assert cv2.imwrite(str(folder / f"{number:04d}.jpg"), picture)
     assert main(["info", str(long)]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert (
-        "the background estimated from its pictures contains a person" in said
-        and "late" not in said
-    )
+    assert "one person is seen" in said and "late" not in said

@@ -26,7 +26,7 @@ def test_one_frame_checked(out: Path, tmp_path: Path) -> None:
     assert report["frames"]["1"]["watertight"] and report["mean_iou"] > 0.85
     assert len(report["frames"]["1"]["iou"]) == 5
     volume = ReconstructionFolder.open(out).cloud(1).volume
-    assert report["frames"]["1"]["volume_m3"] == pytest.approx(volume, rel=0.05)
+    assert report["frames"]["1"]["volume_m3"] == pytest.approx(volume, rel=0.08)
     assert path.stat().st_size > 10_000
 
 
@@ -70,7 +70,7 @@ def test_the_surface_is_that_of_the_run(out: Path, device: Device | NumpyDevice)
         distance, _ = spatial.cKDTree(cloud.centres).query(mesh.vertices)
         assert distance.max() <= cloud.grid.voxel_size * 1.0001
         distance, _ = spatial.cKDTree(mesh.vertices).query(cloud.centres)
-        assert distance.max() <= cloud.grid.voxel_size * 1.0001
+        assert distance.max() <= cloud.grid.voxel_size * np.sqrt(3)  # closed: diagonals, too
 
 
 def test_the_voxels_are_the_clouds_whatever_comes_out_anew(
