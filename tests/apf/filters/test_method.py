@@ -71,7 +71,9 @@ def test_twins(start, search: str, objective: str) -> None:
     settings = {"first_survival": 0.6, "last_survival": 0.6, "limb_search_reach": 0.0}
     method = Method.of(search, objective, n_points=40, refinement_steps=0, **size, **settings)
     tracks = [tracked(device, start, method, 1) for device in (NumpyDevice(), Device.best())]
-    np.testing.assert_allclose(tracks[0].poses, tracks[1].poses, atol=2e-3)
+    # One voxel of 650 at the threshold is rounded differently, which changes the surface's samples.
+    tolerance = 0.015 if method.uses_voxels else 2e-3
+    np.testing.assert_allclose(tracks[0].poses, tracks[1].poses, atol=tolerance)
 
 
 def test_unknown_ones() -> None:
