@@ -107,7 +107,7 @@ class TakeConfig(Config):
         unit="nats",
     )
     least_std: float = setting(
-        5.0, "Least standard deviation of a learnt background.", unit="grey levels", above=0
+        5.0, "Least standard deviation of an estimated background.", unit="grey levels", above=0
     )
     median_blur: float = setting(
         1.5,

@@ -154,10 +154,11 @@ class PersonSearch:
         return np.asarray(peak * np.exp(-0.5 * distance), np.float32)
 
 
-def colour_bins(colours: np.ndarray) -> np.ndarray:
-    """Return the number of the bin (...) of colours (..., 3)."""
-    bins = (colours // (256 // _BINS)).astype(np.intp)
-    return (bins[..., 0] * _BINS + bins[..., 1]) * _BINS + bins[..., 2]
+def colour_bins(colours: np.ndarray, levels: int = _BINS) -> np.ndarray:
+    """Return the number of the bin (...) of colours (..., 3), with `levels` bins per channel, a
+    power of 2."""
+    bins = (colours // (256 // levels)).astype(np.intp)
+    return (bins[..., 0] * levels + bins[..., 1]) * levels + bins[..., 2]
 
 
 def person_colours(histograms: list[np.ndarray]) -> np.ndarray:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
+from psfs.background.person_search import colour_bins
 from psfs.cameras.camera import CameraRig
 from psfs.people.config import PeopleConfig
 from psfs.silhouettes.hidden import UNKNOWN
@@ -119,7 +120,7 @@ class CoarseVoxels:
         bands = [self._bands(part) for part in parts]
         for view in range(len(self.rig)):
             nearest = self._nearest(view, everything)
-            codes = _codes(images[view])
+            codes = colour_bins(images[view], _LEVELS).ravel()
             for part, band, into in zip(rows, bands, found, strict=True):
                 at, depth = self._places[view, part], self._depths[view, part]
                 seen = (at >= 0) & (depth < nearest[self._cells(view, at)] + self.config.voxel)
@@ -148,12 +149,6 @@ class CoarseVoxels:
         cells = self._cells(view, at[inside])
         np.minimum.at(nearest, cells, self._depths[view, rows][inside])
         return nearest
-
-
-def _codes(image: np.ndarray) -> np.ndarray:
-    """Return the histogram's bin (H W,) of each pixel of an image (H, W, 3)."""
-    levels = image.reshape(-1, 3).astype(np.int32) * _LEVELS // 256
-    return (levels[:, 0] * _LEVELS + levels[:, 1]) * _LEVELS + levels[:, 2]
 
 
 def likeness(first: np.ndarray, second: np.ndarray) -> float:

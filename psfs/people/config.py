@@ -21,7 +21,9 @@ class PeopleConfig(Config):
     rate: float = setting(
         5.0, "Frames per second in which people are counted.", unit="frames/s", above=0
     )
-    ceiling: float = setting(2.4, "Height above which nobody is looked for.", unit="m", above=0)
+    ceiling: float = setting(
+        2.4, "Upper end of the volume in which people are counted.", unit="m", above=0
+    )
     least_volume: float = setting(
         0.03, "Volume of silhouettes' hulls below which nothing is followed.", unit="m^3", above=0
     )
