@@ -31,7 +31,7 @@ MakeDevice = Callable[[], Device | NumpyDevice]
 
 @dataclass(frozen=True, eq=False)
 class Opened:
-    """What is watched.
+    """A run that is watched.
 
     frames: (F,) numbers, ascending. tracks: one per person, by the name of the person's folder.
     sequence: the footage; None if it is gone. remarks: warnings, for the page. quality: the lines

@@ -25,7 +25,7 @@ _AROUND = 1.0
 
 
 class Watch:
-    """What is opened, shown on the page until `close`.
+    """A run on the page, shown until `close`.
 
     server: viser's. opened: see `Opened`; it is closed with this. panel: the tab of the time line.
     beside: the tab of pictures and curves.
