@@ -56,4 +56,4 @@ def load_preset(name: str, **choice: Any) -> Preset:
     `search` or `objective` if one is stated. Raises InputError for an unknown name."""
     if name not in ABLATIONS:
         return preset(name, **choice)
-    return ABLATIONS[name](Preset(name=name, method=Method.of(**choice)))
+    return ABLATIONS[name](Preset(name=name, method=Method.create(**choice)))

@@ -60,12 +60,12 @@ def test_song_is_what_the_paper_has() -> None:
 
 
 def test_a_likelihood_by_name_has_these_terms_alone() -> None:
-    settings = FilterConfig.of(**likelihood_weights("edge=1,silhouette")).settings
+    settings = FilterConfig.create(**likelihood_weights("edge=1,silhouette")).settings
     weights = {k: v for k, v in settings.items() if k.endswith("_weight") or k == "least_recall"}
     assert {k: v for k, v in weights.items() if v} == {"edge_weight": 1, "silhouette_weight": 1}
     assert not settings["foreground_join_on"]
     song = preset("song").method.filter.likelihood
-    assert FilterConfig.of(**likelihood_weights("edge=1,silhouette")).likelihood == song
+    assert FilterConfig.create(**likelihood_weights("edge=1,silhouette")).likelihood == song
 
 
 def test_flags_and_config_beat_a_preset(tmp_path: Path) -> None:
