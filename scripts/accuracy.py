@@ -27,7 +27,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from accuracy.ablation import ABLATIONS
+from accuracy.ablation import ABLATIONS, READINGS
 from accuracy.processes import do_jobs, start_workers
 from accuracy.published import publish_suite
 from accuracy.recordings import Recording, record
@@ -125,7 +125,7 @@ def main() -> int:
         "--preset",
         action="append",
         default=[],
-        choices=list(PRESETS),
+        choices=[*PRESETS, *READINGS],
         help="a paper's settings, too, with --suite; with --thesis in the defaults' place",
     )
     parser.add_argument("--presets-only", action="store_true", help="without the defaults")
