@@ -90,7 +90,10 @@ def find_frontier_points(
     scene: (3,) m, the middle of the scene. A point counts if its speed is known: if both cameras
     show it in the frames before and after.
     """
-    rays = [camera.rays(own.points) for camera, own in zip(cameras, contours, strict=True)]
+    rays = [
+        camera.rays(own.points) if len(own.points) else np.zeros((0, 3))
+        for camera, own in zip(cameras, contours, strict=True)
+    ]
     found = [
         _match_pair(cameras, contours, rays, pair, scene, gate)
         for pair in combinations(range(len(cameras)), 2)
