@@ -32,13 +32,15 @@ _GROUP = (16, 4, 1)
 class Renderer:
     """Renders a posed body in a room for every camera of a rig (all of one picture size).
 
+    shadow: strength of its shadow on the floor, 0 to 1.
+
     Calls only enqueue; `picture` (V, H, W, 3) float32 grey levels BGR, `mask` (V, H, W) uint8 and
     `depth` (V, H, W) float32 m are on the device.
     """
 
     def __init__(
         self, device: Device, rig: CameraRig, furniture: Furniture, seed: int, primitives: int,
-        balls: int,
+        balls: int, *, shadow: float = 1.0,
     ) -> None:  # fmt: skip
         self.rig = rig
         self._device = device
@@ -50,7 +52,7 @@ class Renderer:
         self.room = device.empty((*shape, 3), np.float32, "the empty room's pictures")
         distance = device.empty(shape, np.float32, "the room's distances")
         floor = device.empty((*shape, 2), np.float32, "the floor's points")
-        shadow = device.empty((SHADOW_SIZE, SHADOW_SIZE), np.float32)
+        on_floor = device.empty((SHADOW_SIZE, SHADOW_SIZE), np.float32)
         self.picture = device.empty((*shape, 3), np.float32, "the pictures")
         self.mask = device.empty(shape, np.uint8, "the masks")
         self.depth = device.empty(shape, np.float32, "the depths")
@@ -68,7 +70,8 @@ class Renderer:
             (16, 4),
             balls=self._balls,
             centre=centre,
-            shadow=shadow,
+            strength=shadow,
+            shadow=on_floor,
         )
         body = {"primitives": self._primitives, "tiles": tiles}
         self._bin = device.launch(
@@ -78,7 +81,7 @@ class Renderer:
             cameras=cameras,
             **body,
         )
-        drawn = {"room": self.room, "shadow": shadow, "picture": self.picture, "mask": self.mask}
+        drawn = {"room": self.room, "shadow": on_floor, "picture": self.picture, "mask": self.mask}
         drawn["palette"] = palette
         self._render, self._smooth = (
             device.launch(
@@ -212,8 +215,9 @@ class SyntheticScene:
         self._sensor = Sensor(config)
         primitives, balls, _ = self.posed(0)
         self.renderer = Renderer(
-            device, self.rig, make_furniture(config.seed), config.seed, len(primitives), len(balls)
-        )
+            device, self.rig, make_furniture(config.seed), config.seed, len(primitives), len(balls),
+            shadow=config.shadow,
+        )  # fmt: skip
         self._empty = self.renderer.room.get()
         self.background_images = np.clip(self._empty + 0.5, 0, 255).astype(np.uint8)
 
