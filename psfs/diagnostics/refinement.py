@@ -49,7 +49,7 @@ class Corrections:
 
     @property
     def offsets(self) -> np.ndarray:
-        """By how many frames each camera takes its pictures later than the mean camera (V,)."""
+        """Frames by which each camera takes its pictures later than the mean camera (V,)."""
         offsets: np.ndarray = self.values[:, 7]
         return offsets
 
