@@ -36,13 +36,15 @@ _GROUP = (16, 4, 1)
 class Renderer:
     """Renders a posed body in a room for every camera of a rig (all of one picture size).
 
+    shadow: strength of its shadow on the floor, 0 to 1.
+
     Calls only enqueue; `picture` (V, H, W, 3) float32 grey levels BGR, `mask` (V, H, W) uint8 and
     `depth` (V, H, W) float32 m are on the device.
     """
 
     def __init__(
         self, device: Device, rig: CameraRig, furniture: Furniture, seed: int, primitives: int,
-        balls: int,
+        balls: int, *, shadow: float = 1.0,
     ) -> None:  # fmt: skip
         self.rig = rig
         self._device = device
@@ -54,7 +56,7 @@ class Renderer:
         self.room = device.empty((*shape, 3), np.float32, "the empty room's pictures")
         self._distance = device.empty(shape, np.float32, "the room's distances")
         self._floor = device.empty((*shape, 2), np.float32, "the floor's points")
-        shadow = device.empty((SHADOW_SIZE, SHADOW_SIZE), np.float32)
+        on_floor = device.empty((SHADOW_SIZE, SHADOW_SIZE), np.float32)
         self.picture = device.empty((*shape, 3), np.float32, "the pictures")
         self.mask = device.empty(shape, np.uint8, "the masks")
         self.depth = device.empty(shape, np.float32, "the depths")
@@ -72,7 +74,8 @@ class Renderer:
             (16, 4),
             balls=self._balls,
             centre=centre,
-            shadow=shadow,
+            strength=shadow,
+            shadow=on_floor,
         )
         body = {"primitives": self._primitives, "tiles": tiles}
         self._bin = device.launch(
@@ -82,7 +85,7 @@ class Renderer:
             cameras=cameras,
             **body,
         )
-        drawn = {"room": self.room, "shadow": shadow, "picture": self.picture, "mask": self.mask}
+        drawn = {"room": self.room, "shadow": on_floor, "picture": self.picture, "mask": self.mask}
         drawn["palette"] = self._palette
         self._render, self._smooth = (
             device.launch(
@@ -255,7 +258,7 @@ class SyntheticScene:
         self._n_balls = max(len(balls) for _, balls, _ in shapes)
         self.renderer = Renderer(
             device, self.rig, make_furniture(config.seed), config.seed, len(shapes[0][0]),
-            self._n_balls,
+            self._n_balls, shadow=config.shadow,
         )  # fmt: skip
         self._palettes = make_palettes(config.seed, config.people)
         self._empty = self.renderer.room.get()
