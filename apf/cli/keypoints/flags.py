@@ -20,7 +20,7 @@ def read_keypoints(args: argparse.Namespace, sequence: Sequence) -> Keypoints | 
     """
     if args.keypoints is None:
         return None
-    path = _path(args, sequence.folder)
+    path = keypoints_path(args, sequence.folder)
     if args.cameras is None:
         keypoints = Keypoints.open(path, sequence)
     else:  # of some cameras only: the assignment may need all of them
@@ -36,7 +36,7 @@ def read_keypoints(args: argparse.Namespace, sequence: Sequence) -> Keypoints | 
     return keypoints
 
 
-def _path(args: argparse.Namespace, folder: Path) -> Path:
+def keypoints_path(args: argparse.Namespace, folder: Path) -> Path:
     """Return the path of --keypoints: as given if it exists, else relative to the sequence's
     folder."""
     given = Path(args.keypoints)

@@ -55,12 +55,18 @@ def chosen_people(args: argparse.Namespace, method: Method) -> int | None:
     there are several and another flag is of one."""
     if args.people == "auto":
         return None
-    number = int(args.people) if args.people.isdecimal() else 0
-    if not 1 <= number <= MOST_PEOPLE:
-        raise InputError(f"--people is {args.people}; expected 1 to {MOST_PEOPLE}, or auto")
+    number = people_number(args.people)
     why = _one_only(args, method)
     if number > 1 and why is not None:
         raise InputError(f"--people {number}: {why}; expected one person")
+    return number
+
+
+def people_number(text: str) -> int:
+    """Return the number of people that --people states. Raises InputError."""
+    number = int(text) if text.isdecimal() else 0
+    if not 1 <= number <= MOST_PEOPLE:
+        raise InputError(f"--people is {text}; expected 1 to {MOST_PEOPLE}, or auto")
     return number
 
 
