@@ -102,16 +102,16 @@ class _Search:
                     chosen[k, view] = n
         for one, own in zip(going, chosen, strict=True):
             self._take(one, own, frame, free)
-        while (own := self._find_new(frame, free)) is not None:
-            found = np.flatnonzero(own >= 0)
-            free[found, own[found]] = False  # also of those that are left out then
-            self._take(self._returning(own, frame), own, frame, free)
+        while (new := self._find_new(frame, free)) is not None:
+            found = np.flatnonzero(new >= 0)
+            free[found, new[found]] = False  # also of those that are left out then
+            self._take(self._returning(new, frame), new, frame, free)
 
     def _take(self, one: _Person, own: np.ndarray, frame: int, free: np.ndarray) -> None:
         """Give somebody the persons (V,) of a frame, without those of cameras that contradict the
         others; they are no longer free."""
         found = self._triangulate(own, frame)
-        for view in np.flatnonzero(own >= 0):
+        for view in np.flatnonzero(own >= 0).tolist():
             away = self._away(found, view, frame)[own[view]]
             if (own >= 0).sum() > 2 and away > self.config.largest_error:
                 own[view] = -1
@@ -165,7 +165,7 @@ class _Search:
     def _complete(self, own: np.ndarray, frame: int, free: np.ndarray) -> float:
         """Add to a pair of persons (V,) those of the other cameras that fit; return the greatest
         distance, see `_away`."""
-        pair = np.flatnonzero(own >= 0)
+        pair = np.flatnonzero(own >= 0).tolist()
         found = self._triangulate(own, frame)
         if np.isfinite(found).all(-1).sum() < _LEAST_POINTS:
             return np.inf
