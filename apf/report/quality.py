@@ -165,7 +165,7 @@ class Quality:
                 for part, values in zip(self.parts, self.confidence.T, strict=True)
             },
             "joint_deviation_mm": {
-                joint: _plain(1000 * value)
+                joint: _plain(1000 * value) if value else None  # None where nothing is stated
                 for joint, value in zip(
                     track.joint_names, np.median(self.deviations, axis=0), strict=True
                 )

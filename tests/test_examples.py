@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[1] / "docs"
 
 
 def test_examples_run(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
