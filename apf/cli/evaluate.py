@@ -8,6 +8,13 @@ from pathlib import Path
 from rich.table import Table
 
 from apf.cli.flags.evaluate import FILES
+from apf.evaluation.angle_truth import (
+    AngleError,
+    evaluate_angles,
+    load_true_angles,
+    mean_error,
+    summarise_angles,
+)
 from apf.evaluation.conventions import axes_that_fit
 from apf.evaluation.evaluate import (
     LOST_FRAMES,
@@ -25,7 +32,7 @@ from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cli.commandline import stdout, warn
 from psfs.cli.settings import refuse_unused
-from psfs.common.files import resolve_path
+from psfs.common.files import resolve_path, write_json
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_number
 
@@ -43,6 +50,10 @@ def run(args: argparse.Namespace) -> None:
     except InputError as error:
         raise InputError(f"{args.track} against {args.truth}: {error}") from None
     print_evaluation(evaluation)
+    angles: list[AngleError] = []
+    if args.truth_start is None and (true_angles := load_true_angles(args.truth)) is not None:
+        angles = evaluate_angles(track, true_angles)
+        print_angles(angles)
     if markers is None:
         better = axes_that_fit(track, truth, evaluation, convention)
         if better is not None:
@@ -53,7 +64,7 @@ def run(args: argparse.Namespace) -> None:
     folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
     wanted = [kind for kind in FILES if getattr(args, kind)] or list(FILES)
     with output_folder(folder, args.parser.prog, addition=True, replaces=True):
-        written = _written(args, folder, evaluation, wanted)
+        written = _written(args, folder, evaluation, wanted, angles)
     stdout.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
 
 
@@ -74,7 +85,11 @@ def _truth(args: argparse.Namespace, fps: float) -> tuple[JointSeries, str]:
 
 
 def _written(
-    args: argparse.Namespace, folder: Path, evaluation: Evaluation, wanted: list[str]
+    args: argparse.Namespace,
+    folder: Path,
+    evaluation: Evaluation,
+    wanted: list[str],
+    angles: list[AngleError],
 ) -> list[Path]:
     """Write the `wanted` files into `folder` and return them."""
     written = []
@@ -87,7 +102,7 @@ def _written(
         write_plot(written[-1], evaluation, title)
     if "json" in wanted:
         written.append(folder / "evaluation.json")
-        evaluation.write_json(written[-1])
+        write_json(written[-1], {**evaluation.summary(), **summarise_angles(angles)})
     return written
 
 
@@ -137,6 +152,28 @@ def print_evaluation(evaluation: Evaluation) -> None:
         stdout.print(line, soft_wrap=True)
     for warning in evaluation.warnings:
         warn(warning, stdout)
+
+
+def print_angles(errors: list[AngleError]) -> None:
+    """Print the errors of the joint angles to standard output, if there are any."""
+    if not errors:
+        return
+    table = Table(title="Joint angles against the truth's, degrees", title_justify="left")
+    table.add_column("angle")
+    for column in ("RMS", "offset-free", "frames"):
+        table.add_column(column, justify="right")
+    for error in errors:
+        figures = f"{error.rms:.1f}", f"{error.free:.1f}", str(error.n_frames)
+        table.add_row(error.name, *figures, style=None if error.defined else "dim")
+    table.add_section()
+    rms, free = mean_error(errors)
+    table.add_row("all", f"{rms:.1f}", f"{free:.1f}", "", style="bold")
+    stdout.print(table)
+    stdout.print(
+        "offset-free: without the mean difference (the truth's rest pose is another); all: without "
+        "the plane of elevation and axial rotation of arms, undefined where these hang",
+        soft_wrap=True,
+    )
 
 
 def _number(value: float | None) -> str:
