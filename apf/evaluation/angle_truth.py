@@ -7,7 +7,7 @@ of both mean the same up to a constant, where a rig's rest pose is not the perso
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -173,7 +173,7 @@ def evaluate_angles(track: Track, truth: TrueAngles) -> list[AngleError]:
     return found
 
 
-def mean_error(errors: list[AngleError]) -> tuple[float, float]:
+def mean_error(errors: Sequence[AngleError]) -> tuple[float, float]:
     """Return the mean over the angles that are always defined, degrees: with and without their
     offsets; NaN without any."""
     rows = [(error.rms, error.free) for error in errors if error.defined]
@@ -183,7 +183,7 @@ def mean_error(errors: list[AngleError]) -> tuple[float, float]:
     return float(rms), float(free)
 
 
-def summarise_angles(errors: list[AngleError]) -> dict[str, Any]:
+def summarise_angles(errors: Sequence[AngleError]) -> dict[str, Any]:
     """Return the figures for JSON; empty without errors."""
     if not errors:
         return {}
