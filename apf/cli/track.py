@@ -110,7 +110,7 @@ def track_one(
     before_words: called after the line has ended, before anything is printed. Raises UserError;
     raises KeyboardInterrupt after writing the track so far, if `line` raised one.
     """
-    job = TrackJob.of(args, device, folder=args.folders[0])
+    job = TrackJob.from_arguments(args, device, folder=args.folders[0])
     with output_folder(args.output, args.parser.prog, job.inputs, RESULTS) as out:
         try:
             everybody = _tracked_and_judged(out, job, line)
@@ -140,7 +140,9 @@ def _run_many(args: argparse.Namespace, method: Method) -> None:
 
     def work(own: Device | NumpyDevice, number: int, check: Callable[[], None]) -> None:
         name = names[number]
-        job = TrackJob.of(args, own, folder=args.folders[number], output=args.output / name)
+        job = TrackJob.from_arguments(
+            args, own, folder=args.folders[number], output=args.output / name
+        )
         with (
             closing(TakeLine(bar, name, check)) as line,
             output_folder(job.args.output, args.parser.prog, job.inputs, RESULTS) as out,

@@ -70,11 +70,23 @@ class SceneConfig(Config):
         flag="--shadow",
     )
 
+    people: int = setting(
+        1, "Number of people, who walk on two courses.", least=1, most=9, flag="--people"
+    )
+    visitor: bool = setting(
+        False,
+        "Whether the last person comes after a third of the frames, leaves after two thirds and "
+        "comes back for the last sixth.",
+        flag="--visitor",
+    )
+
     @model_validator(mode="after")
     def _can_be_drawn(self) -> SceneConfig:
         for side in self.size:
             if not 32 <= side <= 8192 or side % 2:  # of which H.264 codes pairs
                 raise InputError(f"size is {self.size} px; expected even sides from 32 to 8192 px")
+        if self.visitor and self.people < 2:
+            raise InputError("visitor needs somebody to visit; expected people of 2 or more")
         return self
 
     @property

@@ -36,7 +36,7 @@ def scene(walk: Path) -> Scene:
     truth = load_truth(walk / "truth.npz")
     named = dict(zip(truth.joint_names, truth.joints[0], strict=True))
     body, pose, _ = fit_to_joints(load_body("song31"), named)
-    method = Method.of(contour_weight=0.0, part_colour_weight=0.0, limb_search_rounds=0)
+    method = Method.create(contour_weight=0.0, part_colour_weight=0.0, limb_search_rounds=0)
     track = track_take(session, TakeSettings(method=method, given=(body, pose))).tracks[0]
     return session, tracked(body, track.poses)
 
