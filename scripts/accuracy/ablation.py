@@ -58,7 +58,7 @@ def _impulse(settings: Preset) -> Preset:
 
 
 def _plain(settings: Preset) -> Preset:
-    """Without detection of shadows, of which no paper speaks."""
+    """Use a mixture without detection of shadows, of which no paper speaks."""
     return settings.replace(background="mog-plain")
 
 

@@ -52,7 +52,7 @@ def list_versions(python: Path, peer: str) -> dict[str, str]:
     return json.loads(_run([str(python), "-c", code, *_REPORTED[peer]]))
 
 
-def run_in(python: Path, script: str, *arguments: str) -> dict[str, float]:
+def run_script(python: Path, script: str, *arguments: str) -> dict[str, float]:
     """Run one of the scripts beside this file in a peer's environment; return what it prints last,
     as JSON. Raises InputError with its last line if it fails."""
     file = Path(__file__).with_name(script)

@@ -24,7 +24,7 @@ from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
 from apf.tracking.triangulated import triangulate_track
 from cl import Device, InputError
-from peers.environments import run_in
+from peers.environments import run_script
 from psfs.sequence import Sequence
 
 #: The joints that all have, and the keypoints of a pose network that they are.
@@ -74,7 +74,7 @@ def run_pose2sim(task: Task, undistort: bool) -> Found:
     project = task.folder / "pose2sim"
     shutil.rmtree(project, ignore_errors=True)
     _write_project(task, project, undistort)
-    seconds = run_in(task.pythons["pose2sim"], "run_pose2sim.py", str(project))
+    seconds = run_script(task.pythons["pose2sim"], "run_pose2sim.py", str(project))
     files = sorted((project / "pose-3d").glob("*filt*.trc"))
     if not files:
         raise InputError(f"{project}: Pose2Sim wrote no filtered TRC")
@@ -156,7 +156,7 @@ def run_anipose(task: Task, kind: str) -> Found:
     np.savez(given, points=points[..., :2], scores=scores, limbs=np.array(limbs))
     calibration = task.sequence.folder / "calibration.toml"
     arguments = (str(given), str(calibration), str(made), kind)
-    seconds = run_in(task.pythons["aniposelib"], "run_aniposelib.py", *arguments)
+    seconds = run_script(task.pythons["aniposelib"], "run_aniposelib.py", *arguments)
     with np.load(made) as out:
         joints = out["points"]
     if kind == "linear":
@@ -167,7 +167,7 @@ def run_anipose(task: Task, kind: str) -> Found:
 
 
 def run_ours(task: Task, what: str) -> Found:
-    """Our joints as `apf export` writes them, smoothed, without limbs that the track says are lost.
+    """Track by ours; the joints are those of `apf export`, smoothed, without limbs reported as lost.
     what: triangulation, voxels, keypoints (in the place of voxels) or both."""
     cpu, clock = time.process_time(), time.perf_counter()
     if what == "triangulation":
