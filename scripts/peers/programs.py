@@ -167,7 +167,7 @@ def run_anipose(task: Task, kind: str) -> Found:
 
 
 def run_ours(task: Task, what: str) -> Found:
-    """Track by ours; the joints are those of `apf export`, smoothed, without limbs reported as lost.
+    """Track by ours; joints are those of `apf export`, smoothed, without limbs reported as lost.
     what: triangulation, voxels, keypoints (in the place of voxels) or both."""
     cpu, clock = time.process_time(), time.perf_counter()
     if what == "triangulation":
