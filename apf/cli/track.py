@@ -20,7 +20,7 @@ from apf.cli.keypoints.triangulate import TRIANGULATE, run_triangulate
 from apf.cli.method_flags import METHOD_FLAGS, chosen_method
 from apf.cli.takes.job import TrackJob, chosen_seeds, take_names
 from apf.cli.takes.kept_parts import Keeper, remove_parts
-from apf.cli.takes.people import chosen_people, find_persons
+from apf.cli.takes.people import chosen_people, find_persons, write_together
 from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport, was_interrupted
 from apf.evaluation.evaluate import evaluate, load_truth
 from apf.filters.method import Method
@@ -31,7 +31,6 @@ from apf.report.overlay import write_overlay
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
 from apf.tracking.batch import run_at_once
-from apf.tracking.people import PeopleTracks
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import Take, check_cameras, track_take
 from apf.tracking.track import PARTS, PEOPLE, Track, spans
@@ -195,14 +194,10 @@ def _tracked_and_judged(out: OutputFolder, job: TrackJob, line: Line) -> list[Fi
         done.append(_one_tracked(own_job, replace(examination, session=own), None, line))
         if done[-1].interrupted or done[-1].take.error is not None:
             break
-    people = persons.people
-    tracks = PeopleTracks(
-        tuple(one.take.tracks[0] for one in done),
-        np.array(people.frames),
-        tuple(person.frames for person in people.persons[: len(done)]),
-        people.objects,
-    )
-    tracks.save_list(args.output, [one.judgements[0].quality.verdict for one in done])
+    verdicts = [one.judgements[0].quality.verdict for one in done]
+    whole = len(done) == len(persons.sessions) and not done[-1].interrupted
+    tracks = persons.gather([one.take.tracks[0] for one in done], verdicts)
+    write_together(job, tracks, session.sequence, line if whole else None)
     return done
 
 

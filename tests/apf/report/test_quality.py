@@ -43,7 +43,7 @@ def scene(walk: Path) -> Scene:
 
 def tracked(body: BodyModel, poses: np.ndarray) -> Track:
     return replace(
-        tracks.walker(len(poses)),
+        tracks.walker(len(poses), fps=2 * len(poses)),  # lasts as long as limbs need
         poses=poses,
         joints=posed_joints(body, poses),
         body=body,
@@ -95,6 +95,12 @@ def test_what_nothing_was_compared_with_is_not_called_good(scene: Scene) -> None
     margins = np.full((len(track), 4), 0.3)
     searched = {**track.diagnostics, "limb_margin": margins}
     assert Quality(replace(track, diagnostics=searched), None).verdict == "good"
+
+
+def test_a_short_clip_is_not_called_good(scene: Scene) -> None:
+    quality = judged(scene, replace(scene[1], fps=30.0))
+    assert quality.verdict == "unknown" and not quality.doubtful
+    assert quality.lines()[0].startswith("the track lasts for less than 0.5 s, too short to say")
 
 
 def test_lost_frames_and_unsure_ends() -> None:
