@@ -1,5 +1,5 @@
-"""Make the pictures of README and site from a folder of `apf demo`: the animation and those of its
-steps.
+"""Make the pictures of README and site from a folder of `apf demo`: the animation, its steps, and what
+the examples in docs/examples draw.
 
     apf demo -o demo --cameras 6
     python scripts/site_pictures.py demo
@@ -8,13 +8,20 @@ steps.
 from __future__ import annotations
 
 import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 from PIL import Image
 
 from apf.body.kinematics import posed_cones
+from apf.body.model import find_side
 from apf.report.overlay import COLOURS, draw_overlay
 from apf.tracking.track import Track
 from psfs.output.preview import View, shade_cloud
@@ -36,7 +43,7 @@ _INK, _PAPER = (60, 60, 60), (250, 250, 250)
 
 
 class Demo:
-    """What `apf demo` wrote, frame by frame."""
+    """Results of `apf demo`, frame by frame."""
 
     def __init__(self, folder: Path) -> None:
         self.sequence = Sequence.open(folder / "sequence")
@@ -86,17 +93,12 @@ def draw_skeleton(voxels: np.ndarray, track: Track, row: int, view: View) -> np.
     pixels, depth = view.project(track.joints[row])
     points = [tuple(int(value) for value in point) for point in np.rint(pixels * 16)]
     for a, b in sorted(track.edges, key=lambda edge: -depth[edge].mean()):
-        sides = {side_of(track.joint_names[a]), side_of(track.joint_names[b])} - {"middle"}
+        sides = {find_side(track.joint_names[a]), find_side(track.joint_names[b])} - {"middle"}
         colour = COLOURS[sides.pop() if sides else "middle"]
         cv2.line(drawn, points[a], points[b], colour, 5, cv2.LINE_AA, 4)
     for point in points:
         cv2.circle(drawn, point, 3 * 16, _INK, -1, cv2.LINE_AA, 4)
     return drawn
-
-
-def side_of(name: str) -> str:
-    """Return the side of a joint by its name."""
-    return {"l": "left", "r": "right"}.get(name.split("_")[0], "middle")
 
 
 def draw_strip(panels: dict[str, np.ndarray]) -> np.ndarray:
@@ -143,14 +145,30 @@ def write_animation(strips: list[np.ndarray], path: Path, fps: float) -> None:
     )  # fmt: skip
 
 
+def draw_examples(sequence: Path) -> None:
+    """Run the examples with `sequence` as their walk, and keep the pictures that they draw."""
+    examples = OUT.parent / "examples"
+    names = re.findall(r'"examples/(\w+)\.py"', (OUT.parent / "python.md").read_text())
+    with TemporaryDirectory() as folder:
+        (Path(folder) / "walk").symlink_to(sequence.resolve())
+        for name in names:  # in the page's order: some read what those before them wrote
+            environment = os.environ | {"MPLBACKEND": "agg"}
+            command = [sys.executable, str(examples / f"{name}.py")]
+            subprocess.run(command, cwd=folder, env=environment, check=True)
+        for picture in Path(folder).glob("*.png"):
+            shutil.copy(picture, OUT)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("demo", type=Path, help="folder of `apf demo`")
-    demo = Demo(parser.parse_args().demo)
+    folder = parser.parse_args().demo
+    demo = Demo(folder)
     OUT.mkdir(exist_ok=True)
     strips = draw_frames(demo)
     write_animation(strips, OUT / "walk.webp", demo.track.fps / _STEP)
     cv2.imwrite(str(OUT / "steps.jpg"), strips[len(strips) // 2], [cv2.IMWRITE_JPEG_QUALITY, 85])
+    draw_examples(folder / "sequence")
     for path in sorted(OUT.iterdir()):
         print(f"{path.name}: {path.stat().st_size / 1e3:.0f} kB")
 
