@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from apf.body.limbs import limb_names
+from apf.body.model import plain_name
 from apf.report.agreement import Agreement, choose_rows
-from apf.report.parts import find_parts, plain_name
+from apf.report.parts import find_parts
 from apf.tracking.limb_confidence import LOST
 from apf.tracking.track import Track, spans
 
@@ -129,7 +130,7 @@ class Quality:
         looks = f"looks {self.verdict}"
         if self.verdict == "unknown":
             looks = "was not compared with the silhouettes"
-        lines = [f"the track {looks}: {'; '.join(facts)}"]
+        lines = [f"the track {looks}: {'; '.join(facts)}", *track.corrections]
         for what, rows in self.doubtful.items():
             ranges = self._ranges(rows)
             more = f" and {len(ranges) - _NAMED} more" if len(ranges) > _NAMED else ""
