@@ -19,6 +19,7 @@ from apf.body.limbs import limb_names
 from apf.body.model import plain_name
 from apf.report.agreement import Agreement, choose_rows
 from apf.report.parts import find_parts
+from apf.tracking.correction import list_corrections
 from apf.tracking.limb_confidence import LOST
 from apf.tracking.track import Track, spans
 
@@ -130,7 +131,7 @@ class Quality:
         looks = f"looks {self.verdict}"
         if self.verdict == "unknown":
             looks = "was not compared with the silhouettes"
-        lines = [f"the track {looks}: {'; '.join(facts)}", *track.corrections]
+        lines = [f"the track {looks}: {'; '.join(facts)}", *list_corrections(track)]
         for what, rows in self.doubtful.items():
             ranges = self._ranges(rows)
             more = f" and {len(ranges) - _NAMED} more" if len(ranges) > _NAMED else ""

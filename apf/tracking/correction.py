@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,7 +16,7 @@ from apf.likelihood.observations import PointObservations
 from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cameras.camera import CameraRig
-from psfs.common.schema import Name, Table, Vector, checked
+from psfs.common.schema import Name, PathText, Table, Vector, checked
 from psfs.common.toml import read_toml, write_toml
 
 #: Time before and after a corrected frame that is tracked again, s, and error of a joint that is
@@ -78,6 +79,11 @@ class Corrections:
         return lines
 
 
+def list_corrections(track: Track) -> list[str]:
+    """Return the lines that list what was corrected by hand in a track, from its provenance."""
+    return [str(line) for line in json.loads(track.provenance).get("corrections", [])]
+
+
 class _Point(Table):
     model_config = ConfigDict(extra="forbid")
 
@@ -90,7 +96,7 @@ class _Point(Table):
 class _File(Table):
     model_config = ConfigDict(extra="forbid")
 
-    track: Name
+    track: PathText
     reach: Annotated[float, Field(ge=0.0, le=60.0)] = REACH
     bad: tuple[tuple[_Frame, _Frame], ...] = ()
     point: tuple[_Point, ...] = ()

@@ -13,7 +13,13 @@ from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.likelihood.observations import PointObservations, make_empty_observations
 from apf.scene import Scene
-from apf.tracking.correction import Correction, Corrections, correct_pose, observe_corrections
+from apf.tracking.correction import (
+    Correction,
+    Corrections,
+    correct_pose,
+    list_corrections,
+    observe_corrections,
+)
 from apf.tracking.pipeline import TrackingTask, build_track, observations, track_forward
 from apf.tracking.smoothing import unwrap_angles
 from apf.tracking.track import Track
@@ -29,7 +35,7 @@ _FADE = 3
 
 @dataclass(frozen=True, eq=False)
 class Retracking:
-    """What is needed to track parts of a take again.
+    """A take of which parts are tracked again.
 
     session: of the whole take. grid: of its voxels; None without voxels. track: as it was. method:
     how it is tracked.
@@ -175,6 +181,6 @@ def mark_bad(track: Track, corrections: Corrections) -> Track:
 
 def _note(track: Track, corrections: Corrections) -> Track:
     """Return the track with the corrections in its provenance, after earlier ones."""
-    made = json.loads(track.provenance)
-    made["corrections"] = [*made.get("corrections", []), *corrections.describe()]
+    lines = [*list_corrections(track), *corrections.describe()]
+    made = {**json.loads(track.provenance), "corrections": lines}
     return replace(track, provenance=json.dumps(made))

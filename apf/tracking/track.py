@@ -70,9 +70,8 @@ class Track:
     diagnostics: arrays (F, ...) by name, see below.
     provenance: JSON text that says how the track was made: sequence (path), device, version, grid
     (origin m, voxel_size m, shape) if voxels were used, method, objective, filter and further
-    settings; smoothing, corrections and interrupted, if they apply. body: the model that was
-    tracked, in the person's size; None if an older file does not hold it. Raises InputError if
-    shapes disagree.
+    settings; smoothing and interrupted, if they apply. body: the model that was tracked, in the
+    person's size; None if an older file does not hold it. Raises InputError if shapes disagree.
 
     A `track.npz` has a key for each field by its name, the body as TOML, and `diagnostic_<name>`
     for each of the diagnostics. ess, beta, best_log_weight (F, n_layers): effective sample size,
@@ -219,11 +218,6 @@ class Track:
     def smoothing(self) -> dict[str, Any] | None:
         """The settings with which `apf smooth` made the track; None if it was not smoothed."""
         return _provenance(self.provenance).get("smoothing")
-
-    @property
-    def corrections(self) -> list[str]:
-        """Lines that list what was corrected by hand, see `apf.tracking.correction`."""
-        return [str(line) for line in _provenance(self.provenance).get("corrections", [])]
 
     @property
     def interrupted(self) -> bool:  # in the forward or in the backward pass

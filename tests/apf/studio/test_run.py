@@ -18,6 +18,7 @@ from apf.studio.folders import Roots
 from apf.studio.page import Page
 from apf.studio.settings_panel import ChosenSettings
 from apf.studio.work import Work, free_folder
+from apf.tracking.correction import list_corrections
 from apf.tracking.track import Track
 from cl import InputError, select_device
 from psfs.common.toml import read_toml
@@ -149,7 +150,7 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path) -> None:
     off = np.linalg.norm(np.stack([t.joints[1, wrist] for t in (track, better)]) - goal, axis=1)
     assert off[1] < 0.6 * off[0]
     assert better.lost.tolist() == [False, False, True]
-    assert any("left wrist" in line for line in better.corrections)
+    assert any("left wrist" in line for line in list_corrections(better))
     summary = json.loads((again.output / "summary.json").read_text())
     assert any("corrected by hand in frame 1" in line for line in summary["says"])
 
