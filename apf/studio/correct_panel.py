@@ -19,7 +19,7 @@ from cl import InputError, UserError
 #: The file of corrections, beside the track that they correct.
 FILE = "corrections.toml"
 #: Size of a handle, m.
-_HANDLE = 0.2
+_HANDLE = 0.35
 _FIRST = ("wrist", "elbow", "hand", "ankle", "knee", "foot")
 
 

@@ -90,8 +90,8 @@ class Page:
                 self.watch = Watch(server, open_voxels(path), *panels)
             elif kind == "take":
                 sequence = Sequence.open(path)
-                self.footage = Footage(server, sequence, panels, self._make_device)
-                self.run.offer(sequence, lambda: self.footage and self.footage.volume)
+                self.footage = footage = Footage(server, sequence, panels, self._make_device)
+                self.run.offer(sequence, lambda: footage.volume)
             else:
                 raise InputError(
                     f"{path}: nothing to open; expected a take, or results of apf track or psfs "
@@ -101,6 +101,7 @@ class Page:
     def close_folder(self) -> None:
         """Close the folder that is open, if one is."""
         with self._lock:
+            self.correct.offer(None)  # its handle stands in the scene
             for shown in (self.watch, self.footage):
                 if shown is not None:
                     shown.close()

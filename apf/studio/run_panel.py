@@ -53,11 +53,11 @@ class RunPanel:
             "forward only", False, hint="half of the time, less accurate (--one-way)"
         )
         self.keypoints = gui.add_checkbox("use keypoints", False, visible=False)
-        self.settings = SettingsPanel(gui)
         self.start_button = gui.add_button("track", disabled=True, hint="key: T")
         self.cancel_button = gui.add_button("cancel", visible=False)
         self.progress = gui.add_progress_bar(0.0, visible=False)
         self._status = gui.add_html("")
+        self.settings = SettingsPanel(gui)
         self.start_button.on_click(lambda event: self.press_track())
         self.cancel_button.on_click(lambda event: self.cancel())
         gui.add_command("Track the footage", hotkey="T").on_trigger(

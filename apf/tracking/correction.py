@@ -180,9 +180,9 @@ def correct_pose(body: BodyModel, pose: np.ndarray, joints: dict[str, Correction
     wanted = np.isin(np.arange(len(body.joints)), numbers)
     limbs = limb_bones(body)
     moved = [body.joints[number].bone for number in numbers]
-    bones = np.ones(len(body.bones), bool)
+    bones: np.ndarray = np.ones(len(body.bones), bool)
     if len(limbs) and all(limbs[:, bone].any() for bone in moved):
-        bones = limbs[limbs[:, moved].any(axis=1)].any(axis=0)
+        bones = np.any(limbs[limbs[:, moved].any(axis=1)], axis=0)
     free = np.zeros(body.n_dof, bool)
     for bone, chosen in zip(body.bones, bones, strict=True):
         for axis in bone.axes:
