@@ -149,7 +149,7 @@ class Device:
         return other
 
     def new_queue(self) -> Any:
-        """Return a queue beside the device's own, for `on`."""
+        """Return a queue beside the device's own, for `enqueue_on`."""
         return pyopencl.CommandQueue(self.context, properties=self.queue.properties)
 
     def wait_for(self, queue: Any) -> None:
@@ -161,7 +161,7 @@ class Device:
         _behind(queue, self.queue)
 
     @contextmanager
-    def on(self, queue: Any) -> Iterator[Any]:
+    def enqueue_on(self, queue: Any) -> Iterator[Any]:
         """Enqueue the commands of the `with` block on `queue`; yield the device's own queue.
 
         They wait for all commands that the own queue holds on entry. Later commands of the own

@@ -21,7 +21,7 @@ from apf.cli.method_flags import METHOD_FLAGS, chosen_method
 from apf.cli.takes.corrected import CorrectedTrack, read_corrected, track_corrected
 from apf.cli.takes.job import TrackJob, chosen_seeds, take_names
 from apf.cli.takes.kept_parts import Keeper, remove_parts
-from apf.cli.takes.people import chosen_people, find_persons
+from apf.cli.takes.people import chosen_people, find_persons, write_together
 from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport, was_interrupted
 from apf.evaluation.evaluate import evaluate, load_truth
 from apf.filters.method import Method
@@ -32,7 +32,6 @@ from apf.report.overlay import write_overlay
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
 from apf.tracking.batch import run_at_once
-from apf.tracking.people import PeopleTracks
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import Take, check_cameras, track_take
 from apf.tracking.track import PARTS, PEOPLE, Track, spans
@@ -112,7 +111,7 @@ def track_one(
     before_words: called after the line has ended, before anything is printed. Raises UserError;
     raises KeyboardInterrupt after writing the track so far, if `line` raised one.
     """
-    job = TrackJob.of(args, device, folder=args.folders[0])
+    job = TrackJob.from_arguments(args, device, folder=args.folders[0])
     with output_folder(args.output, args.parser.prog, job.inputs, RESULTS) as out:
         try:
             everybody = _tracked_and_judged(out, job, line)
@@ -142,7 +141,9 @@ def _run_many(args: argparse.Namespace, method: Method) -> None:
 
     def work(own: Device | NumpyDevice, number: int, check: Callable[[], None]) -> None:
         name = names[number]
-        job = TrackJob.of(args, own, folder=args.folders[number], output=args.output / name)
+        job = TrackJob.from_arguments(
+            args, own, folder=args.folders[number], output=args.output / name
+        )
         with (
             closing(TakeLine(bar, name, check)) as line,
             output_folder(job.args.output, args.parser.prog, job.inputs, RESULTS) as out,
@@ -199,14 +200,10 @@ def _tracked_and_judged(out: OutputFolder, job: TrackJob, line: Line) -> list[Fi
         done.append(_one_tracked(own_job, replace(examination, session=own), None, line))
         if done[-1].interrupted or done[-1].take.error is not None:
             break
-    people = persons.people
-    tracks = PeopleTracks(
-        tuple(one.take.tracks[0] for one in done),
-        np.array(people.frames),
-        tuple(person.frames for person in people.persons[: len(done)]),
-        people.objects,
-    )
-    tracks.save_list(args.output, [one.judgements[0].quality.verdict for one in done])
+    verdicts = [one.judgements[0].quality.verdict for one in done]
+    whole = len(done) == len(persons.sessions) and not done[-1].interrupted
+    tracks = persons.gather([one.take.tracks[0] for one in done], verdicts)
+    write_together(job, tracks, session.sequence, line if whole else None)
     return done
 
 

@@ -78,27 +78,32 @@ class AlignmentConfig(Config):
         unit="rad",
         above=0,
     )
+    shift: float = setting(
+        0.01,
+        "Standard deviation of the error of a camera's position along an axis.",
+        unit="m",
+        above=0,
+    )
     focal: float = setting(
         0.005, "Standard deviation of the relative error of a focal length.", above=0
     )
-    middle: float = setting(
-        0.001,
-        "Standard deviation of the shift of the scene's middle; small, so that the correction "
-        "does not move the scene.",
-        unit="m",
+    time: float = setting(
+        0.5,
+        "Standard deviation of a camera's offset in time; larger offsets are lags of whole frames.",
+        unit="frames",
         above=0,
     )
     noise: float = setting(
-        0.006,
-        "Standard deviation of the distance between planes that touch the same body.",
-        unit="m",
+        0.5,
+        "Least standard deviation of the distance of a frontier point from its epipolar line.",
+        unit="px",
         above=0,
     )
-    reach: float = setting(
-        0.02,
-        "Distance whose weight is a quarter (Geman & McClure 1987); larger ones come from "
-        "shadows and lost limbs.",
-        unit="m",
+    gate: float = setting(
+        4.0,
+        "Greatest distance between frontier points that are matched in the last round; the first "
+        "rounds match four times and twice as far.",
+        unit="px",
         above=0,
     )
     information: float = setting(
@@ -108,8 +113,15 @@ class AlignmentConfig(Config):
         above=0,
         most=1,
     )
-    n_steps: int = setting(10, "Number of Gauss-Newton steps.", least=1)
-    least_rows: int = setting(10, "Least number of measurements per unknown.", least=1)
+    n_rounds: int = setting(4, "Number of matchings of the frontier points.", least=1)
+    n_steps: int = setting(2, "Number of Gauss-Newton steps after each matching.", least=1)
+    least_rows: int = setting(4, "Least number of measurements per unknown.", least=1)
+    block: int = setting(
+        10,
+        "Length of the stretches that are alternately fitted and held out to judge the correction.",
+        unit="frames",
+        least=1,
+    )
     least_moved: float = setting(
         1.6 / 640,
         "Least correction, root mean square over the cameras, as a share of the picture's "
@@ -119,20 +131,20 @@ class AlignmentConfig(Config):
     )
     share: float = setting(
         0.5,
-        "Share to which distances must shrink.",
-        "exact rigs: 0.52 and more",
+        "Share to which the residuals of the held-out frames must shrink.",
         least=0,
         most=1,
     )
-    most_left: float = setting(
-        0.02,
-        "Greatest distance after the correction; above it, the calibration has another fault.",
-        unit="m",
-        above=0,
+    sound: float = setting(
+        0.45,
+        "Residual in small pictures below which a rig counts as sound.",
+        "exact rigs: 0.25 to 0.36 px, `hard_real_5cam`: 1.2 px",
+        unit="px",
+        least=0,
     )
     first_share: float = setting(
         0.75,
-        "Share to which distances must shrink in small pictures before larger ones are examined.",
+        "Share to which residuals must shrink in small pictures before larger ones are examined.",
         least=0,
         most=1,
     )

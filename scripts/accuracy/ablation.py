@@ -72,4 +72,4 @@ def load_preset(name: str, **choice: Any) -> Preset:
         return change(preset(base, **choice)).replace(name=name)
     if name not in ABLATIONS:
         return preset(name, **choice)
-    return ABLATIONS[name](Preset(name=name, method=Method.of(**choice)))
+    return ABLATIONS[name](Preset(name=name, method=Method.create(**choice)))

@@ -210,7 +210,7 @@ def test_work_on_another_queue_waits_and_is_waited_for(fresh: Device) -> None:
     download = Download(array)
     for value in range(5):
         array.fill(value)
-        with fresh.on(queue):
+        with fresh.enqueue_on(queue):
             assert fresh.queue is queue
             found = download.fetch()
             array.fill(-1)
@@ -219,16 +219,16 @@ def test_work_on_another_queue_waits_and_is_waited_for(fresh: Device) -> None:
         last = array.get()
         assert np.all(last == -1) and np.all(found() == value)
     assert fresh.transfers.downloads == 10
-    with fresh.on(queue) as yielded:
+    with fresh.enqueue_on(queue) as yielded:
         array.fill(7)
         fresh.hold_up(yielded)  # for the 7, not for the 8
         array.fill(8)
     assert yielded is own and np.all(np.isin(array.get(), [7, 8]))
     fresh.wait_for(queue)
     assert np.all(array.get() == 8)
-    with pytest.raises(KeyError), fresh.on(queue):
+    with pytest.raises(KeyError), fresh.enqueue_on(queue):
         raise KeyError
-    with fresh.on(own):
+    with fresh.enqueue_on(own):
         array.fill(3)
     fresh.wait_for(own)
     assert fresh.queue is own and np.all(array.get() == 3)
