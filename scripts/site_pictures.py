@@ -1,5 +1,5 @@
-"""Make the pictures of README and site from a folder of `apf demo`: the animation, its steps, and what
-the examples in docs/examples draw.
+"""Make the pictures of README and site from a folder of `apf demo`: the animation, its steps, and
+what the examples in docs/examples draw.
 
     apf demo -o demo --cameras 6
     python scripts/site_pictures.py demo
