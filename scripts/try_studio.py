@@ -59,7 +59,9 @@ class Trial:
     def track(self, frames: str) -> Path:
         """Track frames of the footage that is open by the buttons; return the run's folder."""
         self.click("Run", "tab")
-        self.tab.get_by_label("frames", exact=True).last.fill(frames)
+        label = self.tab.get_by_text("frames", exact=True).first
+        row = label.locator("xpath=ancestor::div[contains(@class, 'Flex')][1]")
+        row.locator("input").fill(frames)
         self.tab.keyboard.press("Enter")
         self.wait(lambda: self.page.run.frames.value == frames, "the field of frames")
         self.click("track")
