@@ -12,6 +12,9 @@ from .body import save_body as save_body
 from .evaluation.evaluate import Evaluation as Evaluation
 from .evaluation.evaluate import evaluate as evaluate
 from .evaluation.evaluate import load_truth as load_truth
+from .evaluation.people import PeopleEvaluation as PeopleEvaluation
+from .evaluation.people import evaluate_people as evaluate_people
+from .evaluation.people import load_people_truth as load_people_truth
 from .filters.annealed import AnnealedParticleFilter as AnnealedParticleFilter
 from .filters.base import Estimate as Estimate
 from .filters.base import Tracker as Tracker
@@ -51,6 +54,7 @@ from .tracking.gait import Gait as Gait
 from .tracking.gait import measure_gait as measure_gait
 from .tracking.motion_files import Export as Export
 from .tracking.motion_files import export as export
+from .tracking.people import PeopleTracks as PeopleTracks
 from .tracking.settings import TakeSettings as TakeSettings
 from .tracking.smoothing import smooth_track as smooth_track
 from .tracking.take import Take as Take

@@ -60,12 +60,12 @@ def track(
     body: a model, the name of a shipped one or a TOML file; by default the sequence's own, else
     song31. Its size is estimated from the first voxels, unless it comes from a file. init: the
     first pose, if it is known: (D,) rad and m, a text file of them, or joints (npz, TRC) to which
-    body and pose are fitted. method: the search and its settings, see `Method.of`. frames: all by
-    default. height: stature of the person, m, if it is known. voxel_size: edge of a voxel, m.
+    body and pose are fitted. method: the search and its settings, see `Method.create`. frames: all
+    by default. height: stature of the person, m, if it is known. voxel_size: edge of a voxel, m.
     all_cameras: keep cameras that disagree with the others, see `psfs.reconstruct`. progress:
     called with the name of each stage, and with "tracking" after each frame. keypoints: of a pose
     network, or the path of some (see `Keypoints.open`), used beside the voxels; alone with
-    `Method.of(objective="keypoints")`, which needs no background. reconstruction: settings of
+    `Method.create(objective="keypoints")`, which needs no background. reconstruction: settings of
     silhouettes and voxels.
 
     A KeyboardInterrupt ends the track after the last complete frame. Doubts about the start are
@@ -118,7 +118,7 @@ def _check_arguments(height: float | None, **arguments: object) -> None:
         "reconstruction": (ReconstructionConfig,),
     }
     for name, value in arguments.items():
-        hint = ", such as apf.Method.of()" if name == "method" else ""
+        hint = ", such as apf.Method.create()" if name == "method" else ""
         check_kind(name, value, kinds[name], hint)
 
 

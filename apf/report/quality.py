@@ -18,7 +18,7 @@ import numpy as np
 from apf.body.limbs import limb_names
 from apf.report.agreement import Agreement, choose_rows
 from apf.report.parts import find_parts, plain_name
-from apf.tracking.limb_confidence import LOST
+from apf.tracking.limb_confidence import LOST, REGRESSION
 from apf.tracking.track import Track, spans
 
 #: Share inside the silhouettes at which a part is as likely right as wrong.
@@ -96,7 +96,7 @@ class Quality:
         """The verdict: good, doubtful, bad or unknown.
 
         It is unknown if nothing is doubtful, but the track was compared neither with the
-        silhouettes nor with limbs elsewhere.
+        silhouettes nor with limbs elsewhere, or is too short for its limbs to be judged.
         """
         if not len(self.track):
             return "bad"
@@ -105,8 +105,15 @@ class Quality:
         share = len(rows) / len(judged)
         if share > _GOOD:
             return "doubtful" if share < _BAD else "bad"
-        compared = self.agreement is not None or np.isfinite(self.track.limb_confidence).any()
-        return "good" if compared else "unknown"
+        return "good" if self._compared and self._lasts else "unknown"
+
+    @property
+    def _compared(self) -> bool:
+        return self.agreement is not None or bool(np.isfinite(self.track.limb_confidence).any())
+
+    @property
+    def _lasts(self) -> bool:
+        return REGRESSION.lasts(self.track.times)
 
     def lines(self) -> list[str]:
         """Return lines for the user: the verdict, then what to check."""
@@ -127,8 +134,13 @@ class Quality:
                 f"{plain_name(track.joint_names[joint])}, {1000 * typical[joint]:.0f})"
             )
         looks = f"looks {self.verdict}"
-        if self.verdict == "unknown":
+        if self.verdict == "unknown" and not self._compared:
             looks = "was not compared with the silhouettes"
+        elif self.verdict == "unknown":
+            looks = (
+                f"lasts for less than {REGRESSION.least_time:g} s, too short to say whether its "
+                "limbs are right"
+            )
         lines = [f"the track {looks}: {'; '.join(facts)}"]
         for what, rows in self.doubtful.items():
             ranges = self._ranges(rows)
@@ -165,7 +177,7 @@ class Quality:
                 for part, values in zip(self.parts, self.confidence.T, strict=True)
             },
             "joint_deviation_mm": {
-                joint: _plain(1000 * value)
+                joint: _plain(1000 * value) if value else None  # None where nothing is stated
                 for joint, value in zip(
                     track.joint_names, np.median(self.deviations, axis=0), strict=True
                 )

@@ -7,7 +7,7 @@ What silhouettes cannot tell, a motion of the whole scene and its size, is held 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -49,11 +49,11 @@ class Corrections:
 
     @property
     def offsets(self) -> np.ndarray:
-        """By how many frames each camera takes its pictures later than the mean camera (V,)."""
+        """Frames by which each camera takes its pictures later than the mean camera (V,)."""
         offsets: np.ndarray = self.values[:, 7]
         return offsets
 
-    def apply(self, cameras: Sequence[Camera]) -> CameraRig:
+    def apply(self, cameras: Iterable[Camera]) -> CameraRig:
         """Return the corrected cameras."""
         pairs = zip(cameras, self.values, strict=True)
         return CameraRig(tuple(correct_camera(camera, own) for camera, own in pairs))
@@ -135,11 +135,11 @@ class RigFit:
         """
         config, n = self.config, values.size
         residuals, slopes = epipolar_residuals(self._correct(values), points, values[:, 7])
-        jacobian = np.zeros((len(residuals), len(values), N_PARAMETERS))
+        by_camera = np.zeros((len(residuals), len(values), N_PARAMETERS))
         rows = np.arange(len(residuals))
         for side in range(2):
-            jacobian[rows, points.views[:, side]] = slopes[:, side]
-        jacobian = jacobian.reshape(len(residuals), n)
+            by_camera[rows, points.views[:, side]] = slopes[:, side]
+        jacobian = by_camera.reshape(len(residuals), n)
         noise = max(config.noise, 1.4826 * float(np.median(np.abs(residuals))))
         speeds = slopes[:, 0, 7] * min(0.1 + 0.15 * late, 0.4)
         widths = np.hypot(noise, speeds)

@@ -166,8 +166,7 @@ def extract_outline(mask: np.ndarray, least: int = 40) -> Outline | None:
     last = np.array(mask.shape[::-1]) - 2
 
     def at_border(of: np.ndarray) -> np.ndarray:
-        outside: np.ndarray = ((of <= 1) | (of >= last)).any(axis=1)
-        return outside
+        return np.asarray(((of <= 1) | (of >= last)).any(axis=1))
 
     return Outline(corners, at_border(corners), int(areas.max()), points, at_border(points))
 

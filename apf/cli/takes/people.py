@@ -14,21 +14,14 @@ from apf.body import BodyModel
 from apf.cli.takes.job import TrackJob
 from apf.cli.takes.take_report import Line
 from apf.filters.method import Method
-from apf.report.quality import Quality
-from apf.tracking.track import spans
+from apf.tracking.people import MOST_PEOPLE
 from cl import InputError
 from psfs.cli.commandline import stderr
-from psfs.common.files import write_json
 from psfs.people.people import People, count_people, follow_people
 from psfs.people.separation import separate
 from psfs.session import Session
 
 log = logging.getLogger(__name__)
-
-#: The summary of several people.
-PEOPLE = "people.json"
-#: Greatest number of people for --people.
-MOST_PEOPLE = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,20 +82,3 @@ def find_persons(
         return None
     stderr.print(f"{sequence.name}: {people.described()}", soft_wrap=True, markup=False)
     return Persons(people, separate(session, people, lambda: line("people")))
-
-
-def write_people(path: Path, people: People, judged: list[Quality]) -> None:
-    """Write who is where and when, and how good the track of each is."""
-    persons = [
-        {
-            "folder": f"person{number}",
-            "frames": len(person.frames),
-            "seen": spans(person.frames.tolist()),
-            "verdict": quality.verdict,
-        }
-        for number, (person, quality) in enumerate(zip(people, judged, strict=False), start=1)
-    ]
-    counts = np.bincount(people.counts)
-    frames_with = {str(n): int(count) for n, count in enumerate(counts) if count}
-    facts = {"people": len(people), "objects": people.objects, "frames_with": frames_with}
-    write_json(path, {**facts, "persons": persons})
