@@ -35,7 +35,7 @@ class PanopticCamera(Table):
     name: Name
     resolution: Annotated[list[Number], Field(min_length=2, max_length=2)]
     K: Annotated[list[float], flat(9)]
-    distCoef: Annotated[list[Number], Field(max_length=14)]  # noqa: N815
+    distCoef: Annotated[list[Number], Field(max_length=14)]
     R: Annotated[list[float], flat(9)]
     t: Annotated[list[float], flat(3)]
 

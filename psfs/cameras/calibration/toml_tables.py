@@ -82,12 +82,11 @@ def _name_caliscope_cameras(content: dict[str, Any]) -> dict[str, Any]:
     cameras = content.get("cameras")
     if not isinstance(cameras, dict) or not all(isinstance(of, dict) for of in cameras.values()):
         return content
-    placed = {
+    return {
         f"cam_{number}": table
         for number, table in cameras.items()
         if not table.get("ignore") and {"rotation", "translation"} <= table.keys()
     }
-    return placed
 
 
 def write_toml_tables(path: Path, rig: CameraRig) -> None:

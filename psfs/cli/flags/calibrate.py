@@ -30,7 +30,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         f"in {PICTURES}/: reprojection errors, where the target was seen, what to do better. "
         "Recipe: docs/calibration.md."
     )
-    parser.add_argument("folder", nargs="?", metavar="FOLDER", help="footage of the board, wand or person")
+    parser.add_argument(
+        "folder", nargs="?", metavar="FOLDER", help="footage of the board, wand or person"
+    )
     parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="folder")
     parser.add_argument(
         "--print-board", type=Path, metavar="FILE.pdf",
