@@ -6,6 +6,7 @@ from .api import NumpyDevice as NumpyDevice
 from .api import UserError as UserError
 from .api import select_device as select_device
 from .api import track as track
+from .api import track_people as track_people
 from .body import BodyModel as BodyModel
 from .body import load_body as load_body
 from .body import save_body as save_body

@@ -256,7 +256,8 @@ class Sequence:
     def _fit_mixture(self, adaptive: bool = False) -> Mixture:
         empty = self.footage.background
         assert self.footage.images is not None
-        return Mixture(empty or self.footage.images, bool(empty), adaptive)
+        shadows = self.background_kind != "mog-plain"
+        return Mixture(empty or self.footage.images, bool(empty), adaptive, shadows=shadows)
 
     @property
     def _views(self) -> tuple[Media, ...]:
@@ -309,7 +310,7 @@ class Sequence:
 
         Raises InputError as `frames` does.
         """
-        adaptive = learning and self.background_kind == "mog-adaptive"
+        adaptive = learning and self.background_kind in ("mog-adaptive", "mog-plain")
         with self._reader(self._fit_mixture(True) if adaptive else None) as read:
             yield read
 

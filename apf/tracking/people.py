@@ -27,13 +27,14 @@ class PeopleTracks(Sequence[Track]):
     tracks: one for each person, the largest person first, each from the first to the last frame
     that shows the person. frames: (F,) numbers of the frames that were searched. seen: for each
     person the numbers (F_p,) of those that show the person. objects: number of other things that
-    move.
+    move. verdicts: how good each track looks, see `apf.report.quality`; empty if not judged.
     """
 
     tracks: tuple[Track, ...]
     frames: np.ndarray
     seen: tuple[np.ndarray, ...]
     objects: int = 0
+    verdicts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.tracks) != len(self.seen):
@@ -41,6 +42,8 @@ class PeopleTracks(Sequence[Track]):
                 f"{len(self.tracks)} tracks and {len(self.seen)} lists of frames; expected one "
                 "list for each track"
             )
+        if len(self.verdicts) != len(self.tracks):
+            object.__setattr__(self, "verdicts", ("",) * len(self.tracks))
 
     def __len__(self) -> int:
         return len(self.tracks)
@@ -72,25 +75,27 @@ class PeopleTracks(Sequence[Track]):
             diagnostics={name: values[rows] for name, values in track.diagnostics.items()},
         )
 
-    def save(self, folder: str | Path, verdicts: Sequence[str] = ()) -> None:
+    def save(self, folder: str | Path) -> None:
         """Write `track.npz` of each person into folders `person1`, `person2` ... of `folder`, and
-        `people.json`. verdicts: how good each track looks."""
+        `people.json`."""
         for number, track in enumerate(self.tracks, start=1):
             path = person_folder(Path(folder), number)
             path.mkdir(parents=True, exist_ok=True)
             track.save(path / "track.npz")
-        self.save_list(folder, verdicts)
+        self.save_list(folder)
 
-    def save_list(self, folder: str | Path, verdicts: Sequence[str] = ()) -> None:
+    def save_list(self, folder: str | Path) -> None:
         """Write `people.json` alone."""
         persons = [
             {
                 "folder": person_folder(Path(), number).name,
                 "frames": len(seen),
                 "seen": spans(seen.tolist()),
-                **({"verdict": verdicts[number - 1]} if number <= len(verdicts) else {}),
+                "verdict": verdict,
             }
-            for number, seen in enumerate(self.seen, start=1)
+            for number, (seen, verdict) in enumerate(
+                zip(self.seen, self.verdicts, strict=True), start=1
+            )
         ]
         with_people = {str(n): int(k) for n, k in enumerate(np.bincount(self.counts)) if k}
         facts = {
@@ -111,7 +116,8 @@ class PeopleTracks(Sequence[Track]):
         listed = checked(_Listed, read_json(path, what), path)
         tracks = tuple(Track.open(folder / person.folder) for person in listed.persons)
         seen = tuple(parse_spans(person.seen) for person in listed.persons)
-        return cls(tracks, parse_spans(listed.frames), seen, listed.objects)
+        verdicts = tuple(person.verdict for person in listed.persons)
+        return cls(tracks, parse_spans(listed.frames), seen, listed.objects, verdicts)
 
 
 class _Person(Table):

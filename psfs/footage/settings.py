@@ -15,18 +15,19 @@ from psfs.common.names import check_name
 from psfs.common.toml import read_toml
 
 BackgroundKind = Literal[
-    "gaussian", "frames", "masks", "threshold", "mog", "mog-adaptive", "chroma"
+    "gaussian", "frames", "masks", "threshold", "mog", "mog-adaptive", "mog-plain", "chroma"
 ]
 Subject = Literal["person", "object"]
 #: How silhouettes are made. "gaussian": background model from pictures of the empty scene
 #: (`background/`); "frames": the same, estimated from the sequence's own frames; "masks": given
 #: masks; "threshold": brighter than `threshold` (0..1), then dilated and eroded; "mog": mixture of
 #: Gaussians, fitted to the empty scene or, without it, to the sequence's own frames;
-#: "mog-adaptive": one that is updated frame by frame; "chroma": a screen of one colour, `key` or
+#: "mog-adaptive": one that is updated frame by frame; "mog-plain": that without detection of
+#: shadows, which then count as the person; "chroma": a screen of one colour, `key` or
 #: estimated from the empty scene or the frames.
 BACKGROUND_KINDS: tuple[str, ...] = get_args(BackgroundKind)
 #: Those by a mixture of Gaussians.
-MIXTURES = ("mog", "mog-adaptive")
+MIXTURES = ("mog", "mog-adaptive", "mog-plain")
 #: Largest coordinate of a corner of the volume, m.
 _MAX_COORDINATE = 10_000.0
 

@@ -98,7 +98,7 @@ def test_npz_of_all_people(tmp_path: Path) -> None:
 
 def test_command_compares_all_people(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     people, truth = pair(0, 1)
-    people.save(tmp_path / "out", ["good", "good"])
+    people.save(tmp_path / "out")
     offset = np.array([0.01, 0, 0])
     joints = np.stack([of.joints for of in truth.values()], axis=1) + offset
     names = np.array(truth["at 0"].joint_names)

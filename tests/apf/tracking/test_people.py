@@ -16,8 +16,10 @@ from cl import InputError
 
 def test_saved_people_are_opened_again(tmp_path: Path) -> None:
     seen = (np.arange(10), np.array([2, 3, 7]))
-    people = PeopleTracks((tracks.walker(10), tracks.walker(6, 2)), np.arange(10), seen, 1)
-    people.save(tmp_path, ["good"])
+    people = PeopleTracks(
+        (tracks.walker(10), tracks.walker(6, 2)), np.arange(10), seen, 1, ("good", "")
+    )
+    people.save(tmp_path)
     assert holds_people(tmp_path)
     again = PeopleTracks.open(tmp_path)
     assert [len(track) for track in again] == [10, 6]
@@ -28,7 +30,7 @@ def test_saved_people_are_opened_again(tmp_path: Path) -> None:
     assert again.seen_part(1).frames.tolist() == [2, 3, 7]
     listed = json.loads((tmp_path / PEOPLE).read_text())
     assert listed["frames_with"] == {"1": 7, "2": 3}
-    assert [person.get("verdict") for person in listed["persons"]] == ["good", None]
+    assert [person.get("verdict") for person in listed["persons"]] == ["good", ""]
 
 
 @pytest.mark.parametrize("frames", [[], [3], [0, 1, 2], [1, 2, 5, 7, 8]])
