@@ -79,9 +79,10 @@ def run(args: argparse.Namespace) -> None:
 
 def _print_board(args: argparse.Namespace) -> None:
     """Write the PDF of a ChArUco board."""
-    unused = ("folder", "output", "board", "wand", "c3d", "refine", *_OF_TARGETS)
-    unused = tuple(flag for flag in unused if flag not in _OF_BOARDS)
-    refuse_unused(args, unused, "is of footage; expected none with --print-board")
+    of_footage = {"folder", "output", "board", "wand", "c3d", "refine", *_OF_TARGETS}
+    refuse_unused(
+        args, of_footage.difference(_OF_BOARDS), "is of footage; expected none with --print-board"
+    )
     path: Path = args.print_board
     if path.suffix.lower() != ".pdf":
         raise InputError(f"{path}: expected a name that ends in .pdf")

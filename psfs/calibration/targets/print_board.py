@@ -6,7 +6,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Path2D
@@ -60,7 +59,7 @@ def write_board_pdf(
     axes.text(0, bottom, text, fontsize=6, va="center")
     axes.plot([0, min(_RULER, columns * side)], [bottom + 5] * 2, color="black", linewidth=0.8)
     with written_whole(path) as temporary, temporary.open("wb") as file:
-        FigureCanvasPdf(figure).print_pdf(file)
+        figure.savefig(file, format="pdf")
     return width, height
 
 

@@ -15,6 +15,7 @@ from pydantic import Field
 from cl import InputError
 from psfs.cameras.calibration.common import (
     Calibration,
+    Size,
     Sizes,
     build_rig,
     check_whole_size,
@@ -62,21 +63,22 @@ def read_panoptic(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> 
         by_name = {own.name: own for own in file.cameras}
         if len(by_name) < len(file.cameras):
             raise InputError("camera names must differ; found the same name twice")
-        measured = {
-            name: check_whole_size(*own.resolution, f"camera {name}: resolution")
-            for name, own in by_name.items()
-        }
+        measured = {name: _size(own) for name, own in by_name.items()}
         names = sorted(by_name, key=natural_key)
         return build_rig(names, measured, lambda name, _: _camera(by_name[name]), unit, "cm")
 
 
-def _camera(own: PanopticCamera) -> Camera:
+def _size(own: PanopticCamera) -> Size:
     width, height = own.resolution
+    return check_whole_size(width, height, f"camera {own.name}: resolution")
+
+
+def _camera(own: PanopticCamera) -> Camera:
     return Camera(
         name=own.name,
         K=np.array(own.K).reshape(3, 3),
         distortion=np.array(own.distCoef),
         R=parse_rotation(own.R, f"camera {own.name}: R"),
         t=np.array(own.t),
-        size=check_whole_size(width, height, f"camera {own.name}: resolution"),
+        size=_size(own),
     )
