@@ -307,6 +307,7 @@ def finish_take(job: TrackJob, examination: Examination, take: Take, line: Line)
         if compared:
             line.begin("judging")
             quality = judge_track(examination.session, track, partial(line, "judging"))
+        quality = replace(quality, seen=job.seen)
         files = write_report(folder, take.sequence.name, quality, facts, page=compared)
         found.append(Judgement(folder, quality, files))
     return found

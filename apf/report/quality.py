@@ -43,10 +43,27 @@ _NAMED = 4
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """A track with its agreement with the silhouettes, if that was measured."""
+    """A track with its agreement with the silhouettes, if that was measured.
+
+    seen: numbers (F_s,) of the frames that show the person, all without it; in the others, in which
+    one of several people is not there, nothing is judged.
+    """
 
     track: Track
     agreement: Agreement | None
+    seen: np.ndarray | None = None
+
+    @cached_property
+    def there(self) -> np.ndarray:
+        """Frames (F,) bool of the track that show the person."""
+        if self.seen is None:
+            return np.ones(len(self.track), bool)
+        return np.isin(self.track.frames, self.seen)
+
+    @cached_property
+    def lost(self) -> np.ndarray:
+        """Frames (F,) bool that show the person, who is lost in them."""
+        return self.track.lost & self.there
 
     @cached_property
     def rows(self) -> np.ndarray:
@@ -84,8 +101,8 @@ class Quality:
     def doubtful(self) -> dict[str, np.ndarray]:
         """Rows (n,) to check, by what is doubtful there: the person, a part, or unexplained
         voxels."""
-        found = {"the person, lost": np.flatnonzero(self.track.lost)}
-        held = ~self.track.lost[self.rows]
+        found = {"the person, lost": np.flatnonzero(self.lost)}
+        held = (~self.track.lost & self.there)[self.rows]
         for number, part in enumerate(self.parts):
             found[part] = self.rows[(self.confidence[:, number] < DOUBTFUL) & held]
         if self.agreement is not None:
@@ -103,8 +120,8 @@ class Quality:
         if not len(self.track):
             return "bad"
         rows = {row for rows in self.doubtful.values() for row in rows.tolist()}
-        judged = {*self.rows.tolist(), *np.flatnonzero(self.track.lost).tolist()}
-        share = len(rows) / len(judged)
+        judged = {*self.rows[self.there[self.rows]].tolist(), *np.flatnonzero(self.lost).tolist()}
+        share = len(rows) / max(1, len(judged))
         if share > _GOOD:
             return "doubtful" if share < _BAD else "bad"
         return "good" if self._compared and self._lasts else "unknown"
@@ -119,8 +136,10 @@ class Quality:
 
     def lines(self) -> list[str]:
         """Return lines for the user: the verdict, then what to check."""
-        track, lost = self.track, int(self.track.lost.sum())
-        facts = [f"{lost} of {len(track)} frames lost" if lost else "no frame lost"]
+        track, lost, n_there = self.track, int(self.lost.sum()), int(self.there.sum())
+        facts = [f"{lost} of {n_there} frames lost" if lost else "no frame lost"]
+        if n_there < len(track):
+            facts.append(f"not there in frames {spans(track.frames[~self.there].tolist())}")
         if self.agreement is not None:
             means = camera_means(self.agreement.body_iou)
             worst = int(np.argmin(np.nan_to_num(means, nan=1.0)))
@@ -168,7 +187,7 @@ class Quality:
             "mean_confidence": _plain(np.nanmean(track.confidence))
             if np.isfinite(track.confidence).any()
             else None,
-            "lost_frames": spans(track.frames[track.lost].tolist()),
+            "lost_frames": spans(track.frames[self.lost].tolist()),
             "lost_limbs": {
                 name: spans(track.frames[column].tolist())
                 for name, column in zip(limb_names(track.its_body), track.lost_limbs.T, strict=True)

@@ -39,7 +39,8 @@ class Persons:
     def jobs(self, job: TrackJob) -> Iterator[tuple[TrackJob, Session]]:
         """Yield the job and the session of each person."""
         for number, session in enumerate(self.sessions, start=1):
-            yield job.person(number, len(self.sessions)), session
+            seen = self.people.persons[number - 1].frames
+            yield job.person(number, len(self.sessions), seen), session
 
     def gather(self, tracks: list[Track], verdicts: list[str]) -> PeopleTracks:
         """Return the tracks of the first people, or of all, with the frames that show them."""
