@@ -6,7 +6,7 @@ from apf.cluster.config import ChunksConfig, WorkerConfig
 from apf.filters.method import Method
 from apf.initialisation.config import StartConfig
 from apf.initialisation.fit_config import JointFitConfig, KeypointStartConfig
-from apf.keypoints.config import AgreementConfig, CropConfig, PersonConfig
+from apf.keypoints.config import AgreementConfig, AssociationConfig, CropConfig, PersonConfig
 from apf.live.config import CaptureConfig, LiveConfig
 from apf.synthetic.config import SceneConfig
 from apf.tracking.config import (
@@ -26,6 +26,9 @@ class KeypointSettings(Config):
 
     crop: CropConfig = part(CropConfig, "How pictures are cropped before a network sees them.")
     persons: PersonConfig = part(PersonConfig, "Which of the persons is followed.")
+    association: AssociationConfig = part(
+        AssociationConfig, "Which persons of the cameras are the same, if several are followed."
+    )
     agreement: AgreementConfig = part(AgreementConfig, "When the cameras' keypoints disagree.")
 
 
