@@ -35,6 +35,7 @@ from psfs.footage.prefetch import prefetch
 from psfs.footage.settings import MIXTURES, Settings
 from psfs.footage.sound import apply_sound
 from psfs.footage.threads import TIMEOUT_S, HangingError, Threads
+from psfs.footage.timestamps import pair_by_timestamps
 from psfs.footage.timing import find_timing, synchronise
 
 #: Greatest memory and number of frames that are decoded ahead.
@@ -80,6 +81,7 @@ class Sequence:
         self.layout = layout
         if settings.sync is None and footage.late:
             settings = settings.replace(sync=footage.late)
+        footage = pair_by_timestamps(footage)
         self.settings = settings = apply_sound(settings, footage.images)
         self.notes = list(footage.notes)
         sync = settings.sync if isinstance(settings.sync, Mapping) else {}
