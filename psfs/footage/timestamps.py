@@ -62,7 +62,8 @@ def pick_frames(times: Sequence[np.ndarray]) -> tuple[list[tuple[int, ...]], flo
     """
     leader = min(times, key=len)
     reach = 0.5 * float(np.median(np.diff(leader))) if len(leader) > 1 else 0.0
-    picks, apart = [], 0.0
+    picks: list[tuple[int, ...]] = []
+    apart = 0.0
     for time in leader:
         nearest = tuple(int(np.abs(own - time).argmin()) for own in times)
         away = max(abs(own[index] - time) for own, index in zip(times, nearest, strict=True))
