@@ -63,9 +63,15 @@ def test_jitter_is_that_of_the_error_and_not_of_the_motion() -> None:
 
 def test_a_trc_that_lacks_its_last_row_is_read(tmp_path: Path) -> None:
     rows = [[f"{k}", f"{k / 30}", "1.0", "2.0", "3.0"] for k in range(4)]
-    lines = ["PathFileType\t4\t(X/Y/Z)\ta.trc", "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\t"
-             "OrigDataRate\tOrigDataStartFrame\tOrigNumFrames", "30\t30\t5\t1\tm\t30\t0\t5",
-             "Frame#\tTime\tRHip\t\t", "\t\tX1\tY1\tZ1", *("\t".join(row) for row in rows)]  # fmt: skip
+    names = "DataRate CameraRate NumFrames NumMarkers Units OrigDataRate OrigDataStartFrame"
+    lines = [
+        "PathFileType\t4\t(X/Y/Z)\ta.trc",
+        "\t".join([*names.split(), "OrigNumFrames"]),
+        "30\t30\t5\t1\tm\t30\t0\t5",
+        "Frame#\tTime\tRHip\t\t",
+        "\t\tX1\tY1\tZ1",
+        *("\t".join(row) for row in rows),
+    ]
     file = tmp_path / "a.trc"
     file.write_text("\n".join(lines) + "\n")
     with pytest.raises(InputError, match="promises 5"):
