@@ -79,7 +79,7 @@ def trial_headline(results: Results) -> str:
     return Grid(title, ["sequence", *groups], cells, note).markdown()
 
 
-#: Starts from the true joints, and what is said of them beside the preset's name.
+#: Starts from the true joints, and their names beside the preset's.
 _TRUE_STARTS = {"true": "", "measured": ", measured girths"}
 
 
