@@ -85,7 +85,7 @@ def test_keys_and_buttons_move_the_time_line(
     tmp_path: Path, open_page: Callable[[Path], Page]
 ) -> None:
     page = open_page(tmp_path)
-    page.open(save_voxels(tmp_path / "voxels", n_frames=4))
+    page.open(save_voxels(tmp_path / "voxels", n_frames=5))
     watch = page.watch
     assert watch is not None
     line = watch.time_line
@@ -95,7 +95,7 @@ def test_keys_and_buttons_move_the_time_line(
     commands["arrowleft"]()
     assert (line.position, line.slider.value) == (1, 1)
     commands["end"]()
-    assert line.position == 3
+    assert line.position == 4
     commands["arrowdown"]()
     assert line.speed.value == "0.5"
     commands["space"]()
@@ -103,6 +103,9 @@ def test_keys_and_buttons_move_the_time_line(
     commands["home"]()
     assert not line.playing and line.position == 0
     assert "no pictures" in watch.remarks  # its footage is gone
+    (tmp_path / "voxels" / "clouds" / "frame_000003.npz").write_bytes(b"damaged")
+    line.seek(3)
+    assert "no voxels of frame 3" in watch.remarks and line.position == 3
 
 
 def test_running_track_is_watched_by_its_parts(
