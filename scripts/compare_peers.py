@@ -25,6 +25,7 @@ from peers.programs import NEEDS, PROGRAMS, Task
 from peers.results import (
     PeerResults,
     PeerRun,
+    add_suite_runs,
     print_tables,
     sequence_table,
     summary_table,
@@ -61,6 +62,11 @@ def main() -> int:
     parser.add_argument(
         "--tables", action="store_true", help="no run; tables, also that of docs/accuracy.md"
     )
+    parser.add_argument(
+        "--ours-from", type=Path, metavar="FILE",
+        help="results.json of accuracy.py --suite --by: our runs on the same keypoints, instead of "
+        "new ones; without gaps, jitter and skating",
+    )  # fmt: skip
     parser.add_argument("--commit", help="the commit, where there is no git to ask")
     add_message_flags(parser)
     add_device_flag(parser)
@@ -70,6 +76,8 @@ def main() -> int:
 
 def _run(args: argparse.Namespace) -> None:
     results = PeerResults.read(args.out / "peers.json")
+    if args.ours_from is not None:
+        add_suite_runs(results, args.ours_from)
     if not args.tables:
         _do_runs(args, results)
     if not results.runs:
