@@ -65,6 +65,18 @@ class FrameChoice(Config):
         "by hand",
         least=1,
     )
+    unfolded: float = setting(
+        0.85,
+        "Height of the trunk's highest joint over the body's lowest one, as a share of that of a "
+        "standing person, below which a frame does not inform the shape: a visual hull fills the "
+        "space between folded limbs and trunk.",
+        "by hand: strides have 0.95 and more, hard_floor_8cam's crouch 0.5",
+        least=0,
+        most=1,
+    )
+    least_unfolded: int = setting(
+        3, "Least number of frames above it; with fewer, all frames inform the shape.", least=1
+    )
 
 
 class HeadingConfig(Config):
