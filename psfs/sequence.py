@@ -33,6 +33,7 @@ from psfs.footage.memory import FRAME_MEMORY, frame_memory_limit
 from psfs.footage.numbering import pair_by_number
 from psfs.footage.prefetch import prefetch
 from psfs.footage.settings import MIXTURES, Settings
+from psfs.footage.sound import apply_sound
 from psfs.footage.threads import TIMEOUT_S, HangingError, Threads
 from psfs.footage.timing import find_timing, synchronise
 
@@ -79,7 +80,7 @@ class Sequence:
         self.layout = layout
         if settings.sync is None and footage.late:
             settings = settings.replace(sync=footage.late)
-        self.settings = settings
+        self.settings = settings = apply_sound(settings, footage.images)
         self.notes = list(footage.notes)
         sync = settings.sync if isinstance(settings.sync, Mapping) else {}
         if settings.cameras is not None:

@@ -40,6 +40,7 @@ class BodyNodes:
         self._lost, self._lost_limbs = track.lost, track.lost_limbs  # computed at each call
         sides = [find_side(track.joint_names[end]) for _, end in track.edges]
         self._edge_colours = np.array([SIDES[side] for side in sides], np.uint8)
+        self._root = scene.add_frame(name, show_axes=False)
         self._bones = [
             scene.add_frame(f"{name}/{b}", show_axes=False) for b in range(len(body.bones))
         ]
@@ -85,6 +86,10 @@ class BodyNodes:
         colours = np.where(lost, np.array(LOST, np.uint8), self._edge_colours)
         self.skeleton.colors = np.repeat(colours[:, None], 2, axis=1)
         self._show_trails(row, trail_rows)
+
+    def set_visible(self, shown: bool) -> None:
+        """Show or hide the whole body."""
+        self._root.visible = shown
 
     def show_pose(self, pose: np.ndarray) -> None:
         """Show a pose (D,) of the body until the next row is shown."""

@@ -146,6 +146,7 @@ class Watch:
                 self._show_voxels(opened.clouds, frame)
             for name, body in self.bodies.items():
                 row = opened.rows[name].get(frame)
+                body.set_visible(row is not None)
                 if row is not None:
                     body.show(row, int(_TRAIL_SECONDS * opened.fps))
         if self._position != position or not self.time_line.playing:

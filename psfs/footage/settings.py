@@ -128,13 +128,14 @@ class Settings(Config):
     )
     sync: Any = setting(
         None,
-        '"auto", or by how many of its frames a camera comes late, by name.',
+        '"auto" (by the silhouettes), "audio" (by the sound of the videos), or by how many of its '
+        "frames a camera comes late, by name.",
         "as many frames late as the files say",
         "frames",
         flag="--sync",
         flag_help="cameras that come N of their frames later than the others, or earlier "
-        "(-N); auto: found in the pictures",
-        metavar="auto|CAMERA=N,...",
+        "(-N); auto: found in the pictures; audio: by the sound of the videos",
+        metavar="auto|audio|CAMERA=N,...",
     )
     subject: Subject | None = setting(
         None,
@@ -230,10 +231,12 @@ class Settings(Config):
 
 
 def _check_sync(value: Any) -> Any:
-    if value == "auto":
+    if value in ("auto", "audio"):
         return value
     if not isinstance(value, Mapping):
-        raise InputError(f"sync = {value!r}; expected auto, or frames by camera, as {{cam03 = 5}}")
+        raise InputError(
+            f"sync = {value!r}; expected auto, audio, or frames by camera, as {{cam03 = 5}}"
+        )
     for name, late in value.items():
         if not isinstance(late, int) or isinstance(late, bool) or abs(late) > _MAX_DELAY:
             raise InputError(f"sync of {name} is {late!r}; expected a whole number of frames")

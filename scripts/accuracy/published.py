@@ -1,4 +1,4 @@
-"""The tables of suites in README and docs/accuracy.md."""
+"""The tables of suites in docs/accuracy.md."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from cl import InputError
 
 
 def suite_headline(results: Results) -> str:
-    """Return Markdown for the README: means of the default's runs with an automatic start. Raises
-    InputError if there are none."""
+    """Return Markdown for docs/accuracy.md: means of the default's runs with an automatic start.
+    Raises InputError if there are none."""
     settings = dict.fromkeys(run.setting for run in results.runs if not run.setting.preset)
     rows = [r for r in suite_rows(results, list(settings), lambda _: np.nan) if r.start != "true"]
     voxels = {row.sequence: row for row in rows if row.observations == "voxels"}
@@ -43,13 +43,14 @@ def suite_headline(results: Results) -> str:
 
 
 def publish_suite(root: Path, results: Results) -> None:
-    """Write the README's table. For a suite of presets only, write the table of docs/accuracy.md
-    instead, beside the defaults in the neighbouring folder `suite`."""
+    """Write the first table of docs/accuracy.md. For a suite of presets only, write that of the
+    presets, beside the defaults in the neighbouring folder `suite`."""
+    page = root / "docs" / "accuracy.md"
     if any(not run.setting.preset for run in results.runs):
-        replace_marked(root / "README.md", "accuracy", suite_headline(results))
+        replace_marked(page, "suite", suite_headline(results))
         return
     defaults = Results.read(results.path.parent.parent / "suite" / "results.json")
-    replace_marked(root / "docs" / "accuracy.md", "presets", presets_headline(results, defaults))
+    replace_marked(page, "presets", presets_headline(results, defaults))
 
 
 def presets_headline(results: Results, defaults: Results) -> str:
