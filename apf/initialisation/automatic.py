@@ -154,7 +154,7 @@ class _Fitting:
         poses = poses.copy()
         for chosen, free in ((unfolded, None if search.free else ()), (~unfolded, ())):
             if chosen.any():
-                clouds = [self.clouds[k] for k in np.flatnonzero(chosen)]
+                clouds = [self.clouds[int(k)] for k in np.flatnonzero(chosen)]
                 shape, poses[chosen] = fit_shape(
                     search.template, clouds, shape, poses[chosen], search.task.height,
                     config=config.shape, free=free,
