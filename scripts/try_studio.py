@@ -103,6 +103,8 @@ def work_through(trial: Trial, take: Path, frames: str) -> dict[str, Any]:
     """Do all steps; return the wrist's errors and the size of the BVH."""
     page, tab = trial.page, trial.tab
     tab.get_by_text("frame 0 ·").wait_for()
+    for notice in tab.locator("button.mantine-Notification-closeButton").all():
+        notice.click()  # of software rendering, which covers tabs
     trial.wait(lambda: "examining" not in page.footage.remarks, "the examination")  # type: ignore[union-attr]
     trial.shoot("footage")
     run = trial.track(frames)
@@ -159,7 +161,7 @@ def main() -> None:
     page.open(args.take)
     with sync_playwright() as running:
         browser = running.chromium.launch(executable_path=shutil.which("chromium"), args=_BROWSER)
-        tab = browser.new_page(viewport={"width": 1000, "height": 560}, accept_downloads=True)
+        tab = browser.new_page(viewport={"width": 1200, "height": 640}, accept_downloads=True)
         tab.set_default_timeout(90_000)
         tab.goto(page.address)
         print(json.dumps(work_through(Trial(page, tab, args.output), args.take, args.frames)))
