@@ -35,6 +35,7 @@ from psfs.footage.prefetch import prefetch
 from psfs.footage.settings import MIXTURES, Settings
 from psfs.footage.sound import apply_sound
 from psfs.footage.threads import TIMEOUT_S, HangingError, Threads
+from psfs.footage.timestamps import pair_by_timestamps
 from psfs.footage.timing import find_timing, synchronise
 
 #: Greatest memory and number of frames that are decoded ahead.
@@ -81,11 +82,11 @@ class Sequence:
         if settings.sync is None and footage.late:
             settings = settings.replace(sync=footage.late)
         self.settings = settings = apply_sound(settings, footage.images)
-        self.notes = list(footage.notes)
         sync = settings.sync if isinstance(settings.sync, Mapping) else {}
         if settings.cameras is not None:
             sync = {name: late for name, late in sync.items() if name in settings.cameras}
-        footage, numbering = pair_by_number(footage)
+        footage, numbering = pair_by_number(pair_by_timestamps(footage))
+        self.notes = list(footage.notes)
         timing, rates = find_timing(footage, settings.fps, sync, _DEFAULT_FPS)
         self.timing_notes = [*numbering, *rates]
         self.footage = synchronise(footage, timing)

@@ -7,7 +7,8 @@
 makes an environment for each peer from PyPI (2 and 1 GB; `--environments FOLDER` keeps them), feeds
 all programs the keypoints.npz of every sequence of SUITE that has some and a truth.npz, and writes
 OUT/peers.json (every run, with versions and seconds), peers.csv and peers.md. A second call with
-the same OUT does what is missing. `--tables` writes the tables of the runs so far. The peers'
+the same OUT does what is missing. `--tables` writes the tables of the runs so far, and
+those of docs/accuracy.md. The peers'
 settings are those of their own demos and documentation, see `scripts/peers/programs.py`. Sequences
 without keypoints are named and left out: no network runs here.
 """
@@ -21,7 +22,16 @@ from pathlib import Path
 from peers.environments import PACKAGES, list_versions, make_environment
 from peers.figures import measure
 from peers.programs import NEEDS, PROGRAMS, Task
-from peers.results import PeerResults, PeerRun, print_tables, write_tables
+from peers.results import (
+    PeerResults,
+    PeerRun,
+    add_suite_runs,
+    print_tables,
+    sequence_table,
+    summary_table,
+    write_tables,
+)
+from timings.report.readme import replace_marked
 from timings.results import checked_out_commit
 
 from apf.evaluation.evaluate import load_truth
@@ -30,6 +40,7 @@ from psfs.cli.commandline import add_device_flag, add_message_flags, stderr, war
 from psfs.cli.program import run_command
 from psfs.sequence import Sequence
 
+_ROOT = Path(__file__).resolve().parent.parent
 #: Programs whose result depends on a seed.
 _RANDOM = ("ours: keypoints", "ours: voxels", "ours: both")
 
@@ -48,7 +59,14 @@ def main() -> int:
         "--environments", type=Path, default=Path("peers-environments"), metavar="FOLDER",
         help="where the peers are installed",
     )  # fmt: skip
-    parser.add_argument("--tables", action="store_true", help="no run, only the tables")
+    parser.add_argument(
+        "--tables", action="store_true", help="no run; tables, also that of docs/accuracy.md"
+    )
+    parser.add_argument(
+        "--ours-from", type=Path, metavar="FILE",
+        help="results.json of accuracy.py --suite --by: our runs on the same keypoints, instead of "
+        "new ones; without gaps, jitter and skating",
+    )  # fmt: skip
     parser.add_argument("--commit", help="the commit, where there is no git to ask")
     add_message_flags(parser)
     add_device_flag(parser)
@@ -58,11 +76,16 @@ def main() -> int:
 
 def _run(args: argparse.Namespace) -> None:
     results = PeerResults.read(args.out / "peers.json")
+    if args.ours_from is not None:
+        add_suite_runs(results, args.ours_from)
     if not args.tables:
         _do_runs(args, results)
     if not results.runs:
         raise InputError(f"{args.out}: no runs; expected a suite with keypoints.npz and truth.npz")
     write_tables(args.out, results)
+    if args.tables:
+        shown = f"{summary_table(results).markdown()}\n\n{sequence_table(results).markdown()}"
+        replace_marked(_ROOT / "docs" / "accuracy.md", "peers", shown)
     print_tables(results)
 
 

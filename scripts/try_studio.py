@@ -28,7 +28,7 @@ from cl import InputError, select_device
 _BROWSER = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 #: Angles, rad, by which the left arm is turned away.
 _TURNED = {"l_upper_arm.rx": 1.3, "l_upper_arm.ry": -0.8, "l_forearm.ry": -1.0}
-_LONGEST = 1800.0  # s, of a step
+_LONGEST = 600.0  # s, of a step
 
 
 class Trial:
@@ -59,7 +59,7 @@ class Trial:
     def track(self, frames: str) -> Path:
         """Track frames of the footage that is open by the buttons; return the run's folder."""
         self.click("Run", "tab")
-        label = self.tab.get_by_text("frames", exact=True).first
+        label = self.tab.locator("label:text-is('frames')").first
         row = label.locator("xpath=ancestor::div[contains(@class, 'Flex')][1]")
         row.locator("input").fill(frames)
         self.tab.keyboard.press("Enter")
@@ -103,12 +103,14 @@ def work_through(trial: Trial, take: Path, frames: str) -> dict[str, Any]:
     """Do all steps; return the wrist's errors and the size of the BVH."""
     page, tab = trial.page, trial.tab
     tab.get_by_text("frame 0 ·").wait_for()
+    for notice in tab.locator("button.mantine-Notification-closeButton").all():
+        notice.click()  # of software rendering, which covers tabs
     trial.wait(lambda: "examining" not in page.footage.remarks, "the examination")  # type: ignore[union-attr]
     trial.shoot("footage")
     run = trial.track(frames)
     trial.click("Watch", "tab")
     trial.shoot("tracked")
-    tab.keyboard.press("Space")
+    trial.click("play")
     trial.wait(lambda: page.watch is not None and page.watch.time_line.n_shown > 5, "playing")
     tab.keyboard.press("Home")
     as_tracked = Track.open(run)
@@ -159,8 +161,8 @@ def main() -> None:
     page.open(args.take)
     with sync_playwright() as running:
         browser = running.chromium.launch(executable_path=shutil.which("chromium"), args=_BROWSER)
-        tab = browser.new_page(viewport={"width": 1000, "height": 560}, accept_downloads=True)
-        tab.set_default_timeout(180_000)
+        tab = browser.new_page(viewport={"width": 1200, "height": 640}, accept_downloads=True)
+        tab.set_default_timeout(90_000)
         tab.goto(page.address)
         print(json.dumps(work_through(Trial(page, tab, args.output), args.take, args.frames)))
         browser.close()

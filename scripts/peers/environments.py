@@ -64,6 +64,6 @@ def _run(command: list[str]) -> str:
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         last = (done.stderr.strip().splitlines() or ["no message"])[-1]
-        raise InputError(f"{Path(command[1]).name} in {command[0]} failed: {last}")
+        raise InputError(f"{Path(command[1]).name} failed: {last}")
     sys.stdout.flush()
     return done.stdout

@@ -175,7 +175,7 @@ def run_ours(task: Task, what: str) -> Found:
         track = triangulate_track(task.sequence, task.keypoints, config)
     else:
         objective = "keypoints" if what == "keypoints" else "voxel"
-        method = Method.of(objective=objective, seed=task.seed)
+        method = Method.create(objective=objective, seed=task.seed)
         keypoints = None if what == "voxels" else task.keypoints
         track = smooth_track(
             apf.track(task.sequence, device=task.device, method=method, keypoints=keypoints)

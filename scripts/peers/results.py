@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from accuracy.runs import Results
 from timings.tables.grid import NONE, Grid
 
 from cl import InputError
@@ -97,6 +98,31 @@ class PeerResults:
         return [run for run in self.runs if run.program == program]
 
 
+#: Our programs by the observations of a suite's runs.
+_OURS = {"voxels": "ours: voxels", "keypoints": "ours: keypoints", "both": "ours: both"}
+
+
+def add_suite_runs(results: PeerResults, path: Path) -> None:
+    """Add our runs with an automatic start from the results of `accuracy.py --suite --by`, on the
+    sequences that the peers were run on. Raises InputError."""
+    suite = Results.read(path)
+    known = {run.sequence for run in results.runs}
+    for run in suite.runs:
+        setting = run.setting
+        program = _OURS.get(setting.observations)
+        if setting.preset or setting.start != "found" or setting.sequence not in known:
+            continue
+        if program is None or results.has(setting.sequence, program, run.seed):
+            continue
+        nothing = dict.fromkeys(("gaps", "jitter", "skating"), np.nan)
+        figures = Figures(
+            mean=run.limbs, rest=run.limbs_rest, far=run.limbs_far, joints={}, **nothing
+        )
+        where = (suite.conditions["device"], suite.conditions["commit"])
+        ours = PeerRun(setting.sequence, program, run.seed, *where)
+        results.add(ours.with_figures(figures, None, run.seconds))
+
+
 def _known(row: dict[str, Any]) -> PeerRun:
     figures = row["figures"]
     if figures is not None:
@@ -123,20 +149,25 @@ def summary_table(results: PeerResults) -> Grid:
         if not done:
             continue
         per_sequence = [
-            {name: np.nanmean([getattr(r.figures, name) for r in of]) for name in _COLUMNS}
+            {name: float(np.mean([getattr(r.figures, name) for r in of])) for name in _COLUMNS}
             for of in _by_sequence(done).values()
         ]
-        means = {name: float(np.nanmean([row[name] for row in per_sequence])) for name in _COLUMNS}
+        means = {name: float(np.mean([row[name] for row in per_sequence])) for name in _COLUMNS}
         seconds = [run.clock if run.cpu is None else run.cpu for run in done]
         where = sorted({run.device for run in done})
         rows.append([
-            program, str(len(per_sequence)), f"{means['mean']:.1f}", f"{means['rest']:.1f}",
-            f"{100 * means['far']:.1f} %", f"{100 * means['gaps']:.1f} %",
-            f"{means['jitter']:.2f}", f"{means['skating']:.0f}",
+            program, str(len(per_sequence)), _shown(means["mean"], ".1f"),
+            _shown(means["rest"], ".1f"), _shown(100 * means["far"], ".1f", " %"),
+            _shown(100 * means["gaps"], ".1f", " %"), _shown(means["jitter"], ".2f"),
+            _shown(means["skating"], ".0f"),
             f"{np.mean(seconds):.1f}, {'; '.join(where)}", str(len(runs) - len(done)),
         ])  # fmt: skip
     heads = ["program", "sequences", *_HEADS, "seconds", "failed"]
     return Grid("Other programs beside ours, the same keypoints", heads, rows, _about(results))
+
+
+def _shown(value: float, form: str, unit: str = "") -> str:
+    return NONE if np.isnan(value) else f"{value:{form}}{unit}"
 
 
 def _about(results: PeerResults) -> str:
