@@ -1,0 +1,166 @@
+#!/usr/bin/env python3
+"""How often the verdict of a track is right: tracks of sound and spoilt takes against the truth.
+
+    scripts/judge_verdicts.py track FOLDER -o OUT [--part 0/8] [--frames 40]
+
+tracks every sequence with truth.npz in FOLDER, by voxels and by keypoints, forward only and both
+ways, sound and spoilt (see `verdicts/spoiling.py`), and writes a folder for each track.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import sys
+import time
+import traceback
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from verdicts.spoiling import (
+    FOOTAGE,
+    KEYPOINTS,
+    open_keypoints,
+    spoil_footage,
+    spoil_keypoints,
+    start_backward,
+)
+
+from apf.evaluation.evaluate import evaluate, load_truth
+from apf.filters.method import Method
+from apf.formats.trc import JointSeries
+from apf.keypoints.agreement import find_disagreements
+from apf.report.judged import judge_track
+from apf.tracking.settings import TakeSettings
+from apf.tracking.take import Take, track_take
+from cl import Device, NumpyDevice, UserError, select_device
+from psfs.cli.commandline import add_message_flags
+from psfs.cli.program import run_command
+from psfs.common.files import write_json
+from psfs.diagnostics.examination import examine
+from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
+
+#: Particles and layers of the poor search.
+_POOR = {"n_particles": 30, "n_layers": 3}
+
+
+@dataclass(frozen=True)
+class Job:
+    """A track: of a sequence, by voxels or keypoints, spoilt in one way."""
+
+    sequence: str
+    by: str
+    how: str
+    seed: int = 0
+
+    @property
+    def name(self) -> str:
+        return f"{self.sequence}.{self.by}.{self.how.replace(' ', '_')}.{self.seed}"
+
+
+def plan(folder: Path) -> list[Job]:
+    """Return the jobs: all sequences with truth of one person, sound ones first."""
+    names = sorted(path.parent.name for path in folder.glob("*/truth.npz"))
+    names = [name for name in names if not list(folder.glob(f"{name}/truth_person*.npz"))]
+    ways = [*(("voxels", how) for how in FOOTAGE), *(("keypoints", how) for how in KEYPOINTS)]
+    jobs = [Job(name, by, how) for by, how in ways for name in names]
+    random.Random(1).shuffle(jobs)  # so that a part of them is a fair sample
+    return jobs
+
+
+def track(folder: Path, job: Job, device: Device | NumpyDevice, n_frames: int, out: Path) -> None:
+    """Track and judge a job, and write what the verdict is made of."""
+    path = folder / job.sequence
+    sequence, truth = Sequence.open(path), load_truth(path / "truth.npz")
+    step = 4 if job.how == "slow" else 1
+    first = max(0, (len(sequence) - 8 - step * n_frames) // 2)
+    frames = slice(first, min(first + step * n_frames, len(sequence) - 8), step)
+    warnings: list[str] = []
+    poor = _POOR if job.how == "poor search" else {}
+    if job.by == "voxels":
+        method = Method.of(**poor)
+        session = Session(
+            spoil_footage(sequence, job.how, job.seed), device, SessionSettings(selection=frames)
+        )
+        examined = examine(session)
+        session, warnings = examined.session, examined.warnings
+        settings = {"given": start_backward(truth, first)} if job.how == "wrong start" else {}
+    else:
+        method = Method.of(objective="keypoints", **poor)
+        session = Session(sequence, device, SessionSettings(selection=frames))
+        sound = open_keypoints(sequence, truth, job.seed)
+        keypoints = spoil_keypoints(sound, sequence.rig, job.how, job.seed)
+        warnings = find_disagreements(keypoints, sequence.rig)
+        settings = {"keypoints": keypoints}
+    if job.how in ("one way", "poor search"):
+        method = method.replace(both_ways=False, runs=1)
+    take = track_take(session, TakeSettings(method=method, seeds=(job.seed,), **settings))
+    _write(out / job.name, job, session, take, truth, warnings)
+
+
+def _write(
+    out: Path, job: Job, session: Session, take: Take, truth: JointSeries, warnings: list[str]
+) -> None:
+    track = take.tracks[0]
+    quality, found = judge_track(session, track), evaluate(track, truth)
+    out.mkdir(parents=True, exist_ok=True)
+    track.save(out / "track.npz")
+    arrays = {"errors": found.errors, "frames": found.frames}
+    if quality.agreement is not None:
+        agreed = vars(quality.agreement)
+        names = ("rows", "body_iou", "voxel_iou", "inside", "explained")
+        arrays |= {name: agreed[name] for name in names}
+    np.savez_compressed(out / "raw.npz", **arrays)
+    doubts = take.start.doubts if take.start is not None else []
+    facts = {
+        **asdict(job),
+        "cameras": list(session.rig.names),
+        "verdict": quality.verdict,
+        "says": quality.lines(),
+        "warnings": [*warnings, *doubts],
+        "mean_error": found.mean_error,
+        "lost_share": found.lost_share,
+    }
+    write_json(out / "facts.json", facts)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="judge_verdicts.py", description=__doc__.splitlines()[0])
+    parser.add_argument("what", choices=("track",))
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT")
+    parser.add_argument("--part", default="0/1", metavar="K/N", help="every Nth job, from the Kth")
+    parser.add_argument("--frames", type=int, default=40, metavar="N")
+    parser.add_argument(
+        "--seconds", type=float, default=1e9, metavar="S", help="begin no job after"
+    )
+    parser.add_argument("--device", default="auto")
+    add_message_flags(parser)
+    parser.set_defaults(run=_run)
+    return run_command(parser)
+
+
+def _run(args: argparse.Namespace) -> None:
+    began = time.monotonic()
+    part, n_parts = map(int, args.part.split("/"))
+    device = select_device(args.device)
+    for job in plan(args.folder)[part::n_parts]:
+        if time.monotonic() - began > args.seconds:
+            break
+        if (args.out / job.name / "facts.json").exists():
+            continue
+        clock = time.monotonic()
+        try:
+            track(args.folder, job, device, args.frames, args.out)
+        except UserError as error:
+            (args.out / job.name).mkdir(parents=True, exist_ok=True)
+            write_json(args.out / job.name / "facts.json", {**asdict(job), "error": str(error)})
+        except Exception:
+            traceback.print_exc()
+        print(job.name, round(time.monotonic() - clock, 1), flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
