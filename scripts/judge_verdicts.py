@@ -92,7 +92,7 @@ def track(folder: Path, job: Job, device: Device | NumpyDevice, n_frames: int, o
         session = Session(sequence, device, SessionSettings(selection=frames))
         sound = open_keypoints(sequence, truth, job.seed)
         keypoints = spoil_keypoints(sound, sequence.rig, job.how, job.seed)
-        warnings = find_disagreements(keypoints, sequence.rig)
+        warnings = find_disagreements(keypoints, sequence.rig, sequence.fps)
         settings = {"keypoints": keypoints}
     if job.how in ("one way", "poor search"):
         method = method.replace(both_ways=False, runs=1)

@@ -207,7 +207,7 @@ def _one_tracked(
     session = examination.session
     if job.method.uses_voxels and not job.args.no_report:
         keep_judged_frames(session)
-    take = _tracked(job, session, given, line)
+    take = _tracked(job, examination, given, line)
     judgements = finish_take(job, examination, take, line)
     return FinishedTake(take, judgements, line.n_frames, job.args.output)
 
@@ -233,10 +233,11 @@ def _examine(job: TrackJob, opened: Sequence) -> Examination:
 
 
 def _tracked(
-    job: TrackJob, session: Session, given: tuple[BodyModel, np.ndarray] | None, line: Line
+    job: TrackJob, examination: Examination, given: tuple[BodyModel, np.ndarray] | None, line: Line
 ) -> Take:
     """Track a take, and write the files of each seed's track, except those of `finish_take`."""
-    args, sequence = job.args, session.sequence
+    args, session = job.args, examination.session
+    sequence = session.sequence
     template, keep_shape = load_template(args.body)
     settings = TakeSettings(
         method=job.method,
@@ -245,7 +246,7 @@ def _tracked(
         keep_shape=keep_shape,
         height=args.height,
         given=given,
-        keypoints=read_keypoints(args, sequence),
+        keypoints=read_keypoints(args, sequence, examination.diagnosis),
     )
     with naming_init(sequence):
         take = track_take(session, settings, line, Keeper(job.folders))

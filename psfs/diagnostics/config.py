@@ -255,9 +255,38 @@ class FaultConfig(Config):
     )
     mirror_share: float = setting(
         0.6,
-        "The same ratio for mirrored pictures, and for a calibration of another convention.",
+        "The same ratio if the pictures of all cameras are mirrored, and for a calibration of "
+        "another convention.",
         least=0,
         most=1,
+    )
+    flip_share: float = setting(
+        0.8,
+        "The same ratio for the pairs of one camera whose pictures are mirrored or upside down.",
+        "untouched cameras, late ones and those of other takes: above 0.9",
+        least=0,
+        most=1,
+    )
+    flip_cost: float = setting(
+        0.04, "Least cost of a camera for it to count as mirrored or upside down.", least=0
+    )
+    healed: float = setting(
+        0.9,
+        "Greatest ratio of a camera's cost after a shift to the cost before for it to count as "
+        "late.",
+        "late cameras: up to 0.83; those of other takes: from 0.97",
+        least=0,
+        most=1,
+    )
+    foreign_motion: float = setting(
+        0.85,
+        "Share of a camera's motion that the others do not see above which it films something "
+        "else.",
+        "cameras that were turned: up to 0.75",
+        least=0,
+    )
+    foreign_cost: float = setting(
+        0.06, "Least cost of a camera that films something else.", least=0
     )
     disagreeing: float = setting(
         0.075,
@@ -364,6 +393,13 @@ class PictureConfig(Config):
     )
     frozen: float = setting(
         0.01, "Change of a silhouette's area over time below which its camera hangs.", least=0
+    )
+    hung: int = setting(
+        10,
+        "Number of consecutive frames of one silhouette after which a camera hangs.",
+        "untouched sequences: two frames of equal area, never more",
+        "frames",
+        least=3,
     )
     moving: float = setting(
         0.05,

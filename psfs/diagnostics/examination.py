@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 from psfs.diagnostics.alignment import correct_rig
 from psfs.diagnostics.camera_consistency import InconsistentCamera, find_inconsistent_cameras
+from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.faults import Diagnosis, diagnose
 from psfs.diagnostics.occluders import find_hidden_pixels
-from psfs.diagnostics.picture_faults import Fault
 from psfs.session import Session
 from psfs.silhouettes.config import SilhouetteConfig
 
