@@ -64,6 +64,10 @@ def _swap(order: list[int], a: int, b: int) -> list[int]:
 Way = Literal["mirrored", "turned"]
 
 
+#: Least fall of a camera's cost if its pictures are flipped: of a symmetric body's, both are noise.
+_FLIP_GAIN = 0.01
+
+
 def find_flipped_cameras(
     tangency: Tangency, config: FaultConfig
 ) -> tuple[Way, list[int], float] | None:
@@ -81,7 +85,7 @@ def find_flipped_cameras(
     for way in ways:
         for view in views if len(views) > 2 else ():
             found = tangency.compare(**{way: [view]})
-            if present.cameras[view] > config.flip_cost:
+            if present.cameras[view] - found.cameras[view] > _FLIP_GAIN:
                 tried[way, view] = found.cameras[view] / present.cameras[view], found.cost
     known = {flip: of for flip, of in tried.items() if np.isfinite(of).all()}
     if not known:

@@ -267,21 +267,16 @@ class FaultConfig(Config):
         least=0,
         most=1,
     )
-    flip_cost: float = setting(
-        0.04, "Least cost of a camera for it to count as mirrored or upside down.", least=0
-    )
     healed: float = setting(
         0.9,
-        "Greatest ratio of a camera's cost after a shift to the cost before for it to count as "
-        "late.",
+        "Greatest ratio of a late camera's cost after the shift to the cost before.",
         "late cameras: up to 0.83; those of other takes: from 0.97",
         least=0,
         most=1,
     )
     foreign_motion: float = setting(
         0.85,
-        "Share of a camera's motion that the others do not see above which it films something "
-        "else.",
+        "Least share of the motion that the others do not see of a camera that films other things.",
         "cameras that were turned: up to 0.75",
         least=0,
     )
@@ -395,11 +390,7 @@ class PictureConfig(Config):
         0.01, "Change of a silhouette's area over time below which its camera hangs.", least=0
     )
     hung: int = setting(
-        10,
-        "Number of consecutive frames of one silhouette after which a camera hangs.",
-        "untouched sequences: two frames of equal area, never more",
-        "frames",
-        least=3,
+        10, "Number of frames of one silhouette after which a camera hangs.", unit="frames", least=3
     )
     moving: float = setting(
         0.05,
