@@ -132,6 +132,7 @@ def main() -> int:
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT")
     parser.add_argument("--part", default="0/1", metavar="K/N", help="every Nth job, from the Kth")
+    parser.add_argument("--backward", action="store_true", help="the last jobs first")
     parser.add_argument("--frames", type=int, default=40, metavar="N")
     parser.add_argument(
         "--seconds", type=float, default=1e9, metavar="S", help="begin no job after"
@@ -146,7 +147,8 @@ def _run(args: argparse.Namespace) -> None:
     began = time.monotonic()
     part, n_parts = map(int, args.part.split("/"))
     device = select_device(args.device)
-    for job in plan(args.folder)[part::n_parts]:
+    jobs = plan(args.folder)[part::n_parts]
+    for job in reversed(jobs) if args.backward else jobs:
         if time.monotonic() - began > args.seconds:
             break
         if (args.out / job.name / "facts.json").exists():
