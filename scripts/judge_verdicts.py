@@ -84,8 +84,8 @@ def track(folder: Path, job: Job, device: Device | NumpyDevice, n_frames: int, o
         session = Session(
             spoil_footage(sequence, job.how, job.seed), device, SessionSettings(selection=frames)
         )
-        examined = examine(session)
-        session, warnings = examined.session, examined.warnings
+        found = examine(session)
+        session, warnings = found.session, found.remaining
         settings = {"given": start_backward(truth, first)} if job.how == "wrong start" else {}
     else:
         method = Method.of(objective="keypoints", **poor)

@@ -25,7 +25,7 @@ from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport, was
 from apf.evaluation.evaluate import evaluate, load_truth
 from apf.filters.method import Method
 from apf.formats.pose import write_pose
-from apf.report.judged import FILES, judge_track, keep_judged_frames, run_facts, write_report
+from apf.report.judged import FILES, compare_with_keypoints, judge_track, keep_judged_frames, run_facts, write_report
 from apf.report.names import PAGE
 from apf.report.overlay import write_overlay
 from apf.report.quality import Quality
@@ -276,19 +276,25 @@ def finish_take(job: TrackJob, examination: Examination, take: Take, line: Line)
     if whole:
         _draw_overlays(job, take, line)
     reasons = {camera.camera: str(camera) for camera in examination.left_out}
-    doubts = take.start.doubts if take.start is not None else []
-    warnings = [*getattr(args, "remarks", ()), *doubts]  # keypoints alone are not examined
+    of_start = take.start.doubts if take.start is not None else []
+    of_keypoints = getattr(args, "keypoint_doubts", ())
+    warnings = [*getattr(args, "remarks", ()), *of_start]  # keypoints alone are not examined
+    doubts = (*examination.remaining, *of_keypoints, *of_start)
+    keypoints = getattr(args, "opened_keypoints", None)
     sequence = sequence_facts(take.sequence, job.folders[0], stated(args), reasons)
     facts = run_facts(
         job.device, sequence, _config(args), (n_done, line.n_frames), warnings, take.seconds
     ) | dict(job.of_people)
     found = []
     for track, folder in zip(take.tracks, job.folders, strict=True):
-        quality = Quality(track, None)
-        compared = whole and not args.no_report
+        session, compared = examination.session, whole and not args.no_report
         if compared:
             line.begin("judging")
-            quality = judge_track(examination.session, track, partial(line, "judging"))
+            report = partial(line, "judging")
+            quality = judge_track(session, track, report, keypoints=keypoints, doubts=doubts)
+        else:
+            near = compare_with_keypoints(session, track, keypoints)
+            quality = Quality(track, None, near, doubts)
         files = write_report(folder, take.sequence.name, quality, facts, page=compared)
         found.append(Judgement(folder, quality, files))
     return found

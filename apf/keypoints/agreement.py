@@ -13,7 +13,7 @@ import numpy as np
 from apf.keypoints.config import AgreementConfig, TriangulationConfig
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import find_landmarks
-from apf.keypoints.sides import are_sides_exchanged
+from apf.keypoints.sides import faces_backward
 from apf.keypoints.timing import describe_lags, find_late_cameras, shift_cameras
 from apf.keypoints.triangulation import reprojection_errors, triangulate
 from psfs.cameras.camera import CameraRig
@@ -32,7 +32,7 @@ def find_disagreements(
         if not _Agreement(shifted, rig, config or AgreementConfig()).report():
             return describe_lags(late, rate)
     found = _Agreement(keypoints, rig, config or AgreementConfig()).report()
-    if not found and are_sides_exchanged(keypoints, rig):
+    if not found and faces_backward(keypoints, rig):
         return [
             "left and right look exchanged in the keypoints of all cameras: nose and toes point "
             "backward; expected the person's own left and right"

@@ -11,9 +11,7 @@ from apf.keypoints.triangulation import triangulate
 from psfs.cameras.camera import CameraRig
 
 
-def are_sides_exchanged(
-    keypoints: Keypoints, rig: CameraRig, config: SideConfig | None = None
-) -> bool:
+def faces_backward(keypoints: Keypoints, rig: CameraRig, config: SideConfig | None = None) -> bool:
     """Return whether the person would look and step backward.
 
     Forward is perpendicular to the trunk and to the line from the right to the left shoulder, or

@@ -33,18 +33,32 @@ DOUBTFUL = LOST
 #: large as an arm is unexplained. Hulls of few cameras leave up to 0.06 unexplained without a
 #: fault.
 _EXPLAINED = 0.9
-#: A track is good up to the first share of doubtful frames, bad from the second on.
+#: A frame with a smaller share of keypoints near their points on the body should be checked. Sound
+#: keypoints: 0.92 and more; those with left and right exchanged in one camera of five: 0.86.
+_NEAR = 0.88
+#: A track is good up to the first share of doubtful frames, and can be bad from the second on.
 _GOOD, _BAD = 0.02, 0.25
+#: It is bad only if the doubts are confirmed by other evidence, for a limb may be right though runs
+#: disagree on it: this share of the parts is doubtful and the body overlaps with the silhouettes by
+#: less than this share of what the voxels do (right tracks: 0.80 and more, and in a skirt 0.75);
+#: half of the frames have voxels away from the body; or this share of the keypoints fits it.
+_DOUBTFUL_PARTS, _OVERLAP, _AWAY, _FITTING = 0.1, 0.76, 0.5, 0.25
 #: Most frame ranges that a line lists; the page shows all.
 _NAMED = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """A track with its agreement with the silhouettes, if that was measured."""
+    """A track with its agreement with the silhouettes, if that was measured.
+
+    near: (F,) share of the keypoints that lie near the body, None without keypoints. doubts: what
+    is known to be wrong with the observations or the start; such a track is not called good.
+    """
 
     track: Track
     agreement: Agreement | None
+    near: np.ndarray | None = None
+    doubts: tuple[str, ...] = ()
 
     @cached_property
     def rows(self) -> np.ndarray:
@@ -89,6 +103,9 @@ class Quality:
         if self.agreement is not None:
             unexplained = (self.agreement.explained < _EXPLAINED) & held
             found["voxels away from the body"] = self.rows[unexplained]
+        if self.near is not None:
+            apart = (self.near[self.rows] < _NEAR) & held
+            found["keypoints away from the body"] = self.rows[apart]
         return {what: rows for what, rows in found.items() if rows.size}
 
     @property
@@ -96,7 +113,8 @@ class Quality:
         """The verdict: good, doubtful, bad or unknown.
 
         It is unknown if nothing is doubtful, but the track was compared neither with the
-        silhouettes nor with limbs elsewhere.
+        silhouettes nor with keypoints nor with limbs elsewhere. A track is bad if a quarter of its
+        frames is doubtful and other evidence confirms that it is wrong.
         """
         if not len(self.track):
             return "bad"
@@ -104,9 +122,29 @@ class Quality:
         judged = {*self.rows.tolist(), *np.flatnonzero(self.track.lost).tolist()}
         share = len(rows) / len(judged)
         if share > _GOOD:
-            return "doubtful" if share < _BAD else "bad"
-        compared = self.agreement is not None or np.isfinite(self.track.limb_confidence).any()
+            return "bad" if share >= _BAD and self._is_confirmed else "doubtful"
+        if self.doubts:
+            return "doubtful"
+        known = (self.agreement, self.near)
+        compared = (
+            any(of is not None for of in known) or np.isfinite(self.track.limb_confidence).any()
+        )
         return "good" if compared else "unknown"
+
+    @property
+    def _is_confirmed(self) -> bool:
+        """Whether more than doubtful limbs shows that the track is wrong."""
+        if self.track.lost.mean() >= _BAD:
+            return True
+        if self.near is not None and np.nanmean(self.near) < _FITTING:
+            return True
+        found, parts = self.agreement, float((self.confidence < DOUBTFUL).mean())
+        if found is None:
+            return self.near is None and parts >= _DOUBTFUL_PARTS
+        with np.errstate(invalid="ignore"):
+            overlap = np.nanmean(found.body_iou) / np.nanmean(found.voxel_iou)
+        away = float((found.explained < _EXPLAINED).mean())
+        return away >= _AWAY or bool(parts >= _DOUBTFUL_PARTS and overlap < _OVERLAP)
 
     def lines(self) -> list[str]:
         """Return lines for the user: the verdict, then what to check."""
@@ -126,10 +164,13 @@ class Quality:
                 f"joints known to {1000 * np.median(typical):.0f} mm (least the "
                 f"{plain_name(track.joint_names[joint])}, {1000 * typical[joint]:.0f})"
             )
+        if self.near is not None and np.isfinite(self.near).any():
+            facts.append(f"{np.nanmean(self.near):.0%} of the keypoints near the body")
         looks = f"looks {self.verdict}"
         if self.verdict == "unknown":
             looks = "was not compared with the silhouettes"
         lines = [f"the track {looks}: {'; '.join(facts)}"]
+        lines += [f"in doubt because {doubt}" for doubt in self.doubts]
         for what, rows in self.doubtful.items():
             ranges = self._ranges(rows)
             more = f" and {len(ranges) - _NAMED} more" if len(ranges) > _NAMED else ""
@@ -173,6 +214,8 @@ class Quality:
             "body_iou": _by_camera(found.cameras, found.body_iou) if found else None,
             "voxel_iou": _by_camera(found.cameras, found.voxel_iou) if found else None,
             "voxels_explained": _plain(np.nanmean(found.explained)) if found else None,
+            "keypoints_near": _plain(np.nanmean(self.near)) if self.near is not None else None,
+            "doubts": list(self.doubts),
             "look_at": {what: self._ranges(rows) for what, rows in self.doubtful.items()},
         }
 

@@ -45,6 +45,7 @@ def read_keypoints(
     for text in wrong:
         warn(f"{path}: {text}")
     args.remarks = [*getattr(args, "remarks", ()), *wrong]
+    args.opened_keypoints, args.keypoint_doubts = keypoints, tuple(wrong)
     return keypoints
 
 

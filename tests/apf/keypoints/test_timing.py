@@ -10,7 +10,7 @@ from helpers import scenes, tracks
 
 from apf.keypoints.agreement import find_disagreements
 from apf.keypoints.keypoints import Keypoints
-from apf.keypoints.sides import are_sides_exchanged
+from apf.keypoints.sides import faces_backward
 from apf.keypoints.timing import find_lag_to_footage, find_late_cameras, shift_cameras
 from psfs.cameras.camera import CameraRig
 from psfs.diagnostics.small_views import SmallViews, extract_outline
@@ -55,7 +55,7 @@ def test_a_late_camera(seen: Keypoints, rig: CameraRig, late: int) -> None:
 
 
 def test_sides_exchanged_in_all_cameras(seen: Keypoints, rig: CameraRig) -> None:
-    assert not are_sides_exchanged(seen, rig)
+    assert not faces_backward(seen, rig)
     other = {"l": "r", "r": "l"}
     sides = [other[n[0]] + n[1:] if n[1] == "_" else n for n in seen.names]
     columns = [seen.names.index(name) for name in sides]
