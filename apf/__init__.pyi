@@ -6,12 +6,16 @@ from .api import NumpyDevice as NumpyDevice
 from .api import UserError as UserError
 from .api import select_device as select_device
 from .api import track as track
+from .api import track_people as track_people
 from .body import BodyModel as BodyModel
 from .body import load_body as load_body
 from .body import save_body as save_body
 from .evaluation.evaluate import Evaluation as Evaluation
 from .evaluation.evaluate import evaluate as evaluate
 from .evaluation.evaluate import load_truth as load_truth
+from .evaluation.people import PeopleEvaluation as PeopleEvaluation
+from .evaluation.people import evaluate_people as evaluate_people
+from .evaluation.people import load_people_truth as load_people_truth
 from .filters.annealed import AnnealedParticleFilter as AnnealedParticleFilter
 from .filters.base import Estimate as Estimate
 from .filters.base import Tracker as Tracker
@@ -51,6 +55,7 @@ from .tracking.gait import Gait as Gait
 from .tracking.gait import measure_gait as measure_gait
 from .tracking.motion_files import Export as Export
 from .tracking.motion_files import export as export
+from .tracking.people import PeopleTracks as PeopleTracks
 from .tracking.settings import TakeSettings as TakeSettings
 from .tracking.smoothing import smooth_track as smooth_track
 from .tracking.take import Take as Take

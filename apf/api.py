@@ -17,6 +17,7 @@ from apf.formats.pose import check_pose, read_pose
 from apf.initialisation.from_joints import fit_to_joints
 from apf.keypoints.agreement import find_disagreements
 from apf.keypoints.keypoints import Keypoints
+from apf.tracking.people import MOST_PEOPLE, PeopleTracks
 from apf.tracking.settings import DEFAULT_BODY, TakeSettings
 from apf.tracking.take import Take, track_take
 from apf.tracking.track import Track
@@ -29,6 +30,8 @@ from cl import UserError as UserError
 from cl import select_device as select_device
 from psfs.api import check_sequence, chosen_device, exclude_inconsistent_cameras
 from psfs.common.ranges import check_kind, check_number
+from psfs.people.people import count_people, follow_people
+from psfs.people.separation import separate
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.voxels.config import ReconstructionConfig
@@ -60,12 +63,12 @@ def track(
     body: a model, the name of a shipped one or a TOML file; by default the sequence's own, else
     song31. Its size is estimated from the first voxels, unless it comes from a file. init: the
     first pose, if it is known: (D,) rad and m, a text file of them, or joints (npz, TRC) to which
-    body and pose are fitted. method: the search and its settings, see `Method.of`. frames: all by
-    default. height: stature of the person, m, if it is known. voxel_size: edge of a voxel, m.
+    body and pose are fitted. method: the search and its settings, see `Method.create`. frames: all
+    by default. height: stature of the person, m, if it is known. voxel_size: edge of a voxel, m.
     all_cameras: keep cameras that disagree with the others, see `psfs.reconstruct`. progress:
     called with the name of each stage, and with "tracking" after each frame. keypoints: of a pose
     network, or the path of some (see `Keypoints.open`), used beside the voxels; alone with
-    `Method.of(objective="keypoints")`, which needs no background. reconstruction: settings of
+    `Method.create(objective="keypoints")`, which needs no background. reconstruction: settings of
     silhouettes and voxels.
 
     A KeyboardInterrupt ends the track after the last complete frame. Doubts about the start are
@@ -78,12 +81,10 @@ def track(
     settings = SessionSettings(
         reconstruction or ReconstructionConfig(), frames or slice(None), voxel_size
     )
-    session = Session(sequence, chosen_device(device), settings)
-    if method is None or method.objective != "keypoints":
-        session = exclude_inconsistent_cameras(session, all_cameras)
+    session = _select_cameras(
+        Session(sequence, chosen_device(device), settings), method, all_cameras
+    )
     sequence = session.sequence
-    if not session.frames:
-        raise InputError(f"{frames} chooses none of the {len(sequence)} frames of {sequence.name}")
     template, keep_shape = load_template(body)
     take_settings = TakeSettings(
         method=method or Method(),
@@ -94,6 +95,67 @@ def track(
         keypoints=_opened(keypoints, sequence),
     )
     return _whole_track(track_take(session, take_settings, progress))
+
+
+def track_people(
+    sequence: Sequence,
+    number: int | None = None,
+    *,
+    device: Device | NumpyDevice | str | None = None,
+    body: str | None = None,
+    method: Method | None = None,
+    frames: slice | None = None,
+    voxel_size: float | None = None,
+    all_cameras: bool = False,
+    progress: Callable[[str], object] | None = None,
+    reconstruction: ReconstructionConfig | None = None,
+) -> PeopleTracks:
+    """Track everybody in the chosen frames of `sequence`, as `apf track` does: `for track in
+    track_people(sequence)`.
+
+    number: how many people there are, if that is known; by default as many as are seen. body: the
+    name of a shipped model, fitted to each person. The rest as of `track`. Raises as `track` does,
+    and InputError for an impossible number, an objective without voxels or a body of one person.
+    """
+    check_sequence(sequence, frames)
+    _check_arguments(None, method=method, body=body, reconstruction=reconstruction)
+    if number is not None:
+        check_number("number", number, 1, MOST_PEOPLE)
+    if method is not None and not method.uses_voxels:
+        raise InputError(f"the objective {method.objective} tracks one person; expected voxel")
+    settings = SessionSettings(
+        reconstruction or ReconstructionConfig(), frames or slice(None), voxel_size
+    )
+    session = _select_cameras(
+        Session(sequence, chosen_device(device), settings), method, all_cameras
+    )
+    template, keep_shape = load_template(body)
+    if keep_shape:
+        raise InputError(f"{body}: a file holds one person's body; expected a shipped name")
+    take_settings = TakeSettings(method=method or Method(), template=template)
+
+    def tracked(own: Session) -> Track:
+        return _whole_track(track_take(own, take_settings, progress))
+
+    several = number != 1 and (number is not None or len(count_people(session)) > 1)
+    people = follow_people(session, number) if several else None
+    if people is None or len(people) < 2:
+        indices = np.array(session.frames)
+        return PeopleTracks((tracked(session),), indices, (indices,))
+    tracks = tuple(tracked(own) for own in separate(session, people))
+    seen = tuple(person.frames for person in people)
+    return PeopleTracks(tracks, np.array(people.frames), seen, people.objects)
+
+
+def _select_cameras(session: Session, method: Method | None, all_cameras: bool) -> Session:
+    """Return the session without cameras that disagree, unless all are kept or only keypoints are
+    used. Raises InputError if no frame is chosen."""
+    if method is None or method.objective != "keypoints":
+        session = exclude_inconsistent_cameras(session, all_cameras)
+    if not session.frames:
+        chosen, sequence = session.settings.selection, session.sequence
+        raise InputError(f"{chosen} chooses none of the {len(sequence)} frames of {sequence.name}")
+    return session
 
 
 def _whole_track(take: Take) -> Track:
@@ -118,7 +180,7 @@ def _check_arguments(height: float | None, **arguments: object) -> None:
         "reconstruction": (ReconstructionConfig,),
     }
     for name, value in arguments.items():
-        hint = ", such as apf.Method.of()" if name == "method" else ""
+        hint = ", such as apf.Method.create()" if name == "method" else ""
         check_kind(name, value, kinds[name], hint)
 
 

@@ -6,8 +6,6 @@ import copy
 import ctypes
 import logging
 import math
-import threading
-import time
 import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -30,8 +28,9 @@ from cl.listing import (
 )
 from cl.probe import probe
 from cl.profile import Profile
-from cl.program import Define, build_options, build_program, kernel_source
-from cl.signature import Argument, signatures
+from cl.program import Define, build_options, kernel_source
+from cl.programs import shared_programs
+from cl.signature import Argument
 
 log = logging.getLogger(__name__)
 
@@ -96,7 +95,8 @@ def _candidates(choice: str) -> list[Any]:
 
 @dataclass
 class Device:
-    """An OpenCL device with its context, queue, built programs and arrays.
+    """An OpenCL device with its queue and arrays; context and built programs are shared by all
+    `Device`s of the same handle that there are.
 
     Made by the caller and passed on; never global. `Device.best()` is the fastest one found.
     handle: a device of pyopencl that works, see `cl.listing.working_devices`.
@@ -111,18 +111,15 @@ class Device:
     def __post_init__(self) -> None:
         self.info = device_info(self.handle)
         try:
-            self.context = pyopencl.Context([self.handle])
+            self._programs = shared_programs(self.handle)
+            self.context = self._programs.context
             profiling: Any = pyopencl.command_queue_properties.PROFILING_ENABLE
             self.queue = pyopencl.CommandQueue(self.context, properties=profiling * self.profile)
         except pyopencl.Error as error:
             raise DeviceError(f"the device {self.name} cannot be used: {error}") from error
         self.profiler = Profile() if self.profile else None
-        self._programs: dict[tuple[str, str, str], Any] = {}
-        self._kernels: dict[tuple[str, str, str, str], Kernel] = {}
-        # Shared by siblings, as a list and a lock are: bytes, and who is building.
-        self._allocated = [0]
+        self._allocated = [0]  # bytes; shared by siblings, as a list is
         self._fills = Fills()
-        self._building = threading.Lock()
 
     @classmethod
     def best(cls, profile: bool = False) -> Device:
@@ -152,7 +149,7 @@ class Device:
         return other
 
     def new_queue(self) -> Any:
-        """Return a queue beside the device's own, for `on`."""
+        """Return a queue beside the device's own, for `enqueue_on`."""
         return pyopencl.CommandQueue(self.context, properties=self.queue.properties)
 
     def wait_for(self, queue: Any) -> None:
@@ -164,7 +161,7 @@ class Device:
         _behind(queue, self.queue)
 
     @contextmanager
-    def on(self, queue: Any) -> Iterator[Any]:
+    def enqueue_on(self, queue: Any) -> Iterator[Any]:
         """Enqueue the commands of the `with` block on `queue`; yield the device's own queue.
 
         They wait for all commands that the own queue holds on entry. Later commands of the own
@@ -253,25 +250,15 @@ class Device:
     def kernel(self, stage: str, name: str, **defines: Define) -> Kernel:
         """Return the kernel `name` of `cl/kernels/<stage>.cl`.
 
-        The program is built once per device and set of `defines` (passed as -D NAME=VALUE).
+        The program is built once for each set of `defines` (passed as -D NAME=VALUE), for all
+        `Device`s of the same handle that there are.
         Raises DeviceError if it has no such kernel.
         """
         return self.compiled(kernel_source(stage), name, f"{stage}.cl", **defines)
 
     def compiled(self, source: str, name: str, file: str, /, **defines: Define) -> Kernel:
         """Return the kernel `name` of a text; `file` names the text in errors."""
-        options = build_options(defines)
-        key = (file, source, options)
-        with self._building:
-            if key not in self._programs:
-                started = time.perf_counter()
-                self._programs[key] = build_program(self.context, source, options)
-                log.info("built %s in %.2f s", file, time.perf_counter() - started)
-            named = (*key, name)
-            if named not in self._kernels:
-                program = self._programs[key]
-                self._kernels[named] = Kernel(program, name, file, signatures(source, file))
-            return self._kernels[named]
+        return self._programs.kernel(source, name, file, build_options(defines))
 
     def launch(
         self,

@@ -124,7 +124,7 @@ class Session:
         self._evidence_of, self._reconstructor, self._carved = None, None, None
         self._evidence.clear()
 
-    def on(self, sequence: Sequence) -> Session:
+    def with_sequence(self, sequence: Sequence) -> Session:
         """Return a session on another sequence, such as the same one without some cameras, with the
         same device and settings. Frames are kept in memory if this session keeps them."""
         if sequence is self.sequence:

@@ -5,7 +5,8 @@
 
     scripts/accuracy.py FOLDER --thesis [--seconds 250] [-o OUT]
 
-    scripts/accuracy.py --suite FOLDER [--seeds 5] [--start found true] [--processes 4]
+    scripts/accuracy.py --suite FOLDER [--seeds 5] [--start found true measured] [--soft-scenes]
+        [--processes 4]
         [--by triangulation voxels keypoints both] [--preset song] [--ablation] [-o OUT]
 
 tracks every sequence with truth.npz in FOLDER, from nothing but its pictures and from the true
@@ -27,12 +28,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from accuracy.ablation import ABLATIONS
+from accuracy.ablation import ABLATIONS, READINGS
 from accuracy.processes import do_jobs, start_workers
 from accuracy.published import publish_suite
 from accuracy.recordings import Recording, record
 from accuracy.report import grids, headline, joints, plot, write_summary, write_tables
 from accuracy.runs import Results, run, together
+from accuracy.scenes import OWN_WALKS, SOFT_SCENES, make_scenes
 from accuracy.settings import DEFAULT_TABLES, DIMENSIONS, OBSERVATIONS, Setting, Table
 from accuracy.suite import (
     STARTS,
@@ -56,18 +58,13 @@ from apf.filters.objectives import OBJECTIVES
 from apf.filters.searches import SEARCHES
 from apf.filters.term_weights import TERMS
 from apf.presets import PRESETS, preset
-from apf.synthetic.generate import generate
-from apf.synthetic.scene import SceneConfig
 from apf.tracking.track import spans
 from cl import Device, InputError, UserError, select_device
-from psfs.cli.commandline import add_device_flag, add_message_flags, progress_bar, stderr, stdout
+from psfs.cli.commandline import add_device_flag, add_message_flags, progress_bar, stdout
 from psfs.cli.program import run_command
 from psfs.sequence import Sequence
 
 _ROOT = Path(__file__).resolve().parent.parent
-#: The walks that are generated when no folder is given: seed and stature, m.
-_WALKS = ((1, 1.76), (2, 1.62))
-_WALK_CAMERAS, _WALK_FRAMES, _WALK_FPS = 8, 120, 60.0
 
 
 def numbers(text: str) -> list[int]:
@@ -125,7 +122,7 @@ def main() -> int:
         "--preset",
         action="append",
         default=[],
-        choices=list(PRESETS),
+        choices=[*PRESETS, *READINGS],
         help="a paper's settings, too, with --suite; with --thesis in the defaults' place",
     )
     parser.add_argument("--presets-only", action="store_true", help="without the defaults")
@@ -147,7 +144,10 @@ def main() -> int:
 
 
 def _add_suite_flags(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--start", nargs="+", choices=STARTS, default=list(STARTS), help="both")
+    starts = "found, true joints, or these with the girths of voxels (found true)"
+    group.add_argument("--start", nargs="+", choices=STARTS, default=STARTS[:2], help=starts)
+    soft = "generate the papers' conditions in the suite's folder if they are not there"
+    group.add_argument("--soft-scenes", action="store_true", help=soft)
     group.add_argument(
         "--by",
         nargs="+",
@@ -186,7 +186,7 @@ def _run(args: argparse.Namespace) -> None:
             args.preset[0] if args.preset else "",
         )  # fmt: skip
     else:
-        folders = folders or _own_walks(args.out, device)
+        folders = folders or make_scenes(args.out / "scenes", OWN_WALKS, device)
         tables = [Table.named(text) for text in args.tables]
         plan = _plan(folders, tables, {name: getattr(args, name) for name in DIMENSIONS})
     conditions = _conditions(args, device, folders)
@@ -231,6 +231,8 @@ def _check_suite(args: argparse.Namespace) -> None:
 
 def _run_suite(args: argparse.Namespace, device: Device) -> None:
     """Do all runs of the suite that OUT lacks, then write its reports, also after an interrupt."""
+    if args.soft_scenes:
+        make_scenes(args.suite, SOFT_SCENES, device)
     folders = suite_folders(args.suite)
     varied = ("method", "objective", "particles", "layers")
     first = {name: getattr(args, name)[0] for name in varied}
@@ -302,19 +304,6 @@ def _update_readme(args: argparse.Namespace) -> None:
         plan[table] = [setting for setting in settings if results.of(setting)]
     write_tables(args.out / "tables.md", _shown(plan, results), results)
     replace_marked(_ROOT / "docs" / "accuracy.md", "cameras", headline(plan, results))
-
-
-def _own_walks(out: Path, device: Device) -> list[Path]:
-    """Return the script's own sequences, generated unless they exist."""
-    folders = []
-    for seed, height in _WALKS:
-        folder = out.resolve() / "scenes" / f"walk{seed}"
-        if not folder.exists():
-            stderr.print(f"filming {folder}", soft_wrap=True)
-            size = {"cameras": _WALK_CAMERAS, "frames": _WALK_FRAMES, "fps": _WALK_FPS}
-            generate(folder, SceneConfig(seed=seed, height=height, **size), device)  # type: ignore[arg-type]
-        folders.append(folder)
-    return folders
 
 
 def _plan(

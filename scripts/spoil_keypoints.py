@@ -79,7 +79,7 @@ def _run(args: argparse.Namespace) -> None:
         for kind in KINDS:
             seen = spoilt(keypoints, kind, args.camera, args.seed)
             without = triangulate_track(sequence, seen, TriangulatedConfig(low_pass=6.0))
-            method = Method.of(objective=objective, seed=args.seed)
+            method = Method.create(objective=objective, seed=args.seed)
             settings = TakeSettings(method=method, keypoints=seen)
             take = track_take(Session(sequence, device), settings)
             found = [_limb_error(track, truth) for track in (without, take.tracks[0])]

@@ -22,6 +22,14 @@ from psfs.cli import main
 DEVICES = {f"{number}-{d.name.strip()}": d for number, d in enumerate(working_devices())}
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _programs_are_kept() -> Generator[None, None, None]:
+    """Keep what tests build: devices share programs as long as one of them lives."""
+    kept = [Device(handle) for handle in DEVICES.values()]
+    yield
+    kept.clear()
+
+
 @pytest.fixture(scope="session", params=DEVICES)
 def device(request: pytest.FixtureRequest) -> Device:
     """Each OpenCL device of this machine that works, in turn."""

@@ -106,7 +106,7 @@ def test_track_gives_the_track_of_the_command(walk: Path, tmp_path: Path) -> Non
     track = apf.track(
         psfs.open_sequence(walk),
         init=truth,
-        method=apf.Method.of(n_particles=60, n_layers=4),
+        method=apf.Method.create(n_particles=60, n_layers=4),
         progress=stages.append,
     )
     np.testing.assert_array_equal(track.poses, apf.Track.open(tmp_path).poses)
@@ -120,7 +120,7 @@ def test_track_gives_the_track_of_the_command(walk: Path, tmp_path: Path) -> Non
 def test_track_takes_a_pose_and_says_what_is_wrong(walk: Path) -> None:
     sequence = psfs.open_sequence(walk)
     body, pose, _ = apf.fit_to_joints(apf.load_body("song31"), first_joints(walk))
-    method = apf.Method.of(n_particles=30, n_layers=2)
+    method = apf.Method.create(n_particles=30, n_layers=2)
     track = apf.track(sequence, body=body, init=pose, method=method, frames=slice(0, 2))
     assert track.frames.tolist() == [0, 1] and np.isfinite(track.joints).all()
     with pytest.raises(ValueError, match="chooses none of the 5 frames"):
@@ -156,7 +156,7 @@ def test_the_parts_fit_together(walk: Path) -> None:
     grid = psfs.automatic_grid(psfs.Session(sequence, device, settings))
     body, pose, _ = apf.fit_to_joints(apf.load_body("song31"), first_joints(walk))
     reconstructor = psfs.Reconstructor(device, sequence.rig, grid, sequence.background)
-    config = apf.FilterConfig.of(n_particles=40, n_layers=3)
+    config = apf.FilterConfig.create(n_particles=40, n_layers=3)
     scene = apf.Scene(device, sequence.rig, grid, body)
     tracker = apf.AnnealedParticleFilter(scene, config)
     tracker.start(pose)

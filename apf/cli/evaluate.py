@@ -19,8 +19,15 @@ from apf.evaluation.evaluate import (
 )
 from apf.evaluation.evaluation_plot import write_plot
 from apf.evaluation.marker_truth import evaluate_markers, load_markers
+from apf.evaluation.people import (
+    MATCHED,
+    PeopleEvaluation,
+    evaluate_people,
+    load_people_truth,
+)
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import JointSeries
+from apf.tracking.people import PeopleTracks, holds_people, person_folder
 from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cli.commandline import stdout, warn
@@ -33,15 +40,23 @@ from psfs.common.ranges import check_number
 def run(args: argparse.Namespace) -> None:
     if args.truth_start is not None:
         check_number("--truth-start, frames,", args.truth_start, -1e9, 1e9)
+    if holds_people(args.track):
+        _run_people(args)
+        return
+    if len(args.truth) > 1:
+        raise InputError(
+            f"{args.track}: the track of one person; expected one file of the truth, found "
+            f"{len(args.truth)}"
+        )
     track = Track.open(args.track)
-    truth, convention = _truth(args, track.fps)
+    truth, convention = _truth(args, args.truth[0], track.fps)
     markers = None if args.markers is None else load_markers(args.markers)
     try:
         evaluation = (
             evaluate(track, truth) if markers is None else evaluate_markers(track, markers, truth)
         )
     except InputError as error:
-        raise InputError(f"{args.track} against {args.truth}: {error}") from None
+        raise InputError(f"{args.track} against {args.truth[0]}: {error}") from None
     print_evaluation(evaluation)
     if markers is None:
         better = axes_that_fit(track, truth, evaluation, convention)
@@ -51,31 +66,73 @@ def run(args: argparse.Namespace) -> None:
         shown = ", ".join(f"{k} {v}" for k, v in track.smoothing.items() if v is not None)
         stdout.print(f"the track was smoothed: {shown}", soft_wrap=True)
     folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
-    wanted = [kind for kind in FILES if getattr(args, kind)] or list(FILES)
+    title = f"{resolve_path(args.track).name} against {args.truth[0].name}"
     with output_folder(folder, args.parser.prog, addition=True, replaces=True):
-        written = _written(args, folder, evaluation, wanted)
+        written = _written(folder, evaluation, _wanted(args), title)
     stdout.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
 
 
-def _truth(args: argparse.Namespace, fps: float) -> tuple[JointSeries, str]:
+def _run_people(args: argparse.Namespace) -> None:
+    """Compare the tracks of several people."""
+    refuse_unused(args, ["markers"], f"is of one person; expected {args.track / 'person1'}")
+    tracks = PeopleTracks.open(args.track)
+    truth = _truth_of_people(args, tracks[0].fps)
+    try:
+        evaluation = evaluate_people(tracks, truth)
+    except InputError as error:
+        stated = " ".join(map(str, args.truth))
+        raise InputError(f"{args.track} against {stated}: {error}") from None
+    print_people_evaluation(evaluation)
+    folder, wanted, written = args.output or args.track, _wanted(args), []
+    with output_folder(folder, args.parser.prog, addition=True, replaces=True):
+        for name, number, errors in zip(
+            evaluation.names, evaluation.tracks, evaluation.errors, strict=True
+        ):
+            if errors is not None:
+                own = person_folder(folder, int(number) + 1)
+                own.mkdir(parents=True, exist_ok=True)
+                written += _written(own, errors, wanted, f"{own.name} against {name}")
+        if "json" in wanted:
+            written.append(folder / "evaluation.json")
+            evaluation.write_json(written[-1])
+    stdout.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
+
+
+def _truth_of_people(args: argparse.Namespace, fps: float) -> dict[str, JointSeries]:
+    """Return the truth of each person by name, in the frames of a sequence with `fps`."""
+    if len(args.truth) == 1 and args.truth[0].suffix.lower() == ".npz":
+        truth = load_people_truth(args.truth[0])
+        if args.truth_start is None:
+            return truth
+        return {name: of.resample(fps, args.truth_start) for name, of in truth.items()}
+    names = [path.stem for path in args.truth]
+    if len(set(names)) < len(names):
+        names = [str(path) for path in args.truth]
+    return {name: _truth(args, path, fps)[0] for name, path in zip(names, args.truth, strict=True)}
+
+
+def _wanted(args: argparse.Namespace) -> list[str]:
+    """Return the kinds of files that the flags ask for, all without such flags."""
+    return [kind for kind in FILES if getattr(args, kind)] or list(FILES)
+
+
+def _truth(args: argparse.Namespace, path: Path, fps: float) -> tuple[JointSeries, str]:
     """Return the truth in the frames of a sequence with `fps`, and the convention of its axes."""
-    kind = args.truth.suffix.lower()
+    kind = path.suffix.lower()
     if kind == ".c3d":
-        truth = read_c3d(args.truth, args.convention)
+        truth = read_c3d(path, args.convention)
         return truth.resample(fps, args.truth_start), args.convention or "z-up"
     if kind != ".trc":
-        refuse_unused(args, ["convention"], f"is of a TRC or C3D; {args.truth} has Z up")
+        refuse_unused(args, ["convention"], f"is of a TRC or C3D; {path} has Z up")
     # An npz is in world axes.
     convention = (args.convention or "y-up") if kind == ".trc" else "z-up"
-    truth = load_truth(args.truth, convention)
+    truth = load_truth(path, convention)
     if args.truth_start is not None:
         truth = truth.resample(fps, args.truth_start)
     return truth, convention
 
 
-def _written(
-    args: argparse.Namespace, folder: Path, evaluation: Evaluation, wanted: list[str]
-) -> list[Path]:
+def _written(folder: Path, evaluation: Evaluation, wanted: list[str], title: str) -> list[Path]:
     """Write the `wanted` files into `folder` and return them."""
     written = []
     if "csv" in wanted:
@@ -83,7 +140,6 @@ def _written(
         evaluation.write_csv(written[-1])
     if "plot" in wanted:
         written.append(folder / "evaluation.png")
-        title = f"{resolve_path(args.track).name} against {args.truth.name}"
         write_plot(written[-1], evaluation, title)
     if "json" in wanted:
         written.append(folder / "evaluation.json")
@@ -137,6 +193,36 @@ def print_evaluation(evaluation: Evaluation) -> None:
         stdout.print(line, soft_wrap=True)
     for warning in evaluation.warnings:
         warn(warning, stdout)
+
+
+def print_people_evaluation(evaluation: PeopleEvaluation) -> None:
+    """Print a row for each person, and how well people are counted and kept apart."""
+    table = Table(title="Distance to the truth", title_justify="left")
+    table.add_column("person")
+    table.add_column("track")
+    for column in ("frames", "mean, mm", "median, mm", "beyond 150 mm", "in 95 %"):
+        table.add_column(column, justify="right")
+    summary = evaluation.summary()
+    for person in summary["persons"]:
+        errors, track = person["errors"], person["track"]
+        frames = f"{person['matched_frames']} of {person['true_frames']}"
+        figures = ["-"] * 4 if errors is None else [
+            _number(errors["mean_error_mm"]), _number(errors["median_error_mm"]),
+            f"{errors['lost_joint_share']:.1%}", _share(errors["inside_95"]),
+        ]  # fmt: skip
+        table.add_row(person["name"], f"person{track}" if track else "none", frames, *figures)
+    stdout.print(table)
+    switches = ", ".join(f"{name} in frame {frame}" for frame, name in evaluation.switches)
+    lines = [
+        f"as many people as there are in {evaluation.count_right:.1%} of {len(evaluation.frames)} "
+        "frames",
+        f"identity switches: {len(evaluation.switches)}{f' ({switches})' if switches else ''}; "
+        f"missed person-frames: {evaluation.misses}; of nobody: {evaluation.false_positives}",
+        f"MOTA {evaluation.mota:.1%}, IDF1 {evaluation.idf1:.1%}; a track is a person's where its "
+        f"joints are within {1000 * MATCHED:.0f} mm on average",
+    ]
+    for line in lines:
+        stdout.print(line, soft_wrap=True)
 
 
 def _number(value: float | None) -> str:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from apf.body.limbs import limb_names
 from apf.cli.takes.opened_track import opened_track
 from apf.tracking.config import SmoothingConfig
 from apf.tracking.motion_files import Export, export
+from apf.tracking.people import PeopleTracks, holds_people, person_folder
 from apf.tracking.track import spans
 from psfs.cli.commandline import stdout
 from psfs.cli.setting_flags import with_flags
@@ -21,10 +23,23 @@ def run(args: argparse.Namespace) -> None:
     if args.to is not None and "trc" not in args.to:
         refuse_unused(args, ["axes"], "is of the TRC; expected --to trc with it")
     config = with_flags(SmoothingConfig(), args)
-    track = opened_track(args)
     folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
     with output_folder(folder, args.parser.prog, addition=True):
-        written = export(track, folder, args.to, axes=args.axes, smoothing=config, raw=args.raw)
+        if not holds_people(args.track):
+            _export(args, folder, config)
+            return
+        refuse_unused(args, ["body"], "is of one person; expected none with several")
+        for number in range(1, len(PeopleTracks.open(args.track)) + 1):
+            own, into = (person_folder(of, number) for of in (args.track, folder))
+            into.mkdir(parents=True, exist_ok=True)
+            stdout.print(f"{into.name}:")
+            _export(argparse.Namespace(**{**vars(args), "track": own}), into, config)
+
+
+def _export(args: argparse.Namespace, folder: Path, config: SmoothingConfig) -> None:
+    """Write one person's files into `folder`, and print what they contain."""
+    track = opened_track(args)
+    written = export(track, folder, args.to, axes=args.axes, smoothing=config, raw=args.raw)
     print_export(written, args.to is None or "gait" in args.to)
 
 

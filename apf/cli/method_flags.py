@@ -132,7 +132,7 @@ def _base(args: argparse.Namespace) -> Method:
     another one, else the defaults of the selected one."""
     base: Method | None = args.configs.get("method")
     if base is None:
-        return Method.of(args.method, args.objective)
+        return Method.create(args.method, args.objective)
     stated = args.stated_settings
     objective = stated.get("objective", base.objective)
     if stated.get("method", base.search) == base.search:
@@ -140,4 +140,4 @@ def _base(args: argparse.Namespace) -> Method:
     if args.config is None:  # a preset changes only the settings that it names
         own = {"search": args.method, "objective": objective}
         return Method.from_dict({**args.preset_tables["method"], **own}, "method")
-    return Method.of(args.method, objective)
+    return Method.create(args.method, objective)

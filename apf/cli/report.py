@@ -10,12 +10,14 @@ from apf.report.agreement import choose_rows
 from apf.report.judged import OVERLAY, judge_track, write_report
 from apf.report.names import PAGE
 from apf.report.overlay import write_overlay
+from apf.report.people_page import write_people_overlay, write_people_page
 from apf.report.summary import (
     open_tracked_sequence,
     read_summary,
     read_tracked_config,
     read_tracked_grid,
 )
+from apf.tracking.people import PeopleTracks, holds_people, person_folder
 from apf.tracking.track import Track
 from cl import InputError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
@@ -28,13 +30,17 @@ def run(args: argparse.Namespace) -> None:
     folder: Path = args.track
     if not folder.is_dir():
         raise InputError(f"{folder}: no folder; expected one that `apf track` wrote")
+    if holds_people(folder):
+        _run_people(args, folder)
+        return
     track, summary = Track.open(folder), read_summary(folder)
     if not len(track):
         raise InputError(f"{folder}: holds no tracked frame; expected at least one")
     if summary.get("people", 1) > 1:
         raise InputError(
             f"{folder}: one of {summary['people']} people, whose silhouettes are separated only "
-            "while they are tracked; expected a track of one person (apf track writes the page)"
+            f"while they are tracked; expected all of them, {folder.parent} (apf track writes the "
+            "page of each)"
         )
     last = int(track.frames.max())
     with name_file_in_errors(folder / "track.npz"):
@@ -57,7 +63,8 @@ def run(args: argparse.Namespace) -> None:
                 stack.enter_context(bar)
             bar.advance(task)
 
-        quality = judge_track(session, track, advance)
+        doubts = summary.get("quality", {}).get("doubts", [])
+        quality = judge_track(session, track, advance, doubts=doubts)
         if draw:
             write_overlay(folder / OVERLAY, sequence, track, track.its_body, advance)
         stack.close()
@@ -67,3 +74,21 @@ def run(args: argparse.Namespace) -> None:
     for line in quality.lines():
         stdout.print(line, soft_wrap=True)
     stdout.print(f"wrote {folder / PAGE}", soft_wrap=True)
+
+
+def _run_people(args: argparse.Namespace, folder: Path) -> None:
+    """Write the page of several people, and their overlay if it is missing."""
+    tracks = PeopleTracks.open(folder)
+    first = person_folder(folder, 1)
+    summary, video = read_summary(first), folder / OVERLAY
+    sequence = open_tracked_sequence(first, summary, int(tracks.frames.max()))
+    with (
+        output_folder(folder, args.parser.prog, addition=True, replaces=True),
+        ExitStack() as stack,
+    ):
+        if not args.no_overlay and not video.exists():
+            bar = stack.enter_context(progress_bar())
+            task = bar.add_task("overlay", total=len(tracks.frames))
+            write_people_overlay(video, sequence, tracks, lambda: bar.advance(task))
+        page = write_people_page(folder, sequence.name, tracks, video)
+    stdout.print(f"wrote {page}", soft_wrap=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,12 +20,19 @@ from apf.cli.keypoints.triangulate import TRIANGULATE, run_triangulate
 from apf.cli.method_flags import METHOD_FLAGS, chosen_method
 from apf.cli.takes.job import TrackJob, chosen_seeds, take_names
 from apf.cli.takes.kept_parts import Keeper, remove_parts
-from apf.cli.takes.people import PEOPLE, chosen_people, find_persons, write_people
+from apf.cli.takes.people import chosen_people, find_persons, write_together
 from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport, was_interrupted
 from apf.evaluation.evaluate import evaluate, load_truth
 from apf.filters.method import Method
 from apf.formats.pose import write_pose
-from apf.report.judged import FILES, compare_with_keypoints, judge_track, keep_judged_frames, run_facts, write_report
+from apf.report.judged import (
+    FILES,
+    compare_with_keypoints,
+    judge_track,
+    keep_judged_frames,
+    run_facts,
+    write_report,
+)
 from apf.report.names import PAGE
 from apf.report.overlay import write_overlay
 from apf.report.quality import Quality
@@ -33,7 +40,7 @@ from apf.report.summary import SUMMARY
 from apf.tracking.batch import run_at_once
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import Take, check_cameras, track_take
-from apf.tracking.track import PARTS, Track, spans
+from apf.tracking.track import PARTS, PEOPLE, Track, spans
 from cl import Device, InputError, NumpyDevice, UserError, select_device
 from psfs.cli.commandline import progress_bar, stderr, stdout
 from psfs.cli.sequence_flags import (
@@ -109,7 +116,7 @@ def track_one(
     before_words: called after the line has ended, before anything is printed. Raises UserError;
     raises KeyboardInterrupt after writing the track so far, if `line` raised one.
     """
-    job = TrackJob.of(args, device, folder=args.folders[0])
+    job = TrackJob.from_arguments(args, device, folder=args.folders[0])
     with output_folder(args.output, args.parser.prog, job.inputs, RESULTS) as out:
         try:
             everybody = _tracked_and_judged(out, job, line)
@@ -139,7 +146,9 @@ def _run_many(args: argparse.Namespace, method: Method) -> None:
 
     def work(own: Device | NumpyDevice, number: int, check: Callable[[], None]) -> None:
         name = names[number]
-        job = TrackJob.of(args, own, folder=args.folders[number], output=args.output / name)
+        job = TrackJob.from_arguments(
+            args, own, folder=args.folders[number], output=args.output / name
+        )
         with (
             closing(TakeLine(bar, name, check)) as line,
             output_folder(job.args.output, args.parser.prog, job.inputs, RESULTS) as out,
@@ -192,8 +201,10 @@ def _tracked_and_judged(out: OutputFolder, job: TrackJob, line: Line) -> list[Fi
         done.append(_one_tracked(own_job, replace(examination, session=own), None, line))
         if done[-1].interrupted or done[-1].take.error is not None:
             break
-    judged = [one.judgements[0].quality for one in done]
-    write_people(args.output / PEOPLE, persons.people, judged)
+    verdicts = [one.judgements[0].quality.verdict for one in done]
+    whole = len(done) == len(persons.sessions) and not done[-1].interrupted
+    tracks = persons.gather([one.take.tracks[0] for one in done], verdicts)
+    write_together(job, tracks, session.sequence, line if whole else None)
     return done
 
 
@@ -344,9 +355,10 @@ def describe_spread(take: Take) -> list[str]:
     joints = np.stack([track.joints for track in tracks])
     away = 1000 * np.linalg.norm(joints - joints.mean(0), axis=-1)
     lines = [f"{len(tracks)} runs: joints lie {away.mean():.1f} mm from the runs' mean"]
-    truth = take.sequence.folder / "truth.npz"
-    if truth.exists():
-        errors = [1000 * evaluate(track, load_truth(truth)).mean_error for track in tracks]
+    path = take.sequence.folder / "truth.npz"
+    with suppress(InputError):  # there is none, or it is of several people
+        truth = load_truth(path)
+        errors = [1000 * evaluate(track, truth).mean_error for track in tracks]
         spread = f"{np.mean(errors):.1f} ± {np.std(errors, ddof=1):.1f} mm"
         lines.append(f"mean error: {spread}, {min(errors):.1f} to {max(errors):.1f}")
     return lines

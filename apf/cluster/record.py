@@ -28,7 +28,7 @@ class FileFacts:
     sha256: str
 
     @classmethod
-    def of(cls, path: Path, known: FileFacts | None = None) -> FileFacts:
+    def read(cls, path: Path, known: FileFacts | None = None) -> FileFacts:
         """Read the file, unless its size and time equal those of `known`. Raises InputError."""
         with parsing(path, "a file"), open_input(path) as file:
             stat = os.fstat(file.fileno())
@@ -107,7 +107,7 @@ class TakeRecord:
         """Return whether all outputs are in the folder of results, unchanged."""
         try:
             return all(
-                FileFacts.of(folder / name, facts).content == facts.content
+                FileFacts.read(folder / name, facts).content == facts.content
                 for name, facts in self.outputs.items()
             )
         except InputError:
@@ -134,7 +134,7 @@ def list_files(folder: Path) -> list[Path]:
 def _describe_files(
     paths: Mapping[str, Path], known: Mapping[str, FileFacts]
 ) -> dict[str, FileFacts]:
-    return {name: FileFacts.of(path, known.get(name)) for name, path in paths.items()}
+    return {name: FileFacts.read(path, known.get(name)) for name, path in paths.items()}
 
 
 def _contents(facts: Mapping[str, FileFacts]) -> dict[str, tuple[int, str]]:

@@ -58,7 +58,7 @@ class TakeRow:
     error: str = ""
 
     @classmethod
-    def of(cls, name: str, folder: Path, take: Take, track: Track, **more: Any) -> TakeRow:
+    def summarise(cls, name: str, folder: Path, take: Take, track: Track, **more: Any) -> TakeRow:
         """Build the row of one of the take's tracks, whose results are in `folder`."""
         quality = read_summary(folder)["quality"]
         truth = take.sequence.folder / "truth.npz"

@@ -175,7 +175,7 @@ class DeviceTracker(Tracker):
         under_way: Callable[[], list[Estimate]] | None = None
         for observation in observations:
             show = self.likelihood.prepare(observation)
-            with self.device.on(queue) as own:
+            with self.device.enqueue_on(queue) as own:
                 show()
                 self.device.hold_up(own)  # the next observation overwrites this one
                 following = self._begin_search()

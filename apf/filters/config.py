@@ -290,8 +290,8 @@ class LimbSearchConfig(Config):
 class FilterConfig(Config):
     """All settings of a filter.
 
-    `FilterConfig.of(n_particles=100, surface_weight=2.0, limb_search_reach=0.0)` sets single ones:
-    those of search and likelihood by their own names, those of the smaller parts after the part's.
+    `FilterConfig.create(n_particles=100, limb_search_reach=0.0)` sets single ones: those of search
+    and likelihood by their own names, those of the smaller parts after the part's.
     """
 
     search: SearchConfig = part(SearchConfig, "The particles and their layers.")
@@ -305,13 +305,13 @@ class FilterConfig(Config):
     keypoints: KeypointConfig = part(KeypointConfig, "The observed points.")
 
     @classmethod
-    def of(cls, **settings: Any) -> FilterConfig:
+    def create(cls, **settings: Any) -> FilterConfig:
         """Return the defaults, except for single `settings`. Raises InputError for bad values and
         TypeError for unknown names."""
         return cls().with_changes(**settings)
 
     def with_changes(self, **settings: Any) -> FilterConfig:
-        """Return a copy of these settings with single ones changed, named as in `of`."""
+        """Return a copy of these settings with single ones changed, named as in `create`."""
         unknown = sorted(settings.keys() - _PATHS.keys())
         if unknown:
             raise TypeError(f"no setting of a filter: {', '.join(unknown)}")
@@ -326,7 +326,7 @@ class FilterConfig(Config):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Every single setting by its name in `of`."""
+        """Every single setting by its name in `create`."""
         return {name: reduce(getattr, path, self) for name, path in _PATHS.items()}
 
     @property
@@ -359,5 +359,5 @@ def _short(path: tuple[str, ...]) -> str:
     return path[-1] if path[-2] in _UNPREFIXED else f"{path[-2]}_{path[-1]}"
 
 
-#: The path of names to each single setting, by the setting's name in `FilterConfig.of`.
+#: The path of names to each single setting, by the setting's name in `FilterConfig.create`.
 _PATHS = {_short(path): path for path, _ in fields_below(FilterConfig)}

@@ -87,11 +87,11 @@ class Method(Config):
         return values
 
     @classmethod
-    def of(cls, search: str = "apf", objective: str = "voxel", **settings: Any) -> Method:
+    def create(cls, search: str = "apf", objective: str = "voxel", **settings: Any) -> Method:
         """Return a method with the defaults of the search, except for `settings` of its filter,
-        named as in `FilterConfig.of`."""
+        named as in `FilterConfig.create`."""
         defaults = SEARCHES[search].defaults if search in SEARCHES else {}
-        config = FilterConfig.of(**{**defaults, **settings})
+        config = FilterConfig.create(**{**defaults, **settings})
         return cls(search=search, objective=objective, filter=config)
 
     @classmethod
@@ -99,7 +99,7 @@ class Method(Config):
         """Return the method that `to_dict` wrote as `values`; missing settings get the defaults of
         the search. For arguments and errors see `overlaid`."""
         search = values.get("search", "")
-        base = cls.of(search) if search in SEARCHES else cls()
+        base = cls.create(search) if search in SEARCHES else cls()
         return base.overlaid(values, where)
 
     @property

@@ -218,7 +218,7 @@ class CostConfig(Config):
         least=0,
     )
 
-    def of(self, error: float, registration_error: float) -> float:
+    def combine(self, error: float, registration_error: float) -> float:
         """Return the cost; lower is better."""
         return error * registration_error**self.registration_exponent
 
@@ -386,7 +386,7 @@ class StartConfig(Config):
     acceptance: AcceptanceConfig = part(AcceptanceConfig, "The conditions for a good start.")
     filter: FilterConfig = Field(
         default_factory=partial(
-            FilterConfig.of,
+            FilterConfig.create,
             surface_weight=1.0,
             silhouette_recall_weight=2.0,
             contour_weight=4.0,

@@ -122,13 +122,13 @@ class PoseSearch:
     ) -> Hypothesis:
         registration = registration_error(body, pose, cloud, self.config.cost, self.config.shape)
         return Hypothesis(
-            shape, pose, error, registration, self.config.cost.of(error, registration)
+            shape, pose, error, registration, self.config.cost.combine(error, registration)
         )
 
     def _penalise_backwards(self, found: Hypothesis) -> Hypothesis:
         """Return the hypothesis with a higher error if the person moves backwards."""
         error = found.error * self.walking_factor(self.template, found.pose[None])
-        cost = self.config.cost.of(error, found.registration_error)
+        cost = self.config.cost.combine(error, found.registration_error)
         return replace(found, error=error, cost=cost)
 
     def _fit_size(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:

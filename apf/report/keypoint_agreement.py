@@ -17,9 +17,7 @@ _FAR = 0.15
 _CONFIDENCE = 0.3
 
 
-def measure_keypoint_agreement(
-    track: Track, keypoints: Keypoints, rig: CameraRig
-) -> np.ndarray:
+def measure_keypoint_agreement(track: Track, keypoints: Keypoints, rig: CameraRig) -> np.ndarray:
     """Return the share (F,) of the keypoints that lie near their point on the body; NaN in frames
     without keypoints.
 

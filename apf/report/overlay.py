@@ -36,28 +36,30 @@ def draw_overlay(
     cone_names: Items[str],
     joints: np.ndarray,
     edges: np.ndarray,
+    *,
+    colour: tuple[int, int, int] | None = None,
 ) -> np.ndarray:
     """Return a copy of `image` with the body: (h, w, 3) uint8 BGR as `camera` sees it.
 
-    cones: (C, 16) posed cones, outlined, one colour per side of the body. joints: (J, 3) m,
-    joined along edges (E, 2). What lies behind the camera is left out.
+    cones: (C, 16) posed cones, outlined in `colour`, BGR, else in one colour per side of the body.
+    joints: (J, 3) m, joined along edges (E, 2). What lies behind the camera is left out.
     """
     corners = project_outlines(camera, cones)
     drawn = np.ascontiguousarray(image).copy()
     thickness = max(1, round(min(camera.size) / 320))
     distance = np.linalg.norm((cones[:, 0:3] + cones[:, 4:7]) / 2 - camera.centre, axis=-1)
     visible = [
-        (_fixed(corners[i]), COLOURS[find_side(cone_names[i])])
+        (_fixed(corners[i]), colour or COLOURS[find_side(cone_names[i])])
         for i in np.argsort(-distance)  # near ones are drawn over far ones
         if np.isfinite(corners[i]).all()
     ]
     tint = drawn.copy()
-    for quad, colour in visible:
-        cv2.fillConvexPoly(tint, cv2.convexHull(quad), colour, cv2.LINE_AA, _BITS)
+    for quad, shade in visible:
+        cv2.fillConvexPoly(tint, cv2.convexHull(quad), shade, cv2.LINE_AA, _BITS)
     cv2.addWeighted(tint, 0.16, drawn, 0.84, 0, dst=drawn)
-    for quad, colour in visible:  # a dark rim keeps the lines visible on any background
+    for quad, shade in visible:  # a dark rim keeps the lines visible on any background
         cv2.polylines(drawn, [quad], True, _SHADOW, thickness + 2, cv2.LINE_AA, _BITS)
-        cv2.polylines(drawn, [quad], True, colour, thickness, cv2.LINE_AA, _BITS)
+        cv2.polylines(drawn, [quad], True, shade, thickness, cv2.LINE_AA, _BITS)
     _draw_skeleton(drawn, *camera.project(joints), edges, thickness)
     return drawn
 
@@ -95,8 +97,24 @@ def overlay_picture(
     """Return a frame's mosaic (h, w, 3) uint8 BGR: all cameras, or those of `views`, with the body.
 
     note: written beside the frame's number. Where the frame has no images it is drawn on the
-    masks. Arguments as in `draw_overlay`. The mosaic has even sides within MOSAIC_SIZE.
+    masks. Arguments as in `draw_overlay`.
     """
+
+    def draw(image: np.ndarray, camera: Camera) -> np.ndarray:
+        return draw_overlay(image, camera, cones, cone_names, joints, edges)
+
+    return compose_mosaic(frame, rig, draw, views, note)
+
+
+def compose_mosaic(
+    frame: Frame,
+    rig: CameraRig,
+    draw: Callable[[np.ndarray, Camera], np.ndarray],
+    views: Items[int] | None = None,
+    note: str = "",
+) -> np.ndarray:
+    """Return a frame's mosaic (h, w, 3) uint8 BGR of the cameras' pictures, each with what `draw`
+    makes of it; views and note as in `overlay_picture`. It has even sides within MOSAIC_SIZE."""
     chosen = range(len(rig)) if views is None else views
     columns, scale = _arrangement(len(chosen), rig.width, rig.height)
     width, height = (max(2, math.floor(scale * side / 2) * 2) for side in (rig.width, rig.height))
@@ -106,7 +124,7 @@ def overlay_picture(
         camera = rig[view].scaled(scale)
         size = (min(camera.size[0], width), min(camera.size[1], height))
         picture = cv2.resize(crop_view(frame, view, rig[view]), size, interpolation=cv2.INTER_AREA)
-        picture = draw_overlay(picture, camera, cones, cone_names, joints, edges)
+        picture = draw(picture, camera)
         _label(picture, f"{camera.name}   frame {frame.index}{note}")
         y, x = height * (tile // columns), width * (tile % columns)
         mosaic[y : y + size[1], x : x + size[0]] = picture
@@ -157,7 +175,7 @@ def write_overlay(
     if unknown:
         raise InputError(f"no camera {', '.join(unknown)}; the rig has {', '.join(names)}")
     views = [names.index(name) for name in cameras or names]
-    cones, cone_names = _shown_cones(body, track)
+    cones, cone_names = posed_shown_cones(body, track)
     with write_video(path, frame_rate(track)) as video:
         indices = checked_indices(sequence, track.frames)
         for row, frame in enumerate(sequence.select_frames(indices)):
@@ -176,7 +194,7 @@ def write_overlay(
                 progress()
 
 
-def _shown_cones(body: BodyModel | None, track: Track) -> tuple[np.ndarray, list[str]]:
+def posed_shown_cones(body: BodyModel | None, track: Track) -> tuple[np.ndarray, list[str]]:
     """Return the posed cones (F, C, 16) that are compared with images, and their names."""
     if body is None:
         return np.zeros((len(track), 0, CONE_FLOATS)), []

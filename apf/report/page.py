@@ -24,8 +24,6 @@ def write_page(
     summary: of `summary.json`. settings: the text of settings.toml. video: the overlay, omitted if
     it does not exist. Raises InputError if the page cannot be written.
     """
-    from plotly.offline import get_plotlyjs  # slow to import
-
     track = quality.track
     content = {
         "name": name,
@@ -45,15 +43,23 @@ def write_page(
         "settings": settings,
         "video": base64.b64encode(encode_page_video(video)).decode() if video.exists() else None,
     }
+    write_filled_page(path, name, "page", content)
+
+
+def write_filled_page(path: Path, name: str, kind: str, content: dict[str, Any]) -> None:
+    """Write a page of the kind `page` or `people`, titled `name`, with its `content`. Raises
+    InputError if it cannot be written."""
+    from plotly.offline import get_plotlyjs  # slow to import
+
     parts = {
         "title": html.escape(name),
         "style": _text("page.css"),
         "plotly": get_plotlyjs(),
-        "script": _text("page.js"),
+        "script": _text("common.js") + _text(f"{kind}.js"),
         "content": _escape_for_script(content),
     }
     with open_text(path) as file:
-        for number, piece in enumerate(_text("page.html").split("@@")):
+        for number, piece in enumerate(_text(f"{kind}.html").split("@@")):
             file.write(parts[piece] if number % 2 else piece)
 
 

@@ -32,7 +32,7 @@ def player_scene(quality: Quality) -> dict[str, Any]:
         "joint_names": list(track.joint_names),
         "edges": track.edges.tolist(),
         "edge_colours": ["rgb({}, {}, {})".format(*COLOURS[find_side(n)][::-1]) for n in names],
-        "joints": _encode(track.joints, "<f4"),
+        "joints": encode(track.joints, "<f4"),
         "low": (low - 0.2).round(3).tolist(),
         "high": (high + 0.2).round(3).tolist(),
         "voxels": None,
@@ -59,12 +59,13 @@ def _pack_voxels(quality: Quality) -> dict[str, Any]:
     return {
         "counts": [len(cell) for cell in cells],
         "bytes": 1 if kind == "u1" else 2,
-        "cells": _encode(np.concatenate(cells), kind),
-        "colours": _encode(np.concatenate(colours), "u1"),
+        "cells": encode(np.concatenate(cells), kind),
+        "colours": encode(np.concatenate(colours), "u1"),
         "origin": (grid.origin + grid.voxel_size / 2).round(5).tolist(),
         "size": grid.voxel_size,
     }
 
 
-def _encode(values: np.ndarray, kind: str) -> str:
+def encode(values: np.ndarray, kind: str) -> str:
+    """Return numbers as base64 of the little-endian type `kind`."""
     return base64.b64encode(np.ascontiguousarray(values).astype(kind).tobytes()).decode()

@@ -18,7 +18,7 @@ import numpy as np
 from apf.body.limbs import limb_names
 from apf.report.agreement import Agreement, choose_rows
 from apf.report.parts import find_parts, plain_name
-from apf.tracking.limb_confidence import LOST
+from apf.tracking.limb_confidence import LOST, REGRESSION
 from apf.tracking.track import Track, spans
 
 #: Share inside the silhouettes at which a part is as likely right as wrong.
@@ -113,8 +113,9 @@ class Quality:
         """The verdict: good, doubtful, bad or unknown.
 
         It is unknown if nothing is doubtful, but the track was compared neither with the
-        silhouettes nor with keypoints nor with limbs elsewhere. A track is bad if a quarter of its
-        frames is doubtful and other evidence confirms that it is wrong.
+        silhouettes nor with keypoints nor with limbs elsewhere, or is too short for its limbs to be
+        judged. A track is bad if a quarter of its frames is doubtful and other evidence confirms
+        that it is wrong.
         """
         if not len(self.track):
             return "bad"
@@ -125,11 +126,16 @@ class Quality:
             return "bad" if share >= _BAD and self._is_confirmed else "doubtful"
         if self.doubts:
             return "doubtful"
-        known = (self.agreement, self.near)
-        compared = (
-            any(of is not None for of in known) or np.isfinite(self.track.limb_confidence).any()
-        )
-        return "good" if compared else "unknown"
+        return "good" if self._compared and self._lasts else "unknown"
+
+    @property
+    def _compared(self) -> bool:
+        limbs = bool(np.isfinite(self.track.limb_confidence).any())
+        return self.agreement is not None or self.near is not None or limbs
+
+    @property
+    def _lasts(self) -> bool:
+        return REGRESSION.lasts(self.track.times)
 
     @property
     def _is_confirmed(self) -> bool:
@@ -145,6 +151,13 @@ class Quality:
             overlap = np.nanmean(found.body_iou) / np.nanmean(found.voxel_iou)
         away = float((found.explained < _EXPLAINED).mean())
         return away >= _AWAY or bool(parts >= _DOUBTFUL_PARTS and overlap < _OVERLAP)
+
+    @property
+    def _lasting_doubts(self) -> list[str]:
+        """The doubts, also for `apf report`, which has no keypoints."""
+        near = np.nan if self.near is None else float(np.nanmean(self.near))
+        far = [f"only {near:.0%} of the keypoints are near the body"] if near < _NEAR else []
+        return [*self.doubts, *(text for text in far if text not in self.doubts)]
 
     def lines(self) -> list[str]:
         """Return lines for the user: the verdict, then what to check."""
@@ -167,8 +180,13 @@ class Quality:
         if self.near is not None and np.isfinite(self.near).any():
             facts.append(f"{np.nanmean(self.near):.0%} of the keypoints near the body")
         looks = f"looks {self.verdict}"
-        if self.verdict == "unknown":
+        if self.verdict == "unknown" and not self._compared:
             looks = "was not compared with the silhouettes"
+        elif self.verdict == "unknown":
+            looks = (
+                f"lasts for less than {REGRESSION.least_time:g} s, too short to say whether its "
+                "limbs are right"
+            )
         lines = [f"the track {looks}: {'; '.join(facts)}"]
         lines += [f"in doubt because {doubt}" for doubt in self.doubts]
         for what, rows in self.doubtful.items():
@@ -206,7 +224,7 @@ class Quality:
                 for part, values in zip(self.parts, self.confidence.T, strict=True)
             },
             "joint_deviation_mm": {
-                joint: _plain(1000 * value)
+                joint: _plain(1000 * value) if value else None  # None where nothing is stated
                 for joint, value in zip(
                     track.joint_names, np.median(self.deviations, axis=0), strict=True
                 )
@@ -215,7 +233,7 @@ class Quality:
             "voxel_iou": _by_camera(found.cameras, found.voxel_iou) if found else None,
             "voxels_explained": _plain(np.nanmean(found.explained)) if found else None,
             "keypoints_near": _plain(np.nanmean(self.near)) if self.near is not None else None,
-            "doubts": list(self.doubts),
+            "doubts": self._lasting_doubts,
             "look_at": {what: self._ranges(rows) for what, rows in self.doubtful.items()},
         }
 

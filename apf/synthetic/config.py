@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+import math
+from typing import TYPE_CHECKING, ClassVar, Literal, get_args
 
 from pydantic import model_validator
 
@@ -11,6 +12,10 @@ from psfs.common.config import Config, setting
 
 if TYPE_CHECKING:
     from apf.synthetic.walk import Walk
+
+#: Ways to walk: around the middle of the room, straight at the first camera, or straight between
+#: two cameras.
+CourseKind = Literal["round", "straight", "diagonal"]
 
 
 class SceneConfig(Config):
@@ -50,16 +55,57 @@ class SceneConfig(Config):
     height: float = setting(
         1.76, "Stature of the person.", unit="m", least=1.2, most=2.2, flag="--height"
     )
+    course: CourseKind = setting(
+        "round",
+        "Where the person walks: round the middle of the room, straight at the first camera, or on "
+        "the diagonal between two cameras (P1S and P1D in Rymut 2016, 6.7).",
+        choices=get_args(CourseKind),
+        flag="--course",
+    )
+    shadow: float = setting(
+        1.0,
+        "Strength of the person's shadow on the floor; 0 for diffuse light.",
+        least=0,
+        most=1,
+        flag="--shadow",
+    )
+
+    people: int = setting(
+        1, "Number of people, who walk on two courses.", least=1, most=9, flag="--people"
+    )
+    visitor: bool = setting(
+        False,
+        "Whether the last person comes after a third of the frames, leaves after two thirds and "
+        "comes back for the last sixth.",
+        flag="--visitor",
+    )
 
     @model_validator(mode="after")
     def _can_be_drawn(self) -> SceneConfig:
         for side in self.size:
             if not 32 <= side <= 8192 or side % 2:  # of which H.264 codes pairs
                 raise InputError(f"size is {self.size} px; expected even sides from 32 to 8192 px")
+        if self.visitor and self.people < 2:
+            raise InputError("visitor needs somebody to visit; expected people of 2 or more")
         return self
 
     @property
     def walk(self) -> Walk:
         from apf.synthetic.walk import Walk
 
-        return Walk.varied(self.seed, self.height)
+        return Walk.varied(self.seed, self.height, self._heading)
+
+    @property
+    def first_bearing(self) -> float:
+        """Bearing of the first camera, rad, but for a random part of the cameras' spacing."""
+        import numpy as np
+
+        return float(np.random.default_rng([self.seed, 2]).uniform(0.0, 2 * np.pi))
+
+    @property
+    def _heading(self) -> float | None:
+        """Direction of a straight walk, rad; None for a round one."""
+        if self.course == "round":
+            return None
+        beside = math.pi / self.cameras if self.course == "diagonal" else 0.0
+        return self.first_bearing + beside

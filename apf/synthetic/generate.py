@@ -26,12 +26,15 @@ BACKGROUND_FRAMES = 30
 MASK_STEP = 10
 #: A folder with this file was written by us and may be replaced.
 MARK = "synthetic.toml"
+Masks = dict[str, np.ndarray]
 _RESULTS = (
     "calibration.toml",
     "videos/cam*",
     "background/cam*",
     "truth.*",
+    "truth_person*",
     "truth_masks/cam*",
+    "truth_masks_people/cam*",
     MARK,
 )
 
@@ -54,26 +57,47 @@ def generate(
         with _open_videos(temporary / "background", scene) as write:
             for i in range(BACKGROUND_FRAMES):
                 write(scene.background_frame(i))
-        (temporary / "truth_masks").mkdir()
         with _open_videos(temporary / "videos", scene) as write:
             for i in range(config.frames):
-                images, masks, _ = scene.frame(i)
+                if config.people > 1:
+                    images, numbers = scene.frame_of_people(i)
+                    shown = {"truth_masks": np.where(numbers > 0, np.uint8(255), np.uint8(0))}
+                    shown["truth_masks_people"] = numbers
+                else:
+                    images, masks, _ = scene.frame(i)
+                    shown = {"truth_masks": masks}
                 write(images)
                 if i % MASK_STEP == 0:
-                    for camera, mask in zip(scene.rig, masks, strict=True):
-                        name = temporary / "truth_masks" / f"{camera.name}_{i:06d}.png"
-                        write_picture(name, mask)
+                    _write_masks(temporary, scene.rig.names, i, shown)
                 if progress is not None:
                     progress(i + 1, config.frames)
         write_truth(temporary, scene)
         write_toml(temporary / MARK, {"synthetic": config.to_dict()})
 
 
+def _write_masks(folder: Path, cameras: list[str], index: int, shown: Masks) -> None:
+    """Write a frame's masks (V, H, W) of each kind into its folder."""
+    for kind, masks in shown.items():
+        (folder / kind).mkdir(exist_ok=True)
+        for camera, mask in zip(cameras, masks, strict=True):
+            write_picture(folder / kind / f"{camera}_{index:06d}.png", mask)
+
+
 def write_truth(folder: Path, scene: SyntheticScene) -> None:
-    """Write truth.npz (metres, Z up) and truth.trc (see `apf.formats.trc`)."""
-    fps, names, joints = scene.config.fps, scene.joint_names, scene.joints
-    np.savez(folder / "truth.npz", joint_names=np.array(names), joints=joints, fps=np.float64(fps))
-    write_trc(folder / "truth.trc", JointSeries(tuple(names), joints, fps, np.arange(len(joints))))
+    """Write truth.npz (metres, Z up) and truth.trc (see `apf.formats.trc`); of several people
+    truth.npz with joints (F, P, J, 3) and person_names, and truth_person1.trc and so on."""
+    fps, names, everybody = scene.config.fps, scene.joint_names, scene.people_joints
+    rest = {"joint_names": np.array(names), "fps": np.float64(fps)}
+    if len(everybody) == 1:
+        np.savez(folder / "truth.npz", joints=scene.joints, **rest)
+        files = ["truth.trc"]
+    else:
+        persons = [f"person{number}" for number in range(1, len(everybody) + 1)]
+        rest["person_names"] = np.array(persons)
+        np.savez(folder / "truth.npz", joints=np.moveaxis(everybody, 0, 1), **rest)
+        files = [f"truth_{person}.trc" for person in persons]
+    for file, joints in zip(files, everybody, strict=True):
+        write_trc(folder / file, JointSeries(tuple(names), joints, fps, np.arange(len(joints))))
 
 
 @contextmanager

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import cv2
 import numpy as np
 
 from apf.synthetic.body import PRIMITIVE_FLOATS, PersonSurface
 from apf.synthetic.config import SceneConfig
 from apf.synthetic.gait import Gait
-from apf.synthetic.scene import ROOM, Furniture, make_furniture, make_rig
+from apf.synthetic.people import make_walks, presence
+from apf.synthetic.scene import ROOM, Furniture, make_furniture, make_palettes, make_rig
 from apf.synthetic.skeleton import Motion
+from apf.synthetic.walk import Walk
 from cl import Array, Device, InputError, NumpyDevice
 from psfs.cameras.camera import CameraRig
 
@@ -32,13 +36,15 @@ _GROUP = (16, 4, 1)
 class Renderer:
     """Renders a posed body in a room for every camera of a rig (all of one picture size).
 
+    shadow: strength of its shadow on the floor, 0 to 1.
+
     Calls only enqueue; `picture` (V, H, W, 3) float32 grey levels BGR, `mask` (V, H, W) uint8 and
     `depth` (V, H, W) float32 m are on the device.
     """
 
     def __init__(
         self, device: Device, rig: CameraRig, furniture: Furniture, seed: int, primitives: int,
-        balls: int,
+        balls: int, *, shadow: float = 1.0,
     ) -> None:  # fmt: skip
         self.rig = rig
         self._device = device
@@ -46,11 +52,11 @@ class Renderer:
         defines = _defines(rig, furniture, primitives, balls)
         shape = (views, height, width)
         cameras = device.to_device(rig.packed())
-        palette = device.to_device(furniture.palette)
+        self._palette = device.to_device(furniture.palette)
         self.room = device.empty((*shape, 3), np.float32, "the empty room's pictures")
-        distance = device.empty(shape, np.float32, "the room's distances")
-        floor = device.empty((*shape, 2), np.float32, "the floor's points")
-        shadow = device.empty((SHADOW_SIZE, SHADOW_SIZE), np.float32)
+        self._distance = device.empty(shape, np.float32, "the room's distances")
+        self._floor = device.empty((*shape, 2), np.float32, "the floor's points")
+        on_floor = device.empty((SHADOW_SIZE, SHADOW_SIZE), np.float32)
         self.picture = device.empty((*shape, 3), np.float32, "the pictures")
         self.mask = device.empty(shape, np.uint8, "the masks")
         self.depth = device.empty(shape, np.float32, "the depths")
@@ -60,7 +66,7 @@ class Renderer:
         tiles = device.empty((*tile_grid[::-1], primitives + 1), np.uint8, "the tiles")
         centre = (0.0, 0.0)
         grid = (width, height, views)
-        room = {"cameras": cameras, "distance": distance, "floor_point": floor}
+        room = {"cameras": cameras, "distance": self._distance, "floor_point": self._floor}
         self._draw_room(furniture, seed, room, defines)
         self._shadow = device.launch(
             device.kernel(_STAGE, "floor_shadow", **defines),
@@ -68,7 +74,8 @@ class Renderer:
             (16, 4),
             balls=self._balls,
             centre=centre,
-            shadow=shadow,
+            strength=shadow,
+            shadow=on_floor,
         )
         body = {"primitives": self._primitives, "tiles": tiles}
         self._bin = device.launch(
@@ -78,8 +85,8 @@ class Renderer:
             cameras=cameras,
             **body,
         )
-        drawn = {"room": self.room, "shadow": shadow, "picture": self.picture, "mask": self.mask}
-        drawn["palette"] = palette
+        drawn = {"room": self.room, "shadow": on_floor, "picture": self.picture, "mask": self.mask}
+        drawn["palette"] = self._palette
         self._render, self._smooth = (
             device.launch(
                 device.kernel(_STAGE, name, **defines),
@@ -113,6 +120,43 @@ class Renderer:
             seed=seed,
             picture=self.room,
         )()
+
+    def draw_several(
+        self, bodies: list[tuple[np.ndarray, np.ndarray, np.ndarray]], palettes: list[np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return pictures (V, H, W, 3) float32 of several bodies, each with its colours (9, 3), and
+        the number (V, H, W) uint8, from 1 on, of the body that is seen in each pixel, 0 for none.
+
+        Each body is drawn into the room with all before it. bodies: as of `__call__`.
+        """
+        room = [array.get() for array in (self.room, self._distance, self._floor)]
+        picture, distance, floor = (of.copy() for of in room)
+        numbers = np.zeros(distance.shape, np.uint8)
+        for number, (body, palette) in enumerate(zip(bodies, palettes, strict=True), start=1):
+            self._palette.set(palette)
+            self(*body)
+            picture, seen = self.picture.get(), self.mask.get() > 0
+            numbers[seen] = number
+            if number < len(bodies):
+                distance[seen] = (self.depth.get() * self._length_per_depth)[seen]
+                floor[seen] = FAR
+                for array, of in zip(
+                    (self.room, self._distance, self._floor),
+                    (picture, distance, floor),
+                    strict=True,
+                ):
+                    array.set(of)
+        for array, of in zip((self.room, self._distance, self._floor), room, strict=True):
+            array.set(of)
+        return picture, numbers
+
+    @cached_property
+    def _length_per_depth(self) -> np.ndarray:
+        """Distance (V, H, W) from the camera for each depth of 1 m."""
+        height, width = self.rig.height, self.rig.width
+        pixels = np.indices((height, width))[::-1].reshape(2, -1).T.astype(np.float64)
+        depths = [camera.rays(pixels) @ camera.R[2] for camera in self.rig]
+        return (1 / np.array(depths)).reshape(-1, height, width).astype(np.float32)
 
     def __call__(self, primitives: np.ndarray, balls: np.ndarray, centre: np.ndarray) -> None:
         """Enqueue the pictures of a posed body.
@@ -188,11 +232,11 @@ class Sensor:
 
 
 class SyntheticScene:
-    """A person walking in a room, rendered frame by frame; deterministic for a given seed.
+    """People walking in a room, rendered frame by frame; deterministic for a given seed.
 
-    rig: the cameras. joint_names: of the truth. joints: (F, J, 3) m. background_images: (V, H, W,
-    3) uint8 BGR without noise; `background_frame(i)` adds it. Raises InputError for the NumPy
-    device.
+    rig: the cameras. joint_names: of the truth. people_joints: (P, F, J, 3) m, NaN where somebody
+    is absent; joints: (F, J, 3) of the first person. background_images: (V, H, W, 3) uint8 BGR
+    without noise; `background_frame(i)` adds it. Raises InputError for the NumPy device.
     """
 
     def __init__(self, config: SceneConfig, device: Device | NumpyDevice) -> None:
@@ -203,35 +247,70 @@ class SyntheticScene:
             )
         self.config = config
         self.rig = make_rig(config)
-        gait = Gait(config.walk)
-        motion = gait.motion(np.arange(config.frames) / config.fps)
-        self._motion = _centre_motion(motion)
-        self.joints = gait.skeleton.joints(self._motion)
-        self.joint_names = gait.skeleton.joint_names
-        self._flesh = PersonSurface(gait.skeleton)
+        self._walkers = [_Walker(walk, config) for walk in make_walks(config)]
+        self._there = presence(config)
+        joints = np.stack([walker.joints for walker in self._walkers])
+        self.people_joints = np.where(self._there[:, :, None, None], joints, np.nan)
+        self.joints = joints[0]
+        self.joint_names = self._walkers[0].joint_names
         self._sensor = Sensor(config)
-        primitives, balls, _ = self.posed(0)
+        shapes = [walker.posed(0) for walker in self._walkers]
+        self._n_balls = max(len(balls) for _, balls, _ in shapes)
         self.renderer = Renderer(
-            device, self.rig, make_furniture(config.seed), config.seed, len(primitives), len(balls)
-        )
+            device, self.rig, make_furniture(config.seed), config.seed, len(shapes[0][0]),
+            self._n_balls, shadow=config.shadow,
+        )  # fmt: skip
+        self._palettes = make_palettes(config.seed, config.people)
         self._empty = self.renderer.room.get()
         self.background_images = np.clip(self._empty + 0.5, 0, 255).astype(np.uint8)
 
     def __len__(self) -> int:
         return self.config.frames
 
-    def posed(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def posed(self, index: int, person: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the renderer's arguments for a frame: primitives, balls, centre of the shadow
         map."""
-        primitives = self._flesh.packed(self._motion, index)
-        return primitives, self._flesh.balls(primitives), self.joints[index, 0, :2]
+        primitives, balls, centre = self._walkers[person].posed(index)
+        spare = np.tile(np.array([0, 0, -1, 0], np.float32), (self._n_balls - len(balls), 1))
+        return primitives, np.concatenate([balls, spare]), centre  # under the floor: no shadow
 
     def frame(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return images (V, H, W, 3) uint8 BGR, masks (V, H, W) uint8 0/255, joints (J, 3) m."""
+        """Return images (V, H, W, 3) uint8 BGR, masks (V, H, W) uint8 0/255 of everybody, and the
+        first person's joints (J, 3) m."""
+        if self.config.people > 1:
+            images, numbers = self.frame_of_people(index)
+            return images, np.where(numbers > 0, np.uint8(255), np.uint8(0)), self.joints[index]
         self.renderer(*self.posed(index))
         images = self._sensor.expose(self.renderer.picture.get(), 0, index)
         return images, self.renderer.mask.get(), self.joints[index]
 
+    def frame_of_people(self, index: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return images (V, H, W, 3) uint8 BGR, and the number (V, H, W) uint8, from 1 on, of the
+        person that is seen in each pixel, 0 for none."""
+        there = np.flatnonzero(self._there[:, index])
+        bodies = [self.posed(index, int(person)) for person in there]
+        palettes = [self._palettes[person] for person in there]
+        picture, order = self.renderer.draw_several(bodies, palettes)
+        numbers = np.append(0, there + 1).astype(np.uint8)[order]
+        return self._sensor.expose(picture, 0, index), numbers
+
     def background_frame(self, index: int) -> np.ndarray:
         """Return pictures (V, H, W, 3) uint8 BGR of the empty room with noise."""
         return self._sensor.expose(self._empty, 1, index)
+
+
+class _Walker:
+    """One person: the surface and the motion. joints: (F, J, 3) m."""
+
+    def __init__(self, walk: Walk, config: SceneConfig) -> None:
+        gait = Gait(walk)
+        motion = gait.motion(np.arange(config.frames) / config.fps)
+        self._motion = motion if config.people > 1 else _centre_motion(motion)
+        self.joints = gait.skeleton.joints(self._motion)
+        self.joint_names = gait.skeleton.joint_names
+        self._flesh = PersonSurface(gait.skeleton)
+
+    def posed(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return primitives, balls, and the centre (2,) m of the shadow map."""
+        primitives = self._flesh.packed(self._motion, index)
+        return primitives, self._flesh.balls(primitives), self.joints[index, 0, :2]

@@ -17,6 +17,15 @@ ROOM = (4.7, 4.9, 4.8)
 #: Styles that `box_colour` in scene_room.h implements.
 WOOD, CARDBOARD, BOOKS, CLOTH = range(4)
 
+#: Colours, linear BGR, of the shirts and their stripes.
+_SHIRTS = (
+    ((0.060, 0.085, 0.32), (0.62, 0.64, 0.66)),
+    ((0.34, 0.17, 0.06), (0.55, 0.58, 0.60)),
+    ((0.10, 0.26, 0.07), (0.50, 0.60, 0.58)),
+    ((0.50, 0.52, 0.55), (0.22, 0.09, 0.05)),
+    ((0.09, 0.35, 0.52), (0.10, 0.09, 0.09)),
+)
+
 
 @dataclass(frozen=True, eq=False)
 class Furniture:
@@ -35,7 +44,7 @@ class Furniture:
 def make_rig(config: SceneConfig) -> CameraRig:
     """Place cameras on a ring of about 4 m, 1.7-2.6 m high, looking at the centre at about 1 m."""
     rng = np.random.default_rng([config.seed, 2])
-    start = rng.uniform(0.0, 2 * np.pi)
+    start = rng.uniform(0.0, 2 * np.pi)  # `config.first_bearing`
     spacing = 2 * np.pi / config.cameras
     heights = np.linspace(1.75, 2.55, config.cameras)[rng.permutation(config.cameras)]
     cameras = []
@@ -155,15 +164,17 @@ def _make_posters(wall: int, rng: np.random.Generator) -> list[list[float]]:
     return rows
 
 
-def _make_palette(rng: np.random.Generator) -> np.ndarray:
+def make_palettes(seed: int, people: int) -> list[np.ndarray]:
+    """Choose the colours (9, 3) of each of several people, whose shirts differ as far as there are
+    different ones; the first person's are those of the furniture."""
+    first = make_furniture(seed).palette
+    rngs = [np.random.default_rng([seed, 7, number]) for number in range(1, people)]
+    worn = next(k for k, (shirt, _) in enumerate(_SHIRTS) if np.allclose(shirt, first[0]))
+    return [first, *(_make_palette(rng, worn + k) for k, rng in enumerate(rngs, start=1))]
+
+
+def _make_palette(rng: np.random.Generator, shirt_number: int | None = None) -> np.ndarray:
     """Choose linear BGR per region (the order of body.py), then the shirt's stripes."""
-    shirts = (
-        ((0.060, 0.085, 0.32), (0.62, 0.64, 0.66)),
-        ((0.34, 0.17, 0.06), (0.55, 0.58, 0.60)),
-        ((0.10, 0.26, 0.07), (0.50, 0.60, 0.58)),
-        ((0.50, 0.52, 0.55), (0.22, 0.09, 0.05)),
-        ((0.09, 0.35, 0.52), (0.10, 0.09, 0.09)),
-    )
     trousers = (
         (0.145, 0.080, 0.048),
         (0.060, 0.058, 0.062),
@@ -172,7 +183,8 @@ def _make_palette(rng: np.random.Generator) -> np.ndarray:
     )
     skins = ((0.25, 0.36, 0.62), (0.17, 0.27, 0.48), (0.08, 0.14, 0.28))
     hairs = ((0.018, 0.024, 0.035), (0.030, 0.055, 0.10), (0.10, 0.20, 0.32))
-    shirt, stripes = shirts[rng.integers(len(shirts))]
+    number = rng.integers(len(_SHIRTS)) if shirt_number is None else shirt_number
+    shirt, stripes = _SHIRTS[number % len(_SHIRTS)]
     rows = [
         shirt,
         trousers[rng.integers(len(trousers))],

@@ -9,7 +9,8 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Course:
-    """The closed curve on the floor that a person walks along; the defaults stay in the room."""
+    """The closed curve or the line on the floor that a person walks along; the default curve stays
+    in the room."""
 
     radius: float = 1.2
     """Mean distance from the origin, m."""
@@ -19,6 +20,8 @@ class Course:
     """Rotation about the origin, rad."""
     clockwise: bool = False
     """Whether the person walks clockwise, seen from above."""
+    heading: float | None = None
+    """Direction, rad, of a straight line to walk along instead; None for the curve."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +57,9 @@ class Walk:
     """Amplitude of the head's rotation, degrees."""
 
     @classmethod
-    def varied(cls, seed: int, height: float) -> Walk:
-        """Return a person of the given stature with a random walk."""
+    def varied(cls, seed: int, height: float, heading: float | None = None) -> Walk:
+        """Return a person of the given stature with a random walk, straight in the direction
+        `heading`, rad, if it is given."""
         rng = np.random.default_rng([seed, 1])
         pace = (height / 1.76) ** 0.5 * rng.uniform(0.95, 1.05)
         return cls(
@@ -67,6 +71,7 @@ class Walk:
                 wobble=rng.uniform(0.08, 0.18),
                 turn=rng.uniform(0.0, 2 * np.pi),
                 clockwise=bool(rng.integers(2)),
+                heading=heading,
             ),
             start_phase=rng.uniform(0.0, 1.0),
             arm_swing=rng.uniform(19.0, 25.0),
@@ -78,10 +83,12 @@ class Walk:
 
 
 class Path:
-    """A closed smooth curve on the floor around the origin, parametrised by arc length."""
+    """A closed smooth curve on the floor around the origin, or a line through it, parametrised by
+    arc length."""
 
     def __init__(self, walk: Walk) -> None:
         course = walk.course
+        self._line = course.heading
         angle = np.linspace(0.0, 2 * np.pi, 4001)
         radius = course.radius * (
             1 + course.wobble * np.cos(2 * angle + 1.0) + 0.3 * course.wobble * np.cos(3 * angle)
@@ -106,6 +113,9 @@ class Path:
 
     def __call__(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return positions (..., 2) m and unwrapped headings (...) rad at arc lengths s (...) m."""
+        if self._line is not None:
+            ahead = np.array([np.cos(self._line), np.sin(self._line)])
+            return s[..., None] * ahead, np.full(np.shape(s), self._line)
         laps, rest = np.divmod(s, self.length)
         xy = np.stack([np.interp(rest, self._s, self._xy[:, k]) for k in (0, 1)], -1)
         return xy, np.interp(rest, self._heading_s, self._heading) + laps * self._lap

@@ -66,6 +66,16 @@ class Regression:
     """Lower limit of the distance, m; smaller ones carry no more information. By hand."""
     window: float = 0.4
     """Time, s, over which all inputs are averaged; distances by their logarithms."""
+    least_time: float = 0.5
+    """Time, s, that a track must last for its limbs to be judged. The passes over a shorter one all
+    begin at nearly the same pose, and agree on it even if it is wrong. By hand."""
+
+    def lasts(self, times: np.ndarray) -> bool:
+        """Return whether frames at `times` (F,) s last for `least_time`."""
+        if len(times) < 2:
+            return False
+        step = float(np.median(np.diff(times)))
+        return bool(times[-1] - times[0] + step >= self.least_time - 1e-9)
 
 
 REGRESSION = Regression()
@@ -101,14 +111,16 @@ def limb_confidence(
     disagreement: np.ndarray | None = None,
     regression: Regression = REGRESSION,
 ) -> np.ndarray:
-    """Return the probability (F, L) that each limb is right; NaN where nothing is known.
+    """Return the probability (F, L) that each limb is right; NaN where nothing is known, and
+    everywhere if the frames last for less than `Regression.least_time`.
 
     margins: (F, L), see `limb_margins`. ends: (F, L, 3) m, the limbs' ends at `times` (F,) s.
     disagreement: (F, L) m, geometric mean of the distances between the ends in the track and in the
     passes; where it is known, it alone decides.
     """
-    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-    n = max(1, round(regression.window / step)) if step > 0 else 1
+    if not regression.lasts(times):
+        return np.full(margins.shape, np.nan)
+    n = max(1, round(regression.window / float(np.median(np.diff(times)))))
     capped = np.sqrt(np.clip(margins, 0.0, regression.most_margin))
     odds = regression.constant + regression.margin * _average_over_time(capped, n)
     odds = odds + regression.jitter * _average_over_time(

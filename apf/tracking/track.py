@@ -27,6 +27,8 @@ from psfs.common.files import written_whole
 from psfs.common.npz import Values, get_scalar, read_npz
 from psfs.common.ranges import check_number
 
+#: The file that lists the people of a take, see `apf.tracking.people`.
+PEOPLE = "people.json"
 #: The chunks of a track that is being written, ordered by name; see `part_name`.
 PARTS = "parts/track_*.npz"
 _DIAGNOSTIC = "diagnostic_"  # prefix of the diagnostics' keys in the npz
@@ -322,10 +324,11 @@ class Track:
         """Return the track of an npz that `save` wrote, or of the folder that holds `track.npz`.
 
         If the file does not hold its body, it is read from `body.toml` beside it, if that exists.
-        Raises InputError if the file is missing, is no npz, lacks a key or has shapes that
-        disagree.
+        Raises InputError if the file is missing or invalid, or the folder of several people.
         """
         path = Path(path)
+        if (path / PEOPLE).exists():
+            raise InputError(f"{path}: of several people; expected one, as {path / 'person1'}")
         parts = [] if (path / "track.npz").exists() else sorted(path.glob(PARTS))
         if parts:  # of a run that was killed
             return concatenate_tracks(parts)

@@ -100,7 +100,7 @@ class TakeConfig(Config):
         unit="grey levels",
         above=0,
     )
-    unlike: float = setting(
+    least_extrapolated_evidence: float = setting(
         -2.0,
         "Evidence for the person below which an extrapolated background replaces one that is never "
         "seen.",
@@ -135,8 +135,10 @@ class TakeConfig(Config):
         least=0,
         most=1,
     )
-    judged: int = setting(4, "Stride of the samples for which this share is computed.", least=1)
-    denials: int = setting(
+    explained_stride: int = setting(
+        4, "Stride of the samples for which this share is computed.", least=1
+    )
+    contradicting_cameras: int = setting(
         1,
         "Number of cameras, out of more than three, that may contradict a voxel, because their"
         " background may contain a person.",
@@ -151,7 +153,7 @@ class TakeConfig(Config):
         "Greatest number of alternations between estimating the hull and the background.",
         least=1,
     )
-    rest: float = setting(
+    converged_share: float = setting(
         0.002,
         "Share of pixels that change label below which the alternation stops.",
         least=0,

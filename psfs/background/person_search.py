@@ -116,7 +116,7 @@ class PersonSearch:
         variance = np.einsum("kp,kpc->p", shares, (colours - mean) ** 2) / 3
         std = np.sqrt(variance + self._config.extrapolated_std**2)
         ratio = np.log(person[colour_bins(mean)] / self._extrapolated(mean[None])[0])
-        std[ratio > self._config.unlike] = np.nan
+        std[ratio > self._config.least_extrapolated_evidence] = np.nan
         picture = np.full((*self._shape[1:], 4), np.nan, np.float32)
         picture[self.region] = np.concatenate([mean, std[:, None]], -1)
         return picture

@@ -129,7 +129,7 @@ def _hidden(
     for _ in range(config.rounds):
         before = hidden
         hidden = _covered(hull, [of.evidence(colours) for of in searches], config)
-        if (hidden != before).mean() < config.rest:
+        if (hidden != before).mean() < config.converged_share:
             break
 
         def learn(view: int, hidden: np.ndarray = hidden) -> None:
@@ -144,7 +144,7 @@ def _hidden(
 def _explained(hull: CoarseHull, searches: list[PersonSearch], config: TakeConfig) -> float:
     """Return the share of the silhouettes against the medians that their common hull covers; it is
     low if the medians show a person."""
-    evidence = [of.evidence(np.ones(N_COLOURS))[:: config.judged] for of in searches]
+    evidence = [of.evidence(np.ones(N_COLOURS))[:: config.explained_stride] for of in searches]
     person = np.stack(evidence) > 0
     covered = [hull.reprojected(hull.occupied(own), 0) for own in np.moveaxis(person, 1, 0)]
     shown = person & np.stack(covered, axis=1)
@@ -157,7 +157,7 @@ def _covered(hull: CoarseHull, evidence: list[np.ndarray], config: TakeConfig) -
     shown = []
     for maps in zip(*evidence, strict=True):
         person = np.stack(maps) > config.least_evidence
-        occupied = hull.occupied(person, config.denials) & (hull.total(maps) > 0)
+        occupied = hull.occupied(person, config.contradicting_cameras) & (hull.total(maps) > 0)
         near = np.stack([cv2.dilate(own, _NEAR) for own in person.view(np.uint8)]) > 0
         shown.append(hull.reprojected(occupied, config.margin) & near)
     return np.stack(shown, axis=1)

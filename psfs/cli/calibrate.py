@@ -1,4 +1,5 @@
-"""`psfs calibrate FOLDER -o OUT`: cameras from a board or a wand waved through the volume."""
+"""`psfs calibrate FOLDER -o OUT`: cameras from a board or a wand waved through the volume, or given
+cameras corrected by a take."""
 
 from __future__ import annotations
 
@@ -39,6 +40,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import rotation_to_z_up
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.cli.flags.calibrate import CALIBRATION, PICTURES, REPORT, RIG
+from psfs.cli.refinement import refine
 from psfs.cli.settings import FILE, refuse_unused, write_settings
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
@@ -51,6 +53,7 @@ from psfs.sequence import Sequence
 _STATED = ("cameras", "fps", "sync")
 #: Flags of one kind of target.
 _OF_C3D = ("markers", "c3d_begins", "up")
+_OF_TARGETS = ("intrinsics", "floor", "height", "frames", "squares", "square", *_OF_C3D)
 _OF_BOARDS, _OF_CHARUCO = ("squares", "square"), ("marker", "dictionary")
 
 
@@ -58,7 +61,12 @@ def run(args: argparse.Namespace) -> None:
     inputs = [Path(args.folder), *(p for p in (args.c3d, args.intrinsics) if p is not None)]
     expected = (CALIBRATION, REPORT, RIG, FILE, f"{PICTURES}/*.png")
     with output_folder(args.output, args.parser.prog, inputs, expected):
-        _calibrate(args)
+        if args.refine:
+            refuse_unused(args, _OF_TARGETS, "is of boards and wands; expected none with --refine")
+            refine(args)
+        else:
+            refuse_unused(args, ["calibration"], "is of given cameras; expected --refine with it")
+            _calibrate(args)
 
 
 def _calibrate(args: argparse.Namespace) -> None:
@@ -88,7 +96,7 @@ def _make_board_finder(args: argparse.Namespace) -> CharucoFinder | ChessboardFi
     """Return the detector of the board; None for a wand. Raises InputError for flags that exclude
     each other."""
     if args.board is None and args.wand is None and args.c3d is None:
-        raise InputError("no target is stated; expected --board, --wand or --c3d")
+        raise InputError("no target is stated; expected --board, --wand, --c3d or --refine")
     if args.c3d is None:
         refuse_unused(args, _OF_C3D, "is of motion capture; expected --c3d with it")
     if args.floor is None:

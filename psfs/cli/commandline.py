@@ -218,7 +218,7 @@ def add_overwrite_flag(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_device_flag(parser: argparse.ArgumentParser) -> None:
+def add_device_flag(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
     parser.add_argument(
         "--device",
         default="auto",

@@ -78,27 +78,32 @@ class AlignmentConfig(Config):
         unit="rad",
         above=0,
     )
+    shift: float = setting(
+        0.01,
+        "Standard deviation of the error of a camera's position along an axis.",
+        unit="m",
+        above=0,
+    )
     focal: float = setting(
         0.005, "Standard deviation of the relative error of a focal length.", above=0
     )
-    middle: float = setting(
-        0.001,
-        "Standard deviation of the shift of the scene's middle; small, so that the correction "
-        "does not move the scene.",
-        unit="m",
+    time: float = setting(
+        0.5,
+        "Standard deviation of a camera's offset in time; larger offsets are lags of whole frames.",
+        unit="frames",
         above=0,
     )
     noise: float = setting(
-        0.006,
-        "Standard deviation of the distance between planes that touch the same body.",
-        unit="m",
+        0.5,
+        "Least standard deviation of the distance of a frontier point from its epipolar line.",
+        unit="px",
         above=0,
     )
-    reach: float = setting(
-        0.02,
-        "Distance whose weight is a quarter (Geman & McClure 1987); larger ones come from "
-        "shadows and lost limbs.",
-        unit="m",
+    gate: float = setting(
+        4.0,
+        "Greatest distance between frontier points that are matched in the last round; the first "
+        "rounds match four times and twice as far.",
+        unit="px",
         above=0,
     )
     information: float = setting(
@@ -108,8 +113,15 @@ class AlignmentConfig(Config):
         above=0,
         most=1,
     )
-    n_steps: int = setting(10, "Number of Gauss-Newton steps.", least=1)
-    least_rows: int = setting(10, "Least number of measurements per unknown.", least=1)
+    n_rounds: int = setting(4, "Number of matchings of the frontier points.", least=1)
+    n_steps: int = setting(2, "Number of Gauss-Newton steps after each matching.", least=1)
+    least_rows: int = setting(4, "Least number of measurements per unknown.", least=1)
+    block: int = setting(
+        10,
+        "Length of the stretches that are alternately fitted and held out to judge the correction.",
+        unit="frames",
+        least=1,
+    )
     least_moved: float = setting(
         1.6 / 640,
         "Least correction, root mean square over the cameras, as a share of the picture's "
@@ -119,20 +131,20 @@ class AlignmentConfig(Config):
     )
     share: float = setting(
         0.5,
-        "Share to which distances must shrink.",
-        "exact rigs: 0.52 and more",
+        "Share to which the residuals of the held-out frames must shrink.",
         least=0,
         most=1,
     )
-    most_left: float = setting(
-        0.02,
-        "Greatest distance after the correction; above it, the calibration has another fault.",
-        unit="m",
-        above=0,
+    sound: float = setting(
+        0.45,
+        "Residual in small pictures below which a rig counts as sound.",
+        "exact rigs: 0.25 to 0.36 px, `hard_real_5cam`: 1.2 px",
+        unit="px",
+        least=0,
     )
     first_share: float = setting(
         0.75,
-        "Share to which distances must shrink in small pictures before larger ones are examined.",
+        "Share to which residuals must shrink in small pictures before larger ones are examined.",
         least=0,
         most=1,
     )
@@ -306,94 +318,4 @@ class FaultConfig(Config):
         " as turned.",
         least=0,
         most=1,
-    )
-
-
-class PictureConfig(Config):
-    """Criteria by which pictures are faulty, see `psfs.diagnostics.picture_faults`."""
-
-    SOURCE: ClassVar = (
-        "set between what the sequences at hand show untouched and what they show spoilt"
-    )
-
-    same_view: float = setting(
-        0.85,
-        "Least correlation of pictures with a background of the same view.",
-        most=1,
-    )
-    other_view: float = setting(
-        0.6,
-        "Correlation of pictures with their background below which they show different views.",
-        "untouched sequences: 0.93 and more",
-        most=1,
-    )
-    knocked: float = setting(
-        2.0,
-        "Greatest shift between pictures and their background for a camera that was not moved.",
-        "untouched sequences: below 1",
-        "small pixels",
-        least=0,
-    )
-    gain: float = setting(
-        0.1, "Least increase of the edges' correlation if the pictures are shifted back.", least=0
-    )
-    flicker: float = setting(
-        0.04,
-        "Median change of the brightness from frame to frame above which the light flickers.",
-        "untouched sequences: 0.015",
-        least=0,
-    )
-    steady: float = setting(
-        0.6,
-        "Share of the frames that show foreground in one place if the background contains the "
-        "person.",
-        least=0,
-        most=1,
-    )
-    still: float = setting(
-        6.0,
-        "Median deviation over time below which nothing moves at such a place.",
-        unit="grey levels",
-        least=0,
-    )
-    ghost_area: float = setting(
-        0.15,
-        "Least share of the silhouette's area of such a place; twice as much in one frame.",
-        least=0,
-        most=1,
-    )
-    ghost_edges: float = setting(
-        1.5,
-        "Least factor between the strengths of the edges at its rim in the background and in "
-        "the frames.",
-        "untouched sequences: 0.9; spoilt ones: 1.7 to 8",
-        least=0,
-    )
-    ghost_seen: float = setting(1.2, "The same factor where several frames show it.", least=0)
-    cut: float = setting(
-        0.5,
-        "Least share of the frames in which a silhouette touches the picture's border for a note.",
-        least=0,
-        most=1,
-    )
-    filled: float = setting(
-        0.5, "Share of a picture that a person's silhouette fills at most.", least=0, most=1
-    )
-    blank: float = setting(
-        2.0,
-        "Standard deviation of a picture below which it shows nothing.",
-        "untouched sequences: 20 and more",
-        "grey levels",
-        least=0,
-    )
-    frozen: float = setting(
-        0.01, "Change of a silhouette's area over time below which its camera hangs.", least=0
-    )
-    hung: int = setting(
-        10, "Number of frames of one silhouette after which a camera hangs.", unit="frames", least=3
-    )
-    moving: float = setting(
-        0.05,
-        "Change of the median camera's silhouette above which a camera that shows none hangs.",
-        least=0,
     )

@@ -57,7 +57,7 @@ def examine(session: Session, all_cameras: bool = False) -> Examination:
     """
     diagnosis = diagnose(session)
     if session.sequence.settings.sync == "auto":
-        session = session.on(session.sequence.synchronise(diagnosis.late))
+        session = session.with_sequence(session.sequence.synchronise(diagnosis.late))
         diagnosis = diagnosis.without("late")
     if diagnosis.of_all:
         return Examination(session, diagnosis)
@@ -71,7 +71,7 @@ def examine(session: Session, all_cameras: bool = False) -> Examination:
         return Examination(corrected, diagnosis)
     gone = {camera.camera for camera in found}
     kept = [name for name in session.rig.names if name not in gone]
-    session = session.on(session.sequence.with_cameras(kept))
+    session = session.with_sequence(session.sequence.with_cameras(kept))
     return Examination(_correct_rig(session, diagnosis), diagnosis, found)
 
 
@@ -79,12 +79,12 @@ def _correct_rig(session: Session, diagnosis: Diagnosis) -> Session:
     """Return a session whose rig has the pixels hidden by furniture and corrected directions."""
     hidden = find_hidden_pixels(session)
     if hidden is not None:
-        session = session.on(session.sequence.with_rig(session.rig.with_hidden(hidden)))
+        session = session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(hidden)))
     found = correct_rig(session, diagnosis.views)
     if found is None:
         return session
     log.info("%s: %s", session.sequence.name, found)
-    return session.on(session.sequence.with_rig(found.rig))
+    return session.with_sequence(session.sequence.with_rig(found.rig))
 
 
 def _with_default_silhouettes(session: Session) -> Session:
@@ -104,4 +104,4 @@ def synchronise(session: Session) -> Session:
     """Return the session or, if `sync` is "auto", one whose late cameras are shifted."""
     if session.sequence.settings.sync != "auto":
         return session
-    return session.on(session.sequence.synchronise(diagnose(session).late))
+    return session.with_sequence(session.sequence.synchronise(diagnose(session).late))

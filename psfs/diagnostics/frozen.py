@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from psfs.diagnostics.config import PictureConfig
 from psfs.diagnostics.fault import Fault
+from psfs.diagnostics.picture_config import PictureConfig
 from psfs.diagnostics.small_views import SmallViews
 from psfs.sequence import Sequence
 

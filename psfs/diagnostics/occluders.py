@@ -22,7 +22,7 @@ from psfs.silhouettes.config import SilhouetteConfig
 from psfs.volume import BoxSearch, volume_config
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.occupied_box import remove_speckle
+from psfs.voxels.occupied_box import finest_pixel, remove_speckle
 
 #: Voxels of the fine grid along each side of one of the coarse grid.
 _FINE = 2
@@ -70,10 +70,10 @@ def find_hidden_in_box(
     The people are within the box from `low` (3,) to `high` (3,) m. None if nothing is hidden.
     """
     config = config or OccluderConfig()
-    look = _HiddenPixelCounter(rig, low, high, config)
-    for maps in evidence:
-        look(maps)
-    hidden = look.hidden()
+    counter = _HiddenPixelCounter(rig, low, high, config, [maps > 0 for maps in evidence])
+    for frame, maps in enumerate(evidence):
+        counter.count(frame, maps)
+    hidden = counter.hidden()
     return hidden if hidden.any() else None
 
 
@@ -81,35 +81,47 @@ class _HiddenPixelCounter:
     """Counts, over all frames, of how often each pixel denied or confirmed what the other cameras
     see.
 
-    A coarse grid finds the few places where a person may be; a fine grid resolves them.
+    A coarse grid finds the few places where a person may be; a fine grid resolves them. shown: the
+    foreground (V, H, W) bool of each frame.
     """
 
     def __init__(
-        self, rig: CameraRig, low: np.ndarray, high: np.ndarray, config: OccluderConfig
+        self,
+        rig: CameraRig,
+        low: np.ndarray,
+        high: np.ndarray,
+        config: OccluderConfig,
+        shown: list[np.ndarray],
     ) -> None:
-        self.rig, self.config = rig, config
+        self.rig, self.config, self._shown = rig, config, shown
         edge = float(np.cbrt(np.prod(high - low) / config.voxels))
-        self._coarse = VoxelGrid.covering(low, high, _FINE * edge)
-        shape = self._coarse.shape
-        self._places = [self._project_to_indices(camera, self._coarse.centres()) for camera in rig]
-        offsets = np.stack(np.meshgrid(*3 * [range(_FINE)], indexing="ij"), -1).reshape(-1, 3)
-        self._fine = VoxelGrid(
-            self._coarse.low, edge, (_FINE * shape[0], _FINE * shape[1], _FINE * shape[2])
-        )
-        corners = np.stack(np.unravel_index(np.arange(self._coarse.size), shape), -1) * _FINE
-        self._children = np.stack(
-            [np.ravel_multi_index(tuple((corners + o).T), self._fine.shape) for o in offsets], 1
-        )
-        centres = self._fine.centres()
-        self._pixels = np.stack([self._project_to_indices(camera, centres) for camera in rig])
+        edge = max(edge, finest_pixel(rig, VoxelGrid.covering(low, high, edge)))
+        coarse = VoxelGrid.covering(low, high, _FINE * edge)
         distances = np.linalg.norm(rig.centres - (low + high) / 2, axis=1)
         self._widths = [
             max(1, int(np.ceil(edge * camera.K[0, 0] / distance)))
             for camera, distance in zip(rig, distances, strict=True)
         ]
-        self._needed = OccupancyConfig().seeing_cameras(len(rig))
+        candidates = self._find_candidates(coarse)
+        used = np.unique(np.concatenate(candidates))
+        self._voxels = [_find_children(np.searchsorted(used, own)) for own in candidates]
+        centres = _divide(coarse, used)
+        self._pixels = np.stack([self._project_to_indices(camera, centres) for camera in rig])
+        self._seen = (self._pixels >= 0).sum(0) >= OccupancyConfig().seeing_cameras(len(rig))
         size = (len(rig), rig.height, rig.width)
         self.denied, self.confirmed = np.zeros(size, np.int16), np.zeros(size, np.int16)
+
+    def _find_candidates(self, coarse: VoxelGrid) -> list[np.ndarray]:
+        """Return, for each frame, the coarse voxels (N,) where enough cameras, or nearly enough,
+        show foreground."""
+        votes = np.zeros((len(self._shown), coarse.size), np.int16)
+        centres = coarse.centres()
+        for view, (camera, width) in enumerate(zip(self.rig, self._widths, strict=True)):
+            places = self._project_to_indices(camera, centres)
+            square = np.ones((2 * _FINE * width + 1,) * 2, np.uint8)
+            for frame, shown in enumerate(self._shown):
+                votes[frame] += _look_up(cv2.dilate(_bytes(shown[view]), square), places) > 0
+        return [np.flatnonzero(own >= self.config.agreeing) for own in votes]
 
     def _project_to_indices(self, camera: Camera, centres: np.ndarray) -> np.ndarray:
         """Return (N,) int32 flat pixel indices of the projected points; -1 outside the picture."""
@@ -118,44 +130,30 @@ class _HiddenPixelCounter:
         places[inside] = row * self.rig.width + column
         return places
 
-    def __call__(self, evidence: np.ndarray) -> None:
-        """Count one more frame."""
-        shown = evidence > 0
-        voxels = self._children[self._find_candidates(shown)].ravel()
+    def count(self, frame: int, evidence: np.ndarray) -> None:
+        """Count one more frame, of which the evidence is (V, H, W) int8."""
+        shown, voxels = self._shown[frame], self._voxels[frame]
         pixels = self._pixels[:, voxels]
-        counts = np.stack(
-            [
-                np.where(at >= 0, own.ravel()[at], 0)
-                for own, at in zip(evidence, pixels, strict=True)
-            ]
-        ).astype(np.int16)
-        occupied = (counts.sum(0) > 0) & ((pixels >= 0).sum(0) >= self._needed)
+        counts = np.stack([_look_up(own, at) for own, at in zip(evidence, pixels, strict=True)])
+        occupied = (counts.sum(0, dtype=np.int16) > 0) & self._seen[voxels]
         explained = np.stack(
             [
                 self._covered_pixels(v, pixels[v][occupied], self.config.margin)
                 for v in range(len(shown))
             ]
         )
+        self.confirmed += shown & explained
         lonely = [cv2.erode(own, np.ones((3, 3), np.uint8)) for own in _bytes(shown & ~explained)]
-        wanted = np.stack(
-            [(at >= 0) & (own.ravel()[at] > 0) for own, at in zip(lonely, pixels, strict=True)]
-        )
+        if sum(own.any() for own in lonely) < self.config.agreeing:
+            return
+        wanted = [_look_up(own, at) > 0 for own, at in zip(lonely, pixels, strict=True)]
         config, against = self.config, counts < 0
         n_against, n_for = against.sum(0), (counts > 0).sum(0)
-        amiss = (wanted.sum(0) >= config.agreeing) & (n_against <= config.denying)
+        amiss = (np.sum(wanted, 0) >= config.agreeing) & (n_against <= config.denying)
         amiss &= ~occupied & (n_for > n_against)
         for view, own in enumerate(shown):
             denied = self._covered_pixels(view, pixels[view][amiss & against[view]], 0)
             self.denied[view] += denied & ~own
-            self.confirmed[view] += own & explained[view]
-
-    def _find_candidates(self, shown: np.ndarray) -> np.ndarray:
-        """Return the coarse voxels (N,) where enough cameras, or nearly enough, show foreground."""
-        votes = np.zeros(self._coarse.size, np.int16)
-        for own, at, width in zip(_bytes(shown), self._places, self._widths, strict=True):
-            square = np.ones((2 * _FINE * width + 1,) * 2, np.uint8)
-            votes += (at >= 0) & (cv2.dilate(own, square).ravel()[at] > 0)
-        return np.flatnonzero(votes >= self.config.agreeing)
 
     def _covered_pixels(self, view: int, pixels: np.ndarray, margin: int) -> np.ndarray:
         """Return (H, W) bool: the pixels that voxels projected to `pixels` cover, with a margin,
@@ -178,6 +176,26 @@ class _HiddenPixelCounter:
         square = np.ones((config.gap, config.gap), np.uint8)
         closed = [cv2.morphologyEx(own, cv2.MORPH_CLOSE, square) for own in _bytes(enough)]
         return np.stack([_without_specks(own, config.least_pixels) for own in closed])
+
+
+def _divide(coarse: VoxelGrid, voxels: np.ndarray) -> np.ndarray:
+    """Return the centres (N * _FINE**3, 3), m, of the fine voxels in the coarse ones (N,)."""
+    offsets = (np.arange(_FINE) + 0.5) / _FINE - 0.5
+    around = np.stack(np.meshgrid(*3 * [offsets], indexing="ij"), -1).reshape(-1, 3)
+    fine = coarse.centres(voxels)[:, None] + coarse.voxel_size * around
+    return fine.reshape(-1, 3)
+
+
+def _find_children(voxels: np.ndarray) -> np.ndarray:
+    """Return the places (N * _FINE**3,) in the order of `_divide` of the coarse voxels' parts."""
+    children: np.ndarray = (voxels[:, None] * _FINE**3 + np.arange(_FINE**3)).ravel()
+    return children
+
+
+def _look_up(maps: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Return the values (N,) of a map (H, W) at flat indices; 0 at the index -1."""
+    values: np.ndarray = np.append(maps.ravel(), maps.dtype.type(0))[places]
+    return values
 
 
 def _bytes(maps: np.ndarray) -> np.ndarray:

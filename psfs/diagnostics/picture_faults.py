@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 
 from psfs.cameras.names import listed
-from psfs.diagnostics.config import PictureConfig
 from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.frozen import find_frozen_cameras
+from psfs.diagnostics.picture_config import PictureConfig
 from psfs.diagnostics.small_views import SmallViews
 from psfs.sequence import Sequence
 

@@ -28,15 +28,18 @@ _SILHOUETTES = SilhouetteConfig(
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """The convex hull of a silhouette's largest part.
+    """The convex hull and the contour of a silhouette's largest part.
 
     points: (N, 2) px. at_border: (N,) bool, whether a point is on the picture's border, beyond
-    which the silhouette may go on. area: of the part, px.
+    which the silhouette may go on. area: of the part, px. contour, contour_at_border: the same of
+    all points of the part's outer contour, in their order.
     """
 
     points: np.ndarray
     at_border: np.ndarray
     area: int
+    contour: np.ndarray
+    contour_at_border: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,15 +158,17 @@ def extract_outline(mask: np.ndarray, least: int = 40) -> Outline | None:
     if not len(areas) or areas.max() < least:
         return None
     part = 1 + int(areas.argmax())
-    left, top, width, height = facts[part, : cv2.CC_STAT_HEIGHT + 1]
-    rows = labels[top : top + height, left : left + width] == part
-    # The ends of the part's rows have the same hull as the whole part, and no row is empty.
-    ends = np.array([rows.argmax(1), width - 1 - rows[:, ::-1].argmax(1)]) + left
-    points = np.column_stack([ends.ravel(), np.tile(np.arange(top, top + height), 2)])
-    corners = cv2.convexHull(points.astype(np.int32)).reshape(-1, 2) + np.array([x, y])
+    own = (labels == part).view(np.uint8)
+    parts, _ = cv2.findContours(own, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=(x, y))
+    contour = max(parts, key=len)
+    corners = cv2.convexHull(contour).reshape(-1, 2).astype(float)
+    points = contour.reshape(-1, 2).astype(float)
     last = np.array(mask.shape[::-1]) - 2
-    at_border = ((corners <= 1) | (corners >= last)).any(axis=1)
-    return Outline(corners.astype(float), np.asarray(at_border), int(areas.max()))
+
+    def at_border(of: np.ndarray) -> np.ndarray:
+        return np.asarray(((of <= 1) | (of >= last)).any(axis=1))
+
+    return Outline(corners, at_border(corners), int(areas.max()), points, at_border(points))
 
 
 class Shrink:

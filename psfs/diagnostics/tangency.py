@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.small_views import Outline
 
@@ -180,17 +180,6 @@ class Tangency:
             pair = self.difference(mine, self.planes(other, other, camera))
             total, count = total + pair[0], count + pair[1]
         return total / count if count else float("nan")
-
-    def trace_outlines(self, view: int, camera: Camera) -> np.ndarray:
-        """Return the directions (N, 3) of a view's own outlines for a changed `camera` in the same
-        place."""
-        points = self._images[view].points
-        return camera.rays(points) if len(points) else np.zeros((0, 3))
-
-    def measure_planes(self, view: int, rays: np.ndarray, other: int) -> np.ndarray:
-        """Return the extreme planes (F, 2) of a view's own outlines, of which `rays` (N, 3) are the
-        directions, around the line to another camera."""
-        return self._of_rays(view, rays, view, other)
 
     def _axis(self, a: int, b: int) -> tuple[np.ndarray, np.ndarray, float]:
         """Return two directions perpendicular to the line between two cameras, the first towards

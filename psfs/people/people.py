@@ -67,8 +67,8 @@ class People:
         if n > 1 and not (self.counts == n).all():
             text += f", {int(self.counts.min())} to {int(self.counts.max())} at a time"
         if self.objects:
-            text += f"; {self.objects} more that move{'s are' if self.objects > 1 else ' is'}"
-            text += " no people" if self.objects > 1 else " no person"
+            verbs = "move are no people" if self.objects > 1 else "moves is no person"
+            text += f"; {self.objects} more that {verbs}"
         return text
 
 

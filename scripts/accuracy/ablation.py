@@ -51,9 +51,25 @@ ABLATIONS: dict[str, Callable[[Preset], Preset]] = {
 }
 
 
+def _impulse(settings: Preset) -> Preset:
+    features = settings.method.features
+    proximity = features.proximity.replace(function="impulse")
+    return _method(settings, features=features.replace(proximity=proximity))
+
+
+#: Other readings of a paper: the preset, and what is changed in it (docs/tracking.md).
+READINGS: dict[str, tuple[str, Callable[[Preset], Preset]]] = {
+    "rymut-impulse": ("rymut", _impulse),
+}
+
+
 def load_preset(name: str, **choice: Any) -> Preset:
-    """Return the defaults without a part, by its name in `ABLATIONS`, or a preset; with another
-    `search` or `objective` if one is stated. Raises InputError for an unknown name."""
+    """Return the defaults without a part, by its name in `ABLATIONS`, or another reading of a
+    paper, by its name in `READINGS`, or a preset; with another `search` or `objective` if one is
+    stated. Raises InputError for an unknown name."""
+    if name in READINGS:
+        base, change = READINGS[name]
+        return change(preset(base, **choice)).replace(name=name)
     if name not in ABLATIONS:
         return preset(name, **choice)
-    return ABLATIONS[name](Preset(name=name, method=Method.of(**choice)))
+    return ABLATIONS[name](Preset(name=name, method=Method.create(**choice)))

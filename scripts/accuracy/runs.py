@@ -97,7 +97,9 @@ def make_method(setting: Setting, seed: int) -> Method:
     weights: dict[str, Any] = {}
     if objective not in OBJECTIVES:
         objective, weights = "voxel", likelihood_weights(objective.replace("+", ","))
-    return _shaped(_sized(Method.of(setting.method, objective, **weights), setting, seed), vertices)
+    return _shaped(
+        _sized(Method.create(setting.method, objective, **weights), setting, seed), vertices
+    )
 
 
 def _sized(method: Method, setting: Setting, seed: int) -> Method:

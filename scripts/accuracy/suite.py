@@ -20,7 +20,7 @@ from accuracy.recordings import opened
 from accuracy.runs import Results, Run, evaluate_run, make_method
 from accuracy.settings import Setting
 from apf.api import DEFAULT_BODY, given_start
-from apf.body import load_body
+from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
 from apf.body.stature import stature
 from apf.evaluation.evaluate import (
@@ -33,7 +33,7 @@ from apf.evaluation.evaluate import (
 )
 from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints
 from apf.formats.trc import JointSeries
-from apf.initialisation import StartError
+from apf.initialisation import StartError, initialise
 from apf.keypoints import Keypoints
 from apf.presets import Preset
 from apf.tracking.settings import TakeSettings
@@ -47,9 +47,12 @@ from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.diagnostics.silhouette_scores import score_silhouettes, truth_frames
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
+from psfs.volume import automatic_grid
 
 TRUTH = "truth.npz"
-STARTS = ("found", "true")
+#: Where body and first pose come from: an automatic start, the true first joints, or these with
+#: the girths of an automatic start by the defaults.
+STARTS = ("found", "true", "measured")
 #: Cut-off frequency of the triangulation, Hz: the usual one.
 LOW_PASS = 6.0
 #: The observations that need silhouettes.
@@ -110,8 +113,8 @@ def lacking_jobs(
     """Return the remaining jobs, the first seeds of all sequences first. kept: whether a sequence's
     silhouettes are known.
 
-    Seeds that start from the truth share one reconstruction; an automatic start is computed for
-    each seed.
+    Seeds that start from the true joints share one reconstruction; an automatic start is computed
+    for each seed.
     """
     seen = [(f, s.preset) for s, f in settings.items() if s.observations in _VOXELS]
     pictures = {j.silhouettes: j for j in (Job(f, preset=name) for f, name in reversed(seen))}
@@ -120,7 +123,7 @@ def lacking_jobs(
     for setting, folder in settings.items():
         count = 1 if setting.start == "none" else seeds  # triangulation is deterministic
         rest = [seed for seed in range(count) if results.lacks(setting, seed)]
-        parts = [tuple(rest)] if setting.start == "true" else [(seed,) for seed in rest]
+        parts = [(seed,) for seed in rest] if setting.start == "found" else [tuple(rest)]
         jobs += [Job(folder, setting, part) for part in parts if part]
     return sorted(jobs, key=lambda job: job.seeds[:1])
 
@@ -177,9 +180,12 @@ def _take(
     """Track as `apf track FOLDER` does, or as with `--init FOLDER/truth.npz`; with `--keypoints` if
     the setting uses them."""
     sequence = session.sequence
-    init = sequence.folder / TRUTH if setting.start == "true" else None
+    init = sequence.folder / TRUTH if setting.start in ("true", "measured") else None
     body = settings.body or DEFAULT_BODY
-    given = given_start(sequence.folder, 0, body if init else settings.body, init)
+    template: BodyModel | str = body
+    if setting.start == "measured":
+        template = measure_body(session.device, sequence.folder, body, check)
+    given = given_start(sequence.folder, 0, template if init else settings.body, init)
     keypoints = None
     if setting.observations != "voxels":
         keypoints = Keypoints.open(sequence.folder, sequence)
@@ -190,6 +196,14 @@ def _take(
         given=given, keypoints=keypoints,
     )  # fmt: skip
     return track_take(session, take_settings, progress=lambda stage: check())
+
+
+def measure_body(device: Device, folder: Path, body: str, check: Callable[[], object]) -> BodyModel:
+    """Return the body of this name with the lengths and girths that the defaults' automatic start
+    finds in the sequence's voxels."""
+    session = exclude_inconsistent_cameras(Session(Sequence.open(folder), device), False)
+    automatic_grid(session)
+    return initialise(session, load_body(body), progress=check).body
 
 
 def _of_suite(found: Evaluation) -> dict[str, float]:

@@ -39,6 +39,7 @@ _COLOURS = {
     ("triangulation", "none"): "#777777",
     ("voxels", "found"): "#C44E1B",
     ("voxels", "true"): "#2B6CA3",
+    ("voxels", "measured"): "#1B4B72",
     ("keypoints", "found"): "#2E7D32",
     ("keypoints", "true"): "#81B784",
     ("both", "found"): "#6A2E91",

@@ -219,7 +219,7 @@ def _method(
     search: str, particles: int, iterations: int = ITERATIONS, seed: int = 0, **image: Any
 ) -> Method:
     layers = iterations if search == "pso" else 1
-    method = Method.of(search, OBJECTIVE, n_particles=particles, n_layers=layers, seed=seed)
+    method = Method.create(search, OBJECTIVE, n_particles=particles, n_layers=layers, seed=seed)
     looks = ObjectiveConfig(kind=OBJECTIVE, **image)
     return method.replace(filter=method.filter.at_rate(FPS), image=looks)
 

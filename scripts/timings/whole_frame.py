@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import islice
 from typing import Any, TypeAlias
@@ -18,10 +18,12 @@ from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
 from apf.initialisation.from_joints import fit_to_joints
 from apf.likelihood.observations import Observed, PointObservations
+from apf.presets import preset
 from apf.scene import Scene as TrackedScene
 from cl import Device, NumpyDevice
 from psfs.backend import make_reconstructor
 from psfs.sequence import Frame
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud
 from timings.bench_scene import FPS, SHAPE, Scene, make_grid, playing, shared_scene, there_and_back
 from timings.measure import Timing
@@ -41,6 +43,7 @@ class Problem:
     pose: np.ndarray
     config: FilterConfig
     shape: tuple[int, int, int] = SHAPE
+    reconstruction: ReconstructionConfig = field(default_factory=ReconstructionConfig)
 
     def error_mm(self, place: int, pose: np.ndarray) -> float:
         """Return the mean distance, mm, of the joints of `pose` to the truth of the frame played at
@@ -73,6 +76,14 @@ def make_problem(frames: int, body_name: str = "song31") -> Problem:
     return Problem(scene, body, pose, FilterConfig().at_rate(FPS))
 
 
+def songs_own(problem: Problem) -> Problem:
+    """Return the problem with the settings of `--preset song`: the paper's algorithm and nothing
+    else."""
+    song = preset("song")
+    config = song.method.filter.at_rate(FPS)
+    return replace(problem, config=config, reconstruction=song.reconstruction)
+
+
 class WholeFrame:
     """Reconstruction, colour and tracking: `estimate, cloud = whole(frame)`, both on the host.
 
@@ -85,7 +96,9 @@ class WholeFrame:
         started = time.perf_counter()
         scene, grid = problem.scene, make_grid(problem.shape)
         self.device, self.problem = device, problem
-        self.reconstruct: Any = make_reconstructor(device, scene.rig, grid, scene.background)
+        self.reconstruct: Any = make_reconstructor(
+            device, scene.rig, grid, scene.background, problem.reconstruction
+        )
         self.tracker = make_filter(problem.on(device), problem.config)
         self.tracker.start(problem.pose)
         self.setup_ms = 1e3 * (time.perf_counter() - started)

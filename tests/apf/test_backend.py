@@ -45,7 +45,7 @@ STICK = bodies.named("stick")
 @pytest.mark.parametrize("search", SEARCHES)
 def test_trackers(device: Device, search: str, objective: str) -> None:
     world = World(device, STICK, voxel=0.2)
-    method = Method.of(search, objective)
+    method = Method.create(search, objective)
     on_device = make_tracker(world.scene(), method)
     twin = make_tracker(world.scene(NumpyDevice()), method)
     assert type(on_device) is DEVICE[search] and type(twin) is NUMPY[search]
@@ -64,14 +64,14 @@ def test_several_runs_are_made_by_the_annealed_filter_over_voxels_alone(device: 
     world = World(device, STICK, voxel=0.2)
     assert shares_launches(device, Method())
     assert not shares_launches(NumpyDevice(), Method())
-    assert not shares_launches(device, Method.of("pso"))
-    assert not shares_launches(device, Method.of("apf", "sp"))
+    assert not shares_launches(device, Method.create("pso"))
+    assert not shares_launches(device, Method.create("apf", "sp"))
     song = World(device, voxel=0.2)
-    tracker = make_device_tracker(song.scene(), Method.of(n_particles=50, n_layers=2), [0, 7])
+    tracker = make_device_tracker(song.scene(), Method.create(n_particles=50, n_layers=2), [0, 7])
     tracker.start(song.pose(0))
     assert len(tracker.step_runs(song.voxels(0))) == 2
     with pytest.raises(InputError, match=r"\[0, 7\] at once by pso over voxel"):
-        make_device_tracker(song.scene(), Method.of("pso"), [0, 7])
+        make_device_tracker(song.scene(), Method.create("pso"), [0, 7])
     with pytest.raises(DeviceError):
         make_device_tracker(world.scene(NumpyDevice()), Method())
 
@@ -85,7 +85,7 @@ def test_observers_make_features_or_voxels(device: Device, kind: str) -> None:
     class Footage:
         rig, background, has_images = world.rig, None, False
 
-    method = Method.of("pso", "sp")
+    method = Method.create("pso", "sp")
     seen = make_observer(chosen, Footage(), None, method)(scenes.frame(masks=masks))
     assert type(seen) is type(make_feature_extractor(chosen, world.rig, None))
     assert type(seen) is (Features if kind == "opencl" else NumpyFeatures)

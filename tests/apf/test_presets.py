@@ -59,13 +59,21 @@ def test_song_is_what_the_paper_has() -> None:
     assert not silhouette.floor.on and not silhouette.rim.on and silhouette.smoothing.reach == 0
 
 
+def test_rymut_sums_distances_along_edges_and_the_impulse_is_an_option() -> None:
+    near = preset("rymut").method.features.proximity
+    assert (near.function, near.metric) == ("proportional", "chessboard")
+    assert (near.nearest, near.farthest, near.span) == (10.0, 100.0, 0.25)  # figure 4.12
+    impulse = method_of("--preset", "rymut", "--proximity", "impulse").features.proximity
+    assert impulse == near.replace(function="impulse")
+
+
 def test_a_likelihood_by_name_has_these_terms_alone() -> None:
-    settings = FilterConfig.of(**likelihood_weights("edge=1,silhouette")).settings
+    settings = FilterConfig.create(**likelihood_weights("edge=1,silhouette")).settings
     weights = {k: v for k, v in settings.items() if k.endswith("_weight") or k == "least_recall"}
     assert {k: v for k, v in weights.items() if v} == {"edge_weight": 1, "silhouette_weight": 1}
     assert not settings["foreground_join_on"]
     song = preset("song").method.filter.likelihood
-    assert FilterConfig.of(**likelihood_weights("edge=1,silhouette")).likelihood == song
+    assert FilterConfig.create(**likelihood_weights("edge=1,silhouette")).likelihood == song
 
 
 def test_flags_and_config_beat_a_preset(tmp_path: Path) -> None:

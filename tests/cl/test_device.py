@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gc
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from weakref import WeakValueDictionary
 
 import numpy as np
 import pyopencl
@@ -15,6 +17,7 @@ import cl.device
 import cl.fill
 import cl.listing
 import cl.program
+import cl.programs
 from cl import Device, DeviceError, NumpyDevice, list_devices, select_device
 from cl.listing import ranked_devices, where_to_get_opencl
 from cl.program import kernel_source
@@ -207,7 +210,7 @@ def test_work_on_another_queue_waits_and_is_waited_for(fresh: Device) -> None:
     download = Download(array)
     for value in range(5):
         array.fill(value)
-        with fresh.on(queue):
+        with fresh.enqueue_on(queue):
             assert fresh.queue is queue
             found = download.fetch()
             array.fill(-1)
@@ -216,16 +219,16 @@ def test_work_on_another_queue_waits_and_is_waited_for(fresh: Device) -> None:
         last = array.get()
         assert np.all(last == -1) and np.all(found() == value)
     assert fresh.transfers.downloads == 10
-    with fresh.on(queue) as yielded:
+    with fresh.enqueue_on(queue) as yielded:
         array.fill(7)
         fresh.hold_up(yielded)  # for the 7, not for the 8
         array.fill(8)
     assert yielded is own and np.all(np.isin(array.get(), [7, 8]))
     fresh.wait_for(queue)
     assert np.all(array.get() == 8)
-    with pytest.raises(KeyError), fresh.on(queue):
+    with pytest.raises(KeyError), fresh.enqueue_on(queue):
         raise KeyError
-    with fresh.on(own):
+    with fresh.enqueue_on(own):
         array.fill(3)
     fresh.wait_for(own)
     assert fresh.queue is own and np.all(array.get() == 3)
@@ -287,17 +290,33 @@ def test_siblings_share_memory_and_programs(
     fresh: Device, kernels: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO", "cl")
-    (kernels / "some.cl").write_text(FILL)
+    (kernels / "some.cl").write_text(f"{FILL}// {kernels}")  # as no other test builds it
     other = fresh.sibling()
     taken = other.empty(100, np.uint8)
     assert fresh.allocated == other.allocated == 100
     del taken
     gc.collect()
     assert fresh.allocated == 0
-    # Two at a time build a program once.
+    # Two at a time build a program once, and others of the same handle take it.
     with ThreadPoolExecutor(2) as pool:
         list(pool.map(lambda own: own.kernel("some", "fill", SCALE=1), (fresh, other)))
+    Device(fresh.handle, profile=True).kernel("some", "fill", SCALE=1)
     assert builds(caplog) == 1
+
+
+def test_programs_live_as_long_as_a_device_that_uses_them(
+    monkeypatch: pytest.MonkeyPatch, device: Device
+) -> None:
+    monkeypatch.setattr(cl.programs, "_SHARED", WeakValueDictionary())
+    first, second = Device(device.handle), Device(device.handle)
+    kept = weakref.ref(first._programs)
+    assert first.context == second.context != device.context
+    del first
+    gc.collect()
+    assert kept() is second._programs
+    del second
+    gc.collect()
+    assert kept() is None
 
 
 def test_failing_allocations_are_user_errors(
@@ -357,7 +376,7 @@ def test_programs_are_built_once_per_set_of_defines(
     fresh: Device, kernels: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO", "cl")
-    (kernels / "some.cl").write_text(FILL)
+    (kernels / "some.cl").write_text(f"{FILL}// {kernels}")  # as no other test builds it
     out = {}
     for scale in (1, 1, 2, 0.5, np.float64(0.25), np.float32(0.125)):
         out[float(scale)] = fresh.zeros(3, np.float32)

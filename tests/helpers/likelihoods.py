@@ -20,7 +20,7 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.reconstructor import Reconstructor
 from psfs.voxels.grid import VoxelGrid
 
-CONFIG = FilterConfig.of(n_particles=37, n_points=100)
+CONFIG = FilterConfig.create(n_particles=37, n_points=100)
 #: Looks along -x at a cone on the z axis, 1 px per cm at the origin.
 FRONT = Camera(
     "front",
@@ -114,7 +114,7 @@ def assert_cost_nothing(device: Device, **weights: float) -> None:
     poses = bodies.random_poses(body, 8).astype(np.float32)
     found = []
     for chosen in (dict.fromkeys(weights, 0.0), weights):
-        config = FilterConfig.of(**chosen).likelihood
+        config = FilterConfig.create(**chosen).likelihood
         likelihood = VoxelLikelihood(Scene(device, rig, grid, body), config, len(poses))
         likelihood.observe(Reconstructor(device, rig, grid, None)(picture))
         for launch in likelihood.launcher(device.to_device(poses)):

@@ -94,7 +94,7 @@ def test_kept_frames_take_a_bounded_memory(
 def test_what_is_hidden_is_known_of_kept_frames(session: Session) -> None:
     hidden = np.zeros((len(session.rig), session.rig.height, session.rig.width), bool)
     hidden[0, : session.rig.height // 2] = True
-    session = session.on(session.sequence.with_rig(session.rig.with_hidden(hidden)))
+    session = session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(hidden)))
     grid = automatic_grid(session)
     session.keep_carved(range(2))
     reconstruct = session.reconstructor(grid)
@@ -108,7 +108,7 @@ def test_what_is_hidden_is_known_of_kept_frames(session: Session) -> None:
 def test_a_corrected_rig_has_the_frames_that_were_kept(session: Session) -> None:
     session.sequence.keep_frames()
     expected = [frame.images for frame in session.sequence]
-    other = session.on(session.sequence.with_rig(session.rig.with_hidden(None)))
+    other = session.with_sequence(session.sequence.with_rig(session.rig.with_hidden(None)))
     assert other is not session
     assert all(map(np.array_equal, (frame.images for frame in other.sequence), expected))
 
@@ -143,9 +143,9 @@ def test_results_are_kept_and_can_be_replaced(walk: Path) -> None:
     grid = automatic_grid(session)
     np.testing.assert_allclose(grid.high, stated.high)
     assert automatic_grid(session) is grid
-    other = session.on(session.sequence.with_cameras(session.rig.names[:2]))
+    other = session.with_sequence(session.sequence.with_cameras(session.rig.names[:2]))
     assert len(other.rig) == 2 and other.settings is session.settings
-    assert session.on(session.sequence) is session
+    assert session.with_sequence(session.sequence) is session
 
 
 def test_no_selected_frame(walk: Path) -> None:

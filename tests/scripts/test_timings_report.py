@@ -345,7 +345,7 @@ def small_problem(device: Device) -> Problem:
     scene = Scene(walk.rig, background, frames, walk.joints, tuple(walk.joint_names))
     joints = dict(zip(walk.joint_names, walk.joints[0], strict=True))
     body, pose, _ = fit_to_joints(load_body("song31"), joints)
-    return Problem(scene, body, pose, FilterConfig.of(n_particles=30, n_layers=2), (50, 50, 33))
+    return Problem(scene, body, pose, FilterConfig.create(n_particles=30, n_layers=2), (50, 50, 33))
 
 
 def test_the_whole_frame_on_the_device_agrees_with_the_twins(device: Device) -> None:

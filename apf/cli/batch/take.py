@@ -148,7 +148,7 @@ def written_take(
         facts |= {"took": round(time.monotonic() - began, 2)}
         rows = tuple(_written_rows(job, args, take, facts))
         written = [path for path in list_files(partial) if path.name != MANIFEST]
-        outputs = {str(path.relative_to(partial)): FileFacts.of(path) for path in written}
+        outputs = {str(path.relative_to(partial)): FileFacts.read(path) for path in written}
         replace(wanted, outputs=outputs, rows=rows).write(partial)
     progress.end()
     return TakeDone(rows, False, dict(progress.seconds), dict(progress.core_seconds))
@@ -162,7 +162,7 @@ def _written_rows(
     for found, folder in zip(take.tracks, _folders(args), strict=True):
         write_thumbnail(folder, take, found)
         name = "/".join((job.name, *folder.relative_to(args.output).parts))
-        rows.append(TakeRow.of(name, folder, take, found, **facts).plain())
+        rows.append(TakeRow.summarise(name, folder, take, found, **facts).plain())
     return rows
 
 

@@ -16,7 +16,14 @@ FILES = {"csv": "errors per frame", "plot": "a picture (PNG)", "json": "all figu
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this command."""
     parser.add_argument("track", type=Path, metavar="OUT", help="folder of `apf track`, or its npz")
-    parser.add_argument("--truth", type=Path, required=True, metavar="FILE", help="npz, TRC or C3D")
+    parser.add_argument(
+        "--truth",
+        type=Path,
+        required=True,
+        nargs="+",
+        metavar="FILE",
+        help="npz, TRC or C3D; of several people one npz of all, or a file for each",
+    )
     parser.add_argument(
         "--markers",
         type=path_or_name,

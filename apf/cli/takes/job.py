@@ -31,7 +31,9 @@ class TrackJob:
     of_people: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, args: argparse.Namespace, device: Device | NumpyDevice, **own: object) -> TrackJob:
+    def from_arguments(
+        cls, args: argparse.Namespace, device: Device | NumpyDevice, **own: object
+    ) -> TrackJob:
         """Return the job for these flags; `own` overrides them for this take. Raises InputError."""
         method = chosen_method(args)
         seeds = chosen_seeds(args, method)

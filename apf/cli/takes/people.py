@@ -14,21 +14,19 @@ from apf.body import BodyModel
 from apf.cli.takes.job import TrackJob
 from apf.cli.takes.take_report import Line
 from apf.filters.method import Method
-from apf.report.quality import Quality
-from apf.tracking.track import spans
+from apf.report.judged import OVERLAY
+from apf.report.names import PAGE
+from apf.report.people_page import write_people_overlay, write_people_page
+from apf.tracking.people import MOST_PEOPLE, PeopleTracks
+from apf.tracking.track import Track
 from cl import InputError
-from psfs.cli.commandline import stderr
-from psfs.common.files import write_json
+from psfs.cli.commandline import stderr, stdout
 from psfs.people.people import People, count_people, follow_people
 from psfs.people.separation import separate
+from psfs.sequence import Sequence
 from psfs.session import Session
 
 log = logging.getLogger(__name__)
-
-#: The summary of several people.
-PEOPLE = "people.json"
-#: Greatest number of people for --people.
-MOST_PEOPLE = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +40,14 @@ class Persons:
         """Yield the job and the session of each person."""
         for number, session in enumerate(self.sessions, start=1):
             yield job.person(number, len(self.sessions)), session
+
+    def gather(self, tracks: list[Track], verdicts: list[str]) -> PeopleTracks:
+        """Return the tracks of the first people, or of all, with the frames that show them."""
+        people = self.people
+        seen = tuple(person.frames for person in people.persons[: len(tracks)])
+        return PeopleTracks(
+            tuple(tracks), np.array(people.frames), seen, people.objects, tuple(verdicts)
+        )
 
 
 def chosen_people(args: argparse.Namespace, method: Method) -> int | None:
@@ -91,18 +97,22 @@ def find_persons(
     return Persons(people, separate(session, people, lambda: line("people")))
 
 
-def write_people(path: Path, people: People, judged: list[Quality]) -> None:
-    """Write who is where and when, and how good the track of each is."""
-    persons = [
-        {
-            "folder": f"person{number}",
-            "frames": len(person.frames),
-            "seen": spans(person.frames.tolist()),
-            "verdict": quality.verdict,
-        }
-        for number, (person, quality) in enumerate(zip(people, judged, strict=False), start=1)
-    ]
-    counts = np.bincount(people.counts)
-    frames_with = {str(n): int(count) for n, count in enumerate(counts) if count}
-    facts = {"people": len(people), "objects": people.objects, "frames_with": frames_with}
-    write_json(path, {**facts, "persons": persons})
+def write_together(
+    job: TrackJob, tracks: PeopleTracks, sequence: Sequence, line: Line | None
+) -> None:
+    """Write people.json; and, as the flags say, the overlay and the page of all people, unless
+    `line`, which receives the progress, is None for a track that was interrupted. With several
+    seeds nothing: each person's folders hold a track per seed."""
+    folder: Path = job.args.output
+    if len(job.seeds) > 1:
+        return
+    tracks.save_list(folder)
+    if line is None:
+        return
+    if not job.args.no_overlay:
+        line.n_frames = len(tracks.frames)
+        line.begin("overlay")
+        write_people_overlay(folder / OVERLAY, sequence, tracks, lambda: line("overlay"))
+    if not job.args.no_report:
+        write_people_page(folder, sequence.name, tracks, folder / OVERLAY)
+        stdout.print(f"all people together: {folder / PAGE}", soft_wrap=True)

@@ -21,7 +21,7 @@ class SearchSpec:
     `NumpyTracker`, as "package.module:Class", which take scene, likelihood=, config= and, by their
     names, settings; they are imported when they are used. settings: classes of the search's own,
     each a part of `Method` by that name. defaults: that it changes in `FilterConfig`, by the names
-    of `FilterConfig.of`. shares_launches: whether the tracker takes seeds= of several runs.
+    of `FilterConfig.create`. shares_launches: whether the tracker takes seeds= of several runs.
     """
 
     name: str

@@ -99,9 +99,11 @@ def _primitive_distance(primitive: np.ndarray, points: np.ndarray) -> np.ndarray
     return (length - (primitive[13] + primitive[14] * nearest)) * squash
 
 
-def floor_shadow(balls: np.ndarray, centre: np.ndarray, size: int, step: float) -> np.ndarray:
+def floor_shadow(
+    balls: np.ndarray, centre: np.ndarray, size: int, step: float, strength: float = 1.0
+) -> np.ndarray:
     """Return (size, size) factors of the floor's grey levels in the shadow of balls (S, 4), x y z
-    and radius in m; texels of `step` m around `centre` (2,)."""
+    and radius in m; texels of `step` m around `centre` (2,). strength: 0 for no shadow."""
     half = 0.5 * (size - 1)
     j, i = np.indices((size, size)) - half
     p = np.stack([centre[0] + step * i, centre[1] + step * j, np.zeros_like(i)], -1)
@@ -123,7 +125,7 @@ def floor_shadow(balls: np.ndarray, centre: np.ndarray, size: int, step: float) 
     factor = (0.8 * np.exp(-covered) + (light * seen).sum(0)) / full
     rim = smoothstep(0.85, 0.99, np.maximum(np.abs(i), np.abs(j)) / half)
     shadow: np.ndarray = np.sqrt(factor) * (1 - rim) + rim
-    return shadow
+    return 1 - strength * (1 - shadow)
 
 
 def shadowed_room(

@@ -101,10 +101,10 @@ __kernel void empty_room(__global const float *cameras, __global const float *po
 }
 
 // shadow (SHADOW_SIZE, SHADOW_SIZE): by how much the body (as spheres) darkens the floor, grey
-// level factor, around `centre`. Ambient part: a sphere hides r^2 h / d^3 of the sky; direct part:
+// level factor, around `centre`, times `strength`. Ambient part: a sphere hides r^2 h / d^3 of the sky; direct part:
 // penumbra of a lamp of radius LAMP_RADIUS.
 __kernel void floor_shadow(__global const float *balls, const float2 centre,
-                           __global float *shadow)
+                           const float strength, __global float *shadow)
 {
     const int i = get_global_id(0), j = get_global_id(1);
     if (i >= SHADOW_SIZE || j >= SHADOW_SIZE) return;
@@ -139,7 +139,9 @@ __kernel void floor_shadow(__global const float *balls, const float2 centre,
     const float full = ambient + light[0] + light[1];
     const float rim = fmax(fabs((float)i - half_size), fabs((float)j - half_size)) / half_size;
     const float factor = (ambient * open + light[0] * seen[0] + light[1] * seen[1]) / full;
-    shadow[j * SHADOW_SIZE + i] = mix(sqrt(factor), 1.0f, smoothstep(0.85f, 0.99f, rim));
+    const float full_shadow = mix(sqrt(factor), 1.0f, smoothstep(0.85f, 0.99f, rim));
+    shadow[j * SHADOW_SIZE + i] =
+        strength < 1.0f ? mix(1.0f, full_shadow, strength) : full_shadow;
 }
 
 // The room's pixel under the person's shadow: bilinear look-up of the shadow map.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.targets.dictionaries import DICTIONARIES
-from psfs.cli.commandline import frame_range
+from psfs.cli.commandline import add_device_flag, frame_range
 from psfs.cli.sequence_flags import PARSERS
 from psfs.cli.setting_flags import add_setting_flags
 from psfs.cli.settings import add_configs
@@ -30,7 +30,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         f"in {PICTURES}/: reprojection errors, where the target was seen, what to do better. "
         "Recipe: docs/calibration.md."
     )
-    parser.add_argument("folder", metavar="FOLDER", help="footage of the board or wand")
+    parser.add_argument("folder", metavar="FOLDER", help="footage of the board, wand or person")
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT", help="folder")
     _add_target_flags(parser)
     group = parser.add_argument_group("cameras and world")
@@ -53,12 +53,14 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--frames", type=frame_range, metavar="a:b", help="frames counted from 0, b excluded "
         f"(default: all, at most {CalibrationConfig().most_frames}, evenly spread)",
     )  # fmt: skip
-    add_setting_flags(group, footage.Settings, only=("cameras", "fps", "sync"), parsers=PARSERS)
+    stated = ("cameras", "fps", "sync", "calibration")
+    add_setting_flags(group, footage.Settings, only=stated, parsers=PARSERS)
+    add_device_flag(group)
     add_configs(parser, Settings, "calibration")
 
 
 def _add_target_flags(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("target", "one of --board, --wand and --c3d")
+    group = parser.add_argument_group("target", "one of --board, --wand, --c3d and --refine")
     kind = group.add_mutually_exclusive_group()
     kind.add_argument("--board", choices=_BOARDS, help="a board with squares")
     kind.add_argument(
@@ -68,6 +70,11 @@ def _add_target_flags(parser: argparse.ArgumentParser) -> None:
     kind.add_argument(
         "--c3d", type=Path, metavar="FILE",
         help="a wand whose markers a motion-capture system measured: cameras in its frame",
+    )  # fmt: skip
+    kind.add_argument(
+        "--refine", action="store_true",
+        help="no target: correct the cameras that FOLDER has, and tell their sub-frame times, by "
+        "the silhouettes of somebody who moves; kept as they are unless held-out frames fit better",
     )  # fmt: skip
     group.add_argument(
         "--squares", type=_squares, metavar="CxR", help="squares of the board, as 7x5, not "

@@ -23,6 +23,7 @@ from timings.tables.whole import (
     later,
     median_ms,
     papers,
+    song_table,
     stage_table,
     stream_table,
     streams,
@@ -218,6 +219,9 @@ def _song(machines: Sequence[Machine]) -> str:
         if streams(results)
     ]
     for machine, results in each:
+        own = song_table(results, machine.title)
+        parts += [named(own.markdown(), machine)] if own else []
+        parts += missing(machine, "whole", "song ")
         cues = cues_table(results, machine.title)
         parts += [named(cues.markdown(), machine)] if cues else []
         parts += missing(machine, "whole", "cues ")

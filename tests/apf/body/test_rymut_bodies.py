@@ -104,7 +104,7 @@ def test_tracked_alone(device: Device, name: str) -> None:
     """A moving body is tracked by its silhouettes and edges."""
     body = load_body(name)
     film = Film(device, body, rig())
-    method = Method.of("pso", "sp", n_particles=200, n_layers=12)
+    method = Method.create("pso", "sp", n_particles=200, n_layers=12)
     tracker = make_tracker(Scene(device, film.rig, None, body), method)
     tracker.start(body.rest_pose)
     random = np.random.default_rng(1)

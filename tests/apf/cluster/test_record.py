@@ -74,7 +74,7 @@ def test_files_that_look_as_before_are_not_read(take: Path) -> None:
 
 @pytest.mark.parametrize("damage", ["changed", "gone"])
 def test_results_that_are_not_all_there(damage: str, take: Path) -> None:
-    outputs = {str(p.relative_to(take)): FileFacts.of(p) for p in list_files(take)}
+    outputs = {str(p.relative_to(take)): FileFacts.read(p) for p in list_files(take)}
     record = TakeRecord("0", {}, {}, {}, outputs)
     assert record.is_complete(take)
     if damage == "gone":

@@ -40,7 +40,7 @@ def assert_equal(a: Estimate, b: Estimate) -> None:
 
 def test_a_frame_is_one_small_download(device: Device) -> None:
     world = World(device)
-    config = FilterConfig.of(n_particles=37, n_layers=3)
+    config = FilterConfig.create(n_particles=37, n_layers=3)
     tracker = AnnealedParticleFilter(world.scene(), config)
     tracker.start(world.pose(0))
     tracker.step(world.voxels(0))  # tells the reprojection where the grid lies
@@ -60,7 +60,7 @@ def test_a_frame_is_one_small_download(device: Device) -> None:
 def test_every_frame_draws_its_own_noise(device: Device, n_layers: int) -> None:
     """The frame's number is the first word of the counter of the random numbers."""
     world = World(device)
-    config = FilterConfig.of(n_particles=37, n_layers=n_layers)
+    config = FilterConfig.create(n_particles=37, n_layers=n_layers)
     tracker = AnnealedParticleFilter(world.scene(), config)
     for _ in range(2):
         tracker.start(world.pose(0))
@@ -71,7 +71,7 @@ def test_every_frame_draws_its_own_noise(device: Device, n_layers: int) -> None:
 
 def test_frames_do_not_allocate(device: Device) -> None:
     world = World(device)
-    config = FilterConfig.of(n_particles=37, n_layers=2)
+    config = FilterConfig.create(n_particles=37, n_layers=2)
     tracker = AnnealedParticleFilter(world.scene(), config)
     tracker.start(world.pose(0))
     voxels = world.voxels(0)
@@ -86,7 +86,7 @@ def test_the_last_change_is_expected_again(device: Device, kind: str) -> None:
     """Without noise and choice the pose coasts: all particles move by velocity times the change."""
     body = replace(SONG, sigma=np.zeros(SONG.n_dof))
     world = World(device, body)
-    config = FilterConfig.of(n_particles=5, n_layers=2, velocity=0.5, **MILD)
+    config = FilterConfig.create(n_particles=5, n_layers=2, velocity=0.5, **MILD)
     chosen = device if kind == "opencl" else NumpyDevice()
     tracker = make_filter(world.scene(chosen), config)
     place = SONG.dof_names.index("pelvis.tx")
@@ -117,7 +117,7 @@ def test_the_last_change_is_expected_again(device: Device, kind: str) -> None:
 
 @pytest.mark.parametrize("n_layers", [2, 3])  # frames end in one set, or in alternating ones
 def test_runs_repeat_bit_by_bit(device: Device, n_layers: int) -> None:
-    world, config = World(device), FilterConfig.of(n_particles=129, n_layers=n_layers, seed=3)
+    world, config = World(device), FilterConfig.create(n_particles=129, n_layers=n_layers, seed=3)
     first, second = list(run(world, config, 3)), list(run(world, config, 3))
     for a, b in zip(first, second, strict=True):
         assert_equal(a, b)
@@ -135,7 +135,7 @@ def test_runs_repeat_bit_by_bit(device: Device, n_layers: int) -> None:
 )
 def test_runs_at_once_are_those_of_their_seeds_alone(device: Device, settings: dict) -> None:
     """Bit by bit, and in any place among the others."""
-    world, config = World(device), FilterConfig.of(**{"last_survival": 0.2, **settings})
+    world, config = World(device), FilterConfig.create(**{"last_survival": 0.2, **settings})
     seeds = (4, 2**40 + 1, 0)
     tracker = AnnealedParticleFilter(world.scene(), config, seeds=seeds)
     tracker.start(world.pose(0))
@@ -156,7 +156,7 @@ def test_streams_give_what_steps_do(device: Device, kind: str) -> None:
     and after a stream that ends early."""
     other = Device(device.handle)
     other.info = device.info if kind == "own" else replace(device.info, kind="gpu")
-    world, config = World(other), FilterConfig.of(n_particles=37, n_layers=3)
+    world, config = World(other), FilterConfig.create(n_particles=37, n_layers=3)
     expected = list(run(world, config, 4))
     tracker = AnnealedParticleFilter(world.scene(), config)
     for wanted in (4, 2, 4):
@@ -172,13 +172,13 @@ def test_streams_give_what_steps_do(device: Device, kind: str) -> None:
 
 
 def test_terms_that_depend_on_the_track_serve_one_run(device: Device) -> None:
-    world, config = World(device), FilterConfig.of(n_particles=37, motion_prior_weight=0.1)
+    world, config = World(device), FilterConfig.create(n_particles=37, motion_prior_weight=0.1)
     with pytest.raises(InputError, match="2 runs at once"):
         AnnealedParticleFilter(world.scene(), config, seeds=(0, 1))
 
 
 def test_a_filter_started_again_forgets(device: Device) -> None:
-    world, config = World(device), FilterConfig.of(n_particles=37, n_layers=3, spread=1.0)
+    world, config = World(device), FilterConfig.create(n_particles=37, n_layers=3, spread=1.0)
     tracker = AnnealedParticleFilter(world.scene(), config)
     runs = []
     for _ in range(2):
@@ -195,7 +195,7 @@ def test_a_filter_started_again_forgets(device: Device) -> None:
 def test_a_filter_of_a_changed_body_is_that_bodys(device: Device, settings: dict) -> None:
     """Bit by bit: sizes, sample rows, limits and deviations are the new body's."""
     world = World(device)
-    scene, config = world.scene(), FilterConfig.of(n_particles=37, n_layers=2, **settings)
+    scene, config = world.scene(), FilterConfig.create(n_particles=37, n_layers=2, **settings)
     taller = replace(
         scene.body.scaled(dict.fromkeys(scene.body.scale_groups, 1.3), 0.9),
         sigma=0.5 * scene.body.sigma,
@@ -236,7 +236,7 @@ def test_frames_agree_with_the_twin(device: Device, settings: dict, n_layers: in
     """As long as no parent flips the two draw the same particles; a flip moves the mean little."""
     world = World(device)
     settings = {"refinement_steps": 0, **settings}  # which would hide errors before it
-    config = FilterConfig.of(
+    config = FilterConfig.create(
         n_particles=64, n_layers=n_layers, last_survival=0.2, seed=1, **settings
     )
     twin = NumpyAnnealedParticleFilter(world.scene(NumpyDevice()), config)
@@ -260,7 +260,7 @@ def test_a_moving_body_is_followed(device: Device) -> None:
     """With so few cameras 1 run in 4 has lost a limb by the end (4 of 16 seeds), none the body. Of
     8 runs that keep every joint with probability 3 / 4, fewer than 3 do in 1 case of 240."""
     world = World(device)
-    config = FilterConfig.of(n_particles=200, n_layers=6)
+    config = FilterConfig.create(n_particles=200, n_layers=6)
     tracker = AnnealedParticleFilter(world.scene(), config, seeds=range(8))
     tracker.start(world.pose(0))
     for frame in range(12):
@@ -282,7 +282,7 @@ def test_a_moving_body_is_followed(device: Device) -> None:
 
 def test_no_voxels_leave_the_body_within_its_limits(device: Device) -> None:
     world = World(device)
-    config = FilterConfig.of(n_particles=37, n_layers=3)
+    config = FilterConfig.create(n_particles=37, n_layers=3)
     tracker = AnnealedParticleFilter(world.scene(), config)
     tracker.start(world.pose(0))
     voxels = world.voxels(0)
@@ -301,7 +301,7 @@ def test_no_voxels_leave_the_body_within_its_limits(device: Device) -> None:
 def test_starting_poses_are_checked(device: Device, kind: str) -> None:
     world = World(device)
     chosen = device if kind == "opencl" else NumpyDevice()
-    config = FilterConfig.of(n_particles=5, n_layers=1, **MILD)
+    config = FilterConfig.create(n_particles=5, n_layers=1, **MILD)
     tracker = make_filter(world.scene(chosen), config)
     assert type(tracker).__name__.startswith("Numpy") == (kind == "numpy")
     for wrong in (np.zeros(30), np.full(31, np.nan), np.zeros((1, 31))):
@@ -317,7 +317,7 @@ def test_starting_poses_are_checked(device: Device, kind: str) -> None:
 @pytest.mark.parametrize("n_layers", [1, 3])
 def test_the_other_kind_of_work_groups_finds_the_same(device: Device, n_layers: int) -> None:
     """GPUs take a work-group per particle, CPUs an item per pack of them; all devices can both."""
-    config = FilterConfig.of(n_particles=64, n_layers=n_layers)
+    config = FilterConfig.create(n_particles=64, n_layers=n_layers)
     with skipped_without_room(device):
         one, two = (list(run(World(place), config, 2)) for place in (device, other_kind(device)))
     for a, b in zip(one, two, strict=True):

@@ -14,7 +14,7 @@ from cl import InputError
 
 
 def of_terms(text: str) -> FilterConfig:
-    return FilterConfig.of(**likelihood_weights(text))
+    return FilterConfig.create(**likelihood_weights(text))
 
 
 def test_defaults_are_the_seed_setting() -> None:
@@ -45,7 +45,7 @@ def test_weights_are_in_the_order_of_the_kernel() -> None:
 
 
 def test_song_alone_may_be_chosen() -> None:
-    config = FilterConfig.of(surface_weight=0, overlap_weight=0, spread=0)
+    config = FilterConfig.create(surface_weight=0, overlap_weight=0, spread=0)
     assert config.likelihood.weights[2] == config.likelihood.weights[3] == 0
 
 
@@ -77,7 +77,7 @@ def test_song_alone_may_be_chosen() -> None:
 )
 def test_impossible_settings_are_refused_with_their_value(setting: str, value: float) -> None:
     with pytest.raises(InputError) as caught:
-        FilterConfig.of(**{setting: value})
+        FilterConfig.create(**{setting: value})
     message = str(caught.value)
     assert "expected" in message and "\n" not in message
     assert f"{value:.3g}" in message or str(value) in message
@@ -85,7 +85,7 @@ def test_impossible_settings_are_refused_with_their_value(setting: str, value: f
 
 def test_few_particles_need_a_milder_last_layer() -> None:
     with pytest.raises(InputError, match="last_survival"):
-        FilterConfig.of(n_particles=10)
+        FilterConfig.create(n_particles=10)
     assert SearchConfig(n_particles=10, last_survival=0.2).n_particles == 10
     assert SearchConfig(n_particles=2, first_survival=0.9, last_survival=0.6).n_particles == 2
 
@@ -93,7 +93,7 @@ def test_few_particles_need_a_milder_last_layer() -> None:
 def test_settings_cannot_be_changed_behind_the_launches() -> None:
     with pytest.raises(ValidationError):
         FilterConfig().search.n_layers = 3  # type: ignore[misc]
-    assert FilterConfig.of(seed=2**64 - 1).search.seed == 2**64 - 1
+    assert FilterConfig.create(seed=2**64 - 1).search.seed == 2**64 - 1
 
 
 def test_terms_of_the_likelihood_by_name() -> None:
@@ -104,7 +104,7 @@ def test_terms_of_the_likelihood_by_name() -> None:
     assert song.posture_prior_weight == 0 and not song.reprojection.foreground_join.on
     assert of_terms("surface=2.5").likelihood.weights.tolist() == [0, 0, 2.5, 0]
     every = of_terms("edge,silhouette,surface,overlap,posture,part_colour,contour,pictures")
-    assert every == FilterConfig.of(limb_search_least_recall=0.0)
+    assert every == FilterConfig.create(limb_search_least_recall=0.0)
 
 
 def test_terms_that_are_off_by_default_are_chosen_by_name() -> None:
@@ -117,16 +117,16 @@ def test_terms_that_are_off_by_default_are_chosen_by_name() -> None:
 
 
 def test_single_settings_find_their_parts() -> None:
-    config = FilterConfig.of(
+    config = FilterConfig.create(
         n_layers=3, surface_scale=0.1, part_colour_decay=0.5, refinement_scale=1
     )
     assert config.search.n_layers == 3 and config.likelihood.surface_scale == 0.1
     assert config.likelihood.part_colour.decay == 0.5 and config.refinement.scale == 1
     other = config.with_changes(limb_search_reach=2.0)
     assert other.limb_search.reach == 2 and other.search == config.search
-    assert FilterConfig.of(**other.settings) == other
+    assert FilterConfig.create(**other.settings) == other
     with pytest.raises(TypeError, match="no setting of a filter: two_sided"):
-        FilterConfig.of(two_sided=1.0)
+        FilterConfig.create(two_sided=1.0)
 
 
 def test_deviations_grow_with_the_time_between_frames() -> None:

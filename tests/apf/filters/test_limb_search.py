@@ -28,7 +28,9 @@ from apf.reference.likelihood.voxel import NumpyLikelihood, subset
 from apf.scene import Scene
 from cl import Array, Device, Launch
 
-CONFIG = FilterConfig.of(n_particles=150, n_points=400, refinement_steps=5, limb_search_reach=12.0)
+CONFIG = FilterConfig.create(
+    n_particles=150, n_points=400, refinement_steps=5, limb_search_reach=12.0
+)
 
 
 class Nearness(Likelihood):

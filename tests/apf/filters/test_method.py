@@ -51,7 +51,7 @@ def tracked(device: Device | NumpyDevice, start, method: Method, n_frames: int) 
 def test_on_the_device(start, search: str, objective: str) -> None:
     pose = start[3]
     size = {"n_particles": 60} if search == "sir" else {"n_particles": 40, "n_layers": 3}
-    method = Method.of(search, objective, limb_search_reach=0.0, **size)
+    method = Method.create(search, objective, limb_search_reach=0.0, **size)
     track = tracked(Device.best(), start, method, 2)
     assert track.frames.tolist() == [0, 1]
     assert track.diagnostics["ess"].shape == (2, 1 if search == "sir" else 3)
@@ -69,7 +69,7 @@ def test_on_the_device(start, search: str, objective: str) -> None:
 def test_twins(start, search: str, objective: str) -> None:
     size = {"n_particles": 3} if search == "sir" else {"n_particles": 2, "n_layers": 2}
     settings = {"first_survival": 0.6, "last_survival": 0.6, "limb_search_reach": 0.0}
-    method = Method.of(search, objective, n_points=40, refinement_steps=0, **size, **settings)
+    method = Method.create(search, objective, n_points=40, refinement_steps=0, **size, **settings)
     tracks = [tracked(device, start, method, 1) for device in (NumpyDevice(), Device.best())]
     # One voxel of 650 at the threshold is rounded differently, which changes the surface's samples.
     tolerance = 0.015 if method.uses_voxels else 2e-3
@@ -79,4 +79,4 @@ def test_twins(start, search: str, objective: str) -> None:
 def test_unknown_ones() -> None:
     for wrong in (("genetic", "sp"), ("pso", "best")):
         with pytest.raises(InputError, match="expected"):
-            Method.of(*wrong)
+            Method.create(*wrong)

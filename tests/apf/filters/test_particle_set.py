@@ -113,7 +113,7 @@ class Layer:
         **settings: float,
     ) -> None:
         settings = {"n_layers": 3, "trunk_layers": 0, "seed": 0x12345_6789ABCD, **MILD} | settings
-        self.config = FilterConfig.of(n_particles=n, **settings).search
+        self.config = FilterConfig.create(n_particles=n, **settings).search
         self.set = ParticleSet(device, body, self.config, seeds)
         self.device = device
         self.set.start(body.rest_pose)

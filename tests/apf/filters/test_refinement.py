@@ -21,7 +21,7 @@ from apf.scene import Scene
 from cl import Device
 
 #: Without a prior that is worth mentioning.
-CONFIG = FilterConfig.of(
+CONFIG = FilterConfig.create(
     refinement_steps=8,
     refinement_scale=0.05,
     refinement_reach=0.05,

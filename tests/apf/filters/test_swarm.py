@@ -49,7 +49,7 @@ def run(search: str, device: Device | None, config: FilterConfig, frames: int, *
 
 
 def config_of(search: str, n: int = 65, **settings: object) -> FilterConfig:
-    return FilterConfig.of(n_particles=n, noise=1.0, **{**SEARCHES[search][2], **settings})
+    return FilterConfig.create(n_particles=n, noise=1.0, **{**SEARCHES[search][2], **settings})
 
 
 @pytest.mark.parametrize("search", SEARCHES)
@@ -224,7 +224,7 @@ def test_bad_settings() -> None:
     with pytest.raises(InputError, match="expected"):
         SirConfig(sigma_z=-1)
     with pytest.raises(InputError, match="expected 1"):
-        NumpySirParticleFilter(scene_on(NumpyDevice()), None, FilterConfig.of(n_layers=2))
+        NumpySirParticleFilter(scene_on(NumpyDevice()), None, FilterConfig.create(n_layers=2))
 
 
 def test_widened_it_spreads_further(device: Device) -> None:

@@ -104,7 +104,7 @@ def test_more_pictures_than_tiles(device: Device, monkeypatch: pytest.MonkeyPatc
 def test_a_swarm_tracks_by_opengl_from_any_thread(device: Device) -> None:
     body, rig = bodies.named("song31"), scenes.ring(3, (161, 123))
     scene, observed = Scene(device, rig, None, body), rendered.random_maps(rig).on(device)
-    method = Method.of("pso", "sp", n_particles=24, n_layers=3).replace(image=OPENGL)
+    method = Method.create("pso", "sp", n_particles=24, n_layers=3).replace(image=OPENGL)
     found: list[np.ndarray] = []
 
     def track(tracker: object) -> None:
@@ -127,7 +127,7 @@ def test_what_opengl_cannot(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="renderer is 'metal'; expected opencl, opengl"):
         ObjectiveConfig(renderer="metal")
     with pytest.raises(InputError, match="the device is numpy"):
-        check_renderer(NumpyDevice(), Method.of("pso", "sp").replace(image=OPENGL))
+        check_renderer(NumpyDevice(), Method.create("pso", "sp").replace(image=OPENGL))
     monkeypatch.setattr("apf.image_objective.opengl.renderer._LARGEST", 100)
     with pytest.raises(InputError, match="161 x 123; OpenGL draws up to 100 px"):
         OpenGLRenderer(bodies.named("song31"), scenes.ring(2, (161, 123)), 3)

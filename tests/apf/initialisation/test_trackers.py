@@ -15,7 +15,7 @@ from apf.initialisation.trackers import Trackers
 from cl import Device, NumpyDevice
 from psfs.voxels.grid import VoxelCloud
 
-FEW = FilterConfig.of(n_particles=37, n_layers=1)
+FEW = FilterConfig.create(n_particles=37, n_layers=1)
 
 
 def test_a_tracker_serves_the_next_body(device: Device, caplog: pytest.LogCaptureFixture) -> None:

@@ -87,7 +87,7 @@ def test_contours_are_those_of_the_twin(device: Device) -> None:
     images = np.random.default_rng(0).integers(0, 256, (*masks.shape, 3)).astype(np.uint8)
     images[0] = cv2.GaussianBlur(images[0], (0, 0), 2.0)
     picture: Any = scenes.frame(images=images, masks=masks)
-    config = FilterConfig.of(part_colour_weight=0.0).likelihood
+    config = FilterConfig.create(part_colour_weight=0.0).likelihood
     here = VoxelLikelihood(Scene(device, rig, grid, SONG), config, 37)
     here.observe(Reconstructor(device, rig, grid, None)(picture))
     term = here.terms["contour"]
@@ -138,5 +138,5 @@ def test_the_term_agrees_with_the_twin(device: Device, name: str, kind: str) -> 
 
 def test_without_pictures_contours_cost_nothing(device: Device) -> None:
     with pytest.raises(InputError, match=r"contour\.contrast is 0"):
-        FilterConfig.of(contour_contrast=0.0)
+        FilterConfig.create(contour_contrast=0.0)
     assert_cost_nothing(device, contour_weight=4.0)

@@ -32,7 +32,7 @@ def test_the_cost_is_the_mean_squared_change_in_sigmas() -> None:
     nothing = np.full(SONG.n_dof, np.nan)
     assert not motion_errors(SONG, poses, nothing, CONFIG).any()
     # Half as many frames per second may change by twice as much.
-    slow = FilterConfig.of(motion_prior_scale=2.0).at_rate(30.0).likelihood.motion_prior
+    slow = FilterConfig.create(motion_prior_scale=2.0).at_rate(30.0).likelihood.motion_prior
     np.testing.assert_allclose(motion_errors(SONG, poses, expected, slow), [0, 1 / 4, 9 / 4])
     still = replace(SONG, sigma=np.zeros(SONG.n_dof))
     assert not motion_errors(still, poses, expected, CONFIG).any()
@@ -104,7 +104,7 @@ def test_a_jump_to_a_better_place_is_forbidden_once_there_was_a_frame(device: De
 
 def test_trackers_let_the_term_learn_their_estimates(device: Device) -> None:
     world = World(device)
-    config = FilterConfig.of(
+    config = FilterConfig.create(
         n_particles=64,
         n_layers=2,
         last_survival=0.2,

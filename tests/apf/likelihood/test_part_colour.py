@@ -245,7 +245,7 @@ def test_codes_say_where_the_silhouettes_are(device: Device, kind: str) -> None:
 def test_trackers_learn_at_their_estimates(device: Device) -> None:
     world = World(device)
     rig = world.rig
-    tracker = AnnealedParticleFilter(world.scene(), FilterConfig.of(n_particles=37, n_layers=2))
+    tracker = AnnealedParticleFilter(world.scene(), FilterConfig.create(n_particles=37, n_layers=2))
     random = np.random.default_rng(0)
     images = random.integers(0, 256, (len(rig), rig.height, rig.width, 3)).astype(np.uint8)
     pictures = device.to_device(images)
@@ -267,7 +267,7 @@ def test_trackers_learn_at_their_estimates(device: Device) -> None:
 
 def test_without_pictures_colours_cost_nothing(device: Device) -> None:
     with pytest.raises(InputError, match=r"part_colour\.decay is 1\.5"):
-        FilterConfig.of(part_colour_decay=1.5)
+        FilterConfig.create(part_colour_decay=1.5)
     assert_cost_nothing(device, part_colour_weight=4.0)
 
 

@@ -28,7 +28,7 @@ def test_a_term_has_settings_and_is_chosen_by_its_name(spec: TermSpec) -> None:
     default = spec.settings()
     weight = likelihood_weights(f"edge,{spec.name}")[f"{spec.name}_weight"]
     assert weight == (default.weight or spec.chosen_weight) > 0
-    config = FilterConfig.of(**{f"{spec.name}_weight": weight}).likelihood
+    config = FilterConfig.create(**{f"{spec.name}_weight": weight}).likelihood
     assert spec.name in config.terms and config.of_term(spec.name).weight == weight
     assert (spec.name in config.track_terms) == spec.depends_on_track
     own = spec.launcher.startswith("apf.")

@@ -12,12 +12,12 @@ SIZES = SizeConfig()
 
 
 def test_a_search_of_any_size() -> None:
-    method = Method.of("pso", "sp")
+    method = Method.create("pso", "sp")
     for count in (SIZES.fewest, 900, 3000, SIZES.most):
         chosen = sized(method, count)
         assert abs(evaluations(chosen) - count) < 0.15 * count
         assert 6 <= chosen.filter.search.n_layers <= 15
-    assert sized(Method.of("sir", "sp"), 2000).filter.search.n_layers == 1
+    assert sized(Method.create("sir", "sp"), 2000).filter.search.n_layers == 1
     assert sized(method, 3000).filter.search.n_layers > sized(method, 900).filter.search.n_layers
 
 

@@ -94,7 +94,7 @@ def prepared(folder: Path, objective: str = "voxel", follow: bool = False) -> Li
     sequence = Sequence.open(folder)
     session = Session(sequence, NumpyDevice(), SessionSettings(voxel_size=0.03))
     grid = automatic_grid(session) if objective == "voxel" else None
-    searches = [Method.of("apf", objective, n_particles=n, n_layers=6) for n in (48, 96)]
+    searches = [Method.create("apf", objective, n_particles=n, n_layers=6) for n in (48, 96)]
     return Live(
         Device.best(),
         Replay(sequence, range(5)),

@@ -36,14 +36,14 @@ def scene(walk: Path) -> Scene:
     truth = load_truth(walk / "truth.npz")
     named = dict(zip(truth.joint_names, truth.joints[0], strict=True))
     body, pose, _ = fit_to_joints(load_body("song31"), named)
-    method = Method.of(contour_weight=0.0, part_colour_weight=0.0, limb_search_rounds=0)
+    method = Method.create(contour_weight=0.0, part_colour_weight=0.0, limb_search_rounds=0)
     track = track_take(session, TakeSettings(method=method, given=(body, pose))).tracks[0]
     return session, tracked(body, track.poses)
 
 
 def tracked(body: BodyModel, poses: np.ndarray) -> Track:
     return replace(
-        tracks.walker(len(poses)),
+        tracks.walker(len(poses), fps=2 * len(poses)),  # lasts as long as limbs need
         poses=poses,
         joints=posed_joints(body, poses),
         body=body,
@@ -95,6 +95,12 @@ def test_what_nothing_was_compared_with_is_not_called_good(scene: Scene) -> None
     margins = np.full((len(track), 4), 0.3)
     searched = {**track.diagnostics, "limb_margin": margins}
     assert Quality(replace(track, diagnostics=searched), None).verdict == "good"
+
+
+def test_a_short_clip_is_not_called_good(scene: Scene) -> None:
+    quality = judged(scene, replace(scene[1], fps=30.0))
+    assert quality.verdict == "unknown" and not quality.doubtful
+    assert quality.lines()[0].startswith("the track lasts for less than 0.5 s, too short to say")
 
 
 def test_lost_frames_and_unsure_ends() -> None:

@@ -38,6 +38,20 @@ def folder(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.parametrize("course", ["straight", "diagonal"])
+def test_a_straight_walk_goes_to_a_camera_or_between_two(course: str) -> None:
+    config = SceneConfig(cameras=4, seed=5, course=course)  # type: ignore[arg-type]
+    gait = Gait(config.walk)
+    joints = gait.skeleton.joints(gait.motion(np.arange(0.0, 3.0, 0.02)))
+    trail = joints[:, gait.skeleton.joint_names.index("pelvis"), :2]
+    ahead = (trail[-1] - trail[0]) / np.linalg.norm(trail[-1] - trail[0])
+    aside = (trail - trail[0]) @ [-ahead[1], ahead[0]]
+    assert np.abs(aside).max() < 0.06 and np.linalg.norm(trail[-1] - trail[0]) > 3
+    bearings = [camera.centre / np.linalg.norm(camera.centre[:2]) for camera in make_rig(config)]
+    nearest = np.degrees(np.arccos(max(ahead @ bearing[:2] for bearing in bearings)))
+    assert nearest < 10 if course == "straight" else nearest > 30
+
+
 def walked(seed: int, height: float = 1.76) -> dict[str, np.ndarray]:
     gait = Gait(Walk.varied(seed, height))
     joints = gait.skeleton.joints(gait.motion(np.arange(0.0, 3.0, 1 / 120)))

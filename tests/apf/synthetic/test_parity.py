@@ -41,7 +41,7 @@ def rigs(pelvis: np.ndarray) -> dict[str, CameraRig]:
     }
 
 
-def drawn(device: Device, case: str) -> tuple[CameraRig, Renderer, np.ndarray]:
+def drawn(device: Device, case: str, shadow: float = 1.0) -> tuple[CameraRig, Renderer, np.ndarray]:
     """The rig, a renderer that has drawn the walker, and his primitives."""
     gait = Gait(Walk.varied(2, 1.7))
     motion = gait.motion(np.array([0.0, 0.37]))
@@ -49,7 +49,8 @@ def drawn(device: Device, case: str) -> tuple[CameraRig, Renderer, np.ndarray]:
     rig = rigs(motion.positions[1, 0])[case]
     primitives = flesh.packed(motion, 1)
     balls = flesh.balls(primitives)
-    renderer = Renderer(device, rig, make_furniture(2), 2, len(primitives), len(balls))
+    room = (make_furniture(2), 2)
+    renderer = Renderer(device, rig, *room, len(primitives), len(balls), shadow=shadow)
     renderer(primitives, balls, motion.positions[1, 0, :2])
     return rig, renderer, primitives
 
@@ -99,6 +100,11 @@ def test_the_shadow_agrees_with_its_twin(device: Device) -> None:
     expected = floor_shadow(given["balls"], given["centre"], SHADOW_SIZE, SHADOW_STEP)
     assert expected.min() < 0.8 and expected.max() == 1
     np.testing.assert_allclose(found, expected, atol=1e-3)
+    with traced("synthetic/scene.floor_shadow") as launches:
+        drawn(device, "near", shadow=0.2)
+    soft = floor_shadow(given["balls"], given["centre"], SHADOW_SIZE, SHADOW_STEP, 0.2)
+    assert soft.min() > 0.85
+    np.testing.assert_allclose(launches[0].after["shadow"], soft, atol=1e-3)
 
 
 @pytest.mark.parity("synthetic/scene.bin_primitives")

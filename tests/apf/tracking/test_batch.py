@@ -203,7 +203,7 @@ def true_starts(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_takes_are_bit_by_bit_those_alone(
     device: Device, walks: list[Path], true_starts: None
 ) -> None:
-    method = Method.of(n_particles=40, n_layers=3, seed=3)
+    method = Method.create(n_particles=40, n_layers=3, seed=3)
     settings = TakeSettings(method=method, seeds=(3, 4))
     told = []
 
@@ -230,7 +230,7 @@ def test_takes_are_bit_by_bit_those_alone(
 
 def test_given_starts_and_image_objectives_need_no_voxels(walks: list[Path]) -> None:
     body = load_body("song31")
-    method = Method.of("pso", "sp", n_particles=40, n_layers=2)
+    method = Method.create("pso", "sp", n_particles=40, n_layers=2)
     told = []
     settings = SessionSettings(selection=slice(1, 3))
     session = Session(Sequence.open(walks[0]), Device.best(), settings)

@@ -64,7 +64,7 @@ def miss(track: apf.Track) -> float:
 
 def test_keypoints_alone_need_no_picture(device: Device) -> None:
     keypoints = of_poses(RIG, BODY, poses(), noise=2.0)
-    method = Method.of(objective="keypoints", n_particles=100, n_layers=5)
+    method = Method.create(objective="keypoints", n_particles=100, n_layers=5)
     settings = TakeSettings(method=method, seeds=(0, 1), keypoints=keypoints)
     take = track_take(blind_session(device), settings)
     assert len(take.tracks) == 2 and take.start is None
@@ -82,7 +82,7 @@ def test_the_lost_are_found_by_their_keypoints(device: Device) -> None:
     points = keypoints.points.copy()
     points[:, 4:7] = np.nan
     gone = replace(keypoints, points=points)
-    method = Method.of(objective="keypoints", n_particles=60, n_layers=5)
+    method = Method.create(objective="keypoints", n_particles=60, n_layers=5)
     settings = TakeSettings(method=method, keypoints=gone)
     track = track_take(blind_session(device), settings).tracks[0]
     assert track.lost.tolist() == [False] * 4 + [True] * 3 + [False] * 3
@@ -99,7 +99,7 @@ def test_two_cameras_of_six_move_nobody(device: Device) -> None:
     points[2:, 5] = np.nan
     points[:2, 5] = of_poses(rig, BODY, still + 0.6 * (np.arange(BODY.n_dof) == 0)).points[:2, 5]
     keypoints = replace(of_poses(rig, BODY, still), points=points)
-    method = Method.of(objective="keypoints", n_particles=60, n_layers=5)
+    method = Method.create(objective="keypoints", n_particles=60, n_layers=5)
     settings = TakeSettings(method=method, keypoints=keypoints)
     track = track_take(blind_session(device, rig), settings).tracks[0]
     assert np.flatnonzero(track.lost).tolist() == [5]
@@ -109,14 +109,14 @@ def test_two_cameras_of_six_move_nobody(device: Device) -> None:
 
 def test_a_method_with_keypoints_needs_some(device: Device) -> None:
     with pytest.raises(InputError, match="none were given"):
-        track_take(blind_session(device), TakeSettings(method=Method.of(objective="keypoints")))
+        track_take(blind_session(device), TakeSettings(method=Method.create(objective="keypoints")))
 
 
 def test_live_keypoints_frame_by_frame(device: Device) -> None:
     """As a callback gives them: a tracker's step takes each frame's."""
     keypoints: Keypoints = of_poses(RIG, BODY, poses(), noise=2.0)
     known = start_from_keypoints(RIG, keypoints, BODY, range(N))
-    config = FilterConfig.of(n_particles=100, n_layers=5, keypoints_weight=4.0).at_rate(30)
+    config = FilterConfig.create(n_particles=100, n_layers=5, keypoints_weight=4.0).at_rate(30)
     method = Method(objective="keypoints", filter=config)
     tracker = make_tracker(Scene(device, RIG, None, known.body), method)
     assert isinstance(tracker, AnnealedParticleFilter)

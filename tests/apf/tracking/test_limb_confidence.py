@@ -62,8 +62,14 @@ def test_what_speaks_against_a_limb() -> None:
         assert believed[3 * n // 4 :, :2].max() < 0.45
         crossing = [int(np.argmax(believed[:, k] < LOST)) / n for k in range(2)]
         np.testing.assert_allclose(crossing, 0.5, atol=0.1)
-    one = limb_confidence(np.full((1, 4), np.inf), np.zeros((1, 4, 3)), np.zeros(1))
-    assert one.shape == (1, 4) and one.min() > 0.9  # of a single frame
+
+
+def test_nothing_is_known_of_limbs_of_a_still_or_a_short_clip() -> None:
+    """However well all passes agree."""
+    for n, known in ((1, False), (14, False), (15, True)):
+        margins, agreed = np.full((n, 4), np.inf), np.full((n, 4), 0.01)
+        believed = limb_confidence(margins, np.zeros((n, 4, 3)), np.arange(n) / 30, agreed)
+        assert believed.shape == (n, 4) and (np.isfinite(believed) == known).all()
 
 
 def test_ways_that_disagree_are_not_believed() -> None:

@@ -159,7 +159,7 @@ def test_one_who_leaves_and_comes_back_elsewhere_is_tracked_again(
 
     monkeypatch.setattr(apf.tracking.trackers, "find_start", found)
     poses = [*(walker(k) for k in range(4)), *[None] * 3, *(walker(k, 1.0) for k in range(7, 10))]
-    method = Method.of(n_particles=100, n_layers=6)
+    method = Method.create(n_particles=100, n_layers=6)
     tracker = make_recovering_tracker(Scene(device, scenes.ring(4), GRID, SONG), method)
     frames = ((k, surface_voxels(device, pose)) for k, pose in enumerate(poses))
     indices, estimates = track_voxels(tracker, walker(0), frames)

@@ -177,7 +177,7 @@ def test_json_and_arrays_of_the_same_points_give_the_same_track(
     assert exact[0].names == exact[1].names
     np.testing.assert_allclose(exact[0].points, exact[1].points, atol=6e-4)  # as many digits
     np.save(tmp_path / "mediapipe.npy", exact[1].points)
-    method = apf.Method.of(objective="keypoints", n_particles=40, n_layers=3)
+    method = apf.Method.create(objective="keypoints", n_particles=40, n_layers=3)
     poses = []
     for name in ("mediapipe.npy", "json"):
         keypoints = Keypoints.open(tmp_path / name, sequence)

@@ -365,7 +365,7 @@ def test_what_ends_the_way_back_leaves_the_way_ahead(
 
 
 def test_errors_are_the_twins(device: Device) -> None:
-    method = Method.of(n_particles=40, n_layers=2, n_points=300)
+    method = Method.create(n_particles=40, n_layers=2, n_points=300)
     world, found = World(device), []
     wrong = moved(world.pose(0), l_upper_arm__rx=-0.9)
     for own, voxels in ((device, world.voxels(0)), (NumpyDevice(), world.twin(0))):
@@ -382,7 +382,7 @@ def test_errors_are_the_twins(device: Device) -> None:
 
 
 def test_an_arm_that_began_wrong_is_right_from_the_end_back(device: Device) -> None:
-    method = Method.of(n_particles=60, n_layers=4, limb_search_rounds=0)
+    method = Method.create(n_particles=60, n_layers=4, limb_search_rounds=0)
     scene = Scene(device, scenes.ring(4), GRID, SONG)
     forward = SeparateRuns([make_recovering_tracker(scene, method)])
     forward.start(moved(walker(0), l_upper_arm__rx=-0.7))
@@ -408,7 +408,7 @@ def test_an_arm_that_began_wrong_is_right_from_the_end_back(device: Device) -> N
 
 def test_runs_that_start_apart_are_those_alone(device: Device) -> None:
     """Bit by bit; and poses are judged by what each of them has learnt."""
-    method = Method.of(n_particles=40, n_layers=2, n_points=300)
+    method = Method.create(n_particles=40, n_layers=2, n_points=300)
     world = World(device)
     scene = world.scene(device)
     starts = np.stack([world.pose(0), moved(world.pose(0), l_upper_arm__rx=-0.4)])

@@ -63,13 +63,22 @@ def test_without_information_the_particles_speak() -> None:
 
 def test_calibration_scales_and_adds_a_floor_per_joint() -> None:
     poses = bodies.random_poses(SONG, 2)
-    nothing, deviation = np.zeros((2, 31, 31)), np.full((2, 31), 0.01)
-    raw = raw_covariance(SONG, poses, nothing, deviation)
+    known, deviation = np.stack(2 * [1e4 * np.eye(31)]), np.full((2, 31), 0.01)
+    raw = raw_covariance(SONG, poses, known, deviation)
     scaled = Calibration(3.0, {"wrist": 0.05}, other_floor=0.01)
-    found = joint_covariance(SONG, poses, nothing, deviation, scaled)
+    found = joint_covariance(SONG, poses, known, deviation, scaled)
     for name, floor in (("l_wrist", 0.05), ("r_wrist", 0.05), ("pelvis", 0.01)):
         place = SONG.joint_names.index(name)
         np.testing.assert_allclose(found[:, place], 9 * raw[:, place] + floor**2 * np.eye(3))
+
+
+def test_frames_that_nothing_refined_have_no_covariance() -> None:
+    """As all of those of the papers' presets, whose particles' spread nobody calibrated."""
+    information = np.stack([1e4 * np.eye(31), np.zeros((31, 31))])
+    found = joint_covariance(
+        SONG, bodies.random_poses(SONG, 2), information, np.full((2, 31), 0.01)
+    )
+    assert np.isfinite(found[0]).all() and np.isnan(found[1]).all()
 
 
 def test_ellipsoids_hold_what_they_say() -> None:

@@ -1,4 +1,4 @@
-"""Rigs that are a little off are turned until the silhouettes fit; exact ones stay as they are."""
+"""Rigs that are a little off are corrected until the silhouettes fit; exact ones stay."""
 
 from __future__ import annotations
 
@@ -12,13 +12,16 @@ from helpers import scenes
 from psfs.cameras.camera import CameraRig
 from psfs.diagnostics.alignment import estimate_alignment, mark_hidden_points
 from psfs.diagnostics.config import AlignmentConfig
+from psfs.diagnostics.frontier import FrontierPoints, epipolar_residuals
+from psfs.diagnostics.refinement import RigFit, correct_camera
 from psfs.diagnostics.small_views import Outline, extract_outline
 
 EXACT = scenes.ring(5, (640, 480), 4.0)
 CONFIG = AlignmentConfig()
+OFFSETS = np.array([0.4, -0.3, 0.0, 0.2, -0.3])
 
 
-def limbs(frame: int) -> np.ndarray:
+def limbs(frame: float) -> np.ndarray:
     """Points (N, 3) m of a body with arms, which turns and moves them."""
     random = np.random.default_rng(0)
     turn, swing = 0.1 * frame, np.sin(0.3 * frame)
@@ -36,13 +39,17 @@ def limbs(frame: int) -> np.ndarray:
     return about + np.array([0.2 * np.sin(0.05 * frame), 0.2 * np.cos(0.07 * frame), 0])
 
 
-def outlines_of(rig: CameraRig, n: int = 40) -> list[list[Outline | None]]:
+def outlines_of(
+    rig: CameraRig, n: int = 40, offsets: np.ndarray | None = None
+) -> list[list[Outline | None]]:
+    """Outlines [frame][view]; camera v takes its pictures offsets[v] frames late."""
+    late = np.zeros(len(rig)) if offsets is None else offsets
     rows: list[list[Outline | None]] = []
     for frame in range(n):
         row: list[Outline | None] = []
-        for camera in rig:
+        for camera, own in zip(rig, late, strict=True):
             mask = np.zeros(camera.size[::-1], np.uint8)
-            _, y, x, _ = camera.look_up(limbs(frame))
+            _, y, x, _ = camera.look_up(limbs(frame + own))
             mask[y, x] = 1
             row.append(extract_outline(cv2.dilate(mask, np.ones((9, 9), np.uint8)) > 0))
         rows.append(row)
@@ -69,22 +76,27 @@ def pixels_apart(a: CameraRig, b: CameraRig) -> float:
 
 @pytest.fixture(scope="module")
 def outlines() -> list[list[Outline | None]]:
-    return outlines_of(EXACT)
+    return outlines_of(EXACT, 60, OFFSETS)
 
 
-def test_a_rig_that_is_off_is_turned(outlines: list[list[Outline | None]]) -> None:
+def test_a_rig_that_is_off_is_corrected_and_its_times_found(
+    outlines: list[list[Outline | None]],
+) -> None:
     rig = off(EXACT, 0.5)
     found = estimate_alignment(rig, rig, outlines)
     assert found is not None and found.is_accepted(CONFIG)
+    # What is left is a motion of the whole scene, which silhouettes cannot tell.
     assert pixels_apart(found.rig, EXACT) < 0.5 * pixels_apart(rig, EXACT)
     assert found.after < 0.4 * found.before
+    np.testing.assert_allclose(found.corrections.offsets, OFFSETS - OFFSETS.mean(), atol=0.12)
+    away = (found.corrections.offsets - OFFSETS + OFFSETS.mean()) / found.corrections.sigmas[:, 7]
+    assert np.abs(away).max() < 4
     assert "the calibration is off by" in str(found)
 
 
-def test_small_pictures_tell_the_large_rig(outlines: list[list[Outline | None]]) -> None:
+def test_small_pictures_tell_the_large_rig() -> None:
     rig = off(EXACT, 0.5)
-    small = [outlines_of(EXACT.scaled(0.5))]
-    found = estimate_alignment(rig, rig.scaled(0.5), small[0])
+    found = estimate_alignment(rig, rig.scaled(0.5), outlines_of(EXACT.scaled(0.5), 60))
     assert found is not None
     assert found.rig[0].size == rig[0].size
     assert pixels_apart(found.rig, EXACT) < 0.6 * pixels_apart(rig, EXACT)
@@ -94,6 +106,7 @@ def test_an_exact_rig_stays(outlines: list[list[Outline | None]]) -> None:
     found = estimate_alignment(EXACT, EXACT, outlines)
     assert found is not None and not found.is_accepted(CONFIG)
     assert pixels_apart(found.rig, EXACT) < 0.5
+    assert estimate_alignment(EXACT, EXACT, outlines, CONFIG, sound=10.0) is None
 
 
 def test_nothing_is_said_of_two_cameras_or_of_nobody(
@@ -104,6 +117,35 @@ def test_nothing_is_said_of_two_cameras_or_of_nobody(
     assert estimate_alignment(EXACT, EXACT, [[None] * len(EXACT)] * 40) is None
 
 
+def test_residuals_and_their_derivatives() -> None:
+    rig = scenes.without_distortion(EXACT)
+    random = np.random.default_rng(5)
+    points = random.uniform(-0.5, 0.5, (30, 3)) + np.array([0, 0, 1])
+    views = np.stack([random.permutation(5)[:2] for _ in points])
+    pixels = np.stack(
+        [[rig[v].project(p)[0] for v in pair] for p, pair in zip(points, views, strict=True)]
+    )
+    found = FrontierPoints(views, np.zeros(30, int), pixels, random.normal(0, 0.01, 30))
+    residuals, slopes = epipolar_residuals(list(rig), found, np.zeros(5))
+    np.testing.assert_allclose(residuals, 0, atol=1e-6)
+    for view in range(5):
+        for number in range(8):
+            values = np.zeros((5, 8))
+            values[view, number] = 1e-6
+            cameras = [correct_camera(c, own) for c, own in zip(rig, values, strict=True)]
+            moved, _ = epipolar_residuals(cameras, found, values[:, 7])
+            expected = np.where(views == view, slopes[..., number], 0).sum(1)
+            np.testing.assert_allclose(moved / 1e-6, expected, rtol=1e-3, atol=1e-2)
+
+
+def test_what_silhouettes_cannot_tell_is_held() -> None:
+    fit = RigFit(EXACT, [[None] * len(EXACT)] * 3)
+    shifted = np.zeros((len(EXACT), 8))
+    shifted[:, 3:6], shifted[:, 7] = [0.1, 0.2, -0.3], 0.25
+    held = fit._scene_moves() @ shifted.ravel()
+    np.testing.assert_allclose(held, [0.1, 0.2, -0.3, 0, 0, 0, 0, 0.25], atol=1e-6)
+
+
 def test_outlines_end_at_furniture(outlines: list[list[Outline | None]]) -> None:
     hidden = [np.zeros(camera.size[::-1], np.uint8) for camera in EXACT]
     whole = outlines[0][0]
@@ -112,6 +154,7 @@ def test_outlines_end_at_furniture(outlines: list[list[Outline | None]]) -> None
     hidden[0][y, x] = 1
     cut = mark_hidden_points(outlines, hidden)[0][0]
     assert cut is not None and cut.at_border[0] and not cut.at_border.all()
+    assert cut.contour_at_border.any() and not cut.contour_at_border.all()
     other, same = outlines[0][1], mark_hidden_points(outlines, hidden)[0][1]
     assert other is not None and same is not None
     np.testing.assert_array_equal(other.at_border, same.at_border)

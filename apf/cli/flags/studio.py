@@ -1,0 +1,28 @@
+"""The flags of `apf studio`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from psfs.cli.commandline import add_device_flag
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of this command."""
+    parser.add_argument(
+        "folder",
+        type=Path,
+        nargs="?",
+        default=Path(),
+        metavar="FOLDER",
+        help="a take, results of apf track or psfs reconstruct, or a folder of these; the page "
+        "reads nothing outside of it (default: the current folder)",
+    )
+    parser.add_argument(
+        "--port", type=int, default=8090, metavar="N", help="port on 127.0.0.1 (default: 8090)"
+    )
+    parser.add_argument(
+        "--no-browser", action="store_true", help="print the address, and open no browser"
+    )
+    add_device_flag(parser)

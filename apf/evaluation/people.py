@@ -1,0 +1,219 @@
+"""Several people compared with the truth: who is who, and the CLEAR MOT measures.
+
+Bernardin and Stiefelhagen, Evaluating multiple object tracking performance: the CLEAR MOT metrics,
+EURASIP Journal on Image and Video Processing 2008; IDF1: Ristani et al., Performance measures and a
+data set for multi-target, multi-camera tracking, ECCV Workshops 2016.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from apf.evaluation.evaluate import Evaluation, evaluate
+from apf.evaluation.joint_names import evaluated_joints
+from apf.formats.trc import JointSeries
+from apf.tracking.people import PeopleTracks
+from cl import InputError
+from psfs.common.files import write_json
+from psfs.common.npz import Values, get_scalar, read_npz
+
+#: A track whose joints lie farther than this, m, from a true person's on average is not theirs.
+MATCHED = 0.5
+#: The content of an npz of the true joints of several people; m, NaN where missing.
+_TRUTH = {
+    "joint_names": Values(("J",), "text"),
+    "person_names": Values(("P",), "text", needed=False),
+    "joints": Values(("F", "P", "J", 3), finite=False, low=-1e6, high=1e6),
+    "fps": Values((), low=1e-3, high=1e5),
+    "frames": Values(("F",), "int", low=0, needed=False),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class PeopleEvaluation:
+    """Tracks of people against the truth.
+
+    names: (P,) of the true people. matches: (F, P) number of the track that is matched to each one
+    in each of `frames` (F,), -1 for none. present: (F, P) bool, frames in which the truth has the
+    person. counts: (F,) number of people that the tracks show. tracks: (P,) number of the track
+    that is a person's over all frames, -1 if none is. errors: (P,) the evaluation of each person
+    by that track, None without a track.
+    """
+
+    names: tuple[str, ...]
+    frames: np.ndarray
+    matches: np.ndarray
+    present: np.ndarray
+    counts: np.ndarray
+    tracks: np.ndarray
+    errors: tuple[Evaluation | None, ...]
+
+    @property
+    def count_right(self) -> float:
+        """Share of the frames in which as many people are tracked as there are."""
+        return float((self.counts == self.present.sum(1)).mean())
+
+    @property
+    def switches(self) -> list[tuple[int, str]]:
+        """The frames in which a person is matched to another track than when last matched, each
+        with the person's name."""
+        found = []
+        for name, of in zip(self.names, self.matches.T, strict=True):
+            rows = np.flatnonzero(of >= 0)
+            changes = rows[1:][np.diff(of[rows]) != 0]
+            found += [(int(self.frames[row]), name) for row in changes]
+        return sorted(found)
+
+    @property
+    def misses(self) -> int:
+        """Number of person-frames that no track is matched to."""
+        return int((self.present & (self.matches < 0)).sum())
+
+    @property
+    def false_positives(self) -> int:
+        """Number of track-frames that are matched to nobody."""
+        return int(self.counts.sum() - (self.matches >= 0).sum())
+
+    @property
+    def mota(self) -> float:
+        """Multiple object tracking accuracy: 1 minus misses, false positives and switches per
+        person-frame."""
+        wrong = self.misses + self.false_positives + len(self.switches)
+        return 1 - wrong / max(1, int(self.present.sum()))
+
+    @property
+    def idf1(self) -> float:
+        """F1 score of the identities: how much of people and tracks is matched to the one track
+        that is a person's over all frames."""
+        own = (self.matches == self.tracks) & (self.tracks >= 0)
+        return float(2 * own.sum() / max(1, self.present.sum() + self.counts.sum()))
+
+    def summary(self) -> dict[str, Any]:
+        """Return all figures, ready for JSON; errors in mm, None for a person without a track."""
+        return {
+            "n_frames": len(self.frames),
+            "count_right": round(self.count_right, 5),
+            "identity_switches": [[frame, name] for frame, name in self.switches],
+            "misses": self.misses,
+            "false_positives": self.false_positives,
+            "mota": round(self.mota, 5),
+            "idf1": round(self.idf1, 5),
+            "persons": [
+                {
+                    "name": name,
+                    "track": None if track < 0 else int(track) + 1,
+                    "matched_frames": int((self.matches[:, k] == track).sum()) if track >= 0 else 0,
+                    "true_frames": int(self.present[:, k].sum()),
+                    "errors": None if found is None else found.summary(),
+                }
+                for k, (name, track, found) in enumerate(
+                    zip(self.names, self.tracks, self.errors, strict=True)
+                )
+            ],
+        }
+
+    def write_json(self, path: str | Path) -> None:
+        write_json(Path(path), self.summary())
+
+
+def load_people_truth(path: str | Path) -> dict[str, JointSeries]:
+    """Return the true joints of several people by name from an npz.
+
+    It holds joint_names (J,), joints (F, P, J, 3) m, Z up, NaN where somebody is absent, fps, and
+    may hold person_names (P,) and frames (F,), see `load_truth`. Raises InputError.
+    """
+    path = Path(path)
+    what = "an npz with joint_names, joints (frames, people, joints, 3) in metres and fps"
+    data = read_npz(path, _TRUTH, what)
+    joints = data["joints"].astype(np.float64)
+    frames = data.get("frames", np.arange(len(joints))).astype(np.int64)
+    if np.any(np.diff(frames) <= 0):
+        raise InputError(f"{path}: frames are not ascending; expected each once, in their order")
+    numbers = [f"person{k}" for k in range(1, joints.shape[1] + 1)]
+    names = [str(name) for name in data.get("person_names", numbers)]
+    if len(set(names)) < len(names):
+        names = [f"{number} ({name})" for number, name in zip(numbers, names, strict=True)]
+    points, fps = tuple(map(str, data["joint_names"])), float(get_scalar(data["fps"]))
+    return {name: JointSeries(points, joints[:, k], fps, frames) for k, name in enumerate(names)}
+
+
+def evaluate_people(tracks: PeopleTracks, truth: dict[str, JointSeries]) -> PeopleEvaluation:
+    """Compare the tracks of several people with the truth: in each frame matched by the distance of
+    their joints, over all frames by the greatest number of matches.
+
+    A match lasts as long as it is nearer than MATCHED; the others take the least sum
+    of distances (CLEAR MOT). Raises InputError if a track and the truth have no joint in common.
+    """
+    frames = tracks.frames
+    true = [_points(series.joint_names, series.joints, series.frames, frames) for series in
+            truth.values()]  # fmt: skip
+    own = [_points(track.joint_names, track.joints, track.frames, frames) for track in tracks]
+    for points, seen in zip(own, tracks.seen, strict=True):
+        points[~np.isin(frames, seen)] = np.nan
+    apart = np.stack([[_apart(person, track) for track in own] for person in true])
+    if not np.isfinite(apart).any():
+        raise InputError("the tracks and the truth have no joint in any frame in common")
+    matches = _match(np.moveaxis(apart, -1, 0))
+    votes = np.array([[(of == k).sum() for k in range(len(own))] for of in matches.T])
+    chosen = np.full(len(true), -1)
+    rows, columns = linear_sum_assignment(-votes)
+    chosen[rows] = np.where(votes[rows, columns] > 0, columns, -1)
+    errors = tuple(
+        None if k < 0 else evaluate(tracks.seen_part(int(k)), series)
+        for k, series in zip(chosen, truth.values(), strict=True)
+    )
+    return PeopleEvaluation(
+        names=tuple(truth),
+        frames=frames,
+        matches=matches,
+        present=np.stack([np.isfinite(of).all(-1).any(-1) for of in true], axis=1),
+        counts=tracks.counts,
+        tracks=chosen,
+        errors=errors,
+    )
+
+
+def _points(
+    names: Sequence[str], joints: np.ndarray, of: np.ndarray, frames: np.ndarray
+) -> np.ndarray:
+    """Return the joints (F, 15, 3) that are compared in each of `frames`, NaN where missing."""
+    points = np.full((len(frames), *evaluated_joints(names, joints[:1])[0].shape[1:]), np.nan)
+    _, rows, at = np.intersect1d(frames, of, return_indices=True)
+    points[rows] = evaluated_joints(names, joints[at])[0]
+    return points
+
+
+def _apart(person: np.ndarray, track: np.ndarray) -> np.ndarray:
+    """Return the mean distance (F,), m, of the joints that both have, infinite without any."""
+    with warnings.catch_warnings():  # a frame that lacks one of them
+        warnings.simplefilter("ignore", RuntimeWarning)
+        mean = np.nanmean(np.linalg.norm(person - track, axis=-1), axis=-1)
+    return np.where(np.isfinite(mean), mean, np.inf)
+
+
+def _match(apart: np.ndarray) -> np.ndarray:
+    """Return the tracks (F, P) that are matched to the people, -1 for none, by their distances (F,
+    P, K)."""
+    matches = np.full(apart.shape[:2], -1)
+    last = np.full(apart.shape[1], -1)
+    for row, distances in enumerate(apart):
+        kept: list[int] = []
+        for k in np.argsort(distances[np.arange(len(last)), last]):
+            if last[k] >= 0 and distances[k, last[k]] < MATCHED and last[k] not in last[kept]:
+                kept.append(int(k))
+        matches[row, kept] = last[kept]
+        costs = np.where(distances < MATCHED, distances, 1e3)
+        costs[kept] = 1e3
+        costs[:, last[kept]] = 1e3
+        for k, track in zip(*linear_sum_assignment(costs), strict=True):
+            if costs[k, track] < 1e3:
+                matches[row, k] = track
+        last = np.where(matches[row] >= 0, matches[row], last)
+    return matches

@@ -1,0 +1,173 @@
+"""The voxels of a run's frames as points for the page, within a fixed amount of memory."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from cl import UserError
+from psfs.mesh.drawing import voxel_colours
+from psfs.output.reconstruction_folder import ReconstructionFolder
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+#: Greatest size of the points that are kept, bytes: about 900 frames of 30,000 voxels.
+KEPT_BYTES = 2**28
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Voxels as points: (N, 3) float16 m from the grid's centre, and (N, 3) uint8 RGB."""
+
+    positions: np.ndarray
+    colours: np.ndarray
+
+    @property
+    def nbytes(self) -> int:
+        """Size in memory, bytes."""
+        return self.positions.nbytes + self.colours.nbytes
+
+
+class Clouds(Protocol):
+    """Points of frames, by the frames' numbers, in one grid."""
+
+    grid: VoxelGrid
+
+    def get(self, frame: int) -> Points | None:
+        """Return the points of a frame; None as long as they are not known."""
+
+    def describe(self) -> str:
+        """Return what of the voxels is known, for the page; empty if all are."""
+
+    def close(self) -> None:
+        """End all work in the background."""
+
+
+def grid_centre(grid: VoxelGrid) -> np.ndarray:
+    """Return the centre (3,) m that points are relative to; half floats resolve 1 mm there."""
+    centre: np.ndarray = (grid.low + grid.high) / 2
+    return centre
+
+
+def make_points(cloud: VoxelCloud) -> Points:
+    """Return a cloud's voxels as points."""
+    positions = (cloud.centres - grid_centre(cloud.grid)).astype(np.float16)
+    return Points(positions, voxel_colours(cloud, "colour"))
+
+
+class KeptPoints:
+    """The points that were used last, up to `most` bytes. It may be used by several threads."""
+
+    def __init__(self, most: int = KEPT_BYTES) -> None:
+        self._most, self._lock = most, threading.Lock()
+        self._points: OrderedDict[int, Points] = OrderedDict()
+        self.nbytes = 0
+
+    def __len__(self) -> int:
+        return len(self._points)
+
+    def get(self, frame: int) -> Points | None:
+        """Return the points of a frame, or None."""
+        with self._lock:
+            if frame in self._points:
+                self._points.move_to_end(frame)
+            return self._points.get(frame)
+
+    def put(self, frame: int, points: Points) -> None:
+        """Keep the points of a frame in place of those that were not used for longest."""
+        with self._lock:
+            old = self._points.pop(frame, None)
+            self.nbytes += points.nbytes - (old.nbytes if old else 0)
+            self._points[frame] = points
+            while self.nbytes > self._most and len(self._points) > 1:
+                self.nbytes -= self._points.popitem(last=False)[1].nbytes
+
+
+class StoredClouds:
+    """The clouds that `psfs reconstruct` wrote, read when they are shown."""
+
+    def __init__(self, run: ReconstructionFolder, most: int = KEPT_BYTES) -> None:
+        self._run, self._kept = run, KeptPoints(most)
+        self.grid, self._frames = run.grid, frozenset(run.indices)
+
+    def get(self, frame: int) -> Points | None:
+        """Return the points of a frame; None if it was not reconstructed. Raises InputError."""
+        if frame not in self._frames:
+            return None
+        points = self._kept.get(frame)
+        if points is None:
+            points = make_points(self._run.cloud(frame))
+            self._kept.put(frame, points)
+        return points
+
+    def describe(self) -> str:
+        """Return nothing: all frames can be read."""
+        return ""
+
+    def close(self) -> None:
+        """Do nothing: there is no work in the background."""
+
+
+class CarvedClouds:
+    """The clouds of a track's frames, carved again by a thread from the first frame on.
+
+    carve: returns an iterator over frames' numbers and clouds in `grid`; its first step may take
+    seconds. known: called after each frame.
+    """
+
+    def __init__(
+        self,
+        grid: VoxelGrid,
+        n_frames: int,
+        carve: Callable[[], Iterator[tuple[int, VoxelCloud]]],
+        known: Callable[[int], object],
+        most: int = KEPT_BYTES,
+    ) -> None:
+        self.grid, self._n_frames = grid, n_frames
+        self._carve, self._known, self._kept = carve, known, KeptPoints(most)
+        self._ended, self._wanted, self._error = threading.Event(), threading.Event(), ""
+        self._n_done = 0
+        self._thread = threading.Thread(target=self._work, daemon=True, name="carving")
+        self._thread.start()
+
+    def get(self, frame: int) -> Points | None:
+        """Return the points of a frame; None as long as they are not carved."""
+        return self._kept.get(frame)
+
+    def want(self, wanted: bool) -> None:
+        """Begin or go on carving; or pause."""
+        (self._wanted.set if wanted else self._wanted.clear)()
+
+    def describe(self) -> str:
+        """Return how many frames are carved; empty if all are."""
+        if self._error or self._n_done == self._n_frames:
+            return self._error
+        return f"voxels: {self._n_done} of {self._n_frames} frames carved so far"
+
+    def close(self) -> None:
+        """End carving, after the frame that is being carved."""
+        self._ended.set()
+        self._wanted.set()
+        self._thread.join(timeout=30)
+
+    def _work(self) -> None:
+        self._wanted.wait()
+        if self._ended.is_set():
+            return
+        try:
+            with closing(self._carve()) as frames:  # type: ignore[type-var]
+                for frame, cloud in frames:
+                    self._kept.put(frame, make_points(cloud))
+                    self._n_done += 1
+                    self._known(frame)
+                    self._wanted.wait()
+                    if self._ended.is_set():
+                        return
+        except UserError as error:
+            self._error = f"no voxels: {error}"
+            self._known(-1)

@@ -1,0 +1,190 @@
+"""What the page's 3-D view shows: bodies, voxels, cameras, the floor; one class each."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from apf.body.kinematics import bone_matrices
+from apf.body.limbs import limb_bones, limb_ends
+from apf.body.mesh import cone_mesh
+from apf.body.model import find_side
+from apf.report.overlay import COLOURS
+from apf.studio.clouds import Points, grid_centre
+from apf.tracking.track import Track
+from psfs.cameras.camera import CameraRig
+from psfs.mesh.drawing import draw_floor
+from psfs.voxels.grid import VoxelGrid
+
+#: RGB of a side of the body: blue, orange and green, which colour-blind people distinguish; and of
+#: what is lost.
+SIDES = {side: tuple(int(c) for c in bgr[::-1]) for side, bgr in COLOURS.items()}
+LOST = (200, 0, 90)
+_VERTICES_PER_CONE = 18
+_BONE_WIDTH, _TRAIL_WIDTH = 4.0, 2.0  # px
+_JOINT_SIZE = 0.03  # m
+_NO_LINES = np.zeros((1, 2, 3), np.float32)
+
+
+class BodyNodes:
+    """A track's body in one frame: cones, skeleton, joints, and trails of the limbs' ends.
+
+    scene: viser's. name: of the node that holds all others.
+    """
+
+    def __init__(self, scene: Any, name: str, track: Track) -> None:
+        self._track, body = track, track.its_body
+        self._limb_bones, self.ends = limb_bones(body), limb_ends(body)
+        self._lost, self._lost_limbs = track.lost, track.lost_limbs  # computed at each call
+        sides = [find_side(track.joint_names[end]) for _, end in track.edges]
+        self._edge_colours = np.array([SIDES[side] for side in sides], np.uint8)
+        self._bones = [
+            scene.add_frame(f"{name}/{b}", show_axes=False) for b in range(len(body.bones))
+        ]
+        self.cones: list[Any] = []
+        self._cone_sides = [find_side(cone) for cone in body.cone_names]
+        self._cone_bones = np.array([cone.bone for cone in body.cones])
+        mesh = cone_mesh(body, _VERTICES_PER_CONE)
+        for number, cone in enumerate(body.cones):
+            faces = mesh.faces[mesh.parts == number]
+            used, corners = np.unique(faces, return_inverse=True)
+            self.cones.append(
+                scene.add_mesh_simple(
+                    f"{name}/{cone.bone}/cone{number}",
+                    mesh.positions[used, 0],
+                    corners.reshape(-1, 3),
+                    color=SIDES[self._cone_sides[number]],
+                    opacity=0.55,
+                )
+            )
+        self._shown_lost, self._with_trails = np.zeros(len(body.cones), bool), True
+        self.skeleton = scene.add_line_segments(
+            f"{name}/skeleton", np.zeros((len(track.edges), 2, 3), np.float32),
+            np.zeros((len(track.edges), 2, 3), np.uint8), thickness=_BONE_WIDTH,
+            thickness_units="screen",
+        )  # fmt: skip
+        self.joints = scene.add_point_cloud(
+            f"{name}/joints", track.joints[0].astype(np.float32), (250, 250, 250),
+            point_size=_JOINT_SIZE, point_shape="circle", precision="float32",
+        )  # fmt: skip
+        self.trails = scene.add_line_segments(
+            f"{name}/trails", _NO_LINES, np.zeros((1, 2, 3), np.uint8), thickness=_TRAIL_WIDTH,
+            thickness_units="screen",
+        )  # fmt: skip
+
+    def show(self, row: int, trail_rows: int) -> None:
+        """Show a row of the track, with trails of the rows before it."""
+        track = self._track
+        rotations, origins = (each[0] for each in bone_matrices(track.its_body, track.poses[[row]]))
+        for node, rotation, origin in zip(self._bones, rotations, origins, strict=True):
+            node.wxyz, node.position = to_quaternion(rotation), origin
+        lost = bool(self._lost[row])
+        lost_bones = (self._lost_limbs[row] @ self._limb_bones).astype(bool) | lost
+        self._colour_cones(lost_bones[self._cone_bones])
+        self.skeleton.points = track.joints[row][track.edges].astype(np.float32)
+        colours = np.where(lost, np.array(LOST, np.uint8), self._edge_colours)
+        self.skeleton.colors = np.repeat(colours[:, None], 2, axis=1)
+        self.joints.points = track.joints[row].astype(np.float32)
+        self._show_trails(row, trail_rows)
+
+    def set_trails(self, shown: bool) -> None:
+        """Draw trails from the next frame on, or none."""
+        self._with_trails = shown
+
+    def _colour_cones(self, lost: np.ndarray) -> None:
+        for number in np.flatnonzero(lost != self._shown_lost):
+            self.cones[number].color = LOST if lost[number] else SIDES[self._cone_sides[number]]
+        self._shown_lost = lost
+
+    def _show_trails(self, row: int, rows: int) -> None:
+        past = self._track.joints[max(0, row - rows) : row + 1][:, self.ends].astype(np.float32)
+        if len(past) < 2 or not self.ends or not self._with_trails:
+            self.trails.visible = False
+            return
+        lines = np.stack([past[:-1], past[1:]], axis=2).reshape(-1, 2, 3)
+        sides = [SIDES[find_side(self._track.joint_names[end])] for end in self.ends]
+        colours = np.tile(np.array(sides, np.uint8), (len(past) - 1, 1))
+        self.trails.points, self.trails.visible = lines, True
+        self.trails.colors = np.repeat(colours[:, None], 2, axis=1)
+
+
+class VoxelNode:
+    """The surface voxels of one frame as points of the voxels' size."""
+
+    def __init__(self, scene: Any, grid: VoxelGrid) -> None:
+        self._node = scene.add_point_cloud(
+            "/voxels", np.zeros((1, 3), np.float16), np.zeros((1, 3), np.uint8),
+            point_size=grid.voxel_size, point_shape="square", point_shading="flat",
+            position=grid_centre(grid), visible=False,
+        )  # fmt: skip
+        self._points: Points | None = None
+
+    def show(self, points: Points | None) -> None:
+        """Show these points; nothing for None."""
+        if points is self._points:
+            return
+        self._points = points
+        if points is not None and len(points.positions):
+            self._node.points, self._node.colors = points.positions, points.colours
+        self._node.visible = points is not None and len(points.positions) > 0
+
+
+class CameraNodes:
+    """The cameras as frusta, with their pictures inside and their names above them."""
+
+    def __init__(self, scene: Any, rig: CameraRig) -> None:
+        depth = 0.12 * float(np.linalg.norm(rig.centres - rig.centres.mean(0), axis=1).mean() or 1)
+        self._nodes: list[Any] = []
+        self._names: list[Any] = []
+        for number, camera in enumerate(rig):
+            width, height = camera.size
+            node = scene.add_camera_frustum(
+                f"/cameras/{number}",
+                fov=2 * float(np.arctan2(height / 2, camera.K[1, 1])),
+                aspect=width / height, scale=depth, color=(40, 60, 95),
+                thickness=2.0, thickness_units="screen",
+                wxyz=to_quaternion(camera.R.T), position=camera.centre,
+            )  # fmt: skip
+            self._nodes.append(node)
+            self._names.append(scene.add_label(f"/cameras/{number}/name", camera.name))
+
+    def show(self, pictures: list[np.ndarray]) -> None:
+        """Show pictures (h, w, 3) uint8 RGB, one per camera."""
+        for node, picture in zip(self._nodes, pictures, strict=True):
+            node.image = picture
+
+    def set_visible(self, shown: bool) -> None:
+        """Show or hide all cameras."""
+        for node in (*self._nodes, *self._names):
+            node.visible = shown
+
+
+def add_floor(scene: Any, grid: VoxelGrid) -> None:
+    """Add the floor z = 0 under a grid, in squares of 1, 0.1, ... m, with the world's axes."""
+    floor = draw_floor(grid)
+    scene.add_line_segments(
+        "/floor", floor.points[floor.pairs].astype(np.float32),
+        np.repeat(floor.colours[:, None], 2, axis=1), thickness=1.0, thickness_units="screen",
+    )  # fmt: skip
+
+
+def add_box(scene: Any, name: str, low: np.ndarray, high: np.ndarray) -> Any:
+    """Add the edges of a box between two corners (3,) m, and return its node."""
+    corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3)
+    pairs = [
+        (a, b) for a in range(8) for b in range(a) if np.abs(corners[a] - corners[b]).sum() == 1
+    ]
+    lines = (low + corners * (high - low))[np.array(pairs)]
+    return scene.add_line_segments(
+        name, lines.astype(np.float32), (120, 60, 160), thickness=2.0, thickness_units="screen"
+    )
+
+
+def to_quaternion(rotation: np.ndarray) -> np.ndarray:
+    """Return the unit quaternion (4,) w, x, y, z of a rotation (3, 3)."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    quaternion: np.ndarray = trimesh.transformations.quaternion_from_matrix(matrix)
+    return quaternion

@@ -1,0 +1,155 @@
+"""The tracks of several people: a folder for each, and `people.json`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, overload
+
+import numpy as np
+from pydantic import Field
+
+from apf.tracking.track import PEOPLE, Track, spans
+from cl import InputError
+from psfs.common.files import read_json, write_json
+from psfs.common.schema import Table, checked
+
+#: Greatest number of people.
+MOST_PEOPLE = 20
+_SPANS = r"^(\d{1,7}(-\d{1,7})?(, \d{1,7}(-\d{1,7})?)*)?$"
+
+
+@dataclass(frozen=True, eq=False)
+class PeopleTracks(Sequence[Track]):
+    """The tracks of the people of a take: `for track in tracks`.
+
+    tracks: one for each person, the largest person first, each from the first to the last frame
+    that shows the person. frames: (F,) numbers of the frames that were searched. seen: for each
+    person the numbers (F_p,) of those that show the person. objects: number of other things that
+    move. verdicts: how good each track looks, see `apf.report.quality`; empty if not judged.
+    """
+
+    tracks: tuple[Track, ...]
+    frames: np.ndarray
+    seen: tuple[np.ndarray, ...]
+    objects: int = 0
+    verdicts: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.tracks) != len(self.seen):
+            raise InputError(
+                f"{len(self.tracks)} tracks and {len(self.seen)} lists of frames; expected one "
+                "list for each track"
+            )
+        if len(self.verdicts) != len(self.tracks):
+            object.__setattr__(self, "verdicts", ("",) * len(self.tracks))
+
+    def __len__(self) -> int:
+        return len(self.tracks)
+
+    def __iter__(self) -> Iterator[Track]:
+        return iter(self.tracks)
+
+    @overload
+    def __getitem__(self, index: int) -> Track: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Track, ...]: ...
+    def __getitem__(self, index: int | slice) -> Track | tuple[Track, ...]:
+        return self.tracks[index]
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Number (F,) of people in each of `frames`."""
+        return np.sum([np.isin(self.frames, seen) for seen in self.seen], axis=0, dtype=int)
+
+    def seen_part(self, number: int) -> Track:
+        """Return a person's track in the frames alone that show the person."""
+        track = self.tracks[number]
+        rows = np.isin(track.frames, self.seen[number])
+        return replace(
+            track,
+            frames=track.frames[rows],
+            poses=track.poses[rows],
+            joints=track.joints[rows],
+            diagnostics={name: values[rows] for name, values in track.diagnostics.items()},
+        )
+
+    def save(self, folder: str | Path) -> None:
+        """Write `track.npz` of each person into folders `person1`, `person2` ... of `folder`, and
+        `people.json`."""
+        for number, track in enumerate(self.tracks, start=1):
+            path = person_folder(Path(folder), number)
+            path.mkdir(parents=True, exist_ok=True)
+            track.save(path / "track.npz")
+        self.save_list(folder)
+
+    def save_list(self, folder: str | Path) -> None:
+        """Write `people.json` alone."""
+        persons = [
+            {
+                "folder": person_folder(Path(), number).name,
+                "frames": len(seen),
+                "seen": spans(seen.tolist()),
+                "verdict": verdict,
+            }
+            for number, (seen, verdict) in enumerate(
+                zip(self.seen, self.verdicts, strict=True), start=1
+            )
+        ]
+        with_people = {str(n): int(k) for n, k in enumerate(np.bincount(self.counts)) if k}
+        facts = {
+            "people": len(self),
+            "objects": self.objects,
+            "frames": spans(self.frames.tolist()),
+            "frames_with": with_people,
+            "persons": persons,
+        }
+        write_json(Path(folder) / PEOPLE, facts)
+
+    @classmethod
+    def open(cls, folder: str | Path) -> PeopleTracks:
+        """Return the tracks in a folder that `save` or `apf track` wrote. Raises InputError if
+        `people.json` or a track is missing or invalid."""
+        folder = Path(folder)
+        path, what = folder / PEOPLE, "the people of an `apf track`"
+        listed = checked(_Listed, read_json(path, what), path)
+        tracks = tuple(Track.open(folder / person.folder) for person in listed.persons)
+        seen = tuple(parse_spans(person.seen) for person in listed.persons)
+        verdicts = tuple(person.verdict for person in listed.persons)
+        return cls(tracks, parse_spans(listed.frames), seen, listed.objects, verdicts)
+
+
+class _Person(Table):
+    """One person in a list of people."""
+
+    folder: Annotated[str, Field(pattern=r"^person\d{1,3}$")]
+    frames: int
+    seen: Annotated[str, Field(pattern=_SPANS)]
+    verdict: str = ""
+
+
+class _Listed(Table):
+    """The content of `people.json`."""
+
+    people: int
+    objects: int
+    frames: Annotated[str, Field(pattern=_SPANS)]
+    persons: Annotated[list[_Person], Field(min_length=1, max_length=MOST_PEOPLE)]
+
+
+def person_folder(folder: Path, number: int) -> Path:
+    """Return the folder of the person with a `number` from 1 on."""
+    return folder / f"person{number}"
+
+
+def holds_people(folder: Path) -> bool:
+    """Return whether a folder holds the tracks of several people."""
+    return (folder / PEOPLE).is_file()
+
+
+def parse_spans(text: str) -> np.ndarray:
+    """Return the frame numbers (F,) of a text like `3, 25-32`, see `spans`."""
+    pieces = [piece.partition("-") for piece in text.split(", ")] if text else []
+    ranges = [np.arange(int(low), int(high or low) + 1) for low, _, high in pieces]
+    return np.concatenate([np.zeros(0, int), *ranges])

@@ -1,0 +1,124 @@
+"""`psfs calibrate FOLDER --refine -o OUT`: corrections of a take's cameras and times from the
+take."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from cl import InputError, select_device
+from psfs.cameras.calibration.toml_tables import write_toml_tables
+from psfs.cameras.camera import CameraRig
+from psfs.cli.commandline import stdout
+from psfs.cli.flags.calibrate import CALIBRATION, REPORT
+from psfs.cli.settings import write_settings
+from psfs.common.files import write_json
+from psfs.common.versions import versions
+from psfs.diagnostics.alignment import Alignment, align_views, larger_views
+from psfs.diagnostics.config import AlignmentConfig
+from psfs.diagnostics.examination import synchronise
+from psfs.diagnostics.occluders import find_hidden_pixels
+from psfs.sequence import Sequence
+from psfs.session import Session
+
+#: Keys of `sequence.toml` that may be stated.
+_STATED = ("cameras", "fps", "sync", "calibration")
+
+
+def refine(args: argparse.Namespace) -> None:
+    """Correct the cameras of a take, or keep them if held-out frames fit no better."""
+    stated = {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}
+    session = Session(Sequence.open(args.folder, **stated), select_device(args.device))
+    session = synchronise(session)
+    if len(session.rig) < 3:
+        raise InputError(
+            f"{args.folder}: {len(session.rig)} cameras; expected three or more, for two cameras' "
+            "silhouettes do not tell which of them is off"
+        )
+    hidden = find_hidden_pixels(session)
+    rig = session.rig if hidden is None else session.rig.with_hidden(hidden)
+    config = AlignmentConfig()
+    found = align_views(rig, larger_views(session, config), config)
+    if found is None:
+        raise InputError(
+            f"{args.folder}: too few tips of limbs are seen by two cameras at once; expected "
+            "somebody who moves arms and legs, in pictures that show the whole person"
+        )
+    accepted = found.is_accepted(config)
+    cameras = found.rig if accepted else session.rig
+    _write(args, CameraRig(tuple(cameras)), found, accepted)
+
+
+def _write(args: argparse.Namespace, rig: CameraRig, found: Alignment, accepted: bool) -> None:
+    out: Path = args.output
+    verdict = str(found) if accepted else _describe_sound(found)
+    write_toml_tables(out / CALIBRATION, rig)
+    write_json(out / REPORT, _summary(args, rig, found, accepted, verdict))
+    write_settings(out, args, {})
+    stdout.print(_table(rig, found, accepted))
+    stdout.print(f"{verdict}; wrote {out}", soft_wrap=True, markup=False)
+
+
+def _describe_sound(found: Alignment) -> str:
+    return (
+        f"the given cameras are kept: with corrected ones the silhouettes of held-out frames "
+        f"differ by {found.after:.2f} px instead of {found.before:.2f}, in pictures of "
+        f"{found.side} px"
+    )
+
+
+def _figures(found: Alignment, view: int) -> dict[str, list[float]]:
+    """Return each correction of a camera with its standard deviation."""
+    values, sigmas = found.corrections.values[view], found.corrections.sigmas[view]
+    return {
+        "turned_degrees": [
+            float(np.degrees(np.linalg.norm(values[:3]))),
+            float(np.degrees(np.sqrt(np.mean(sigmas[:3] ** 2)))),
+        ],
+        "shifted_mm": [
+            1000 * float(np.linalg.norm(values[3:6])),
+            1000 * float(np.sqrt(np.mean(sigmas[3:6] ** 2))),
+        ],
+        "focal_percent": [100 * float(values[6]), 100 * float(sigmas[6])],
+        "late_frames": [float(values[7]), float(sigmas[7])],
+    }
+
+
+def _summary(
+    args: argparse.Namespace, rig: CameraRig, found: Alignment, accepted: bool, verdict: str
+) -> dict[str, Any]:
+    figures = [_figures(found, view) for view in range(len(rig))]
+    return {
+        "verdict": verdict,
+        "folder": str(args.folder),
+        "corrected": accepted,
+        "held_out_px": {"given": round(found.before, 4), "corrected": round(found.after, 4)},
+        "pictures_px": found.side,
+        "frontier_points": found.corrections.count,
+        "cameras": {
+            camera.name: {
+                key: {"value": round(value, 4), "standard_deviation": round(sigma, 4)}
+                for key, (value, sigma) in own.items()
+            }
+            | {"moved_px": round(float(moved), 3)}
+            for camera, own, moved in zip(rig, figures, found.moved, strict=True)
+        },
+        "versions": versions(),
+    }
+
+
+def _table(rig: CameraRig, found: Alignment, accepted: bool) -> Table:
+    title = "Corrections" if accepted else "Corrections, not applied"
+    table = Table("camera", title=title, title_justify="left")
+    for column in ("turned, degrees", "shifted, mm", "focal length, %", "late, frames", "px"):
+        table.add_column(column, justify="right")
+    formats = ("{:.2f} ± {:.2f}", "{:.0f} ± {:.0f}", "{:+.2f} ± {:.2f}", "{:+.2f} ± {:.2f}")
+    for view, camera in enumerate(rig):
+        figures = _figures(found, view).values()
+        texts = [form.format(*pair) for form, pair in zip(formats, figures, strict=True)]
+        table.add_row(camera.name, *texts, f"{found.moved[view]:.1f}")
+    return table

@@ -1,0 +1,254 @@
+"""Frontier points of the silhouettes of two cameras, and their epipolar residuals.
+
+Where a plane through two camera centres touches a body, both cameras see the body's rim at the same
+point, a frontier point: there both contours touch corresponding epipolar lines (Cipolla & Giblin,
+Visual motion of curves and surfaces, 2000; Sinha & Pollefeys, IJCV 87, 2010). Every tip of a limb
+gives some. They are found as the contours' local extremes of the angle around the line between the
+two cameras, and matched by this angle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+from scipy.spatial import cKDTree
+
+from psfs.cameras.camera import Camera
+from psfs.diagnostics.small_views import Outline
+
+#: Points of a contour on either side of a tip that must lie behind it, px.
+_SIDE = 12
+#: Farthest way of a tip from frame to frame, px, and its greatest change of speed, px per frame^2.
+_REACH, _BEND = 20.0, 1.0
+#: Least cosine between a contour's ray and the direction to the scene, around the line between two
+#: cameras: the planes of the rest are not compared.
+_AHEAD = 0.3
+#: Least distance of the line between two cameras from the scene, m.
+_NEAREST = 0.5
+#: Distance between the keys of different frames, larger than any angle or pixel.
+_APART = 1e5
+
+
+class Contours:
+    """The contours of one camera's pictures [frame], one after another; None without a silhouette.
+
+    points: (N, 2) px. frames: (N,) the frame of each. at_border: (N,) bool.
+    """
+
+    def __init__(self, outlines: Sequence[Outline | None]) -> None:
+        found = [(f, o) for f, o in enumerate(outlines) if o is not None and len(o.contour)]
+        self.points = np.concatenate([o.contour for _, o in found] or [np.zeros((0, 2))])
+        self.at_border = np.concatenate([o.contour_at_border for _, o in found] or [np.zeros(0)])
+        lengths = [len(o.contour) for _, o in found]
+        self.frames = np.repeat([f for f, _ in found], lengths).astype(int)
+        # The closed contours with their ends repeated on either side, for filters along them.
+        self._padded, self._core, at = [np.zeros(0, int)], [np.zeros(0, int)], 0
+        for length in lengths:
+            self._padded.append(np.arange(-_SIDE, length + _SIDE) % length + at)
+            self._core.append(np.arange(length) + at + (2 * len(self._core) - 1) * _SIDE)
+            at += length
+        self.padded, self.core = np.concatenate(self._padded), np.concatenate(self._core)
+
+    def find_tips(self, positions: np.ndarray) -> np.ndarray:
+        """Return the indices (K,) of the local maxima of `positions` (N,) along the contours."""
+        if not len(positions):
+            return np.zeros(0, int)
+        around = positions[self.padded]
+        largest = maximum_filter1d(around, 2 * _SIDE + 1)[self.core]
+        ends = np.maximum(around[self.core - _SIDE], around[self.core + _SIDE])
+        tips = np.nonzero((positions == largest) & (positions > ends) & (self.at_border == 0))[0]
+        new = np.diff(tips, prepend=-9) > 2  # a plateau counts once
+        return tips[new]
+
+
+@dataclass(frozen=True, eq=False)
+class FrontierPoints:
+    """Frontier points that two cameras see.
+
+    views: (M, 2) the two cameras. frames: (M,). pixels: (M, 2, 2) in each camera's picture. rates:
+    (M,) rad per frame by which their plane turns around the line between the cameras.
+    """
+
+    views: np.ndarray
+    frames: np.ndarray
+    pixels: np.ndarray
+    rates: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+
+def find_frontier_points(
+    cameras: Sequence[Camera], contours: Sequence[Contours], scene: np.ndarray, gate: float
+) -> FrontierPoints:
+    """Find the frontier points of all pairs of cameras that agree to `gate` px.
+
+    scene: (3,) m, the middle of the scene. A point counts if its speed is known: if both cameras
+    show it in the frames before and after.
+    """
+    rays = [
+        camera.rays(own.points) if len(own.points) else np.zeros((0, 3))
+        for camera, own in zip(cameras, contours, strict=True)
+    ]
+    found = [
+        _match_pair(cameras, contours, rays, pair, scene, gate)
+        for pair in combinations(range(len(cameras)), 2)
+    ]
+    kept = [of for of in found if of is not None]
+    if not kept:
+        empty = np.zeros((0, 2), int), np.zeros(0, int), np.zeros((0, 2, 2)), np.zeros(0)
+        return FrontierPoints(*empty)
+    columns = zip(*[(p.views, p.frames, p.pixels, p.rates) for p in kept], strict=True)
+    return FrontierPoints(*(np.concatenate(column) for column in columns))
+
+
+def _match_pair(
+    cameras: Sequence[Camera],
+    contours: Sequence[Contours],
+    rays: list[np.ndarray],
+    pair: tuple[int, int],
+    scene: np.ndarray,
+    gate: float,
+) -> FrontierPoints | None:
+    first, second = (cameras[view].centre for view in pair)
+    line = (second - first) / max(float(np.linalg.norm(second - first)), 1e-12)
+    ahead = scene - first - line * ((scene - first) @ line)
+    if np.linalg.norm(ahead) < _NEAREST:
+        return None
+    ahead /= np.linalg.norm(ahead)
+    axes = np.stack([ahead, np.cross(line, ahead)], -1)
+    flat = [rays[view] @ axes for view in pair]
+    lengths = [np.maximum(np.linalg.norm(of, axis=1), 1e-12) for of in flat]
+    usable = [of[:, 0] > _AHEAD * length for of, length in zip(flat, lengths, strict=True)]
+    slopes = [
+        np.where(ok, of[:, 1] / np.maximum(of[:, 0], 1e-12), np.nan)
+        for of, ok in zip(flat, usable, strict=True)
+    ]
+    found = []
+    for sign in (-1.0, 1.0):
+        tips = [
+            _Tips(cameras[view], contours[view], rays[view], sign * slope, sign, line)
+            for view, slope in zip(pair, slopes, strict=True)
+        ]
+        found.append(_match_tips(tips[0], tips[1], gate))
+    indices = np.concatenate([np.stack([tips[0], tips[1]], -1) for tips in found])
+    if not len(indices):
+        return None
+    pixels = np.stack([contours[view].points[indices[:, k]] for k, view in enumerate(pair)], 1)
+    frames = contours[pair[0]].frames[indices[:, 0]]
+    rates = np.concatenate([tips[2] for tips in found])
+    return FrontierPoints(np.tile(pair, (len(frames), 1)), frames, pixels, rates)
+
+
+class _Tips:
+    """The tips of one camera's contours: their indices, frames, angles (K,) rad, angles per pixel
+    (K,) and turning rates (K,) rad per frame, NaN where unknown."""
+
+    def __init__(
+        self, camera: Camera, contours: Contours, rays: np.ndarray, slopes: np.ndarray,
+        sign: float, line: np.ndarray,
+    ) -> None:  # fmt: skip
+        tips = contours.find_tips(np.nan_to_num(slopes, nan=-np.inf))
+        tips = tips[np.isfinite(slopes[tips])]
+        normals = np.cross(line, rays[tips])
+        lengths = np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
+        across = np.linalg.norm((normals @ camera.R.T)[:, :2], axis=1) / lengths
+        self.per_pixel = across / (lengths * camera.K[0, 0])
+        self.angles = sign * np.arctan(slopes[tips])
+        self.indices, self.frames = tips, contours.frames[tips]
+        self.rates = self._measure_rates(contours.points[tips])
+
+    def _measure_rates(self, pixels: np.ndarray) -> np.ndarray:
+        if len(pixels) < 3:
+            return np.full(len(pixels), np.nan)
+        tree, near = cKDTree(np.column_stack([pixels, self.frames * _APART])), []
+        for step in (-1, 1):
+            wanted = np.column_stack([pixels, (self.frames + step) * _APART])
+            away, index = tree.query(wanted, distance_upper_bound=_REACH)
+            known = np.isfinite(away)
+            angles = np.full(len(pixels), np.nan)
+            angles[known] = self.angles[index[known]]
+            near.append(angles)
+        bend = np.abs(near[0] + near[1] - 2 * self.angles)
+        rates: np.ndarray = 0.5 * (near[1] - near[0])
+        rates[~(bend < _BEND * self.per_pixel)] = np.nan
+        return rates
+
+
+def _match_tips(a: _Tips, b: _Tips, gate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the contours' indices (K,) of tips that are each other's nearest in angle, and their
+    rates (K,)."""
+    if not len(a.indices) or not len(b.indices):
+        return np.zeros(0, int), np.zeros(0, int), np.zeros(0)
+    there, away = _find_nearest(a, b)
+    back, _ = _find_nearest(b, a)
+    per_pixel = np.hypot(a.per_pixel, b.per_pixel[there])
+    rates = 0.5 * (a.rates + b.rates[there])
+    with np.errstate(invalid="ignore"):
+        alike = np.abs(a.rates - b.rates[there]) < _BEND * per_pixel
+    kept = (back[there] == np.arange(len(there))) & (away < gate * per_pixel) & alike
+    return a.indices[kept], b.indices[there[kept]], rates[kept]
+
+
+def _find_nearest(a: _Tips, b: _Tips) -> tuple[np.ndarray, np.ndarray]:
+    """Return for each tip of `a` the tip of `b` in the same frame with the nearest angle, and the
+    difference, rad; large where there is none."""
+    keys = b.frames * _APART + b.angles
+    order = np.argsort(keys)
+    wanted = a.frames * _APART + a.angles
+    right = np.searchsorted(keys[order], wanted).clip(0, len(keys) - 1)
+    left = np.maximum(right - 1, 0)
+    nearer = np.abs(keys[order[left]] - wanted) < np.abs(keys[order[right]] - wanted)
+    nearest = order[np.where(nearer, left, right)]
+    return nearest, np.abs(keys[nearest] - wanted)
+
+
+def epipolar_residuals(
+    cameras: Sequence[Camera], points: FrontierPoints, offsets: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the residuals (M,) px of frontier points and their derivatives (M, 2, 8).
+
+    A residual is the Sampson distance of the two pixels from the epipolar constraint
+    d_b . (l x d_a) = 0, l the line between the cameras, at the nominal time of the frame: camera v
+    took its picture offsets[v] frames later. The derivatives are those by a camera's rotation
+    vector in its own axes (3), centre (3) m, log of the focal length, and offset, frames.
+    """
+    K = np.stack([camera.K for camera in cameras])
+    R = np.stack([camera.R for camera in cameras])
+    centres = np.stack([camera.centre for camera in cameras])
+    own, rays = _trace_points(cameras, points, R)
+    a, b = points.views.T
+    line = centres[b] - centres[a]
+    length = np.linalg.norm(line, axis=1, keepdims=True)
+    line = line / length
+    normals = np.stack([np.cross(rays[:, 1], line), np.cross(line, rays[:, 0])], 1)
+    local = np.einsum("mkij,mkj->mki", R[points.views], normals)  # d residual / d ray, own axes
+    focal = K[points.views, 0, 0]
+    per_pixel = np.linalg.norm(np.linalg.norm(local[..., :2], axis=2) / focal, axis=1)
+    sizes = np.linalg.norm(normals, axis=2).prod(axis=1)
+    by_offset = sizes * points.rates
+    residuals = (normals[:, 1] * rays[:, 1]).sum(1) + by_offset * (offsets[a] - offsets[b])
+    slopes = np.empty((len(points), 2, 8))
+    slopes[..., :3] = np.cross(local, own)
+    by_centre = np.cross(rays[:, 0], rays[:, 1]) / length
+    slopes[:, 0, 3:6], slopes[:, 1, 3:6] = -by_centre, by_centre
+    slopes[..., 6] = -(local[..., :2] * own[..., :2]).sum(-1)
+    slopes[:, 0, 7], slopes[:, 1, 7] = by_offset, -by_offset
+    return residuals / per_pixel, slopes / per_pixel[:, None, None]
+
+
+def _trace_points(
+    cameras: Sequence[Camera], points: FrontierPoints, R: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rays (M, 2, 3) of depth 1 in the cameras' axes and in the world's."""
+    rays = np.empty((len(points), 2, 3))
+    for view, camera in enumerate(cameras):
+        for side in range(2):
+            mine = points.views[:, side] == view
+            if mine.any():
+                rays[mine, side] = camera.rays(points.pixels[mine, side])
+    return np.einsum("mkij,mkj->mki", R[points.views], rays), rays

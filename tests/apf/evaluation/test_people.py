@@ -1,0 +1,117 @@
+"""Several people against the truth: counts, identities, and `apf evaluate` of their folder."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import tracks
+
+from apf.cli import main
+from apf.evaluation.people import evaluate_people, load_people_truth
+from apf.formats.trc import JointSeries
+from apf.tracking.people import PeopleTracks
+from apf.tracking.track import Track
+from cl import InputError
+
+N = 20
+FRAMES = np.arange(N)
+
+
+def walker_at(x: float) -> Track:
+    track = tracks.walker(N)
+    return replace(track, joints=track.joints + np.array([x, 0, 0]))
+
+
+def pair(*xs: float) -> tuple[PeopleTracks, dict[str, JointSeries]]:
+    """Return perfect tracks of people beside each other, and their truth."""
+    ones = tuple(walker_at(x) for x in xs)
+    truth = {f"at {x}": tracks.truth_of(one) for x, one in zip(xs, ones, strict=True)}
+    return PeopleTracks(ones, FRAMES, (FRAMES,) * len(ones)), truth
+
+
+def test_perfect_tracks_in_another_order() -> None:
+    people, truth = pair(0, 1, 2)
+    shuffled = PeopleTracks(people.tracks[::-1], FRAMES, people.seen)
+    found = evaluate_people(shuffled, truth)
+    assert found.tracks.tolist() == [2, 1, 0]
+    assert (found.count_right, found.mota, found.idf1) == (1, 1, 1)
+    assert found.switches == []
+    assert [of.mean_error for of in found.errors if of is not None] == [0, 0, 0]
+
+
+def test_exchanged_people_are_switches() -> None:
+    people, truth = pair(0, 1)
+    a, b = (track.joints.copy() for track in people)
+    a[12:], b[12:] = b[12:].copy(), a[12:].copy()
+    mixed = (replace(people[0], joints=a), replace(people[1], joints=b))
+    found = evaluate_people(PeopleTracks(mixed, FRAMES, people.seen), truth)
+    assert found.switches == [(12, "at 0"), (12, "at 1")]
+    assert found.mota == pytest.approx(1 - 2 / 40)
+    assert found.idf1 == pytest.approx(12 / 20)
+    assert found.errors[0] is not None
+    assert found.errors[0].mean_error == pytest.approx(8 / 20)  # 1 m off in 8 of 20 frames
+
+
+def test_missed_invented_and_absent_people() -> None:
+    """The second person is seen from frame 5 on and truly absent from 15 on."""
+    people, truth = pair(0, 1)
+    joints = truth["at 1"].joints.copy()
+    joints[15:] = np.nan
+    truth["at 1"] = replace(truth["at 1"], joints=joints)
+    found = evaluate_people(PeopleTracks(people.tracks, FRAMES, (FRAMES, FRAMES[5:])), truth)
+    assert (found.misses, found.false_positives) == (5, 5)
+    assert found.count_right == 0.5
+    assert found.mota == pytest.approx(1 - 10 / 35)
+    one = PeopleTracks(people.tracks[:1], FRAMES, (FRAMES,))
+    summary = evaluate_people(one, truth).summary()
+    assert [person["track"] for person in summary["persons"]] == [1, None]
+
+
+def test_a_match_lasts_while_it_is_near() -> None:
+    """Two tracks pass within the reach of one person: the first one's match stays."""
+    people, truth = pair(0, 0.2)
+    only = {"at 0": truth["at 0"]}
+    moving = np.linspace(0, 0.4, N)[:, None, None] * np.array([1, 0, 0])
+    first = replace(people[0], joints=people[0].joints + moving)
+    found = evaluate_people(PeopleTracks((first, people[1]), FRAMES, people.seen), only)
+    assert found.matches[:, 0].tolist() == [0] * N
+    assert found.false_positives == N
+
+
+def test_npz_of_all_people(tmp_path: Path) -> None:
+    _, truth = pair(0, 1)
+    joints = np.stack([of.joints for of in truth.values()], axis=1)
+    names = np.array(truth["at 0"].joint_names)
+    path = tmp_path / "truth.npz"
+    np.savez(path, joint_names=names, joints=joints, fps=60.0, person_names=["a", "a"])
+    read = load_people_truth(path)
+    assert list(read) == ["person1 (a)", "person2 (a)"]
+    np.testing.assert_array_equal(read["person2 (a)"].joints, truth["at 1"].joints)
+    np.savez(path, joint_names=names, joints=joints[:, 0], fps=60.0)
+    with pytest.raises(InputError, match="joints"):
+        load_people_truth(path)
+
+
+def test_command_compares_all_people(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    people, truth = pair(0, 1)
+    people.save(tmp_path / "out")
+    offset = np.array([0.01, 0, 0])
+    joints = np.stack([of.joints for of in truth.values()], axis=1) + offset
+    names = np.array(truth["at 0"].joint_names)
+    file = tmp_path / "truth.npz"
+    np.savez(file, joint_names=names, joints=joints, fps=60.0)
+    out = tmp_path / "figures"
+    command = ["evaluate", str(tmp_path / "out"), "--truth", str(file), "-o", str(out)]
+    assert main([*command, "--json", "--csv"]) == 0
+    said = capsys.readouterr().out
+    assert "identity switches: 0" in said
+    assert "100.0% of 20 frames" in said
+    whole = json.loads((out / "evaluation.json").read_text())
+    assert [p["errors"]["mean_error_mm"] for p in whole["persons"]] == [10, 10]
+    assert (out / "person2" / "evaluation.csv").exists()
+    assert main(["evaluate", str(tmp_path / "out" / "person1"), "--truth", str(file)]) == 2
+    assert "joints" in capsys.readouterr().err

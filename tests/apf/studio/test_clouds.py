@@ -1,0 +1,81 @@
+"""Points of frames: as stored, within the memory that they may take, carved in the background."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from helpers.studio import GRID, save_voxels
+
+from apf.studio.clouds import CarvedClouds, KeptPoints, Points, StoredClouds, grid_centre
+from cl import InputError
+from psfs.output.reconstruction_folder import ReconstructionFolder
+from psfs.voxels.grid import VoxelCloud
+
+
+def points(n: int) -> Points:
+    return Points(np.zeros((n, 3), np.float16), np.zeros((n, 3), np.uint8))
+
+
+def cloud(n: int) -> VoxelCloud:
+    return VoxelCloud(GRID, np.arange(n, dtype=np.int32), np.ones(n, np.float32))
+
+
+def test_least_used_points_are_dropped() -> None:
+    kept = KeptPoints(most=9 * 25)
+    kept.put(0, points(10))
+    kept.put(1, points(10))
+    assert kept.get(0) is not None
+    kept.put(2, points(10))
+    assert kept.get(1) is None and kept.get(0) is not None and kept.nbytes == 180
+    kept.put(3, points(1000))  # a frame larger than all that may be kept is still shown
+    assert len(kept) == 1 and kept.get(3) is not None
+
+
+def test_stored_voxels_become_points(tmp_path: Path) -> None:
+    run = ReconstructionFolder.open(save_voxels(tmp_path / "voxels"))
+    clouds = StoredClouds(run, most=0)
+    found = clouds.get(2)
+    assert found is not None and clouds.get(99) is None
+    expected = run.cloud(2)
+    off = found.positions.astype(float) + grid_centre(GRID) - expected.centres
+    assert np.abs(off).max() < 0.001
+    assert np.array_equal(found.colours, expected.colour)
+
+
+def test_voxels_are_carved_only_while_wanted() -> None:
+    known: list[int] = []
+    third = threading.Event()
+
+    def carve() -> Iterator[tuple[int, VoxelCloud]]:
+        for frame in range(3):
+            yield frame, cloud(frame + 1)
+
+    def note(frame: int) -> None:
+        known.append(frame)
+        if frame == 2:
+            third.set()
+
+    clouds = CarvedClouds(GRID, 3, carve, note)
+    assert clouds.get(0) is None and "0 of 3" in clouds.describe() and known == []
+    clouds.want(True)
+    assert third.wait(10)
+    clouds.close()
+    found = clouds.get(2)
+    assert found is not None and len(found.positions) == 3 and clouds.describe() == ""
+
+
+def test_error_of_carving_is_described() -> None:
+    failed = threading.Event()
+
+    def carve() -> Iterator[tuple[int, VoxelCloud]]:
+        raise InputError("a video is gone")
+        yield
+
+    clouds = CarvedClouds(GRID, 3, carve, lambda frame: failed.set())
+    clouds.want(True)
+    assert failed.wait(10)
+    clouds.close()
+    assert clouds.describe() == "no voxels: a video is gone"

@@ -1,0 +1,145 @@
+"""The page: what it shows of a folder, in the server and in a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import tracks
+from helpers.browser import browser
+from helpers.studio import save_track, save_voxels
+
+pytest.importorskip("viser", reason="viser is not installed")
+
+from apf.cli import main
+from apf.studio.folders import Roots
+from apf.studio.page import Page
+from apf.studio.words import make_lines, make_table, make_text
+from cl import Device, InputError
+
+NAME = "<img src=x onerror=alert(1)>"
+
+
+def no_device() -> Device:
+    raise AssertionError("nothing here computes")
+
+
+@pytest.fixture
+def open_page() -> Iterator[Callable[[Path], Page]]:
+    pages: list[Page] = []
+
+    def opened(folder: Path) -> Page:
+        pages.append(Page(Roots(folder), no_device))
+        return pages[-1]
+
+    yield opened
+    for page in pages:
+        page.stop()
+
+
+def test_texts_are_shown_as_they_are() -> None:
+    for made in (make_text(NAME), make_table([[NAME]], [NAME]), make_lines([("note", NAME)])):
+        assert "<img" not in made and "&lt;img" in made
+
+
+def test_body_stands_where_the_track_has_it(
+    tmp_path: Path, open_page: Callable[[Path], Page]
+) -> None:
+    page = open_page(tmp_path)
+    page.open(save_track(tmp_path / NAME))
+    watch, track = page.watch, tracks.walker()
+    assert watch is not None
+    watch.time_line.seek(12)
+    body = watch.bodies[NAME]
+    assert np.allclose(body.joints.points, track.joints[12], atol=1e-5)
+    assert np.allclose(body.skeleton.points, track.joints[12][track.edges], atol=1e-5)
+    assert body.trails.points.shape == (12 * len(set(body.ends)), 2, 3)
+    assert "frame 12" in watch.status and "<img" not in watch.status + watch.remarks
+    with pytest.raises(InputError, match="outside of the folders"):
+        page.open(tmp_path.parent)
+
+
+def test_lost_person_and_limbs_are_named(tmp_path: Path, open_page: Callable[[Path], Page]) -> None:
+    track = tracks.walker(10)
+    sure = np.ones((10, 4))
+    sure[3, 0] = 0.0
+    lost = np.arange(10) == 5
+    track = replace(track, diagnostics={"lost": lost, "limb_confidence": sure})
+    (tmp_path / "run").mkdir()
+    track.save(tmp_path / "run" / "track.npz")
+    page = open_page(tmp_path)
+    page.open(tmp_path / "run")
+    watch = page.watch
+    assert watch is not None
+    watch.time_line.seek(3)
+    assert "doubtful" in watch.status
+    watch.time_line.seek(5)
+    assert "the person is lost" in watch.status
+
+
+def test_keys_and_buttons_move_the_time_line(
+    tmp_path: Path, open_page: Callable[[Path], Page]
+) -> None:
+    page = open_page(tmp_path)
+    page.open(save_voxels(tmp_path / "voxels", n_frames=4))
+    watch = page.watch
+    assert watch is not None
+    line = watch.time_line
+    commands = {key: do for _, key, do in line.list_keys()}
+    commands["arrowright"]()
+    commands["arrowright"]()
+    commands["arrowleft"]()
+    assert (line.position, line.slider.value) == (1, 1)
+    commands["end"]()
+    assert line.position == 3
+    commands["arrowdown"]()
+    assert line.speed.value == "0.5"
+    commands["space"]()
+    assert line.playing
+    commands["home"]()
+    assert not line.playing and line.position == 0
+    assert "no pictures" in watch.remarks  # its footage is gone
+
+
+def test_running_track_is_watched_by_its_parts(
+    tmp_path: Path, open_page: Callable[[Path], Page]
+) -> None:
+    run = tmp_path / "run"
+    (run / "parts").mkdir(parents=True)
+    tracks.walker(6).save(run / "parts" / "track_000000000.npz")
+    page = open_page(tmp_path)
+    page.open(run)
+    assert page.watch is not None and len(page.watch.opened.frames) == 6
+
+
+def test_page_in_a_browser(tmp_path: Path, open_page: Callable[[Path], Page]) -> None:
+    page = open_page(tmp_path)
+    page.open(save_track(tmp_path / NAME))
+    watch = page.watch
+    assert watch is not None
+    with browser() as chromium:
+        tab = chromium.new_page(viewport={"width": 400, "height": 300})
+        asked: list[str] = []
+        alerts: list[Any] = []
+        tab.on("request", lambda request: asked.append(request.url))
+        tab.on("dialog", lambda dialog: (alerts.append(dialog), dialog.dismiss()))
+        tab.goto(page.address)
+        tab.get_by_text("frame 0 ·").wait_for(timeout=60_000)
+        tab.keyboard.press("ArrowRight")
+        tab.get_by_text("frame 1 ·").wait_for(timeout=60_000)
+        assert tab.get_by_text(NAME).count() > 0  # as text
+        assert alerts == []
+    own = page.address.rpartition("/")[0]
+    assert all(url.startswith((own, "blob:", "data:")) for url in asked)
+
+
+def test_bad_arguments_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["studio", str(tmp_path / "gone"), "--no-browser"]) == 2
+    assert main(["studio", str(tmp_path), "--port", "70000"]) == 2
+    assert main(["studio", str(save_voxels(tmp_path / "v") / "clouds"), "--port", "-1"]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 3 and "no folder" in lines[0] and "--port" in lines[1]

@@ -1,0 +1,95 @@
+"""`psfs calibrate --refine` on a take of masks: corrected if off, kept if sound."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers import scenes
+
+from psfs.cameras.calibration import read_calibration
+from psfs.cameras.calibration.toml_tables import write_toml_tables
+from psfs.cameras.camera import CameraRig
+from psfs.cli import main
+
+EXACT = scenes.without_distortion(scenes.ring(4, (320, 240), 4.0))
+
+
+def person(frame: int) -> np.ndarray:
+    """Points (N, 3) m of somebody who waves."""
+    random = np.random.default_rng(0)
+    wave = 0.3 * np.sin(0.25 * frame)
+    parts = [
+        ([0, 0, 1.0], [0.14, 0.1, 0.8]),
+        ([0.4, 0, 1.3 + wave], [0.25, 0.06, 0.06]),
+        ([-0.4, wave, 1.2], [0.25, 0.06, 0.06]),
+        ([0.3 * np.sin(0.1 * frame), 0.3, 0.5], [0.06, 0.06, 0.5]),
+    ]
+    found = [np.array(m) + random.uniform(-1, 1, (300, 3)) * size for m, size in parts]
+    return np.concatenate(found) + np.array([0.2 * np.sin(0.05 * frame), 0.1, 0])
+
+
+@pytest.fixture(scope="module")
+def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("refine") / "take"
+    for camera in EXACT:
+        (folder / "masks" / camera.name).mkdir(parents=True)
+        for frame in range(60):
+            mask = np.zeros(camera.size[::-1], np.uint8)
+            _, y, x, _ = camera.look_up(person(frame))
+            mask[y, x] = 255
+            mask = cv2.dilate(mask, np.ones((7, 7), np.uint8))
+            cv2.imwrite(str(folder / "masks" / camera.name / f"{frame:03d}.png"), mask)
+    return folder
+
+
+def refine(take: Path, out: Path, rig: CameraRig) -> tuple[int, dict[str, object]]:
+    write_toml_tables(take / "calibration.toml", rig)
+    code = main(["calibrate", str(take), "--refine", "--device", "numpy", "-o", str(out)])
+    report = out / "calibration.json"
+    return code, json.loads(report.read_text()) if report.exists() else {}
+
+
+def misfit(rig: CameraRig) -> float:
+    pairs = zip(rig, EXACT, strict=True)
+    points = person(0)
+    return float(np.mean([np.abs(a.project(points)[0] - b.project(points)[0]) for a, b in pairs]))
+
+
+def test_a_take_corrects_its_cameras(take: Path, tmp_path: Path) -> None:
+    turns = np.radians([[0.5, 0.3, 0], [-0.5, 0.4, 0.2], [0.1, -0.6, 0.3], [-0.2, 0, -0.6]])
+    off = []
+    for camera, turn in zip(EXACT, turns, strict=True):
+        R = cv2.Rodrigues(turn)[0] @ camera.R
+        off.append(replace(camera, R=R, t=-R @ camera.centre))
+    code, report = refine(take, tmp_path / "out", CameraRig(tuple(off)))
+    assert code == 0 and report["corrected"] is True
+    corrected = read_calibration(tmp_path / "out" / "calibration.toml")
+    assert misfit(corrected) < 0.7 * misfit(CameraRig(tuple(off)))
+    cameras = report["cameras"]
+    assert isinstance(cameras, dict) and set(cameras) == set(EXACT.names)
+    late = cameras["c0"]["late_frames"]
+    assert abs(late["value"]) < 4 * late["standard_deviation"]
+
+
+def test_sound_cameras_are_kept(take: Path, tmp_path: Path) -> None:
+    code, report = refine(take, tmp_path / "out", EXACT)
+    assert code == 0 and report["corrected"] is False
+    kept = read_calibration(tmp_path / "out" / "calibration.toml")
+    assert misfit(kept) < 1e-3
+    assert "are kept" in str(report["verdict"])
+
+
+def test_two_cameras_are_refused(
+    take: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_toml_tables(take / "calibration.toml", EXACT)
+    flags = ["--refine", "--cameras", "c0,c1", "-o", str(tmp_path / "out")]
+    assert main(["calibrate", str(take), *flags]) == 2
+    assert "expected three or more" in capsys.readouterr().err
+    assert main(["calibrate", str(take), "--refine", "--floor", "0", "-o", str(tmp_path)]) == 2
+    assert "is of boards and wands" in capsys.readouterr().err
