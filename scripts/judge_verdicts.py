@@ -80,7 +80,7 @@ def track(folder: Path, job: Job, device: Device | NumpyDevice, n_frames: int, o
     warnings: list[str] = []
     poor = _POOR if job.how == "poor search" else {}
     if job.by == "voxels":
-        method = Method.of(**poor)
+        method = Method.create(**poor)
         session = Session(
             spoil_footage(sequence, job.how, job.seed), device, SessionSettings(selection=frames)
         )
@@ -88,7 +88,7 @@ def track(folder: Path, job: Job, device: Device | NumpyDevice, n_frames: int, o
         session, warnings = found.session, found.remaining
         settings = {"given": start_backward(truth, first)} if job.how == "wrong start" else {}
     else:
-        method = Method.of(objective="keypoints", **poor)
+        method = Method.create(objective="keypoints", **poor)
         session = Session(sequence, device, SessionSettings(selection=frames))
         sound = open_keypoints(sequence, truth, job.seed)
         keypoints = spoil_keypoints(sound, sequence.rig, job.how, job.seed)
