@@ -21,7 +21,7 @@ test: install
 
 docs: install
 	$(BIN)/python -m pip install --quiet --editable ".[docs]"
-	$(BIN)/pdoc --output-directory build/docs cl psfs apf
+	$(BIN)/mkdocs build --strict
 
 install: $(DONE)
 

@@ -33,7 +33,9 @@ from psfs.footage.memory import FRAME_MEMORY, frame_memory_limit
 from psfs.footage.numbering import pair_by_number
 from psfs.footage.prefetch import prefetch
 from psfs.footage.settings import MIXTURES, Settings
+from psfs.footage.sound import apply_sound
 from psfs.footage.threads import TIMEOUT_S, HangingError, Threads
+from psfs.footage.timestamps import pair_by_timestamps
 from psfs.footage.timing import find_timing, synchronise
 
 #: Greatest memory and number of frames that are decoded ahead.
@@ -79,12 +81,12 @@ class Sequence:
         self.layout = layout
         if settings.sync is None and footage.late:
             settings = settings.replace(sync=footage.late)
-        self.settings = settings
-        self.notes = list(footage.notes)
+        self.settings = settings = apply_sound(settings, footage.images)
         sync = settings.sync if isinstance(settings.sync, Mapping) else {}
         if settings.cameras is not None:
             sync = {name: late for name, late in sync.items() if name in settings.cameras}
-        footage, numbering = pair_by_number(footage)
+        footage, numbering = pair_by_number(pair_by_timestamps(footage))
+        self.notes = list(footage.notes)
         timing, rates = find_timing(footage, settings.fps, sync, _DEFAULT_FPS)
         self.timing_notes = [*numbering, *rates]
         self.footage = synchronise(footage, timing)
@@ -255,7 +257,8 @@ class Sequence:
     def _fit_mixture(self, adaptive: bool = False) -> Mixture:
         empty = self.footage.background
         assert self.footage.images is not None
-        return Mixture(empty or self.footage.images, bool(empty), adaptive)
+        shadows = self.background_kind != "mog-plain"
+        return Mixture(empty or self.footage.images, bool(empty), adaptive, shadows=shadows)
 
     @property
     def _views(self) -> tuple[Media, ...]:
@@ -308,7 +311,7 @@ class Sequence:
 
         Raises InputError as `frames` does.
         """
-        adaptive = learning and self.background_kind == "mog-adaptive"
+        adaptive = learning and self.background_kind in ("mog-adaptive", "mog-plain")
         with self._reader(self._fit_mixture(True) if adaptive else None) as read:
             yield read
 

@@ -28,7 +28,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from accuracy.ablation import ABLATIONS, READINGS
+from accuracy.ablation import ABLATIONS, READINGS, load_preset
 from accuracy.processes import do_jobs, start_workers
 from accuracy.published import publish_suite
 from accuracy.recordings import Recording, record
@@ -57,7 +57,7 @@ from apf.filters.config import FilterConfig
 from apf.filters.objectives import OBJECTIVES
 from apf.filters.searches import SEARCHES
 from apf.filters.term_weights import TERMS
-from apf.presets import PRESETS, preset
+from apf.presets import PRESETS
 from apf.tracking.track import spans
 from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import add_device_flag, add_message_flags, progress_bar, stdout
@@ -357,7 +357,7 @@ def do_runs(
                 folder, cache = folders[setting.sequence], args.out / "clouds" / name
                 frames = bar.add_task("frames")
                 advance = partial(bar.advance, frames)
-                settings = preset(setting.preset) if setting.preset else None
+                settings = load_preset(setting.preset) if setting.preset else None
                 recording = record(device, folder, *wanted[1:3], cache, advance, settings=settings)
                 bar.remove_task(frames)
                 shown = wanted

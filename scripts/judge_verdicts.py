@@ -5,11 +5,16 @@
 
 tracks every sequence with truth.npz in FOLDER, by voxels and by keypoints, forward only and both
 ways, sound and spoilt (see `verdicts/spoiling.py`), and writes a folder for each track.
+
+    scripts/judge_verdicts.py table scripts/results/verdicts.json
+
+counts the verdicts of such tracks by their share of joints beyond 150 mm.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import random
 import sys
 import time
@@ -18,6 +23,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from rich.table import Table
 from verdicts.spoiling import (
     FOOTAGE,
     KEYPOINTS,
@@ -32,16 +38,19 @@ from apf.filters.method import Method
 from apf.formats.trc import JointSeries
 from apf.keypoints.agreement import find_disagreements
 from apf.report.judged import judge_track
+from apf.report.quality import Quality
 from apf.tracking.settings import TakeSettings
-from apf.tracking.take import Take, track_take
+from apf.tracking.take import track_take
 from cl import Device, NumpyDevice, UserError, select_device
-from psfs.cli.commandline import add_message_flags
+from psfs.cli.commandline import add_message_flags, stdout
 from psfs.cli.program import run_command
 from psfs.common.files import write_json
 from psfs.diagnostics.examination import examine
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 
+#: Shares of joints beyond 150 mm that part the columns of the table.
+_SHARES = (0.0, 0.01, 0.1)
 #: Particles and layers of the poor search.
 _POOR = {"n_particles": 30, "n_layers": 3}
 
@@ -78,6 +87,7 @@ def track(folder: Path, job: Job, device: Device | NumpyDevice, n_frames: int, o
     first = max(0, (len(sequence) - 8 - step * n_frames) // 2)
     frames = slice(first, min(first + step * n_frames, len(sequence) - 8), step)
     warnings: list[str] = []
+    keypoints = None
     poor = _POOR if job.how == "poor search" else {}
     if job.by == "voxels":
         method = Method.create(**poor)
@@ -97,29 +107,27 @@ def track(folder: Path, job: Job, device: Device | NumpyDevice, n_frames: int, o
     if job.how in ("one way", "poor search"):
         method = method.replace(both_ways=False, runs=1)
     take = track_take(session, TakeSettings(method=method, seeds=(job.seed,), **settings))
-    _write(out / job.name, job, session, take, truth, warnings)
+    doubts = [*warnings, *(take.start.doubts if take.start is not None else [])]
+    quality = judge_track(session, take.tracks[0], keypoints=keypoints, doubts=doubts)
+    _write(out / job.name, job, quality, truth)
 
 
-def _write(
-    out: Path, job: Job, session: Session, take: Take, truth: JointSeries, warnings: list[str]
-) -> None:
-    track = take.tracks[0]
-    quality, found = judge_track(session, track), evaluate(track, truth)
+def _write(out: Path, job: Job, quality: Quality, truth: JointSeries) -> None:
+    found = evaluate(quality.track, truth)
     out.mkdir(parents=True, exist_ok=True)
-    track.save(out / "track.npz")
+    quality.track.save(out / "track.npz")
     arrays = {"errors": found.errors, "frames": found.frames}
+    if quality.near is not None:
+        arrays["near"] = quality.near
     if quality.agreement is not None:
         agreed = vars(quality.agreement)
         names = ("rows", "body_iou", "voxel_iou", "inside", "explained")
         arrays |= {name: agreed[name] for name in names}
     np.savez_compressed(out / "raw.npz", **arrays)
-    doubts = take.start.doubts if take.start is not None else []
     facts = {
         **asdict(job),
-        "cameras": list(session.rig.names),
         "verdict": quality.verdict,
         "says": quality.lines(),
-        "warnings": [*warnings, *doubts],
         "mean_error": found.mean_error,
         "lost_share": found.lost_share,
     }
@@ -128,9 +136,9 @@ def _write(
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="judge_verdicts.py", description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("track",))
+    parser.add_argument("what", choices=("track", "table"))
     parser.add_argument("folder", type=Path, metavar="FOLDER")
-    parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT")
+    parser.add_argument("-o", "--out", type=Path, default=Path("verdicts"), metavar="OUT")
     parser.add_argument("--part", default="0/1", metavar="K/N", help="every Nth job, from the Kth")
     parser.add_argument("--backward", action="store_true", help="the last jobs first")
     parser.add_argument("--frames", type=int, default=40, metavar="N")
@@ -143,7 +151,23 @@ def main() -> int:
     return run_command(parser)
 
 
+def print_table(path: Path) -> None:
+    """Print how many tracks of each verdict have which share of joints beyond 150 mm."""
+    for part, runs in json.loads(path.read_text()).items():
+        table = Table("by", "verdict", "none", "to 1 %", "to 10 %", "more", title=part)
+        known = [run for run in runs if "verdict" in run]
+        for by in ("voxels", "keypoints"):
+            for verdict in ("good", "doubtful", "bad", "unknown"):
+                of = [r["lost_share"] for r in known if (r["by"], r["verdict"]) == (by, verdict)]
+                counts = np.bincount(np.searchsorted(_SHARES, of), minlength=len(_SHARES) + 1)
+                table.add_row(by, verdict, *map(str, counts))
+        stdout.print(table)
+
+
 def _run(args: argparse.Namespace) -> None:
+    if args.what == "table":
+        print_table(args.folder)
+        return
     began = time.monotonic()
     part, n_parts = map(int, args.part.split("/"))
     device = select_device(args.device)

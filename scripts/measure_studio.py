@@ -1,13 +1,15 @@
 """Measure how fast the page of `apf studio` opens and plays: its own scene, a headless Chromium.
 
-Prints the seconds until the page can be asked for, frames per second that the server sends while
-playing, those that a browser receives and draws, and the memory of this process. Without a browser
-only the server is measured.
+Prints the seconds until the page can be asked for and until a browser shows it, frames per second
+that the server sends while playing, those that the browser draws, processor seconds of all that
+(which others on the machine change little), and the memory of this process. Without a browser only
+the server is measured.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import shutil
 import tempfile
@@ -66,10 +68,13 @@ def write_scene(folder: Path, n_frames: int, n_voxels: int) -> None:
 
 def measure(folder: Path, seconds: float) -> dict[str, Any]:
     """Open and play a folder for some seconds; return the figures by name."""
-    process, began = psutil.Process(), time.perf_counter()
+    process, began, cpu = psutil.Process(), time.perf_counter(), time.process_time()
     page = Page(Roots(folder), NumpyDevice)
     page.open(folder)
-    found: dict[str, Any] = {"opening_s": round(time.perf_counter() - began, 2)}
+    found: dict[str, Any] = {
+        "opening_s": round(time.perf_counter() - began, 2),
+        "opening_cpu_s": round(time.process_time() - cpu, 2),
+    }
     path = shutil.which("chromium")
     try:
         if path is None:
@@ -83,6 +88,7 @@ def measure(folder: Path, seconds: float) -> dict[str, Any]:
             tab.goto(page.address)
             tab.get_by_text("frame 0 ·").wait_for(timeout=120_000)
             found["browser_shows_s"] = round(time.perf_counter() - began, 2)
+            found["browser_shows_cpu_s"] = round(_browser_seconds(), 2)
             found |= _play(page, seconds, tab)
             browser.close()
         return found
@@ -95,7 +101,7 @@ def _play(page: Page, seconds: float, tab: Any) -> dict[str, Any]:
     """Play for some seconds; return frames per second, of the server and of the browser's tab."""
     assert page.watch is not None
     line = page.watch.time_line
-    received = [0]
+    drawn, browser = 0, _browser_seconds()
     if tab is not None:
         tab.evaluate(_COUNT_DRAWN)
     cpu, began, shown = time.process_time(), time.perf_counter(), line.n_shown
@@ -105,7 +111,7 @@ def _play(page: Page, seconds: float, tab: Any) -> dict[str, Any]:
         time.sleep(seconds)
     else:
         tab.wait_for_timeout(1000 * seconds)
-        received[0] = tab.evaluate("() => window.drawn")
+        drawn = tab.evaluate("() => window.drawn")
     passed = time.perf_counter() - began
     found = {
         "frames_per_s": round((line.n_shown - shown) / passed, 1),
@@ -113,7 +119,23 @@ def _play(page: Page, seconds: float, tab: Any) -> dict[str, Any]:
             (time.process_time() - cpu) / max(1, line.n_shown - shown), 4
         ),
     }
-    return found if tab is None else found | {"drawn_per_s": round(received[0] / passed, 1)}
+    if tab is None:
+        return found
+    browser = _browser_seconds() - browser
+    return found | {
+        "drawn_per_s": round(drawn / passed, 1),
+        "browser_cpu_s_per_drawn": round(browser / max(1, drawn), 4),
+    }
+
+
+def _browser_seconds() -> float:
+    """Return the processor time of all processes that this one started, s."""
+    seconds = 0.0
+    for child in psutil.Process().children(recursive=True):
+        with contextlib.suppress(psutil.Error):
+            times = child.cpu_times()
+            seconds += times.user + times.system
+    return seconds
 
 
 def main() -> None:

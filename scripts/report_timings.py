@@ -5,7 +5,7 @@
 
 makes OUT/report.md, OUT/report.html (one file, figures inside) and OUT/figures/ from folders of
 results, one per machine: by default all in scripts/results/. With --readme also the
-README's table between its marks, and its picture docs/timings.png.
+docs/speed.md's table between its marks, and its picture docs/timings.png.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 from timings.report import figures
 from timings.report.machines import read_batches, read_machines
 from timings.report.page import write_report
-from timings.report.readme import update_readme
+from timings.report.readme import update_page
 
 from psfs.cli.commandline import add_message_flags, stdout
 from psfs.cli.program import run_command
@@ -30,7 +30,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="report_timings.py", description=__doc__.splitlines()[0])
     parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
     parser.add_argument("-o", "--out", type=Path, default=_RESULTS, metavar="OUT")
-    parser.add_argument("--readme", action="store_true", help="bring the README up to date")
+    parser.add_argument("--readme", action="store_true", help="bring docs/speed.md up to date")
     add_message_flags(parser)
     parser.set_defaults(run=_run)
     return run_command(parser)
@@ -44,8 +44,8 @@ def _run(args: argparse.Namespace) -> None:
     if args.readme:
         picture = _ROOT / "docs" / "timings.png"
         figures.write_figure(figures.headline(machines), picture)
-        update_readme(_ROOT / "README.md", machines)
-        stdout.print(f"wrote README.md and {picture}", soft_wrap=True)
+        update_page(_ROOT / "docs" / "speed.md", machines)
+        stdout.print(f"wrote docs/speed.md and {picture}", soft_wrap=True)
 
 
 if __name__ == "__main__":

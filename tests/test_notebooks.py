@@ -10,7 +10,7 @@ import pytest
 from nbclient import NotebookClient
 
 FOLDER = Path(__file__).parents[1] / "notebooks"
-NAMES = ("reconstruction", "tracking", "timings")
+NAMES = ("image_objectives", "reconstruction", "tracking", "timings")
 
 
 def cells_with_code(notebook: Any) -> list[Any]:

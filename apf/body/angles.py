@@ -12,6 +12,8 @@ sides.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from apf.body.anatomy import anatomical_frames
@@ -42,7 +44,12 @@ def joint_angles(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndarray]:
     left side is higher. Plane of elevation and axial rotation are NaN if the arm hangs within
     `HANGING` degrees.
     """
-    frames = anatomical_frames(body, poses)
+    return angles_between(anatomical_frames(body, poses))
+
+
+def angles_between(frames: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Compute the same angles from the world rotations (N, 3, 3) of anatomical segments, by name as
+    of `anatomical_frames`."""
     angles: dict[str, np.ndarray] = {}
     if "pelvis" in frames:
         turned = decompose_yxz(WORLD.T @ frames["pelvis"])
@@ -81,7 +88,7 @@ def standing_ankles(body: BodyModel, poses: np.ndarray, flat: np.ndarray) -> dic
     return angles
 
 
-def _side_angles(frames: dict[str, np.ndarray], side: str) -> dict[str, np.ndarray]:
+def _side_angles(frames: Mapping[str, np.ndarray], side: str) -> dict[str, np.ndarray]:
     angles: dict[str, np.ndarray] = {}
     for joint, (near, far, names, signs) in _LIMB_JOINTS.items():
         start = near if near in ("pelvis", "thorax") else side + near
@@ -104,7 +111,7 @@ def _name_angles(
     return {f"{joint}_{name}": degrees[:, column] for column, name in enumerate(names)}
 
 
-def relative_rotations(frames: dict[str, np.ndarray], near: str, far: str) -> np.ndarray:
+def relative_rotations(frames: Mapping[str, np.ndarray], near: str, far: str) -> np.ndarray:
     """Return the rotations (N, 3, 3) from the frames of segment `near` to those of `far`.
 
     Those of a left segment are mirrored to the right side.

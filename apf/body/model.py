@@ -164,3 +164,9 @@ def find_side(name: str) -> str:
     lower = name.lower()
     sides = (side for side in ("left", "right") if lower.startswith((f"{side[0]}_", side)))
     return next(sides, "middle")
+
+
+def plain_name(name: str) -> str:
+    """Return a bone's or joint's usual name: left upper arm for `l_upper_arm`."""
+    side, words = find_side(name), sideless(name).replace("_", " ")
+    return words if side == "middle" else f"{side} {words}"

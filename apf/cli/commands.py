@@ -19,7 +19,7 @@ COMMANDS = list_commands(
     report="Judge a track and write its page, report.html, as `apf track` does: a 3-D player, the "
     "overlay, confidence, agreement with the silhouettes, angles.",
     render="Draw a track's silhouettes and edges in every camera, as PNG.",
-    studio="Open a page in the browser to watch voxels and tracks, with the pictures beside them.",
+    studio="Open a page in the browser: look at footage, track it, watch, correct and export.",
     view="Play a run of psfs reconstruct with a track's skeleton and cones on top.",
     demo="Generate a small sequence, reconstruct, track and evaluate it, by the commands shown.",
 )

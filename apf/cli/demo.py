@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
 import shlex
+import webbrowser
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +19,8 @@ from psfs.cli.commandline import stdout
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_number
+
+log = logging.getLogger(__name__)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -39,10 +43,16 @@ def _demonstrate(args: argparse.Namespace, out: Path) -> None:
     _step("apf", apf.cli.main, ["track", sequence, "-o", tracked, *device])
     _step("apf", apf.cli.main, ["evaluate", tracked, "--truth", truth])
     write_json(out / "summary.json", _summary(out))
+    report = out / "track" / "report.html"
     stdout.print(
-        f"{out}: track/report.html, overlay.mp4, joints.trc, track.npz, voxels/preview.png, clouds "
-        "and evaluation.png, summary.json"
+        f"Look at {report} (the track, judged), {out / 'track' / 'overlay.mp4'} and "
+        f"{out / 'voxels' / 'preview.png'}; {out / 'summary.json'} has the figures.\n"
+        "Your own footage: `psfs info FOLDER` says what is missing or looks wrong, then `apf track "
+        "FOLDER -o OUT` and `apf export OUT`.",
+        soft_wrap=True,
     )
+    if args.open and not webbrowser.open(report.resolve().as_uri()):
+        log.warning("no browser to open %s with", report)
 
 
 def _step(program: str, main: Callable[[list[str]], int], argv: list[str]) -> None:

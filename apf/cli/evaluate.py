@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.table import Table
 
 from apf.cli.flags.evaluate import FILES
+from apf.evaluation.angle_truth import (
+    AngleError,
+    evaluate_angles,
+    load_true_angles,
+    mean_error,
+)
 from apf.evaluation.conventions import axes_that_fit
 from apf.evaluation.evaluate import (
     LOST_FRAMES,
@@ -57,7 +65,11 @@ def run(args: argparse.Namespace) -> None:
         )
     except InputError as error:
         raise InputError(f"{args.track} against {args.truth[0]}: {error}") from None
+    if args.truth_start is None and (true_angles := load_true_angles(args.truth[0])) is not None:
+        angles = tuple(evaluate_angles(track, true_angles))
+        evaluation = replace(evaluation, angles=angles)
     print_evaluation(evaluation)
+    print_angles(evaluation.angles)
     if markers is None:
         better = axes_that_fit(track, truth, evaluation, convention)
         if better is not None:
@@ -223,6 +235,28 @@ def print_people_evaluation(evaluation: PeopleEvaluation) -> None:
     ]
     for line in lines:
         stdout.print(line, soft_wrap=True)
+
+
+def print_angles(errors: Sequence[AngleError]) -> None:
+    """Print the errors of the joint angles to standard output, if there are any."""
+    if not errors:
+        return
+    table = Table(title="Joint angles against the truth's, degrees", title_justify="left")
+    table.add_column("angle")
+    for column in ("RMS", "offset-free", "frames"):
+        table.add_column(column, justify="right")
+    for error in errors:
+        figures = f"{error.rms:.1f}", f"{error.free:.1f}", str(error.n_frames)
+        table.add_row(error.name, *figures, style=None if error.defined else "dim")
+    table.add_section()
+    rms, free = mean_error(errors)
+    table.add_row("all", f"{rms:.1f}", f"{free:.1f}", "", style="bold")
+    stdout.print(table)
+    stdout.print(
+        "offset-free: without the mean difference (the truth's rest pose is another); all: without "
+        "the plane of elevation and axial rotation of arms, undefined where these hang",
+        soft_wrap=True,
+    )
 
 
 def _number(value: float | None) -> str:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import webbrowser
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -102,13 +104,7 @@ def _live(
         stderr.print(str(pace), soft_wrap=True)
     else:
         warn(f"{pace}; {pace.advice}")
-    late = warn if pace.keeps_up else None
-    if stderr.console.is_terminal:
-        with stderr.console.status("waiting for the first frame; Ctrl-C ends") as status:
-            result = live.run(Progress(pace.wanted, status.update, None, late))
-    else:
-        say = partial(stderr.print, soft_wrap=True)
-        result = live.run(Progress(pace.wanted, None, say, late))
+    result = _run(args, live, start, pace)
     if not result.frames:
         raise InputError("no frame was tracked; expected at least one before the end")
     track = _track(body, source, result, {**method.describe(), "device": device.name})
@@ -121,6 +117,29 @@ def _live(
     write_json(args.output / "live.json", summary)
     live.timeline.plot(args.output / "timeline.png")
     _print_summary(summary, args.output)
+
+
+def _run(args: argparse.Namespace, live: Live, start: LiveStart, pace: Pace) -> LiveResult:
+    """Run, with its progress on the terminal and, with --studio, on a page."""
+    late = warn if pace.keeps_up else None
+    with ExitStack() as stack:
+        if stderr.console.is_terminal:
+            waiting = stderr.console.status("waiting for the first frame; Ctrl-C ends")
+            progress = Progress(pace.wanted, stack.enter_context(waiting).update, None, late)
+        else:
+            progress = Progress(pace.wanted, None, partial(stderr.print, soft_wrap=True), late)
+        if not args.studio:
+            return live.run(progress)
+        from apf.studio.live import LivePage  # imports an extra
+
+        rig = live.source.rig
+        page = stack.enter_context(
+            closing(LivePage(start.body, start.pose, rig, start.grid, live.stop))
+        )
+        stdout.print(f"{page.address} (for this machine alone)", soft_wrap=True)
+        webbrowser.open(page.address)
+        both = (progress, page)
+        return live.run(lambda result, timeline: [of(result, timeline) for of in both])
 
 
 def _check_ranges(args: argparse.Namespace) -> None:

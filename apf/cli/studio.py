@@ -18,7 +18,9 @@ def run(args: argparse.Namespace) -> None:
         raise InputError(f"--port is {args.port}; expected 0 (any) to 65535")
     roots = Roots(args.folder)
     make_device = lru_cache(1)(partial(select_device, args.device))
-    page = Page(roots, make_device, args.port)
+    page = Page(roots, make_device, args.port, results=args.output, device=args.device)
+    if args.output.is_dir():
+        roots.add(args.output)
     try:
         if find_kind(args.folder) is not None:
             page.open(args.folder)

@@ -18,6 +18,7 @@ from apf.cli.first_pose import check_start, naming_init, warn_of_doubts
 from apf.cli.keypoints.flags import read_keypoints
 from apf.cli.keypoints.triangulate import TRIANGULATE, run_triangulate
 from apf.cli.method_flags import METHOD_FLAGS, chosen_method
+from apf.cli.takes.corrected import CorrectedTrack, read_corrected, track_corrected
 from apf.cli.takes.job import TrackJob, chosen_seeds, take_names
 from apf.cli.takes.kept_parts import Keeper, remove_parts
 from apf.cli.takes.people import chosen_people, find_persons, write_together
@@ -75,6 +76,7 @@ def run(args: argparse.Namespace) -> None:
     if len(args.folders) == 1:
         refuse_unused(args, ["at_once"], "is of several takes; expected more than one")
     if len(args.folders) > 1:
+        refuse_unused(args, ["corrections"], "is of one take; expected none with several")
         _run_many(args, method)
         return
     device = select_device(args.device)
@@ -185,6 +187,7 @@ def _tracked_and_judged(out: OutputFolder, job: TrackJob, line: Line) -> list[Fi
     args, opened = job.args, _opened(out, job)
     first = chosen_frames(args, opened)[0]
     given = given_start(opened.folder, first, args.body, args.init, args.convention)
+    corrected = read_corrected(args)
     if job.method.uses_voxels:
         check_cameras(opened)
     # All files that flags name are read by now, before the diagnosis, which takes seconds.
@@ -192,6 +195,9 @@ def _tracked_and_judged(out: OutputFolder, job: TrackJob, line: Line) -> list[Fi
     del opened  # free its frames: the examined sequence may have other cameras
     session = examination.session
     line.n_frames = len(selected_frames(args, session.sequence))
+    if corrected is not None:
+        line.n_frames = len(corrected.track)
+        return [_one_tracked(job, examination, None, line, corrected)]
     persons = find_persons(job, session, given, line) if line.n_frames else None
     if persons is None:
         return [_one_tracked(job, examination, given, line)]
@@ -213,12 +219,17 @@ def _one_tracked(
     examination: Examination,
     given: tuple[BodyModel, np.ndarray] | None,
     line: Line,
+    corrected: CorrectedTrack | None = None,
 ) -> FinishedTake:
-    """Track one person in a session, and write their files."""
+    """Track one person in a session, or correct their track, and write their files."""
     session = examination.session
     if job.method.uses_voxels and not job.args.no_report:
         keep_judged_frames(session)
-    take = _tracked(job, examination, given, line)
+    if corrected is not None:
+        take = track_corrected(job, session, corrected, line)
+    else:
+        take = _tracked(job, examination, given, line)
+    _write_tracks(job, take)
     judgements = finish_take(job, examination, take, line)
     return FinishedTake(take, judgements, line.n_frames, job.args.output)
 
@@ -246,7 +257,7 @@ def _examine(job: TrackJob, opened: Sequence) -> Examination:
 def _tracked(
     job: TrackJob, examination: Examination, given: tuple[BodyModel, np.ndarray] | None, line: Line
 ) -> Take:
-    """Track a take, and write the files of each seed's track, except those of `finish_take`."""
+    """Track a take."""
     args, session = job.args, examination.session
     sequence = session.sequence
     template, keep_shape = load_template(args.body)
@@ -261,14 +272,18 @@ def _tracked(
     )
     with naming_init(sequence):
         take = track_take(session, settings, line, Keeper(job.folders))
-    write_track_settings(args, job.method)
     if take.start is not None:
         warn_of_doubts(sequence, take.start)
+    return take
+
+
+def _write_tracks(job: TrackJob, take: Take) -> None:
+    """Write the files of each seed's track, except those of `finish_take`."""
+    write_track_settings(job.args, job.method)
     for track, folder in zip(take.tracks, job.folders, strict=True):
         write_pose(folder / "start.txt", take.pose, take.body)
         write_files(folder, track, take.body)
         remove_parts(folder)
-    return take
 
 
 def _raise_error(take: Take, n_frames: int, folder: Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from apf.body.limbs import LIMB_ENDS
+from apf.evaluation.angle_truth import AngleError, summarise_angles
 from apf.evaluation.flags import FlagCounts, compute_lost_fractions, flagged_joints
 from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints, match_joints
 from apf.formats.c3d import read_c3d
@@ -50,7 +51,8 @@ class Evaluation:
     others. unmatched_track, unmatched_truth: names not compared. n_ignored: joint-frames without
     truth. warnings: for the reader of the figures. predicted_lost_fraction: share of the frames in
     which the track reports a limb as lost, by name; flagged: (F, J) bool, joints of such limbs in
-    these frames; they count like all others.
+    these frames; they count like all others. angles: errors of the joint angles, if the truth has
+    rotations.
     """
 
     joint_names: tuple[str, ...]
@@ -66,6 +68,7 @@ class Evaluation:
     warnings: tuple[str, ...]
     predicted_lost_fraction: dict[str, float] = field(default_factory=dict)
     flagged: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), bool))
+    angles: tuple[AngleError, ...] = ()
 
     @cached_property
     def errors(self) -> np.ndarray:
@@ -187,6 +190,7 @@ class Evaluation:
             },
             "warnings": list(self.warnings),
             "joints": self.joint_table(),
+            **summarise_angles(self.angles),
         }
 
     def write_json(self, path: str | Path) -> None:

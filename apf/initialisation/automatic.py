@@ -16,7 +16,7 @@ from apf.initialisation.config import StartConfig
 from apf.initialisation.hypotheses import Hypothesis, select_close
 from apf.initialisation.kept_voxels import cut_by_height, select_person_points
 from apf.initialisation.pose_search import PoseSearch, SearchTask
-from apf.initialisation.shape_fit import Cloud, fit_shape
+from apf.initialisation.shape_fit import Cloud, find_unfolded, fit_shape
 from apf.initialisation.shape_model import ShapeModel
 from apf.initialisation.start import Start, StartError, check_startable
 from apf.scene import Scene
@@ -144,11 +144,22 @@ class _Fitting:
     def __call__(self, found: Hypothesis, anchor: int) -> Fit:
         search = self.search
         poses = self._track_both_ways(search.model.body(found.shape), found.pose, anchor)
-        fitted = fit_shape(
-            search.template, self.clouds, found.shape, poses, search.task.height,
-            config=search.config.shape, free=None if search.free else (),
-        )  # fmt: skip
-        return self._near(*fitted)
+        return self._near(*self._fit_shape(found.shape, poses))
+
+    def _fit_shape(self, shape: np.ndarray, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the shape, fitted to the frames in which the body is unfolded, and all poses
+        (M, D), fitted with it."""
+        search, config = self.search, self.search.config
+        unfolded = find_unfolded(search.model.body(shape), poses, config.frames)
+        poses = poses.copy()
+        for chosen, free in ((unfolded, None if search.free else ()), (~unfolded, ())):
+            if chosen.any():
+                clouds = [self.clouds[int(k)] for k in np.flatnonzero(chosen)]
+                shape, poses[chosen] = fit_shape(
+                    search.template, clouds, shape, poses[chosen], search.task.height,
+                    config=config.shape, free=free,
+                )  # fmt: skip
+        return shape, poses
 
     def _near(self, shape: np.ndarray, poses: np.ndarray) -> Fit:
         """Return poses near these, and their costs."""

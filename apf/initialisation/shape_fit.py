@@ -11,10 +11,11 @@ from scipy.spatial import cKDTree
 
 from apf.body.cones import cone_distances, cone_normals, dot
 from apf.body.jacobian import point_jacobian
-from apf.body.kinematics import posed_cones
+from apf.body.kinematics import posed_cones, posed_joints
+from apf.body.limbs import limb_joints
 from apf.body.model import BodyModel
 from apf.body.stature import ankle_cones, stature
-from apf.initialisation.config import ShapeFitConfig
+from apf.initialisation.config import FrameChoice, ShapeFitConfig
 from apf.initialisation.shape_model import (
     ShapeModel,
     inner_axes,
@@ -133,6 +134,18 @@ def fit_shape(
     for reach in np.geomspace(config.first_reach, config.last_reach, n_steps or config.n_steps):
         shape, poses = fit.step(shape, poses, reach)
     return shape, poses
+
+
+def find_unfolded(body: BodyModel, poses: np.ndarray, config: FrameChoice) -> np.ndarray:
+    """Return (M,) bool: the poses (M, D) in which the body is unfolded, see
+    `FrameChoice.unfolded`; all of them if fewer than `least_unfolded` are."""
+    trunk = ~np.any(limb_joints(body), axis=0)
+    if not trunk.any():
+        return np.ones(len(poses), bool)
+    z = posed_joints(body, np.concatenate([body.rest_pose[None], poses]))[..., 2]
+    extent = z[:, trunk].max(1) - z.min(1)
+    unfolded: np.ndarray = extent[1:] >= config.unfolded * extent[0]
+    return unfolded if unfolded.sum() >= config.least_unfolded else np.ones(len(poses), bool)
 
 
 class _ShapeFit:

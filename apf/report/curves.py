@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.model import find_side, sideless
-from apf.report.parts import plain_name
+from apf.body.model import find_side, plain_name, sideless
 from apf.report.quality import Quality
 from apf.tracking.track import Track
 

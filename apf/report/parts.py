@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from apf.body.limbs import LIMB_ENDS, limb_chains
-from apf.body.model import BodyModel, find_side, sideless
+from apf.body.model import BodyModel
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,3 @@ def _part(body: BodyModel, bones: set[int], name: str) -> Part:
     cones = tuple(c for c, cone in enumerate(body.cones) if cone.bone in bones)
     joints = [j for j, joint in enumerate(body.joints) if joint.bone in bones]
     return Part(name, cones, joints[-1] if joints else -1)
-
-
-def plain_name(name: str) -> str:
-    """Return a bone's or joint's usual name: left upper arm for `l_upper_arm`."""
-    side, words = find_side(name), sideless(name).replace("_", " ")
-    return words if side == "middle" else f"{side} {words}"

@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 
 from apf.body.limbs import limb_names
+from apf.body.model import plain_name
 from apf.report.agreement import Agreement, choose_rows
-from apf.report.parts import find_parts, plain_name
+from apf.report.parts import find_parts
+from apf.tracking.correction import list_corrections
 from apf.tracking.limb_confidence import LOST, REGRESSION
 from apf.tracking.track import Track, spans
 
@@ -187,7 +189,7 @@ class Quality:
                 f"lasts for less than {REGRESSION.least_time:g} s, too short to say whether its "
                 "limbs are right"
             )
-        lines = [f"the track {looks}: {'; '.join(facts)}"]
+        lines = [f"the track {looks}: {'; '.join(facts)}", *list_corrections(track)]
         lines += [f"in doubt because {doubt}" for doubt in self.doubts]
         for what, rows in self.doubtful.items():
             ranges = self._ranges(rows)

@@ -66,13 +66,21 @@ class Roots:
 
 
 def find_kind(folder: Path) -> str | None:
-    """Return what a folder holds: a `track`, `voxels` of psfs reconstruct, a `take`; None for
-    anything else."""
+    """Return what a folder holds: a `track` of one person or of several, `voxels` of psfs
+    reconstruct, a `take`; None for anything else."""
     if (folder / "track.npz").is_file() or next(folder.glob(PARTS), None):
+        return "track"
+    if list_people(folder):
         return "track"
     if (folder / SUMMARY).is_file() and (folder / "clouds").is_dir():
         return "voxels"
     return "take" if _is_take(folder) else None
+
+
+def list_people(folder: Path) -> list[Path]:
+    """Return the folders of the people of a run of several, in their order."""
+    found = [path for path in folder.glob("person*") if (path / "track.npz").is_file()]
+    return sorted(found, key=lambda path: (len(path.name), path.name))
 
 
 def _is_take(folder: Path) -> bool:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from apf.body.kinematics import bone_matrices
+from apf.body.kinematics import bone_matrices, posed_joints
 from apf.body.limbs import limb_bones, limb_ends
 from apf.body.mesh import cone_mesh
 from apf.body.model import find_side
@@ -40,6 +40,7 @@ class BodyNodes:
         self._lost, self._lost_limbs = track.lost, track.lost_limbs  # computed at each call
         sides = [find_side(track.joint_names[end]) for _, end in track.edges]
         self._edge_colours = np.array([SIDES[side] for side in sides], np.uint8)
+        self._root = scene.add_frame(name, show_axes=False)
         self._bones = [
             scene.add_frame(f"{name}/{b}", show_axes=False) for b in range(len(body.bones))
         ]
@@ -77,17 +78,32 @@ class BodyNodes:
     def show(self, row: int, trail_rows: int) -> None:
         """Show a row of the track, with trails of the rows before it."""
         track = self._track
-        rotations, origins = (each[0] for each in bone_matrices(track.its_body, track.poses[[row]]))
-        for node, rotation, origin in zip(self._bones, rotations, origins, strict=True):
-            node.wxyz, node.position = to_quaternion(rotation), origin
+        self._place_bones(track.poses[row])
         lost = bool(self._lost[row])
         lost_bones = (self._lost_limbs[row] @ self._limb_bones).astype(bool) | lost
         self._colour_cones(lost_bones[self._cone_bones])
-        self.skeleton.points = track.joints[row][track.edges].astype(np.float32)
+        self._place_joints(track.joints[row])
         colours = np.where(lost, np.array(LOST, np.uint8), self._edge_colours)
         self.skeleton.colors = np.repeat(colours[:, None], 2, axis=1)
-        self.joints.points = track.joints[row].astype(np.float32)
         self._show_trails(row, trail_rows)
+
+    def set_visible(self, shown: bool) -> None:
+        """Show or hide the whole body."""
+        self._root.visible = shown
+
+    def show_pose(self, pose: np.ndarray) -> None:
+        """Show a pose (D,) of the body until the next row is shown."""
+        self._place_bones(pose)
+        self._place_joints(posed_joints(self._track.its_body, pose[None])[0])
+
+    def _place_bones(self, pose: np.ndarray) -> None:
+        rotations, origins = (each[0] for each in bone_matrices(self._track.its_body, pose[None]))
+        for node, rotation, origin in zip(self._bones, rotations, origins, strict=True):
+            node.wxyz, node.position = to_quaternion(rotation), origin
+
+    def _place_joints(self, joints: np.ndarray) -> None:
+        self.skeleton.points = joints[self._track.edges].astype(np.float32)
+        self.joints.points = joints.astype(np.float32)
 
     def set_trails(self, shown: bool) -> None:
         """Draw trails from the next frame on, or none."""

@@ -18,6 +18,7 @@ from apf.report.summary import (
     read_tracked_grid,
 )
 from apf.studio.clouds import CarvedClouds, Clouds, StoredClouds
+from apf.studio.folders import list_people
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, UserError
 from psfs.output.reconstruction_folder import ReconstructionFolder
@@ -123,7 +124,7 @@ def open_track(
 
 def _read_tracks(folder: Path) -> dict[str, Track]:
     """Return the tracks of all people in a folder by name."""
-    people = sorted(path for path in folder.glob("person*") if (path / "track.npz").is_file())
+    people = list_people(folder)
     if people:
         return {path.name: Track.open(path) for path in people}
     return {folder.name: Track.open(folder)}

@@ -6,12 +6,17 @@ import threading
 from pathlib import Path
 from typing import Any
 
+from apf.studio.correct_panel import CorrectPanel
+from apf.studio.export_panel import ExportPanel
 from apf.studio.folders import Found, Roots, find_kind
+from apf.studio.footage import Footage
 from apf.studio.gate import Gate, page_address, start_server, stop_server
-from apf.studio.opened import MakeDevice, Opened, open_track, open_voxels
+from apf.studio.opened import MakeDevice, open_track, open_voxels
+from apf.studio.run_panel import RunPanel
 from apf.studio.watch import Watch
 from apf.studio.words import make_lines, make_text
 from cl import InputError, UserError
+from psfs.sequence import Sequence
 
 #: Kinds of folders, as the list names them.
 _KINDS = {"take": "footage", "track": "track", "voxels": "voxels"}
@@ -20,14 +25,24 @@ _NOTHING = "(choose)"
 
 class Page:
     """The page on a server of its own. roots: the folders that may be opened. make_device: makes
-    the device for work on pictures. port: see `start_server`."""
+    the device for work on pictures; device: the flag that names it. results: the folder for runs.
+    port: see `start_server`."""
 
-    def __init__(self, roots: Roots, make_device: MakeDevice, port: int = 0) -> None:
-        self.roots, self._make_device = roots, make_device
+    def __init__(
+        self,
+        roots: Roots,
+        make_device: MakeDevice,
+        port: int = 0,
+        *,
+        results: Path = Path("results"),
+        device: str = "auto",
+    ) -> None:
+        self.roots, self._make_device, self._results = roots, make_device, results
         self.gate = Gate()
         self.server = start_server(port, self.gate)
         self._lock = threading.RLock()
         self.watch: Watch | None = None
+        self.footage: Footage | None = None
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         gui.set_panel_label("psfs-apf studio")
@@ -38,8 +53,13 @@ class Page:
         gui.main_panel.dock_right()
         self._add_open(gui)
         tabs = gui.add_tab_group()
-        self.watching = tabs.add_tab("Watch")
-        self.tabs = tabs
+        self.watching, running = tabs.add_tab("Watch"), tabs.add_tab("Run")
+        with running:
+            self.run = RunPanel(gui, results, device, self._show_run, self.say)
+        with tabs.add_tab("Correct"):
+            self.correct = CorrectPanel(self.server, self.run.start, self.say)
+        with tabs.add_tab("Take home"):
+            self.export = ExportPanel(gui, self.say)
 
     @property
     def address(self) -> str:
@@ -60,26 +80,44 @@ class Page:
             path = self.roots.check(path)
             kind = find_kind(path)
             self.close_folder()
+            self._message.content = ""
+            server, panels = self.server, (self.watching, self.pictures)
             if kind == "track":
                 opened = open_track(path, self._make_device, self._show_carved)
+                self.watch = Watch(server, opened, *panels)
+                self._offer()
             elif kind == "voxels":
-                opened = open_voxels(path)
+                self.watch = Watch(server, open_voxels(path), *panels)
+            elif kind == "take":
+                sequence = Sequence.open(path)
+                self.footage = footage = Footage(server, sequence, panels, self._make_device)
+                self.run.offer(sequence, lambda: footage.volume)
             else:
                 raise InputError(
-                    f"{path}: nothing to open; expected results of apf track or psfs reconstruct"
+                    f"{path}: nothing to open; expected a take, or results of apf track or psfs "
+                    "reconstruct"
                 )
-            self._watch(opened)
-            self._message.content = ""
 
     def close_folder(self) -> None:
         """Close the folder that is open, if one is."""
         with self._lock:
-            if self.watch is not None:
-                self.watch.close()
-                self.watch = None
+            self.correct.offer(None)  # its handle stands in the scene
+            for shown in (self.watch, self.footage):
+                if shown is not None:
+                    shown.close()
+            self.watch = self.footage = None
+            self._offer()
+
+    def _offer(self) -> None:
+        """Have the panels offer what can be done with the run that is open, or nothing."""
+        self.correct.offer(self.watch)
+        self.export.offer(self.watch)
+        if self.footage is None:
+            self.run.offer(None)
 
     def stop(self) -> None:
         """Close everything, and end the server."""
+        self.run.close()
         self.close_folder()
         stop_server(self.server)
 
@@ -107,8 +145,14 @@ class Page:
         except UserError as error:
             self.say(error)
 
-    def _watch(self, opened: Opened) -> None:
-        self.watch = Watch(self.server, opened, self.watching, self.pictures)
+    def _show_run(self, output: Path) -> None:
+        """Open a run that was started here, and list it."""
+        self.roots.add(output)
+        try:
+            self.open(output)
+        except UserError as error:  # its first part is just being replaced
+            self.say(error)
+        self.list_folders()
 
     def _show_carved(self, frame: int) -> None:
         if (watch := self.watch) is not None:

@@ -70,6 +70,19 @@ def small_pictures(frame: Frame, sequence: Sequence) -> list[np.ndarray]:
     return found
 
 
+def mosaic(pictures: list[np.ndarray]) -> np.ndarray:
+    """Return pictures (h, w, 3) uint8 side by side, in as many rows as columns."""
+    columns = int(np.ceil(np.sqrt(len(pictures))))
+    rows = -(-len(pictures) // columns)
+    height = max(picture.shape[0] for picture in pictures)
+    width = max(picture.shape[1] for picture in pictures)
+    whole = np.zeros((rows * height, columns * width, 3), np.uint8)
+    for number, picture in enumerate(pictures):
+        y, x = height * (number // columns), width * (number % columns)
+        whole[y : y + picture.shape[0], x : x + picture.shape[1]] = picture
+    return whole
+
+
 def draw_people(frame: Frame, opened: Opened, view: int | None) -> np.ndarray:
     """Return the picture (h, w, 3) uint8 RGB of a frame with all bodies; of one camera (its index)
     or, for None, of all."""

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from apf.body.limbs import limb_names
-from apf.studio.clouds import CarvedClouds
+from apf.studio.clouds import CarvedClouds, Clouds
 from apf.studio.curves import angle_groups, draw_angles, draw_confidence
 from apf.studio.nodes import BodyNodes, CameraNodes, VoxelNode, add_floor
 from apf.studio.opened import Opened
 from apf.studio.pictures import PictureReader, draw_people, small_pictures
 from apf.studio.timeline import TimeLine
 from apf.studio.words import make_lines, make_text
+from cl import UserError
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelGrid
 
@@ -142,15 +143,23 @@ class Watch:
         opened, frame = self.opened, int(self.opened.frames[position])
         with self._server.atomic():
             if opened.clouds is not None and self._shown["voxels"].value:
-                self._voxels.show(opened.clouds.get(frame))
+                self._show_voxels(opened.clouds, frame)
             for name, body in self.bodies.items():
                 row = opened.rows[name].get(frame)
+                body.set_visible(row is not None)
                 if row is not None:
                     body.show(row, int(_TRAIL_SECONDS * opened.fps))
         if self._position != position or not self.time_line.playing:
             self._position = position
             self._say_status(position)
             self._ask_pictures()
+
+    def _show_voxels(self, clouds: Clouds, frame: int) -> None:
+        try:
+            self._voxels.show(clouds.get(frame))
+        except UserError as error:  # a file that is gone or damaged
+            self._voxels.show(None)
+            self._fail(f"no voxels of frame {frame}: {error}")
 
     def _say_status(self, position: int) -> None:
         opened, frame = self.opened, int(self.opened.frames[position])

@@ -20,7 +20,8 @@ class Mixture:
 
     It is fitted once, to all frames of the empty scene or to frames spread over the sequence. So a
     frame's mask does not depend on the frames that were read before it. An `adaptive` mixture is
-    updated by every picture that it masks, like Rymut's (eq. 2.5-2.6).
+    updated by every picture that it masks, like Rymut's (eq. 2.5-2.6). shadows: whether a darker
+    shade of the scene's colour counts as its shadow; a person in dark clothes has such shades, too.
     """
 
     def __init__(
@@ -29,10 +30,12 @@ class Mixture:
         empty: bool,
         adaptive: bool = False,
         config: BackgroundModelConfig | None = None,
+        *,
+        shadows: bool = True,
     ) -> None:
         config = config or BackgroundModelConfig()
         samples = None if empty else config.mixture_samples
-        self._models = [_fit_model(view, samples) for view in media]
+        self._models = [_fit_model(view, samples, shadows) for view in media]
         self._rate = config.mixture_rate if adaptive else 0.0
         self._locks = [Lock() for _ in media]  # OpenCV's models are not safe across threads
 
@@ -42,10 +45,11 @@ class Mixture:
         return np.where(labels == _PERSON, np.uint8(255), np.uint8(0))
 
 
-def _fit_model(view: Media, samples: int | None) -> cv2.BackgroundSubtractorMOG2:
-    """Fit the model to `samples` frames spread over the view, or to all."""
+def _fit_model(view: Media, samples: int | None, shadows: bool) -> cv2.BackgroundSubtractorMOG2:
+    """Fit the model to `samples` frames spread over the view, or to all. A pixel matches a
+    component within 4 deviations, OpenCV's default."""
     indices = range(view.count) if samples is None else view.spread(samples)
-    model = cv2.createBackgroundSubtractorMOG2(history=len(indices), detectShadows=True)
+    model = cv2.createBackgroundSubtractorMOG2(history=len(indices), detectShadows=shadows)
     for frame in view.frames(indices):
         model.apply(frame)
     return model

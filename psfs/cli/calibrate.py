@@ -33,6 +33,7 @@ from psfs.calibration.targets.detection import (
     open_uncalibrated,
 )
 from psfs.calibration.targets.markers import MarkerFinder
+from psfs.calibration.targets.print_board import write_board_pdf
 from psfs.calibration.targets.target import Sighting, make_wand
 from psfs.calibration.world import align_to_cameras, align_to_floor
 from psfs.cameras.calibration.toml_tables import write_toml_tables
@@ -54,10 +55,17 @@ _STATED = ("cameras", "fps", "sync")
 #: Flags of one kind of target.
 _OF_C3D = ("markers", "c3d_begins", "up")
 _OF_TARGETS = ("intrinsics", "floor", "height", "frames", "squares", "square", *_OF_C3D)
+#: Squares, and their side, m, of a board that is printed unless others are stated: an A4 page.
+_PRINTED = (7, 5), 0.037
 _OF_BOARDS, _OF_CHARUCO = ("squares", "square"), ("marker", "dictionary")
 
 
 def run(args: argparse.Namespace) -> None:
+    if args.print_board is not None:
+        _print_board(args)
+        return
+    if args.folder is None or args.output is None:
+        raise InputError("no FOLDER or no -o OUT; expected both, or --print-board FILE.pdf alone")
     inputs = [Path(args.folder), *(p for p in (args.c3d, args.intrinsics) if p is not None)]
     expected = (CALIBRATION, REPORT, RIG, FILE, f"{PICTURES}/*.png")
     with output_folder(args.output, args.parser.prog, inputs, expected):
@@ -67,6 +75,28 @@ def run(args: argparse.Namespace) -> None:
         else:
             refuse_unused(args, ["calibration"], "is of given cameras; expected --refine with it")
             _calibrate(args)
+
+
+def _print_board(args: argparse.Namespace) -> None:
+    """Write the PDF of a ChArUco board."""
+    of_footage = {"folder", "output", "board", "wand", "c3d", "refine", *_OF_TARGETS}
+    refuse_unused(
+        args, of_footage.difference(_OF_BOARDS), "is of footage; expected none with --print-board"
+    )
+    path: Path = args.print_board
+    if path.suffix.lower() != ".pdf":
+        raise InputError(f"{path}: expected a name that ends in .pdf")
+    squares, square = args.squares or _PRINTED[0], args.square or _PRINTED[1]
+    marker = 0.75 * square if args.marker is None else args.marker
+    family = "4X4" if args.dictionary == "auto" else args.dictionary
+    width, height = write_board_pdf(path, squares, square, marker, family)
+    stdout.print(
+        f"wrote {path}: {width:.0f} x {height:.0f} mm; print it at 100 %, glue it on something "
+        f"flat, film it: psfs calibrate FOLDER --board charuco --squares {squares[0]}x{squares[1]} "
+        f"--square {square:g} -o OUT",
+        soft_wrap=True,
+        markup=False,
+    )
 
 
 def _calibrate(args: argparse.Namespace) -> None:

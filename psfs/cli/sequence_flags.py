@@ -48,8 +48,8 @@ def add_sequence_flags(
 
 
 def parse_sync(text: str) -> str | dict[str, int]:
-    """Return `auto`, or `cam03=5,cam01=-2` as a mapping (argparse type)."""
-    if text == "auto":
+    """Return `auto`, `audio`, or `cam03=5,cam01=-2` as a mapping (argparse type)."""
+    if text in ("auto", "audio"):
         return text
     try:
         pairs = [item.rsplit("=", 1) for item in text.split(",")]
@@ -59,8 +59,8 @@ def parse_sync(text: str) -> str | dict[str, int]:
         return shifts
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is neither auto nor frames by camera; expected e.g. cam03=5,cam01=-2, each "
-            "camera once"
+            f"{text!r} is neither auto, audio nor frames by camera; expected e.g. "
+            "cam03=5,cam01=-2, each camera once"
         ) from None
 
 

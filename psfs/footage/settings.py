@@ -15,18 +15,19 @@ from psfs.common.names import check_name
 from psfs.common.toml import read_toml
 
 BackgroundKind = Literal[
-    "gaussian", "frames", "masks", "threshold", "mog", "mog-adaptive", "chroma"
+    "gaussian", "frames", "masks", "threshold", "mog", "mog-adaptive", "mog-plain", "chroma"
 ]
 Subject = Literal["person", "object"]
 #: How silhouettes are made. "gaussian": background model from pictures of the empty scene
 #: (`background/`); "frames": the same, estimated from the sequence's own frames; "masks": given
 #: masks; "threshold": brighter than `threshold` (0..1), then dilated and eroded; "mog": mixture of
 #: Gaussians, fitted to the empty scene or, without it, to the sequence's own frames;
-#: "mog-adaptive": one that is updated frame by frame; "chroma": a screen of one colour, `key` or
+#: "mog-adaptive": one that is updated frame by frame; "mog-plain": that without detection of
+#: shadows, which then count as the person; "chroma": a screen of one colour, `key` or
 #: estimated from the empty scene or the frames.
 BACKGROUND_KINDS: tuple[str, ...] = get_args(BackgroundKind)
 #: Those by a mixture of Gaussians.
-MIXTURES = ("mog", "mog-adaptive")
+MIXTURES = ("mog", "mog-adaptive", "mog-plain")
 #: Largest coordinate of a corner of the volume, m.
 _MAX_COORDINATE = 10_000.0
 
@@ -127,13 +128,14 @@ class Settings(Config):
     )
     sync: Any = setting(
         None,
-        '"auto", or by how many of its frames a camera comes late, by name.',
+        '"auto" (by the silhouettes), "audio" (by the sound of the videos), or by how many of its '
+        "frames a camera comes late, by name.",
         "as many frames late as the files say",
         "frames",
         flag="--sync",
         flag_help="cameras that come N of their frames later than the others, or earlier "
-        "(-N); auto: found in the pictures",
-        metavar="auto|CAMERA=N,...",
+        "(-N); auto: found in the pictures; audio: by the sound of the videos",
+        metavar="auto|audio|CAMERA=N,...",
     )
     subject: Subject | None = setting(
         None,
@@ -229,10 +231,12 @@ class Settings(Config):
 
 
 def _check_sync(value: Any) -> Any:
-    if value == "auto":
+    if value in ("auto", "audio"):
         return value
     if not isinstance(value, Mapping):
-        raise InputError(f"sync = {value!r}; expected auto, or frames by camera, as {{cam03 = 5}}")
+        raise InputError(
+            f"sync = {value!r}; expected auto, audio, or frames by camera, as {{cam03 = 5}}"
+        )
     for name, late in value.items():
         if not isinstance(late, int) or isinstance(late, bool) or abs(late) > _MAX_DELAY:
             raise InputError(f"sync of {name} is {late!r}; expected a whole number of frames")

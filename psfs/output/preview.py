@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -91,15 +91,26 @@ def draw_shaded_view(
     elevation: above the horizon, degrees. Voxels are splatted into a z-buffer and shaded by their
     normals.
     """
+    view = View.around(
+        cloud.centres if len(cloud) else np.zeros((1, 3)),
+        2 * cloud.grid.voxel_size,
+        azimuth,
+        elevation,
+        size,
+    )
+    return shade_cloud(cloud, normals, view, size)
+
+
+def shade_cloud(
+    cloud: VoxelCloud, normals: np.ndarray, view: View, size: tuple[int, int]
+) -> np.ndarray:
+    """Draw a cloud as `view` shows it, else as `draw_shaded_view` does."""
     size = (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING)
     if not len(cloud):
-        picture = np.broadcast_to(BACKDROP, (size[1], size[0], 3)).copy()
-    else:
-        margin = 2 * cloud.grid.voxel_size
-        view = View.around(cloud.centres, margin, azimuth, elevation, size)
-        nearest = _z_buffer(cloud, view, size)
-        picture = _shade(cloud, normals @ view.axes.T, view.scale, nearest)
-    return downsample(picture)
+        return downsample(np.broadcast_to(BACKDROP, (size[1], size[0], 3)).copy())
+    fine = replace(view, scale=view.scale * SUPERSAMPLING, middle=view.middle * SUPERSAMPLING)
+    nearest = _z_buffer(cloud, fine, size)
+    return downsample(_shade(cloud, normals @ fine.axes.T, fine.scale, nearest))
 
 
 def downsample(picture: np.ndarray) -> np.ndarray:

@@ -57,9 +57,16 @@ def _impulse(settings: Preset) -> Preset:
     return _method(settings, features=features.replace(proximity=proximity))
 
 
+def _plain(settings: Preset) -> Preset:
+    """Use a mixture without detection of shadows, of which no paper speaks."""
+    return settings.replace(background="mog-plain")
+
+
 #: Other readings of a paper: the preset, and what is changed in it (docs/tracking.md).
 READINGS: dict[str, tuple[str, Callable[[Preset], Preset]]] = {
     "rymut-impulse": ("rymut", _impulse),
+    "rymut-plain": ("rymut", _plain),
+    "kwolek-plain": ("kwolek", _plain),
 }
 
 

@@ -1,4 +1,4 @@
-"""The tables of suites in README and docs/accuracy.md."""
+"""The tables of suites in docs/accuracy.md."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from cl import InputError
 
 
 def suite_headline(results: Results) -> str:
-    """Return Markdown for the README: means of the default's runs with an automatic start. Raises
-    InputError if there are none."""
+    """Return Markdown for docs/accuracy.md: means of the default's runs with an automatic start.
+    Raises InputError if there are none."""
     settings = dict.fromkeys(run.setting for run in results.runs if not run.setting.preset)
     rows = [r for r in suite_rows(results, list(settings), lambda _: np.nan) if r.start != "true"]
     voxels = {row.sequence: row for row in rows if row.observations == "voxels"}
@@ -43,13 +43,45 @@ def suite_headline(results: Results) -> str:
 
 
 def publish_suite(root: Path, results: Results) -> None:
-    """Write the README's table. For a suite of presets only, write the table of docs/accuracy.md
-    instead, beside the defaults in the neighbouring folder `suite`."""
+    """Write the first table of docs/accuracy.md. For a suite of presets only, write that of the
+    presets, beside the defaults in the neighbouring folder `suite`; of presets that start from the
+    true joints only, that of docs/papers.md."""
+    page = root / "docs" / "accuracy.md"
     if any(not run.setting.preset for run in results.runs):
-        replace_marked(root / "README.md", "accuracy", suite_headline(results))
+        replace_marked(page, "suite", suite_headline(results))
+        return
+    if all(run.setting.start in _TRUE_STARTS for run in results.runs):
+        replace_marked(root / "docs" / "papers.md", "trial", trial_headline(results))
         return
     defaults = Results.read(results.path.parent.parent / "suite" / "results.json")
-    replace_marked(root / "docs" / "accuracy.md", "presets", presets_headline(results, defaults))
+    replace_marked(page, "presets", presets_headline(results, defaults))
+
+
+def trial_headline(results: Results) -> str:
+    """Return Markdown with the mean error of each preset from the true first joints, with the
+    body's own girths and, if there are such runs, with measured ones."""
+    groups: dict[str, dict[str, Row]] = {}
+    for setting in dict.fromkeys(run.setting for run in results.runs):
+        if setting.start in _TRUE_STARTS:
+            column = f"{setting.preset}{_TRUE_STARTS[setting.start]}"
+            row = Row.of(setting, results.of(setting), float("nan"))
+            groups.setdefault(column, {})[setting.sequence] = row
+    names = sorted({name for of in groups.values() for name in of})
+    cells = [
+        [name, *(_of_preset(of[name]) if name in of else NONE for of in groups.values())]
+        for name in names
+    ]
+    note = (
+        f"mm, ± between up to {max(run.seed for run in results.runs) + 1} seeds; far: joint-frames "
+        f"beyond 150 mm; {results.conditions['device']}, {results.made}, commit "
+        f"{results.conditions['commit']}."
+    )
+    title = "Mean error from the true first joints"
+    return Grid(title, ["sequence", *groups], cells, note).markdown()
+
+
+#: Starts from the true joints, and their names beside the preset's.
+_TRUE_STARTS = {"true": "", "measured": ", measured girths"}
 
 
 def presets_headline(results: Results, defaults: Results) -> str:

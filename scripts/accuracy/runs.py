@@ -45,7 +45,8 @@ class Run:
     The other fields are computed in runs of a suite, and NaN in others. wrists: mean of both.
     heading: degrees between the hips' axis at the start and the truth's, seen from above. stature:
     % by which the body is too tall. limb_frames: share of frames in which a limb's end is farther
-    than `LOST_LIMB` from the truth. limbs, limbs_rest, limbs_far: as mean, rest and lost_joints, of
+    than `LOST_LIMB` from the truth. angles: name -> [RMS, RMS without the mean offset], degrees,
+    where the truth has rotations. limbs, limbs_rest, limbs_far: as mean, rest and lost_joints, of
     the twelve joints that keypoints have as well, shoulders to ankles. flags: see `FlagCounts`;
     inside_unflagged: as inside_95, of limbs that are not reported as lost. seconds of such a run
     include start and reconstruction. failed: the error if there is no track; all figures are NaN
@@ -76,6 +77,7 @@ class Run:
     limbs_far: float = math.nan
     flags: list[int] = field(default_factory=lambda: [0] * 4)
     inside_unflagged: float = math.nan
+    angles: dict[str, list[float]] = field(default_factory=dict)
     failed: str = ""
 
     @property
@@ -283,7 +285,8 @@ class Results:
 
     def write_csv(self, path: Path) -> None:
         """Write one row per run; errors in mm."""
-        columns = [f.name for f in fields(Run) if f.name not in ("setting", "joints")]
+        left_out = ("setting", "joints", "angles")
+        columns = [f.name for f in fields(Run) if f.name not in left_out]
         with written_whole(path) as temporary, temporary.open("w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow([_KEYS.get(f.name, f.name) for f in fields(Setting)] + columns)

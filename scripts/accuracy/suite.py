@@ -23,6 +23,7 @@ from apf.api import DEFAULT_BODY, given_start
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
 from apf.body.stature import stature
+from apf.evaluation.angle_truth import evaluate_angles, load_true_angles
 from apf.evaluation.evaluate import (
     LIMB_ENDS,
     LOST_JOINT,
@@ -38,6 +39,7 @@ from apf.keypoints import Keypoints
 from apf.presets import Preset
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import Take, track_take
+from apf.tracking.track import Track
 from apf.tracking.triangulated import TriangulatedConfig, triangulate_track
 from cl import Device, InputError
 from psfs.api import exclude_inconsistent_cameras
@@ -156,8 +158,16 @@ def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
         found = evaluate(track, truth)
         body = stature(take.body) / true_stature(job.folder, truth)
         figures = {"heading": heading_error(take, truth), "stature": 100 * (body - 1)}
-        runs.append(replace(run, **figures, **_of_suite(found)))
+        angles = _angles(track, job.folder / TRUTH)
+        runs.append(replace(run, **figures, **_of_suite(found), angles=angles))
     return runs
+
+
+def _angles(track: Track, truth: Path) -> dict[str, list[float]]:
+    """Return the errors of the joint angles, see `Run.angles`."""
+    true_angles = load_true_angles(truth)
+    found = [] if true_angles is None else evaluate_angles(track, true_angles)
+    return {error.name: [error.rms, error.free] for error in found}
 
 
 def _triangulated(sequence: Sequence, setting: Setting, truth: JointSeries) -> Run:

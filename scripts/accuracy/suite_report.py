@@ -19,6 +19,8 @@ from timings.tables.grid import NONE, Grid
 from accuracy.ablation import ABLATIONS
 from accuracy.runs import Results, Run
 from accuracy.settings import Setting
+from apf.body.model import sideless
+from apf.evaluation.angle_truth import UNDEFINED
 from apf.evaluation.flags import FlagCounts
 from psfs.common.files import written_whole
 
@@ -197,6 +199,44 @@ def ablation_table(results: Results) -> Grid:
     return Grid("Without a part", columns, table, about)
 
 
+def angle_table(results: Results) -> Grid | None:
+    """Return the errors of the joint angles by the defaults, a row per sequence; None without
+    any."""
+    runs = [run for run in results.runs if run.angles and not run.setting.preset]
+    if not runs:
+        return None
+    names = list(dict.fromkeys(sideless(name) for run in runs for name in run.angles))
+    shown = [name for name in names if not name.endswith(UNDEFINED)]
+    rows = []
+    groups = dict.fromkeys((run.setting.observations, run.setting.start) for run in runs)
+    for by, start in groups:
+        own = [r for r in runs if (r.setting.observations, r.setting.start) == (by, start)]
+        means = {}
+        for sequence in sorted({run.setting.sequence for run in own}):
+            of = [run for run in own if run.setting.sequence == sequence]
+            means[sequence] = {name: _mean_angle(of, name) for name in shown}
+            rows.append([sequence, by, start, *_angle_cells(means[sequence])])
+        over = {name: np.nanmean([m[name] for m in means.values()], axis=0) for name in shown}
+        rows.append(["all", by, start, *_angle_cells(over)])
+    return Grid(
+        "Joint angles, degrees: RMS / without the mean offset",
+        ["sequence", "by", "start", "all", *(name.replace("_", " ") for name in shown)], rows,
+        "Against the truth's rotations, by apf evaluate's rules: left and right together, means "
+        "over seeds. All: mean over the angles.",
+    )  # fmt: skip
+
+
+def _mean_angle(runs: Sequence[Run], name: str) -> np.ndarray:
+    """Return (2,) degrees, means over runs and sides; NaN where no run has the angle."""
+    found = [pair for run in runs for key, pair in run.angles.items() if sideless(key) == name]
+    return np.mean(found, axis=0) if found else np.full(2, np.nan)
+
+
+def _angle_cells(by: dict[str, np.ndarray]) -> list[str]:
+    mean = np.nanmean(list(by.values()), axis=0)
+    return [f"{rms:.1f} / {free:.1f}" for rms, free in (mean, *by.values())]
+
+
 def _groups(rows: Sequence[Row]) -> list[Group]:
     """Return the presets, observations and starts in the order of the rows."""
     return list(dict.fromkeys(row.group for row in rows))
@@ -240,6 +280,8 @@ def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
     texts = ["# Accuracy over a suite", about, suite_grid(rows).markdown()]
     if any(row.preset in ABLATIONS for row in rows):
         texts.append(ablation_table(results).markdown())
+    angles = angle_table(results)
+    texts += [] if angles is None else [angles.markdown()]
     texts += ["Failed:", "\n".join(failed)] if failed else []
     with written_whole(out / "suite.md") as temporary:
         temporary.write_text("\n\n".join(texts) + "\n")

@@ -135,7 +135,7 @@ def _select_settings(number: str, results: Results) -> list[Setting]:
 def _has_runs(number: str, results: Results) -> bool:
     """Return whether a table has runs of its own, besides those that it shares with another."""
     settings = _select_settings(number, results)
-    return 4 * sum(bool(results.of(setting)) for setting in settings) >= len(settings)
+    return 2 * sum(bool(results.of(setting)) for setting in settings) > len(settings)
 
 
 def _ours(number: str, results: Results) -> Grid:

@@ -114,12 +114,14 @@ def _columns(results: Results, found: list[Place], problem: Problem) -> None:
     limited time, shorter runs."""
     frames, repetitions = results.settings["frames"], results.settings["repetitions"]
     size = frames["opencl"], repetitions["opencl"]
-    for name, which in (("column", problem), ("song", songs_own(problem))):
-        for place in found:
-            share = 0.1 if place.cores is None else 0.15
-            seconds = share * results.budget / repetitions["opencl"]
+    both = {"column": problem, "song": songs_own(problem)}  # one after the other, to be compared
+    for place in found:
+        share = 0.1 if place.cores is None else 0.15
+        seconds = share * results.budget / repetitions["opencl"]
+        for name, which in both.items():
             results.plan(f"{name} {place.label}", partial(column, place, which, *size, seconds))
-        seconds = 0.15 * results.budget / repetitions["opencl"]
+    seconds = 0.15 * results.budget / repetitions["opencl"]
+    for name, which in both.items():
         one = partial(apart, only_cores(1), on_cpu, which, *size, seconds)
         if any((place.cores or 1) > 1 for place in found):
             results.plan(f"{name} one core", one)

@@ -31,8 +31,8 @@ from cl import Device, InputError
 sys.path.insert(0, str(ROOT / "scripts"))
 
 import accuracy.suite as suite
-from accuracy.ablation import ABLATIONS, load_preset
-from accuracy.published import presets_headline, suite_headline
+from accuracy.ablation import ABLATIONS, READINGS, load_preset
+from accuracy.published import presets_headline, suite_headline, trial_headline
 from accuracy.runs import Results, Run
 from accuracy.settings import Setting
 from accuracy.suite import (
@@ -284,6 +284,25 @@ def test_presets_beside_the_defaults(tmp_path: Path) -> None:
     shown = presets_headline(results, defaults)
     assert "| sequence | default | song | rymut |" in shown
     assert "| walk | 42.0 ± 2.8, 25 % far | 70.0, 25 % far | nobody found |" in shown
+
+
+def test_presets_from_the_true_joints(tmp_path: Path) -> None:
+    results = Results(tmp_path / "a.json", {"device": "abacus", "commit": "c0ffee"})
+    true = replace(FOUND, preset="rymut", start="true")
+    results.add(a_run(true, 0, 36.0))
+    results.add(a_run(true, 1, 38.0))
+    results.add(a_run(replace(true, start="measured"), 0, 35.0))
+    shown = trial_headline(results)
+    assert "| sequence | rymut | rymut, measured girths |" in shown
+    assert "| walk | 37.0 ± 1.4, 25 % far | 35.0, 25 % far |" in shown
+
+
+def test_readings_of_a_paper_change_the_preset() -> None:
+    for name, (base, _) in READINGS.items():
+        changed, paper = load_preset(name), load_preset(base)
+        assert changed.name == name and changed != paper.replace(name=name)
+    assert load_preset("rymut-impulse").method.features.proximity.function == "impulse"
+    assert load_preset("kwolek-plain").background == "mog-plain"
 
 
 def test_every_ablation_changes_the_defaults() -> None:

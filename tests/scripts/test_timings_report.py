@@ -18,7 +18,7 @@ from timings.measure import Limits, Timing
 from timings.report.limits import serial_share
 from timings.report.machines import read_batches, read_machines
 from timings.report.page import write_report
-from timings.report.readme import update_readme
+from timings.report.readme import update_page
 from timings.results import Results, read_results
 from timings.stages import PARTS, find_stage
 from timings.streamed_cues import make_sightings
@@ -303,7 +303,7 @@ def test_the_readmes_table_is_made_between_its_marks(tmp_path: Path) -> None:
     machines = read_machines([measured(tmp_path / "some")])
     readme = tmp_path / "README.md"
     readme.write_text("before\n<!-- timings: begin -->\nold\n<!-- timings: end -->\nafter\n")
-    update_readme(readme, machines)
+    update_page(readme, machines)
     text = readme.read_text()
     assert text.startswith("before\n")
     assert text.endswith("\nafter\n")
@@ -315,11 +315,11 @@ def test_the_readmes_table_is_made_between_its_marks(tmp_path: Path) -> None:
         "NumPy, one thread (an unoptimised specification) | 8,000 | 0.125 | 0.0500 x | 6 |" in text
     )
     assert "Medians; Song et al.'s are means." in text
-    update_readme(readme, machines)
+    update_page(readme, machines)
     assert readme.read_text() == text
     readme.write_text("no marks")
     with pytest.raises(InputError, match="expected <!-- timings: begin -->"):
-        update_readme(readme, machines)
+        update_page(readme, machines)
 
 
 def test_amdahls_serial_share_is_found() -> None:

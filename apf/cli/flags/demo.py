@@ -14,4 +14,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this command."""
     parser.add_argument("-o", "--output", type=Path, default=Path("demo"), metavar="FOLDER")
     add_setting_flags(parser, SceneConfig, only=("frames", "cameras"), fill=True)
+    parser.add_argument(
+        "--open", action="store_true", help="open the report in a browser at the end"
+    )
     add_device_flag(parser)

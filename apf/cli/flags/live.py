@@ -54,6 +54,11 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="size of the pictures that are looked at, up to 1 (default: on a CPU as small as "
         "pixels still are no larger than voxels, else 1)",
     )
+    parser.add_argument(
+        "--studio",
+        action="store_true",
+        help="show the body, latency and dropped frames on a page in the browser, see apf studio",
+    )
     add_method_flags(parser)
     add_configs(parser, Settings, "live")
     add_device_flag(parser)

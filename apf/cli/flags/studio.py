@@ -20,6 +20,14 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "reads nothing outside of it (default: the current folder)",
     )
     parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("results"),
+        metavar="OUT",
+        help="folder for runs that the page starts, each in its own (default: %(default)s)",
+    )
+    parser.add_argument(
         "--port", type=int, default=8090, metavar="N", help="port on 127.0.0.1 (default: 8090)"
     )
     parser.add_argument(

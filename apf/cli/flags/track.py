@@ -29,6 +29,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_output_flag(parser)
     add_track_flags(parser)
     parser.add_argument(
+        "--corrections",
+        type=Path,
+        metavar="FILE",
+        help="corrections of a track by hand (TOML, as the page of apf studio writes them): parts "
+        "of it are tracked again from the corrected frames, the rest stays as it is",
+    )
+    parser.add_argument(
         "--at-once",
         type=int,
         metavar="N",

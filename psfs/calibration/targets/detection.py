@@ -41,7 +41,10 @@ def open_uncalibrated(folder: Path, stated: Settings) -> Views:
     """
     settings = stated.over(Settings.read(folder / "sequence.toml"))
     if settings.sync == "auto":
-        raise InputError("sync is auto, which needs a calibration; expected CAMERA=N,...")
+        raise InputError(
+            "sync is auto, which needs a calibration; expected audio (by the sound of a clap) or "
+            "CAMERA=N,...; see docs/from_phones.md"
+        )
     return Views(folder, LAYOUT, read_uncalibrated(folder, settings), settings)
 
 

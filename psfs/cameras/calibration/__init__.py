@@ -18,6 +18,7 @@ from psfs.cameras.calibration.handedness import (
 from psfs.cameras.calibration.humaneva import read_humaneva
 from psfs.cameras.calibration.matlab import read_matlab
 from psfs.cameras.calibration.middlebury import read_middlebury
+from psfs.cameras.calibration.panoptic import looks_like_panoptic, read_panoptic
 from psfs.cameras.calibration.projections import read_projections
 from psfs.cameras.calibration.qualisys import SUFFIX as QUALISYS
 from psfs.cameras.calibration.qualisys import looks_like_qualisys, read_qualisys
@@ -43,6 +44,7 @@ __all__ = [
     "read_humaneva",
     "read_matlab",
     "read_middlebury",
+    "read_panoptic",
     "read_projections",
     "read_qualisys",
     "read_surrey",
@@ -58,6 +60,7 @@ _NO_CAMERAS = ("readme", "license", "sequence", "settings", "original_readme")
 _PATTERNS = (
     "calibration.toml",
     "[Cc]alib*.toml",
+    "camera_array.toml",
     "transforms*.json",
     "intri.yml",
     "[Cc]alib*.xml",
@@ -127,6 +130,8 @@ def _read(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         return read_toml_tables(path, unit, sizes)
     if suffix == ".json" and name.startswith("transforms"):
         return read_transforms(path, unit, sizes)
+    if suffix == ".json" and looks_like_panoptic(path):
+        return read_panoptic(path, unit, sizes)
     if suffix == ".mat":
         return read_matlab(path, unit, sizes)
     if suffix in _STORAGE:

@@ -1,7 +1,8 @@
-"""Read and write the TOML of Pose2Sim, anipose and FreeMoCap, one table per camera.
+"""Read and write the TOML of Pose2Sim, anipose, FreeMoCap and Caliscope, one table per camera.
 
 Keys: name, size [w, h], matrix 3x3, distortions k1 k2 p1 p2 (k3), rotation (Rodrigues vector, world
-to camera), translation, fisheye; and our own tsai_kappa, see `Camera.kappa`.
+to camera), translation, fisheye; and our own tsai_kappa, see `Camera.kappa`. Caliscope's
+camera_array.toml has tables [cameras.0], rotations as matrices, `ignore`, and videos cam_0.mp4.
 """
 
 from __future__ import annotations
@@ -52,9 +53,10 @@ def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) 
     FreeMoCap files (recognised by world_position) may be in any unit without stating it, so they
     need `unit`. Raises InputError naming file, camera and key.
     """
+    content = _name_caliscope_cameras(read_toml(path))
     found = {
         name: table
-        for name, table in read_toml(path).items()
+        for name, table in content.items()
         if isinstance(table, dict) and name.lower() not in _NOT_CAMERAS
     }
     with name_file_in_errors(path):
@@ -72,6 +74,19 @@ def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) 
             measured = dict(zip(names, find_sizes(names, sizes), strict=True))
         cameras = [_camera(name, by_name[name], measured.get(name)) for name in names]
         return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")
+
+
+def _name_caliscope_cameras(content: dict[str, Any]) -> dict[str, Any]:
+    """Return the tables under `cameras` of Caliscope's file, named as its videos; those of other
+    programs unchanged. Cameras that it ignores, or could not place, are left out."""
+    cameras = content.get("cameras")
+    if not isinstance(cameras, dict) or not all(isinstance(of, dict) for of in cameras.values()):
+        return content
+    return {
+        f"cam_{number}": table
+        for number, table in cameras.items()
+        if not table.get("ignore") and {"rotation", "translation"} <= table.keys()
+    }
 
 
 def write_toml_tables(path: Path, rig: CameraRig) -> None:

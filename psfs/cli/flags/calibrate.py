@@ -30,8 +30,15 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         f"in {PICTURES}/: reprojection errors, where the target was seen, what to do better. "
         "Recipe: docs/calibration.md."
     )
-    parser.add_argument("folder", metavar="FOLDER", help="footage of the board, wand or person")
-    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT", help="folder")
+    parser.add_argument(
+        "folder", nargs="?", metavar="FOLDER", help="footage of the board, wand or person"
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="folder")
+    parser.add_argument(
+        "--print-board", type=Path, metavar="FILE.pdf",
+        help="write a ChArUco board to print, in its true size, and nothing else; --squares "
+        "(default: 7x5) and --square (default: 0.037, an A4 page) choose it",
+    )  # fmt: skip
     _add_target_flags(parser)
     group = parser.add_argument_group("cameras and world")
     group.add_argument(

@@ -28,7 +28,8 @@ def find_settings_calibration(folder: Path, settings: Settings) -> Path:
     path = find_calibration(folder)
     if path is None:
         raise MissingFileError(
-            f"{folder}: no calibration; expected calibration.toml, or a path as `calibration`"
+            f"{folder}: no calibration; expected calibration.toml, or a path as `calibration`. "
+            "Where there is none, psfs calibrate makes one: docs/from_phones.md"
         )
     return path
 

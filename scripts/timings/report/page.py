@@ -119,8 +119,9 @@ def _opening(machines: Sequence[Machine]) -> str:
     lead, config = headline_sentences(machines), settings["filter"]
     return f"""# OpenCL against the CPU: timings of psfs-apf
 
-One run per machine measures everything on it, in the same minutes: the NumPy twins on one thread,
-the OpenCL kernels on one core and on all cores of the CPU (through PoCL), and on the GPU, in the
+One command per machine and comparison (below, with its day and commit) measures the programs of a
+table in the same minutes: the NumPy twins on one thread, the OpenCL kernels on one core and on all
+cores of the CPU (through PoCL), and on the GPU, in the
 setting of Song et al. 2012: {settings["views"]} cameras of 640 x 480 pixels, {nx} x {ny} x {nz}
 voxels, {config["n_particles"]} particles, {config["n_layers"]} layers. A frame goes from its
 pictures in host memory to the pose and the coloured surface voxels in host memory.

@@ -44,9 +44,10 @@ def peers(machines: Sequence[Machine]) -> str:
     return "\n\n".join(parts)
 
 
-_PEERS = """From pictures in host memory to surface voxels on the device. Dense: all voxels of the
-grid; sparse: only bricks that can be occupied, with the same result. Open3D carves the same masks,
-cameras and grid, its dense grid made beforehand; it keeps a voxel where any of its corners hits."""
+_PEERS = """From pictures in page-locked host memory to surface voxels on the device. Dense: all
+voxels of the grid; sparse: only bricks that can be occupied, with the same result. Open3D carves
+the same masks, cameras and grid, its dense grid made beforehand; it keeps a voxel where any of its
+corners hits."""
 
 _TRACKING = """Hypotheses are poses, scored in all cameras at once. Frames and halves by the clock,
 from pictures or from voxels that are there already; kernels by the device's own events."""

@@ -1,4 +1,4 @@
-"""The README's table of timings, between two marks."""
+"""The table of timings in docs/speed.md, between two marks."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _NOTE = (
 )
 
 
-def update_readme(path: Path, machines: Sequence[Machine]) -> None:
-    """Replace the README's table of timings. Raises InputError if its marks are not there."""
+def update_page(path: Path, machines: Sequence[Machine]) -> None:
+    """Replace the page's table of timings. Raises InputError if its marks are not there."""
     replace_marked(path, "timings", headline(machines))
 
 
@@ -70,7 +70,7 @@ def headline(machines: Sequence[Machine]) -> str:
         ["machine", "program", "ms per frame", "frames/s", "one core : it", "frames"], rows,
         _NOTE.format(surface=np.median(surfaces)),
     )  # fmt: skip
-    picture = "![Milliseconds per frame on every device](docs/timings.png)"
+    picture = "![Milliseconds per frame on every device](timings.png)"
     return f"{headline_sentences(machines)}\n\n{picture}\n\n{grid.markdown()}"
 
 

@@ -105,12 +105,16 @@ def kwolek_1(results: Results, n: int) -> Grid:
 
 
 def group_sections(results: Results) -> list[tuple[str, Any]]:
-    """Return the implementations that count the pixels, with their sections of fig. 6.16."""
-    return [
-        ("OpenGL" if name.startswith("groups of OpenGL") else "OpenCL", section)
-        for name, section in results.sections.items()
-        if name.startswith("groups ")
-    ]
+    """Return the implementations that count the pixels, with their sections of fig. 6.16; of OpenGL
+    also what it drew on, which need not be the device that poses the bodies."""
+    found = []
+    for name, section in results.sections.items():
+        if name.startswith("groups of OpenGL, "):
+            drawn = results.sections.get(f"opengl {name.removeprefix('groups of OpenGL, ')}", {})
+            found.append((f"drawn by OpenGL on {drawn.get('renderer', 'its device')}", section))
+        elif name.startswith("groups "):
+            found.append(("OpenCL", section))
+    return found
 
 
 def groups(section: Any, title: str, settings: Mapping[str, Any]) -> Grid:

@@ -14,7 +14,7 @@ from apf.body.model import BodyModel
 from apf.body.stature import lowest_point, stature
 from apf.body.toml import load_body
 from apf.initialisation import Start, StartConfig, StartError, find_start
-from apf.initialisation.config import AcceptanceConfig, ShapeFitConfig, StandingConfig
+from apf.initialisation.config import AcceptanceConfig, FrameChoice, ShapeFitConfig, StandingConfig
 from apf.initialisation.hypotheses import (
     Hypothesis,
     forward,
@@ -26,7 +26,7 @@ from apf.initialisation.hypotheses import (
     walking_factor,
 )
 from apf.initialisation.kept_voxels import StoredVoxels, select_person_points
-from apf.initialisation.shape_fit import Cloud, fit_shape
+from apf.initialisation.shape_fit import Cloud, find_unfolded, fit_shape
 from apf.initialisation.shape_model import ShapeModel, place_points, surface_samples
 from apf.scene import Scene
 from cl import Device
@@ -87,6 +87,20 @@ def test_fit_finds_size_lengths_and_girth() -> None:
     assert stature(fitted) == pytest.approx(stature(body), abs=0.02)
     girth = [np.mean([c.radii for c in b.cones]) for b in (fitted, body)]
     assert girth[0] == pytest.approx(girth[1], rel=0.06)
+
+
+def test_crouching_frames_do_not_inform_the_shape() -> None:
+    """Unless all do; a stride and raised arms are no crouch."""
+    poses = np.tile(SONG.rest_pose, (6, 1))
+    stride, squat, raised = 0.5, 1.9, 3.0
+    poses[1, [SONG.dof_names.index(f"{side}_thigh.ry") for side in "lr"]] = stride, -stride
+    poses[2, [SONG.dof_names.index(f"{side}_upper_arm.ry") for side in "lr"]] = raised
+    poses[4:, [SONG.dof_names.index(f"{side}_thigh.ry") for side in "lr"]] = squat
+    poses[4:, [SONG.dof_names.index(f"{side}_calf.ry") for side in "lr"]] = squat
+    poses[5, SONG.dof_names.index("pelvis.ry")] = 1.4  # on hands and knees
+    found = find_unfolded(SONG, poses, FrameChoice())
+    assert found.tolist() == [True, True, True, True, False, False]
+    assert find_unfolded(SONG, poses[[0, 1, 4, 5]], FrameChoice()).all()
 
 
 def test_fit_without_free_scales_keeps_the_body() -> None:

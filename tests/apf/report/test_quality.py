@@ -11,13 +11,14 @@ from helpers import tracks
 
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
+from apf.body.model import plain_name
 from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method
 from apf.initialisation.from_joints import fit_to_joints
 from apf.keypoints.keypoints import Keypoints
 from apf.report.agreement import choose_rows, compare_with_silhouettes
 from apf.report.keypoint_agreement import measure_keypoint_agreement
-from apf.report.parts import find_parts, plain_name
+from apf.report.parts import find_parts
 from apf.report.quality import DOUBTFUL, Quality
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import track_take

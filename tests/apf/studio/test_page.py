@@ -85,7 +85,7 @@ def test_keys_and_buttons_move_the_time_line(
     tmp_path: Path, open_page: Callable[[Path], Page]
 ) -> None:
     page = open_page(tmp_path)
-    page.open(save_voxels(tmp_path / "voxels", n_frames=4))
+    page.open(save_voxels(tmp_path / "voxels", n_frames=5))
     watch = page.watch
     assert watch is not None
     line = watch.time_line
@@ -95,7 +95,7 @@ def test_keys_and_buttons_move_the_time_line(
     commands["arrowleft"]()
     assert (line.position, line.slider.value) == (1, 1)
     commands["end"]()
-    assert line.position == 3
+    assert line.position == 4
     commands["arrowdown"]()
     assert line.speed.value == "0.5"
     commands["space"]()
@@ -103,6 +103,9 @@ def test_keys_and_buttons_move_the_time_line(
     commands["home"]()
     assert not line.playing and line.position == 0
     assert "no pictures" in watch.remarks  # its footage is gone
+    (tmp_path / "voxels" / "clouds" / "frame_000003.npz").write_bytes(b"damaged")
+    line.seek(3)
+    assert "no voxels of frame 3" in watch.remarks and line.position == 3
 
 
 def test_running_track_is_watched_by_its_parts(
@@ -114,6 +117,28 @@ def test_running_track_is_watched_by_its_parts(
     page = open_page(tmp_path)
     page.open(run)
     assert page.watch is not None and len(page.watch.opened.frames) == 6
+
+
+def test_several_people_are_shown_together(
+    tmp_path: Path, open_page: Callable[[Path], Page]
+) -> None:
+    for name, start in (("person1", 0), ("person2", 20)):
+        (tmp_path / "duo" / name).mkdir(parents=True)
+        tracks.walker(30, start).save(tmp_path / "duo" / name / "track.npz")
+    page = open_page(tmp_path)
+    assert [one.name for one in page.list_folders()] == ["duo", "duo/person1", "duo/person2"]
+    page.open(tmp_path / "duo")
+    watch = page.watch
+    assert watch is not None and watch.opened.frames.tolist() == list(range(50))
+    watch.time_line.seek(25)
+    for name, row in (("person1", 25), ("person2", 5)):
+        joints = watch.bodies[name].joints.points
+        assert np.allclose(joints, tracks.walker(30).joints[row], atol=1e-5)
+    watch.time_line.seek(40)
+    assert "person1: not tracked in this frame" in watch.status
+    shown = [page.server.scene.get_handle_by_name(f"/people/{n}").visible for n in (0, 1)]
+    assert shown == [False, True]
+    assert page.correct.place.disabled  # corrections are of one person
 
 
 def test_page_in_a_browser(tmp_path: Path, open_page: Callable[[Path], Page]) -> None:

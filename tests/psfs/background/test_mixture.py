@@ -44,6 +44,16 @@ def test_an_adaptive_mixture_forgets_who_stands_still(tmp_path: Path) -> None:
             np.testing.assert_array_equal(read(index).masks, kept.read(index).masks)
 
 
+def test_a_plain_mixture_takes_shadows_for_the_person(tmp_path: Path) -> None:
+    folder = footage.native(tmp_path)
+    footage.write_video(folder / "videos/cam01.mp4", [75] * 12)  # three quarters of its plate's 100
+    as_shadow, as_person = (
+        Sequence.open(folder, background=kind).read(0).masks[0]  # type: ignore[index]
+        for kind in ("mog-adaptive", "mog-plain")
+    )
+    assert not as_shadow.any() and (as_person == 255).all()
+
+
 def test_masks_do_not_depend_on_the_frames_before() -> None:
     sequence = Sequence.open(shared_data("utrecht_seated"), background="mog")
     alone = sequence.read(2).masks

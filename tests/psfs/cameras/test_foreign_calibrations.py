@@ -183,7 +183,34 @@ def qualisys(folder: Path, rig: CameraRig) -> None:
     (folder / "calibration" / "Calib.qca.txt").write_text(text + "</cameras></calibration>")
 
 
+def caliscope(folder: Path, rig: CameraRig) -> None:
+    tables: dict = {}
+    for number, c in enumerate(rig, 1):
+        tables[f"[cameras.{number}]"] = (
+            f"cam_id = {number}\nignore = false\nsize = {list(c.size)}\nmatrix = {c.K.tolist()}\n"
+            f"distortions = {c.distortion.tolist()}\ntranslation = {c.t.tolist()}\n"
+            f"rotation = {c.R.tolist()}\n"
+        )
+    tables["[cameras.9]"] = "cam_id = 9\nignore = true\n"
+    text = "\n".join(f"{head}\n{body}" for head, body in tables.items())
+    (folder / "camera_array.toml").write_text(text)
+
+
+def panoptic(folder: Path, rig: CameraRig) -> None:
+    cameras = [
+        {
+            "name": c.name, "type": "hd", "resolution": list(c.size), "panel": 0, "node": 1,
+            "K": c.K.tolist(), "distCoef": c.distortion.tolist(), "R": c.R.tolist(),
+            "t": (100 * c.t[:, None]).tolist(),
+        }
+        for c in rig
+    ]  # fmt: skip
+    content = {"calibDataSource": "160224_calib_norm", "cameras": cameras}
+    (folder / "calibration_160224.json").write_text(json.dumps(content))
+
+
 FORMATS: list[Write] = [
+    panoptic,
     middlebury,
     surrey,
     qualisys,
@@ -257,6 +284,17 @@ def test_left_handed_worlds_are_mended(tmp_path: Path, write: Write) -> None:
     assert "left-handed" in " ".join(sequence.notes)
 
 
+def test_caliscope_cameras_are_named_as_its_videos(tmp_path: Path) -> None:
+    rig = plain_rig()
+    caliscope(tmp_path, rig)
+    found = read_calibration(tmp_path / "camera_array.toml")
+    assert found.names == ["cam_1", "cam_2", "cam_3", "cam_4"]
+    for a, b in zip(found, rig, strict=True):
+        assert a.size == b.size
+        np.testing.assert_allclose(a.R, b.R, atol=1e-9)
+        np.testing.assert_allclose(a.centre, b.centre, atol=1e-9)
+
+
 def test_worlds_of_both_hands_are_refused(tmp_path: Path) -> None:
     lines = [
         f"{c.name} {words(c.K)} {words(c.R @ (MIRROR if k else np.eye(3)))} {words(c.t)}"
@@ -271,6 +309,7 @@ def test_worlds_of_both_hands_are_refused(tmp_path: Path) -> None:
     ("name", "content", "message"),
     [
         ("a.mat", b"nothing", "expected a MATLAB"),
+        ("c.json", b'{"cameras": [{"name": "a", "distCoef": []}]}', "resolution"),
         ("transforms.json", b'{"frames": []}', "frames"),
         ("transforms.json", b'{"frames": [{"file_path": "a"}]}', "transform_matrix"),
         ("cameras.txt", b"1 FISHEYE 10 10 1 2 3", "camera model FISHEYE"),

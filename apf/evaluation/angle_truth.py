@@ -1,0 +1,200 @@
+"""Joint angles of a track against those of true bone rotations, in degrees.
+
+The truth's segments get anatomical frames in the same way as a body's (`apf.body.anatomy`): Y along
+the limb, Z about the axis in which elbow or knee bends, trunk and head upright at rest. So angles
+of both mean the same up to a constant, where a rig's rest pose is not the person's upright one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from apf.body.angles import angles_between
+from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints
+from apf.tracking.track import Track
+from psfs.common.npz import Values, read_npz
+
+_TRUTH = {
+    "joint_names": Values(("J",), "text"),
+    "joints": Values(("F", "J", 3), finite=False, low=-1e6, high=1e6),
+    "frames": Values(("F",), "int", low=0, needed=False),
+    "bone_names": Values(("B",), "text", needed=False),
+    "bone_rotations": Values(("F", "B", 3, 3), low=-1.01, high=1.01, needed=False),
+}
+#: Names of the bones that carry the segments, of the CMU rigs and of `apf synth`.
+_TRUNK = {
+    "pelvis": ("Hips", "pelvis"),
+    "thorax": ("Spine1", "thorax"),
+    "head": ("Head", "head"),
+}
+#: Of each limb segment: the bones, without their side, the joints that begin and end it, and the
+#: sign of its bending: an arm's bends forward, a leg's backward.
+_LIMBS = {
+    "thigh": (("UpLeg", "thigh"), "hip", "knee"),
+    "shank": (("Leg", "shin"), "knee", "ankle"),
+    "upper_arm": (("Arm", "upper_arm"), "shoulder", "elbow"),
+    "forearm": (("ForeArm", "forearm"), "elbow", "wrist"),
+}
+_SIDES = {"l_": ("Left", "l_"), "r_": ("Right", "r_")}
+#: Angles of an arm that are undefined where it hangs; they are listed, but not in the mean.
+UNDEFINED = ("plane_of_elevation", "axial_rotation")
+#: Least sine of the angle between upper arm and forearm at rest for the elbow's axis to be theirs.
+_BENT = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class TrueAngles:
+    """The true angles (F,), degrees, by clinical name, in `frames` (F,)."""
+
+    frames: np.ndarray
+    angles: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class AngleError:
+    """The error of an angle over the common frames, degrees: root mean square, and without the mean
+    offset."""
+
+    name: str
+    rms: float
+    free: float
+    n_frames: int
+
+    @property
+    def defined(self) -> bool:
+        """Whether the angle is defined in all poses."""
+        return not self.name.endswith(UNDEFINED)
+
+
+def load_true_angles(path: str | Path) -> TrueAngles | None:
+    """Read the true angles of an npz with bone_names (B,) and bone_rotations (F, B, 3, 3), each
+    bone's rotation in the world from its rest pose, Z up, beside the joints; None if it has no
+    rotations. Raises InputError if it is invalid."""
+    path = Path(path)
+    if path.suffix.lower() != ".npz":
+        return None
+    data = read_npz(path, _TRUTH, "an npz with joint_names and joints (frames, joints, 3)")
+    if not {"bone_names", "bone_rotations"} <= set(data):
+        return None
+    bones = {
+        str(name): data["bone_rotations"][:, k].astype(np.float64)
+        for k, name in enumerate(data["bone_names"])
+    }
+    joints, _, _ = evaluated_joints(
+        [str(name) for name in data["joint_names"]], data["joints"].astype(np.float64)
+    )
+    frames = data.get("frames", np.arange(len(joints))).astype(np.int64)
+    return TrueAngles(frames, angles_between(_true_frames(bones, joints)))
+
+
+def _true_frames(bones: Mapping[str, np.ndarray], joints: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the world rotations (F, 3, 3) of the anatomical segments, as far as there are bones
+    for them. joints: (F, 15, 3) m."""
+    at = {name: joints[:, k] for k, name in enumerate(EVALUATED_JOINTS)}
+    hips = _first(bones, _TRUNK["pelvis"])
+    if hips is None:
+        return {}
+    left = _rest_direction(hips, at["l_hip"] - at["r_hip"]) * (1, 1, 0)
+    left /= np.linalg.norm(left)
+    up = np.array([0.0, 0, 1])
+    upright = np.stack([np.cross(left, up), up, -left], -1)
+    found = {}
+    for segment, names in _TRUNK.items():
+        turned = _first(bones, names)
+        if turned is not None:
+            found[segment] = turned @ upright
+    for side, prefixes in _SIDES.items():
+        found |= _limb_frames(bones, at, side, prefixes, upright)
+    return found
+
+
+def _limb_frames(
+    bones: Mapping[str, np.ndarray],
+    at: Mapping[str, np.ndarray],
+    side: str,
+    prefixes: tuple[str, ...],
+    upright: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Return the frames (F, 3, 3) of the limbs of a side."""
+    turned, along = {}, {}
+    for segment, (names, begin, end) in _LIMBS.items():
+        bone = _first(bones, [p + name for p, name in zip(prefixes, names, strict=True)])
+        if bone is not None:
+            turned[segment] = bone
+            along[segment] = _rest_direction(bone, at[side + end] - at[side + begin])
+    right = dict.fromkeys(turned, upright[:, 2])
+    if {"upper_arm", "forearm"} <= set(along):
+        axis = np.cross(along["upper_arm"], along["forearm"])
+        if np.linalg.norm(axis) > _BENT:
+            right["upper_arm"] = right["forearm"] = axis
+    found = {}
+    for segment, rotation in turned.items():
+        y = -along[segment]
+        z = right[segment] - (right[segment] @ y) * y
+        z /= np.linalg.norm(z)
+        found[side + segment] = rotation @ np.stack([np.cross(y, z), y, z], -1)
+    return found
+
+
+def _rest_direction(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return the unit direction (3,) at rest of vectors (F, 3) that turn with a bone (F, 3, 3)."""
+    at_rest = np.einsum("fij,fi->fj", rotation, vectors)
+    mean: np.ndarray = np.nanmean(at_rest, axis=0)
+    return mean / np.linalg.norm(mean)
+
+
+def _first(bones: Mapping[str, np.ndarray], names: Any) -> np.ndarray | None:
+    return next((bones[name] for name in names if name in bones), None)
+
+
+def evaluate_angles(track: Track, truth: TrueAngles) -> list[AngleError]:
+    """Return the error of every angle that track and truth have in common frames; none for a track
+    without a body."""
+    if track.body is None:
+        return []
+    _, rows, true_rows = np.intersect1d(track.frames, truth.frames, return_indices=True)
+    found = []
+    for name, ours in track.angles.items():
+        if name not in truth.angles:
+            continue
+        off = (ours[rows] - truth.angles[name][true_rows] + 180) % 360 - 180
+        off = off[np.isfinite(off)]
+        if off.size:
+            # the mean of angles that may lie on both sides of half a turn
+            mean = np.degrees(np.angle(np.exp(1j * np.radians(off)).mean()))
+            rest = (off - mean + 180) % 360 - 180
+            rms, free = (float(np.sqrt(np.mean(of**2))) for of in (off, rest))
+            found.append(AngleError(name, rms, free, int(off.size)))
+    return found
+
+
+def mean_error(errors: Sequence[AngleError]) -> tuple[float, float]:
+    """Return the mean over the angles that are always defined, degrees: with and without their
+    offsets; NaN without any."""
+    rows = [(error.rms, error.free) for error in errors if error.defined]
+    if not rows:
+        return float("nan"), float("nan")
+    rms, free = np.mean(rows, axis=0)
+    return float(rms), float(free)
+
+
+def summarise_angles(errors: Sequence[AngleError]) -> dict[str, Any]:
+    """Return the figures for JSON; empty without errors."""
+    if not errors:
+        return {}
+    rms, free = mean_error(errors)
+    rows = [
+        {
+            "angle": error.name,
+            "rms_deg": round(error.rms, 3),
+            "offset_free_deg": round(error.free, 3),
+            "n_frames": error.n_frames,
+        }
+        for error in errors
+    ]
+    return {"angle_rms_deg": round(rms, 3), "angle_offset_free_deg": round(free, 3), "angles": rows}

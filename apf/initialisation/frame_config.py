@@ -1,0 +1,75 @@
+"""Settings of the frames that the automatic start looks at."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from psfs.common.config import Config, setting
+
+#: The source of defaults that name no other source.
+TUNED = "tuned on the starts of synth_walk_4cam, synth_walk_8cam, synth_box_4cam and bodytrack_walk"
+
+
+class FrameChoice(Config):
+    """Choice of the frames for a start, and definition of a person in them."""
+
+    SOURCE: ClassVar = TUNED
+
+    n_fitted: int = setting(10, "Number of frames that the body is fitted to.", least=1)
+    duration: float = setting(
+        1.0,
+        "Time over which these frames are spread; as long as a stride, so that the legs separate.",
+        "a person who stoops for 0.8 s is estimated 1 % too short, and so is one with a high "
+        "kick within 1.2 s",
+        "s",
+        above=0,
+    )
+    n_between: int = setting(
+        1, "Approximate number of frames between two fitted ones, which are only tracked.", least=0
+    )
+    n_searched: int = setting(
+        4,
+        "Number of fitted frames that are searched over all headings, first and last among them.",
+        least=1,
+    )
+    min_voxels: int = setting(
+        200, "Fewest surface voxels that can be a person.", unit="voxels", least=1
+    )
+    min_part: float = setting(
+        0.05,
+        "Share of the largest connected part below which another part is debris, unless it is "
+        "near.",
+        least=0,
+        most=1,
+    )
+    min_near_part: float = setting(
+        0.01,
+        "The same share for parts near those that are not debris, such as a head without its neck.",
+        least=0,
+        most=1,
+    )
+    near: float = setting(0.15, "Distance within which a part is near.", unit="m", least=0)
+    n_looks: int = setting(
+        12,
+        "Number of later frames that are searched for one in which the person stands taller; 0"
+        " turns the search off.",
+        least=0,
+    )
+    taller: float = setting(
+        1.08,
+        "Factor by which the person must stand taller in such a frame for it to be used.",
+        "by hand",
+        least=1,
+    )
+    unfolded: float = setting(
+        0.85,
+        "Height of the trunk's highest joint over the body's lowest one, as a share of that of a "
+        "standing person, below which a frame does not inform the shape: a visual hull fills the "
+        "space between folded limbs and trunk.",
+        "by hand: strides have 0.95 and more, hard_floor_8cam's crouch 0.5",
+        least=0,
+        most=1,
+    )
+    least_unfolded: int = setting(
+        3, "Least number of frames above it; with fewer, all frames inform the shape.", least=1
+    )

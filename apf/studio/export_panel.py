@@ -1,0 +1,75 @@
+"""The panel that takes results home: files of motion, smoothed or as tracked, and the report."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from apf.formats import BODY_WRITERS, WRITERS
+from apf.report.names import PAGE
+from apf.studio.watch import Watch
+from apf.studio.words import make_text
+from apf.tracking.smoothing import smooth_track
+from apf.tracking.track import Track
+from cl import UserError
+
+#: Endings of the files that a track is written as, those of a moving body first.
+ENDINGS = (*BODY_WRITERS, *WRITERS, ".trc", ".npz")
+
+
+class ExportPanel:
+    """The panel. say: shows an error on the page."""
+
+    def __init__(self, gui: Any, say: Callable[[object], object]) -> None:
+        self._say = say
+        self._watch: Watch | None = None
+        self._message = gui.add_html(make_text("Open a track to take it home."))
+        self.person = gui.add_dropdown("person", ["-"], initial_value="-", visible=False)
+        self.ending = gui.add_dropdown("file", list(dict.fromkeys(ENDINGS)), initial_value=".bvh")
+        self.smooth = gui.add_checkbox("smoothed", True, hint="as apf smooth does")
+        self.button = gui.add_button("save", disabled=True)
+        self.report = gui.add_button("save the report", disabled=True)
+        self.button.on_click(lambda event: self._send(event.client, self.make_file))
+        self.report.on_click(lambda event: self._send(event.client, self.read_report))
+
+    def offer(self, watch: Watch | None) -> None:
+        """Offer the tracks of what is watched; None offers nothing."""
+        self._watch = watch
+        tracks = list(watch.opened.tracks) if watch is not None else []
+        self.button.disabled = not tracks
+        self.person.visible = len(tracks) > 1
+        self.person.options = tracks or ["-"]
+        self.person.value = tracks[0] if tracks else "-"
+        self.report.disabled = watch is None or not (watch.opened.folder / PAGE).is_file()
+        words = f"Choose a file of {tracks[0]}." if tracks else "Open a track to take it home."
+        self._message.content = make_text(words)
+
+    def make_file(self) -> tuple[str, bytes]:
+        """Return name and content of the chosen file. Raises UserError."""
+        assert self._watch is not None
+        name = self.person.value
+        track: Track = self._watch.opened.tracks[name]
+        if self.smooth.value and track.smoothing is None and len(track) > 1:
+            track = smooth_track(track)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"track{self.ending.value}"
+            track.save(path)
+            return f"{name}{self.ending.value}", path.read_bytes()
+
+    def read_report(self) -> tuple[str, bytes]:
+        """Return name and content of the report."""
+        assert self._watch is not None
+        folder = self._watch.opened.folder
+        return f"{folder.name}.html", (folder / PAGE).read_bytes()
+
+    def _send(self, client: Any, make: Callable[[], tuple[str, bytes]]) -> None:
+        if self._watch is None or client is None:
+            return
+        try:
+            name, content = make()
+        except (UserError, OSError) as error:
+            self._say(error)
+            return
+        client.send_file_download(name, content, save_immediately=True)

@@ -1,0 +1,229 @@
+"""A take before it is tracked: cameras, pictures with silhouettes, volume, and its faults."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import cv2
+import numpy as np
+
+from apf.studio.nodes import CameraNodes, add_box, add_floor
+from apf.studio.opened import MakeDevice
+from apf.studio.pictures import PictureReader, mosaic, small_pictures
+from apf.studio.timeline import TimeLine
+from apf.studio.words import make_lines, make_table, make_text
+from cl import UserError
+from psfs.diagnostics.examination import examine
+from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
+from psfs.sequence import Frame, Sequence
+from psfs.session import Session
+from psfs.volume import find_volume
+from psfs.voxels.grid import VoxelGrid
+
+#: RGB of the silhouettes, which no room has much of.
+_SILHOUETTE = np.array([255, 0, 200])
+_FLOOR_VOXEL = 0.05  # m; the floor is drawn under a grid
+
+
+class Footage:
+    """A take on the page, shown until `close`. The arguments are those of `Watch`; make_device:
+    makes the device that silhouettes, faults and the volume are computed on."""
+
+    def __init__(
+        self, server: Any, sequence: Sequence, panels: tuple[Any, Any], make_device: MakeDevice
+    ) -> None:
+        self._server, self.sequence, self._make_device = server, sequence, make_device
+        self._closed, self._lock = threading.Event(), threading.Lock()
+        self._session: Session | None = None
+        self._info = sequence_info(sequence)
+        self._box: Any = None
+        self._frame: Frame | None = None
+        self._cameras = CameraNodes(server.scene, sequence.rig)
+        self._place(server)
+        self._reader = PictureReader(sequence, self._show_pictures, self._warn)
+        panel, beside = panels
+        with panel:
+            self._add_controls(server.gui)
+        with beside:
+            self._add_pictures(server.gui)
+        self.time_line.refresh()
+        self._draw_box()
+        self._examiner = threading.Thread(target=self._examine, daemon=True, name="examination")
+        self._examiner.start()
+
+    @property
+    def remarks(self) -> str:
+        """The words about the take, HTML."""
+        return str(self._remarks.content)
+
+    @property
+    def picture(self) -> np.ndarray:
+        """The cameras' pictures as they are shown, (h, w, 3) uint8 RGB."""
+        return np.asarray(self._picture.image)
+
+    def show_silhouettes(self, opacity: float) -> None:
+        """Draw the silhouettes over the pictures; opacity: 0 to 1."""
+        self._opacity.value = opacity
+        self._draw_again()
+
+    @property
+    def volume(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Lowest and highest corner (3,) m of the volume, if the box on the page is to be used."""
+        if not self._own_box.value:
+            return None
+        corners = np.array([self._low.value, self._high.value])
+        return corners.min(axis=0), corners.max(axis=0)
+
+    def close(self) -> None:
+        """End all work in the background, and remove everything from the page."""
+        self._closed.set()
+        self.time_line.close()
+        self._reader.close()
+        for part in self._parts:
+            part.remove()
+        self._server.scene.reset()
+
+    def _add_controls(self, gui: Any) -> None:
+        count, fps = len(self.sequence), self.sequence.fps
+        self._status = gui.add_html("")
+        self.time_line = TimeLine(gui, np.arange(max(1, count)), fps, self._show)
+        low, high = self._first_box()
+        self._own_box = gui.add_checkbox(
+            "use this volume", False, hint="else it is found around what moves"
+        )
+        self._low = gui.add_vector3("lowest, m", tuple(low.tolist()), step=0.05)
+        self._high = gui.add_vector3("highest, m", tuple(high.tolist()), step=0.05)
+        for corner in (self._low, self._high, self._own_box):
+            corner.on_update(lambda event: self._draw_box())
+        self._notes: list[tuple[str, object]] = [("note", "examining the footage ...")]
+        self._remarks = gui.add_html(self._describe())
+        self._parts = [self._status, self._own_box, self._low, self._high, self._remarks]
+
+    def _add_pictures(self, gui: Any) -> None:
+        self._opacity = gui.add_slider(
+            "silhouettes", 0.0, 1.0, 0.05, 0.0, hint="what is taken for the person"
+        )
+        self._opacity.on_update(lambda event: self._draw_again())
+        self._picture = gui.add_image(np.zeros((90, 160, 3), np.uint8), format="jpeg")
+        self._parts += [self._opacity, self._picture]
+
+    def _first_box(self) -> tuple[np.ndarray, np.ndarray]:
+        stated = self.sequence.volume or self._info.shared
+        centre = self._info.centre
+        low, high = stated if stated is not None else (centre - 1.0, centre + 1.0)
+        return np.round(low, 2), np.round(high, 2)
+
+    def _place(self, server: Any) -> None:
+        """Draw the floor, and set the point of view outside of the rig."""
+        low, high = self._first_box()
+        add_floor(server.scene, VoxelGrid.covering(low, high, _FLOOR_VOXEL))
+        size = max(1.0, self._info.extent)
+        server.initial_camera.look_at = (low + high) / 2
+        server.initial_camera.position = (low + high) / 2 + size * np.array([0.6, -0.9, 0.5])
+        server.scene.set_up_direction("+z")
+
+    def _draw_box(self) -> None:
+        if self._box is not None:
+            self._box.remove()
+        corners = np.array([self._low.value, self._high.value])
+        self._box = add_box(self._server.scene, "/volume", corners.min(axis=0), corners.max(axis=0))
+
+    def _show(self, position: int) -> None:
+        self._status.content = make_lines(
+            [("note", f"frame {position} · {position / self.sequence.fps:.2f} s")]
+        )
+        self._reader.ask(position)
+
+    def _show_pictures(self, frame: Frame) -> None:
+        if self._closed.is_set():
+            return
+        self._frame = frame
+        pictures = small_pictures(frame, self.sequence)
+        if self._opacity.value > 0:
+            shown = self._silhouettes(frame)
+            pictures = [
+                _blend(picture, one, float(self._opacity.value))
+                for picture, one in zip(pictures, shown, strict=True)
+            ]
+        self._cameras.show(pictures)
+        self._picture.image = mosaic(pictures)
+
+    def _draw_again(self) -> None:
+        if self._frame is not None:
+            self._reader.ask(self._frame.index)
+
+    def _silhouettes(self, frame: Frame) -> list[np.ndarray]:
+        """Return each camera's silhouette (h, w) bool without the rig's padding."""
+        with self._lock:
+            evidence = self._its_session().evidence([frame.index])[0]
+        sizes = [camera.size for camera in self.sequence.rig]
+        return [
+            of[:height, :width] > 0 for of, (width, height) in zip(evidence, sizes, strict=True)
+        ]
+
+    def _its_session(self) -> Session:
+        if self._session is None:
+            self._session = Session(self.sequence, self._make_device())
+        return self._session
+
+    def _examine(self) -> None:
+        """Find the faults of the footage, and the volume."""
+        try:
+            with self._lock:
+                examination = examine(self._its_session())
+                warnings = list(examination.warnings)
+                faults = [str(fault) for fault in examination.faults if not fault.serious]
+                if self._closed.is_set():
+                    return
+                volume = find_volume(examination.session)
+        except UserError as error:
+            self._notes = [("warning", error)]
+        else:
+            known = any(fault.kind in ("unit", "far") for fault in examination.faults)
+            self._notes = _list_faults(self._info, known)
+            self._notes += [("warning", text) for text in warnings]
+            self._notes += [("note", text) for text in faults]
+            if not warnings and not self._info.warnings:
+                self._notes.append(("good", "nothing found that speaks against tracking it"))
+            if not self._own_box.value:
+                self._low.value = tuple(np.round(volume.low, 2).tolist())
+                self._high.value = tuple(np.round(volume.high, 2).tolist())
+                self._draw_box()
+        if not self._closed.is_set():
+            self._remarks.content = self._describe()
+
+    def _warn(self, text: str) -> None:
+        self._notes.append(("warning", text))
+        self._remarks.content = self._describe()
+
+    def _describe(self) -> str:
+        info = self._info
+        rows = [
+            (c.name, f"{c.size[0]} x {c.size[1]}", f"{c.distance:.2f}", f"{c.height:.2f}", c.frames)
+            for c in info.cameras
+        ]
+        facts = (
+            f"{self.sequence.folder.name}: {info.frames} frames at {info.fps:g} per second; "
+            f"background: {info.background_kind}"
+        )
+        table = make_table(rows, ("camera", "px", "distance m", "height m", "frames"))
+        return make_text(facts) + table + make_lines(self._notes)
+
+
+def _list_faults(info: SequenceInfo, unit_known: bool) -> list[tuple[str, object]]:
+    """Return the lines on a take that are known without its pictures."""
+    lines: list[tuple[str, object]] = [("note", note) for note in info.notes]
+    if info.keypoints is not None:
+        lines.append(("note", f"keypoints of a pose network: {info.keypoints.name}"))
+    texts = [text for text in info.warnings if not (unit_known and UNIT_ASKED in text)]
+    return [*lines, *(("warning", text) for text in texts)]
+
+
+def _blend(picture: np.ndarray, shown: np.ndarray, opacity: float) -> np.ndarray:
+    """Return a picture (h, w, 3) uint8 RGB with a silhouette drawn over it."""
+    size = picture.shape[1], picture.shape[0]
+    share = opacity * cv2.resize(shown.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    mixed = picture * (1 - share[..., None]) + _SILHOUETTE * share[..., None]
+    blended: np.ndarray = np.rint(mixed).astype(np.uint8)
+    return blended

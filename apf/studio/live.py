@@ -1,0 +1,118 @@
+"""The page of a live run: the body as it is tracked, latency, dropped frames, the run's end."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import numpy as np
+
+from apf.body.kinematics import posed_joints
+from apf.body.model import BodyModel
+from apf.live.pace import described
+from apf.live.session import LiveResult
+from apf.live.timeline import Timeline
+from apf.studio.gate import Gate, page_address, start_server, stop_server
+from apf.studio.nodes import BodyNodes, CameraNodes, add_floor
+from apf.studio.words import make_lines, make_text
+from apf.tracking.track import Track
+from psfs.cameras.camera import CameraRig
+from psfs.voxels.grid import VoxelGrid
+
+#: Most updates of the page per second.
+_RATE = 30.0
+#: Half of the floor's side without a grid, m.
+_AROUND = 2.0
+
+
+class LivePage:
+    """A page that shows the newest pose.
+
+    body, pose (D,): what is tracked, and where it begins. rig: the cameras. grid: of the voxels, if
+    there are some. stop: ends the run, as the page's button and the key S do.
+    """
+
+    def __init__(
+        self,
+        body: BodyModel,
+        pose: np.ndarray,
+        rig: CameraRig,
+        grid: VoxelGrid | None,
+        stop: Callable[[], object],
+        port: int = 0,
+    ) -> None:
+        self._gate = Gate()
+        self.server = start_server(port, self._gate)
+        self._run: tuple[LiveResult, Timeline] | None = None
+        self._ended = threading.Event()
+        gui, scene = self.server.gui, self.server.scene
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        gui.set_panel_label("psfs-apf live")
+        self._status = gui.add_html(make_text("Waiting for the first pose."))
+        self._button = gui.add_button("end the run", hint="key: S; what is tracked is kept")
+        self._stop = stop
+        self._button.on_click(lambda event: self.press_end())
+        gui.add_command("End the run", hotkey="S").on_trigger(lambda event: self.press_end())
+        self.nodes = BodyNodes(scene, "/people/0", _still_track(body, pose))
+        self.nodes.show(0, 0)
+        CameraNodes(scene, rig)
+        centre = posed_joints(body, pose[None])[0].mean(axis=0)
+        add_floor(scene, grid or VoxelGrid.covering(centre - _AROUND, centre + _AROUND, 0.05))
+        self.server.initial_camera.look_at = centre
+        self.server.initial_camera.position = centre + np.array([2.5, -3.0, 1.2])
+        scene.set_up_direction("+z")
+        self._thread = threading.Thread(target=self._work, daemon=True, name="live page")
+        self._thread.start()
+
+    @property
+    def address(self) -> str:
+        """The page's address, with its token."""
+        return page_address(self.server, self._gate)
+
+    @property
+    def status(self) -> str:
+        """The words about the run, HTML."""
+        return str(self._status.content)
+
+    def __call__(self, result: LiveResult, timeline: Timeline) -> None:
+        """Show the newest pose of a run from now on; tracking does not wait for it."""
+        self._run = result, timeline
+
+    def press_end(self) -> None:
+        """End the run."""
+        self._stop()
+
+    def close(self) -> None:
+        """Draw the last pose, and end the server."""
+        self._ended.set()
+        self._thread.join(timeout=30)
+        stop_server(self.server)
+
+    def _work(self) -> None:
+        shown = 0
+        while True:
+            ended = self._ended.wait(1 / _RATE)
+            if self._run is not None and len(self._run[0].estimates) > shown:
+                shown = len(self._run[0].estimates)
+                self._show(*self._run)
+            if ended:
+                return
+
+    def _show(self, result: LiveResult, timeline: Timeline) -> None:
+        estimate = result.estimates[-1]
+        with self.server.atomic():
+            self.nodes.show_pose(estimate.pose)
+        kind, words = "good", f"confidence {estimate.confidence:.2f}"
+        if estimate.lost:
+            kind, words = "warning", "the person is lost"
+        self._status.content = make_lines([(kind, words), ("note", described(result, timeline))])
+
+
+def _still_track(body: BodyModel, pose: np.ndarray) -> Track:
+    """Return a track of one frame, which the nodes of a body are made from."""
+    poses = np.asarray(pose, float)[None]
+    return Track(
+        body_name=body.name, dof_names=body.dof_names, joint_names=tuple(body.joint_names),
+        fps=30.0, frames=np.zeros(1, int), poses=poses, joints=posed_joints(body, poses),
+        edges=np.array(body.edges), body=body,
+    )  # fmt: skip

@@ -1,0 +1,168 @@
+"""The panel that starts `apf track` on the take that is open, shows its progress, and ends it."""
+
+from __future__ import annotations
+
+import shlex
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from apf.presets import PRESETS
+from apf.studio.settings_panel import SettingsPanel
+from apf.studio.words import make_lines, make_text
+from apf.studio.work import Work, free_folder
+from cl import InputError
+from psfs.diagnostics.sequence_info import find_keypoints
+from psfs.sequence import Sequence
+
+_OURS = "default"
+#: Time between two looks at a run, s; and how much longer a track must be to be shown again.
+_INTERVAL, _LONGER = 1.0, 1.5
+
+
+class RunPanel:
+    """The panel. results: the folder for runs. device: the flag --device. show: opens the folder of
+    a run on the page; say: shows an error there."""
+
+    def __init__(
+        self,
+        gui: Any,
+        results: Path,
+        device: str,
+        show: Callable[[Path], object],
+        say: Callable[[object], object],
+    ) -> None:
+        self._results, self._device, self._show, self._say = results, device, show, say
+        self._sequence: Sequence | None = None
+        self._volume: Callable[[], tuple[np.ndarray, np.ndarray] | None] = lambda: None
+        self.work: Work | None = None
+        self._message = gui.add_html(make_text("Open footage to track it."))
+        self.preset = gui.add_dropdown(
+            "preset", [_OURS, *PRESETS], initial_value=_OURS, hint="a paper's whole system"
+        )
+        self.frames = gui.add_text("frames", "", hint="a:b, counted from 0, b excluded; empty: all")
+        self.height = gui.add_number(
+            "height, m", 0.0, min=0.0, max=2.5, step=0.01, hint="of the person; 0: not known"
+        )
+        self.people = gui.add_dropdown("people", ["auto", "1", "2", "3", "4"], initial_value="auto")
+        self.fast = gui.add_checkbox(
+            "forward only", False, hint="half of the time, less accurate (--one-way)"
+        )
+        self.keypoints = gui.add_checkbox("use keypoints", False, visible=False)
+        self.start_button = gui.add_button("track", disabled=True, hint="key: T")
+        self.cancel_button = gui.add_button("cancel", visible=False)
+        self.progress = gui.add_progress_bar(0.0, visible=False)
+        self._status = gui.add_html("")
+        self.settings = SettingsPanel(gui)
+        self.start_button.on_click(lambda event: self.press_track())
+        self.cancel_button.on_click(lambda event: self.cancel())
+        gui.add_command("Track the footage", hotkey="T").on_trigger(
+            lambda event: self.press_track()
+        )
+
+    @property
+    def status(self) -> str:
+        """The words about the run, HTML."""
+        return str(self._status.content)
+
+    def offer(
+        self,
+        sequence: Sequence | None,
+        volume: Callable[[], tuple[np.ndarray, np.ndarray] | None] = lambda: None,
+    ) -> None:
+        """Offer to track a sequence, with the volume that the page states; None offers nothing."""
+        self._sequence, self._volume = sequence, volume
+        running = self.work is not None and not self.work.ended
+        self.start_button.disabled = sequence is None or running
+        if sequence is None:
+            self._message.content = make_text("Open footage to track it.")
+            return
+        self._message.content = make_text(f"{sequence.folder.name}: {len(sequence)} frames")
+        self.keypoints.visible = find_keypoints(sequence.folder) is not None
+
+    def flags(self) -> list[str]:
+        """Return the flags of `apf track` that the panel states."""
+        assert self._sequence is not None
+        flags = [
+            str(self._sequence.folder),
+            "--people",
+            self.people.value,
+            "--device",
+            self._device,
+        ]
+        if self.preset.value != _OURS:
+            flags += ["--preset", self.preset.value]
+        if self.frames.value.strip():
+            flags += ["--frames", self.frames.value.strip()]
+        if self.height.value > 0:
+            flags += ["--height", f"{self.height.value:g}"]
+        if self.fast.value:
+            flags.append("--one-way")
+        if self.keypoints.value and (found := find_keypoints(self._sequence.folder)) is not None:
+            flags += ["--keypoints", str(found)]
+        if (box := self._volume()) is not None:
+            numbers = np.stack(box, axis=-1).ravel()
+            flags.append("--volume=" + ",".join(f"{number:g}" for number in numbers))
+        return flags
+
+    def start(self, flags: list[str], n_frames: int, tables: dict[str, Any] | None = None) -> Work:
+        """Start a run into a new folder of the results. Raises InputError while another goes on."""
+        if self.work is not None and not self.work.ended:
+            raise InputError("a run goes on; expected one at a time (cancel it first)")
+        output = free_folder(self._results, Path(flags[0]).resolve().name)
+        self.work = Work(flags, output, n_frames, tables)
+        self.progress.value, self.progress.visible = 0.0, True
+        self.start_button.disabled, self.cancel_button.visible = True, True
+        threading.Thread(target=self._follow, args=(self.work,), daemon=True, name="run").start()
+        return self.work
+
+    def cancel(self) -> None:
+        """Interrupt the run; what is tracked is kept."""
+        if self.work is not None:
+            self.work.cancel()
+
+    def close(self) -> None:
+        """End the run, if one goes on."""
+        if self.work is not None:
+            self.work.close()
+
+    def press_track(self) -> None:
+        """Start a run as the panel says, if footage is open; an error is shown on the page."""
+        if self._sequence is None or self.start_button.disabled:
+            return
+        try:
+            first, _, last = (self.frames.value.strip() or ":").partition(":")
+            chosen = slice(*(int(word) if word.strip() else None for word in (first, last)))
+            n_frames = len(range(len(self._sequence))[chosen])
+            self.start(self.flags(), n_frames, self.settings.chosen.tables)
+        except InputError as error:
+            self._say(error)
+        except ValueError:
+            self._say(f"frames are {self.frames.value!r}; expected a:b, such as 0:120")
+
+    def _follow(self, work: Work) -> None:
+        """Follow a run to its end: its words, its progress, and its track so far."""
+        shown = 0
+        while not work.ended:
+            self._tell(work)
+            done = work.count_frames()
+            if done > _LONGER * shown + 1:
+                shown = done
+                self._show(work.output)
+            time.sleep(_INTERVAL)
+        self._tell(work)
+        self.progress.visible = self.cancel_button.visible = False
+        self.start_button.disabled = self._sequence is None
+        if (work.output / "track.npz").exists() or shown:
+            self._show(work.output)
+
+    def _tell(self, work: Work) -> None:
+        self.progress.value = min(100.0, 100.0 * work.count_frames() / max(1, work.n_frames))
+        kind = "warning" if work.ended and not work.succeeded else "note"
+        lines: list[tuple[str, object]] = [(kind, work.describe())]
+        lines += [("note", line) for line in work.words]
+        self._status.content = make_lines(lines) + make_text(shlex.join(work.command))

@@ -1,0 +1,128 @@
+"""A run of `apf track` in a process of its own: started, followed by the files it writes, ended."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from apf.tracking.track import PARTS, Track
+from cl import UserError
+
+#: Longest wait for a run that was interrupted to write what it has, s.
+_PATIENCE = 60.0
+
+
+def free_folder(root: Path, name: str) -> Path:
+    """Return a folder in `root` that does not exist yet: of this name, or with a number behind."""
+    safe = re.sub(r"[^\w.-]+", "_", name).strip("._") or "run"
+    number, path = 1, root / safe
+    while path.exists():
+        number += 1
+        path = root / f"{safe}-{number}"
+    return path
+
+
+class Work:
+    """A running `apf track`.
+
+    flags: after the subcommand, without -o. output: its folder, which must not exist. tables:
+    settings for --config. n_frames: how many are to be tracked.
+    """
+
+    def __init__(
+        self,
+        flags: Sequence[str],
+        output: Path,
+        n_frames: int,
+        tables: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.output, self.n_frames = output, n_frames
+        self._files = tempfile.TemporaryDirectory(prefix="apf-studio-")
+        words = ["track", *flags, "-o", str(output)]
+        if tables:
+            settings = Path(self._files.name) / "settings.toml"
+            settings.write_text(tomli_w.dumps(dict(tables)), encoding="utf-8")
+            words += ["--config", str(settings)]
+        self.command = ["apf", *words]
+        self._counts: dict[Path, int] = {}
+        self._lines: list[str] = []
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "apf.cli", *words],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            text=True,
+            errors="replace",
+            start_new_session=True,
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True, name="apf track")
+        self._reader.start()
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has ended, by itself or not."""
+        return self._process.poll() is not None
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether it has ended without an error."""
+        return self._process.poll() == 0
+
+    @property
+    def words(self) -> list[str]:
+        """The last lines that it has printed."""
+        return self._lines[-12:]
+
+    def count_frames(self) -> int:
+        """Return how many frames are tracked so far."""
+        for part in sorted(self.output.glob(PARTS)):
+            if part not in self._counts:
+                with contextlib.suppress(UserError):  # it may just have been removed
+                    self._counts[part] = len(Track.open(part))
+        return sum(self._counts.values())
+
+    def describe(self) -> str:
+        """Return what it is doing."""
+        if self.ended:
+            return "done" if self.succeeded else "ended early"
+        done = self.count_frames()
+        if done == 0:
+            return "examining the footage and finding the person ..."
+        if done < self.n_frames:
+            return f"tracking: {done} of {self.n_frames} frames"
+        return "judging, drawing the overlay ..."
+
+    def cancel(self) -> None:
+        """Interrupt it, as Ctrl-C does: it writes the frames that are tracked, and ends."""
+        if not self.ended:
+            self._process.send_signal(signal.SIGINT if os.name == "posix" else signal.SIGTERM)
+
+    def close(self) -> None:
+        """Interrupt it, wait until it has ended, and remove its settings."""
+        self.cancel()
+        try:
+            self._process.wait(_PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._reader.join(timeout=5)
+        self._files.cleanup()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        with self._process.stdout as lines:
+            for line in lines:
+                if line.strip():
+                    self._lines.append(line.rstrip())

@@ -1,0 +1,191 @@
+"""Corrections of a track by hand: joints put where they belong, and frames marked as bad."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import ConfigDict, Field
+
+from apf.body.limbs import limb_bones, solve_inverse_kinematics
+from apf.body.model import BodyModel, plain_name
+from apf.likelihood.observations import PointObservations
+from apf.tracking.track import Track, spans
+from cl import InputError
+from psfs.cameras.camera import CameraRig
+from psfs.common.schema import Name, PathText, Table, Vector, checked
+from psfs.common.toml import read_toml, write_toml
+
+#: Time before and after a corrected frame that is tracked again, s, and error of a joint that is
+#: put somewhere by hand, m: that of one joint centre between two people who mark it.
+REACH, ERROR = 0.4, 0.02
+_Frame = Annotated[int, Field(ge=0, le=2**40)]
+
+
+@dataclass(frozen=True)
+class Correction:
+    """A joint's right place in one frame: position (3,) m, error m."""
+
+    frame: int
+    joint: str
+    position: tuple[float, float, float]
+    error: float = ERROR
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """Corrections of a track. track: its folder. bad: (first, last) numbers of frames in which the
+    person counts as lost. reach: s before and after each corrected frame that are tracked again."""
+
+    track: Path
+    points: tuple[Correction, ...] = ()
+    bad: tuple[tuple[int, int], ...] = ()
+    reach: float = REACH
+
+    def check(self, track: Track) -> None:
+        """Raise InputError unless all frames and joints are those of `track`."""
+        known = set(track.frames.tolist())
+        for point in self.points:
+            if point.joint not in track.joint_names:
+                raise InputError(
+                    f"no joint {point.joint!r}; expected one of {', '.join(track.joint_names)}"
+                )
+            if point.frame not in known:
+                raise InputError(f"frame {point.frame} was not tracked; expected one that was")
+        for first, last in self.bad:
+            if first > last:
+                raise InputError(f"bad frames {first} to {last}; expected the first one first")
+
+    @property
+    def by_frame(self) -> dict[int, dict[str, Correction]]:
+        """The corrected joints of each corrected frame, by name, frames ascending."""
+        found: dict[int, dict[str, Correction]] = {}
+        for point in sorted(self.points, key=lambda point: point.frame):
+            found.setdefault(point.frame, {})[point.joint] = point
+        return found
+
+    def describe(self) -> list[str]:
+        """Return lines that list them."""
+        lines = []
+        for frame, joints in self.by_frame.items():
+            names = ", ".join(plain_name(name) for name in joints)
+            lines.append(f"corrected by hand in frame {frame}: {names}")
+        if self.bad:
+            frames = [n for first, last in self.bad for n in range(first, last + 1)]
+            lines.append(f"marked as bad by hand: frames {spans(sorted(set(frames)))}")
+        return lines
+
+
+def list_corrections(track: Track) -> list[str]:
+    """Return the lines that list what was corrected by hand in a track, from its provenance."""
+    return [str(line) for line in json.loads(track.provenance).get("corrections", [])]
+
+
+class _Point(Table):
+    model_config = ConfigDict(extra="forbid")
+
+    frame: _Frame
+    joint: Name
+    position: Vector
+    error: Annotated[float, Field(ge=0.001, le=1.0)] = ERROR
+
+
+class _File(Table):
+    model_config = ConfigDict(extra="forbid")
+
+    track: PathText
+    reach: Annotated[float, Field(ge=0.0, le=60.0)] = REACH
+    bad: tuple[tuple[_Frame, _Frame], ...] = ()
+    point: tuple[_Point, ...] = ()
+
+
+def read_corrections(path: Path) -> Corrections:
+    """Read a file of `write_corrections`. Raises InputError, or MissingFileError."""
+    table = read_toml(path)
+    table = {k: _tuples(v) if k in ("bad", "point") else v for k, v in table.items()}
+    found = checked(_File, table, path)
+    points = tuple(
+        Correction(point.frame, point.joint, (x, y, z), point.error)
+        for point in found.point
+        for x, y, z in [point.position]
+    )
+    return Corrections(path.parent / found.track, points, found.bad, found.reach)
+
+
+def _tuples(values: Any) -> Any:
+    """Return lists of lists as tuples, which a frozen table holds."""
+    if not isinstance(values, list):
+        return values
+    return tuple(tuple(v) if isinstance(v, list) else v for v in values)
+
+
+def write_corrections(path: Path, corrections: Corrections) -> None:
+    """Write corrections as TOML; the track's folder as it is."""
+    table: dict[str, Any] = {
+        "track": str(corrections.track),
+        "reach": corrections.reach,
+        "bad": [list(ends) for ends in corrections.bad],
+        "point": [
+            {
+                "frame": point.frame,
+                "joint": point.joint,
+                "position": [round(float(x), 5) for x in point.position],
+                "error": point.error,
+            }
+            for point in corrections.points
+        ],
+    }
+    write_toml(path, table)
+
+
+def observe_corrections(
+    body: BodyModel, rig: CameraRig, joints: dict[str, Correction]
+) -> PointObservations:
+    """Return the sightings of corrected joints, by name: where each camera would see them, with the
+    error of the correction in its pixels. Cameras that the point is behind are left out."""
+    names = list(joints)
+    numbers = [body.joint_names.index(name) for name in names]
+    places = np.array([joints[name].position for name in names], float).reshape(-1, 3)
+    errors = np.array([joints[name].error for name in names])
+    found: list[tuple[int, int, np.ndarray, float]] = []
+    for view, camera in enumerate(rig):
+        inside = places @ camera.R.T + camera.t
+        for point in np.flatnonzero(inside[:, 2] > errors):
+            x, y, depth = inside[point]
+            pixel = camera.K[:2, :2] @ (x / depth, y / depth) + camera.K[:2, 2]
+            focal = (camera.K[0, 0] + camera.K[1, 1]) / 2
+            found.append((int(point), view, pixel, float(depth / (focal * errors[point]))))
+    return PointObservations(
+        bone=np.array([body.joints[number].bone for number in numbers], int),
+        position=np.array([body.joints[number].position for number in numbers]).reshape(-1, 3),
+        point=np.array([point for point, _, _, _ in found], int),
+        partner=np.full(len(found), -1),
+        camera=np.array([view for _, view, _, _ in found], int),
+        pixel=np.array([pixel for _, _, pixel, _ in found], float).reshape(-1, 2),
+        inverse_scale=np.array([scale for _, _, _, scale in found], float),
+        most=len(names) * len(rig),
+    )
+
+
+def correct_pose(body: BodyModel, pose: np.ndarray, joints: dict[str, Correction]) -> np.ndarray:
+    """Return a pose (D,) with the joints, by name, put to their places by moving their limbs alone;
+    the whole body if one of the joints is on no limb."""
+    numbers = [body.joint_names.index(name) for name in joints]
+    places = np.zeros((1, len(body.joints), 3))
+    for number, point in zip(numbers, joints.values(), strict=True):
+        places[0, number] = point.position
+    wanted = np.isin(np.arange(len(body.joints)), numbers)
+    limbs = limb_bones(body)
+    moved = [body.joints[number].bone for number in numbers]
+    bones: np.ndarray = np.ones(len(body.bones), bool)
+    if len(limbs) and all(limbs[:, bone].any() for bone in moved):
+        bones = np.any(limbs[limbs[:, moved].any(axis=1)], axis=0)
+    free = np.zeros(body.n_dof, bool)
+    for bone, chosen in zip(body.bones, bones, strict=True):
+        for axis in bone.axes:
+            free[axis.dof] |= bool(chosen)
+    found: np.ndarray = solve_inverse_kinematics(body, pose[None], free, wanted, places, near=1e-3)
+    return found[0]

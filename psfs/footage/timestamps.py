@@ -1,0 +1,116 @@
+"""Pair the cameras' frames by `timestamps.csv`, where a recorder dropped frames.
+
+A row per frame of a camera: `cam_id` (or `camera`), `frame_index` (or `frame`), `frame_time` (or
+`time`), s, as Caliscope and FreeMoCap write. The k-th frame of a camera's rows, ordered by number,
+is the k-th of its video.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cl import InputError
+from psfs.cameras.names import listed, name_tokens
+from psfs.common.files import read_text
+from psfs.footage.layouts.common import Footage
+from psfs.footage.media import Media
+
+NAME = "timestamps.csv"
+#: Greatest size of the file, bytes.
+_MOST_BYTES = 2**27
+#: Names of the columns, the first that is there.
+_COLUMNS = (("cam_id", "camera"), ("frame_index", "frame"), ("frame_time", "time"))
+
+
+def pair_by_timestamps(footage: Footage) -> Footage:
+    """Return the footage with those frames of its videos that were taken at the same times.
+
+    The file lies beside the videos; without one, or without videos, the footage is returned as it
+    is. Raises InputError for a file that does not fit the videos.
+    """
+    media = footage.images
+    if not media or not all(item.is_video for item in media):
+        return footage
+    path = media[0].paths[0].parent / NAME
+    if not path.is_file():
+        return footage
+    times = _assign_times(path, media)
+    picks, apart = pick_frames(times)
+    if not picks:
+        raise InputError(f"{path}: no time is in all cameras; expected recordings that overlap")
+    note = (
+        f"frames are paired by {NAME}: {len(picks)} of up to {max(map(len, times))}, at most "
+        f"{1000 * apart:.0f} ms apart"
+    )
+    chosen = tuple(
+        item.select(of) for item, of in zip(media, zip(*picks, strict=True), strict=True)
+    )
+    return replace(footage, images=chosen, notes=[*footage.notes, note])
+
+
+def pick_frames(times: Sequence[np.ndarray]) -> tuple[list[tuple[int, ...]], float]:
+    """Return the frames of each camera (V,) at every common time, and the greatest difference, s.
+
+    times: (F,) s of each camera's frames, ascending. The camera with the fewest frames leads; a
+    time is left out if another camera has no frame within half the leader's usual interval.
+    """
+    leader = min(times, key=len)
+    reach = 0.5 * float(np.median(np.diff(leader))) if len(leader) > 1 else 0.0
+    picks: list[tuple[int, ...]] = []
+    apart = 0.0
+    for time in leader:
+        nearest = tuple(int(np.abs(own - time).argmin()) for own in times)
+        away = max(abs(own[index] - time) for own, index in zip(times, nearest, strict=True))
+        if away <= reach and not (picks and any(np.less_equal(nearest, picks[-1]))):
+            picks.append(nearest)
+            apart = max(apart, float(away))
+    return picks, apart
+
+
+def _assign_times(path: Path, media: Sequence[Media]) -> list[np.ndarray]:
+    """Return the times (F,) s of the frames of each camera's video."""
+    by_camera = _read_times(path)
+    found = []
+    for item in media:
+        tokens = name_tokens(item.name)
+        named = [c for c in by_camera if name_tokens(c) in (tokens, tokens[-1:])]
+        if len(named) != 1:
+            raise InputError(
+                f"{path}: {len(named)} cameras match {item.name}; found {listed(by_camera)}"
+            )
+        rows = sorted(by_camera[named[0]])
+        times = np.array([time for _, time in rows])
+        if len(times) != item.count or (np.diff(times) <= 0).any():
+            raise InputError(
+                f"{path}: {len(times)} times of {item.name}, whose video has {item.count} frames; "
+                "expected one for each frame, ascending"
+            )
+        found.append(times)
+    return found
+
+
+def _read_times(path: Path) -> dict[str, list[tuple[int, float]]]:
+    """Return frame numbers and times, s, by camera."""
+    reader = csv.DictReader(io.StringIO(read_text(path, "times of frames", _MOST_BYTES)))
+    heads = reader.fieldnames or ()
+    names = [next((name for name in options if name in heads), None) for options in _COLUMNS]
+    if None in names:
+        wanted = ", ".join(" or ".join(options) for options in _COLUMNS)
+        raise InputError(f"{path}: columns {listed(heads)}; expected {wanted}")
+    camera, frame, time = names
+    found: dict[str, list[tuple[int, float]]] = {}
+    for line, row in enumerate(reader, 2):
+        try:
+            value = int(row[frame]), float(row[time])
+        except (TypeError, ValueError):
+            raise InputError(f"{path}: line {line}; expected a frame's number and time") from None
+        if not np.isfinite(value[1]):
+            raise InputError(f"{path}: line {line}: time {value[1]}; expected seconds")
+        found.setdefault(str(row[camera]), []).append(value)
+    return found

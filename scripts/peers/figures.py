@@ -1,0 +1,80 @@
+"""Figures of joints against the truth: error, gaps, jitter, sliding of standing feet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from apf.evaluation.evaluate import LOST_JOINT, evaluate
+from apf.formats.trc import JointSeries
+from apf.tracking.foot_contact import find_stances
+
+#: A true foot stands if it is slower than this, m/s, and not higher, m, above its lowest position;
+#: least number of frames of a stance. As in scripts/compare_smoothing.py.
+_STILL, _LOW, _SHORTEST = 0.3, 0.04, 6
+_SIDES = ("l", "r")
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Figures of twelve joints.
+
+    mean, rest: mm, with and without each joint's constant offset in the body's own frame. far:
+    share of the joint-frames that are farther than 150 mm, of those that there are. gaps: share of
+    the joint-frames of the truth that there are not. jitter: mm/frame^2, mean second difference of
+    the error. skating: mm, mean over the stances of the truth of the distance that the ankle
+    travels along the floor. joints: mm, mean of each.
+    """
+
+    mean: float
+    rest: float
+    far: float
+    gaps: float
+    jitter: float
+    skating: float
+    joints: dict[str, float]
+
+
+def measure(found: JointSeries, truth: JointSeries) -> Figures:
+    """Return the figures of a program's joints. Raises InputError if nothing can be compared."""
+    evaluation = evaluate(found, truth)
+    errors = evaluation.errors[:, [n in found.joint_names for n in evaluation.joint_names]]
+    names = [name for name in evaluation.joint_names if name in found.joint_names]
+    columns = [evaluation.joint_names.index(name) for name in names]
+    whole = np.full((len(truth.frames), len(found.joint_names), 3), np.nan)
+    _, rows, at = np.intersect1d(found.frames, truth.frames, return_indices=True)
+    whole[at] = found.joints[rows]
+    true = truth.joints[:, [truth.joint_names.index(name) for name in found.joint_names]]
+    known = np.isfinite(errors)
+    there, wanted = np.isfinite(whole).all(-1), np.isfinite(true).all(-1)
+    second = np.linalg.norm(np.diff(whole - true, 2, axis=0), axis=-1)
+    return Figures(
+        mean=1000 * float(np.mean(errors[known])),
+        rest=1000 * float(np.nanmean(evaluation.constant_and_rest[1][columns])),
+        far=float(np.mean(errors[known] > LOST_JOINT)),
+        gaps=float(np.mean(~there[wanted])),
+        jitter=1000 * float(np.nanmean(second)),
+        skating=_skating(whole, list(found.joint_names), truth),
+        joints={n: 1000 * float(np.nanmean(errors[:, k])) for k, n in enumerate(names)},
+    )
+
+
+def _skating(joints: np.ndarray, names: list[str], truth: JointSeries) -> float:
+    """Return the mean travel, mm, of the ankles of `joints` (F, J, 3) over the true stances; NaN if
+    there are none."""
+    travels = []
+    for side in _SIDES:
+        ankle, toe = (
+            truth.joints[:, truth.joint_names.index(f"{side}_{joint}")]
+            for joint in ("ankle", "toe")
+        )
+        speeds = [np.linalg.norm(np.gradient(p, axis=0), axis=1) * truth.fps for p in (ankle, toe)]
+        low = ankle[:, 2] < np.percentile(ankle[:, 2], 10) + _LOW
+        for stance in find_stances((np.max(speeds, axis=0) < _STILL) & low):
+            places = joints[stance, names.index(f"{side}_ankle"), :2]
+            places = places[np.isfinite(places).all(-1)]
+            if len(places) >= _SHORTEST:
+                apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
+                travels.append(1000 * float(apart.max()))
+    return float(np.mean(travels)) if travels else float("nan")

@@ -1,0 +1,225 @@
+"""Runs of the programs, their file, and tables of them."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import asdict, dataclass, field, replace
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from accuracy.runs import Results
+from timings.tables.grid import NONE, Grid
+
+from cl import InputError
+from peers.figures import Figures
+from peers.programs import PROGRAMS
+from psfs.common.files import written_whole
+
+_COLUMNS = ("mean", "rest", "far", "gaps", "jitter", "skating")
+_HEADS = (
+    "mean, mm",
+    "offset-free, mm",
+    "beyond 150 mm",
+    "gaps",
+    "jitter, mm/frame²",
+    "skating, mm",
+)
+_NOTE = (
+    "Means over the sequences, 12 joints (shoulders, elbows, wrists, hips, knees, ankles), the "
+    "same keypoints (MediaPipe Pose). Offset-free: without the offset that a joint keeps in the "
+    "body's own frame. Gaps: joint-frames without a position. Jitter: mean second difference of "
+    "the error. Skating: way of an ankle along the floor in a stance of the truth. Seconds: for "
+    "all frames of a sequence, of the processor; on a GPU by the clock."
+)
+
+
+@dataclass(frozen=True)
+class PeerRun:
+    """One program on one sequence. cpu, clock: seconds; cpu None on a GPU. failed: the error."""
+
+    sequence: str
+    program: str
+    seed: int
+    device: str
+    commit: str
+    figures: Figures | None = None
+    cpu: float | None = None
+    clock: float | None = None
+    failed: str = ""
+
+    def with_figures(self, figures: Figures, cpu: float | None, clock: float) -> PeerRun:
+        return replace(self, figures=figures, cpu=cpu, clock=clock)
+
+    def failed_with(self, reason: str) -> PeerRun:
+        return replace(self, failed=reason)
+
+
+@dataclass
+class PeerResults:
+    """All runs so far, and the file that stores them. versions: of the peers' packages."""
+
+    path: Path
+    runs: list[PeerRun] = field(default_factory=list)
+    versions: dict[str, dict[str, str]] = field(default_factory=dict)
+    made: str = ""
+
+    @classmethod
+    def read(cls, path: Path) -> PeerResults:
+        """Return the results in a file, none if there is no file. Raises InputError for others."""
+        if not path.exists():
+            return cls(path)
+        try:
+            data = json.loads(path.read_text())
+            runs = [_known(row) for row in data["runs"]]
+            return cls(path, runs, data["versions"], data["made"])
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(f"{path}: not the results of compare_peers.py ({error})") from None
+
+    def has(self, sequence: str, program: str, seed: int) -> bool:
+        key = (sequence, program, seed)
+        return any((run.sequence, run.program, run.seed) == key for run in self.runs)
+
+    def add(self, run: PeerRun) -> None:
+        """Add a run and write the file."""
+        self.runs.append(run)
+        self.made = date.today().isoformat()
+        data = {
+            "made": self.made,
+            "versions": self.versions,
+            "runs": [asdict(run) for run in self.runs],
+        }
+        with written_whole(self.path) as temporary:
+            temporary.write_text(json.dumps(_plain(data), indent=1, allow_nan=False) + "\n")
+
+    def of(self, program: str) -> list[PeerRun]:
+        return [run for run in self.runs if run.program == program]
+
+
+#: Our programs by the observations of a suite's runs.
+_OURS = {"voxels": "ours: voxels", "keypoints": "ours: keypoints", "both": "ours: both"}
+
+
+def add_suite_runs(results: PeerResults, path: Path) -> None:
+    """Add our runs with an automatic start from the results of `accuracy.py --suite --by`, on the
+    sequences that the peers were run on. Raises InputError."""
+    suite = Results.read(path)
+    known = {run.sequence for run in results.runs}
+    for run in suite.runs:
+        setting = run.setting
+        program = _OURS.get(setting.observations)
+        if setting.preset or setting.start != "found" or setting.sequence not in known:
+            continue
+        if program is None or results.has(setting.sequence, program, run.seed):
+            continue
+        nothing = dict.fromkeys(("gaps", "jitter", "skating"), np.nan)
+        figures = Figures(
+            mean=run.limbs, rest=run.limbs_rest, far=run.limbs_far, joints={}, **nothing
+        )
+        where = (suite.conditions["device"], suite.conditions["commit"])
+        ours = PeerRun(setting.sequence, program, run.seed, *where)
+        results.add(ours.with_figures(figures, None, run.seconds))
+
+
+def _known(row: dict[str, Any]) -> PeerRun:
+    figures = row["figures"]
+    if figures is not None:
+        known = {name: np.nan if value is None else value for name, value in figures.items()}
+        figures = Figures(**known)
+    return PeerRun(**{**row, "figures": figures})
+
+
+def _plain(value: Any) -> Any:
+    """Replace NaN by None."""
+    if isinstance(value, dict):
+        return {name: _plain(of) for name, of in value.items()}
+    if isinstance(value, list):
+        return [_plain(of) for of in value]
+    return None if isinstance(value, float) and np.isnan(value) else value
+
+
+def summary_table(results: PeerResults) -> Grid:
+    """Return a row per program: means over the sequences of the seeds' means."""
+    rows = []
+    for program in PROGRAMS:
+        runs = results.of(program)
+        done = [run for run in runs if run.figures is not None]
+        if not done:
+            continue
+        per_sequence = [
+            {name: float(np.mean([getattr(r.figures, name) for r in of])) for name in _COLUMNS}
+            for of in _by_sequence(done).values()
+        ]
+        means = {name: float(np.mean([row[name] for row in per_sequence])) for name in _COLUMNS}
+        seconds = [run.clock if run.cpu is None else run.cpu for run in done]
+        where = sorted({run.device for run in done})
+        rows.append([
+            program, str(len(per_sequence)), _shown(means["mean"], ".1f"),
+            _shown(means["rest"], ".1f"), _shown(100 * means["far"], ".1f", " %"),
+            _shown(100 * means["gaps"], ".1f", " %"), _shown(means["jitter"], ".2f"),
+            _shown(means["skating"], ".0f"),
+            f"{np.mean(seconds):.1f}, {'; '.join(where)}", str(len(runs) - len(done)),
+        ])  # fmt: skip
+    heads = ["program", "sequences", *_HEADS, "seconds", "failed"]
+    return Grid("Other programs beside ours, the same keypoints", heads, rows, _about(results))
+
+
+def _shown(value: float, form: str, unit: str = "") -> str:
+    return NONE if np.isnan(value) else f"{value:{form}}{unit}"
+
+
+def _about(results: PeerResults) -> str:
+    versions = "; ".join(
+        ", ".join(f"{name} {version}" for name, version in of.items())
+        for of in results.versions.values()
+    )
+    commits = ", ".join(sorted({run.commit for run in results.runs}))
+    seeds = max((run.seed for run in results.runs), default=0) + 1
+    return f"{_NOTE} {versions}. {results.made}, commit {commits}, {seeds} seeds of ours."
+
+
+def sequence_table(results: PeerResults) -> Grid:
+    """Return the mean error of each program on each sequence."""
+    names = sorted({run.sequence for run in results.runs})
+    rows = []
+    for program in PROGRAMS:
+        by = _by_sequence([run for run in results.of(program) if run.figures is not None])
+        if by:
+            means = {name: np.mean([r.figures.mean for r in of]) for name, of in by.items()}  # type: ignore[union-attr]
+            rest = {name: np.mean([r.figures.rest for r in of]) for name, of in by.items()}  # type: ignore[union-attr]
+            shown = [f"{means[n]:.1f} / {rest[n]:.1f}" if n in means else NONE for n in names]
+            rows.append([program, *shown])
+    return Grid("Mean / offset-free error, mm", ["program", *names], rows)
+
+
+def _by_sequence(runs: list[PeerRun]) -> dict[str, list[PeerRun]]:
+    found: dict[str, list[PeerRun]] = {}
+    for run in runs:
+        found.setdefault(run.sequence, []).append(run)
+    return found
+
+
+def print_tables(results: PeerResults) -> None:
+    summary_table(results).show()
+    sequence_table(results).show()
+
+
+def write_tables(out: Path, results: PeerResults) -> None:
+    """Write peers.md and peers.csv, a row per run."""
+    failed = [f"- {r.sequence}, {r.program}: {r.failed}" for r in results.runs if r.failed]
+    texts = ["# Other programs beside ours", summary_table(results).markdown()]
+    texts += [sequence_table(results).markdown(), *(["Failed:", *failed] if failed else [])]
+    with written_whole(out / "peers.md") as temporary:
+        temporary.write_text("\n\n".join(texts) + "\n")
+    with written_whole(out / "peers.csv") as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["sequence", "program", "seed", "device", "commit", *_COLUMNS, "cpu_s",
+                         "clock_s", "failed"])  # fmt: skip
+        for run in results.runs:
+            figures = [getattr(run.figures, name, None) for name in _COLUMNS]
+            shown = [f"{v:.5g}" if isinstance(v, float) else v for v in
+                     (*figures, run.cpu, run.clock)]  # fmt: skip
+            writer.writerow([run.sequence, run.program, run.seed, run.device, run.commit, *shown,
+                             run.failed])  # fmt: skip

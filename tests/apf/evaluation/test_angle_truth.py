@@ -1,0 +1,108 @@
+"""Joint angles against the rotations of a rig with another rest pose, which turns with the body."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import bodies
+
+from apf.body import load_body
+from apf.body.anatomy import anatomical_frames
+from apf.body.kinematics import posed_joints
+from apf.cli.evaluate import print_angles
+from apf.evaluation.angle_truth import (
+    evaluate_angles,
+    load_true_angles,
+    mean_error,
+    summarise_angles,
+)
+from apf.tracking.track import Track
+from cl import InputError
+
+SONG = load_body("song31")
+#: A rig's names of the segments' bones.
+BONES = {"pelvis": "Hips", "thorax": "Spine1", "head": "Head"} | {
+    f"{side}_{segment}": f"{word}{bone}"
+    for side, word in (("l", "Left"), ("r", "Right"))
+    for segment, bone in (
+        ("thigh", "UpLeg"), ("shank", "Leg"), ("upper_arm", "Arm"), ("forearm", "ForeArm")
+    )
+}  # fmt: skip
+
+
+def rig_rest() -> np.ndarray:
+    """The rig's rest pose: upright, facing -y, elbows bent and arms held out."""
+    pose = np.zeros((1, SONG.n_dof))
+    pose[0, SONG.dof_names.index("pelvis.rz")] = -np.pi / 2
+    for k, name in enumerate(SONG.dof_names):
+        if "forearm" in name:
+            pose[0, k] = 0.7 * np.sign(SONG.lower[k] + SONG.upper[k])
+    return pose
+
+
+def a_track(poses: np.ndarray) -> Track:
+    n = len(poses)
+    return Track(
+        body_name=SONG.name, dof_names=SONG.dof_names, joint_names=tuple(SONG.joint_names),
+        fps=30.0, frames=np.arange(n), poses=poses, joints=posed_joints(SONG, poses),
+        edges=np.array(SONG.edges), diagnostics={"lost": np.zeros(n, bool)}, provenance="{}",
+        body=SONG,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def truth(tmp_path: Path) -> tuple[Path, np.ndarray]:
+    """A file of the rotations of a moving body, and its poses."""
+    poses = 0.3 * bodies.random_poses(SONG, 12)
+    rest = anatomical_frames(SONG, rig_rest())
+    frames = anatomical_frames(SONG, poses)
+    rotations = np.stack([frames[name] @ rest[name][0].T for name in BONES], 1)
+    np.savez(
+        tmp_path / "truth.npz", fps=30.0, joints=posed_joints(SONG, poses),
+        joint_names=np.array(SONG.joint_names), bone_names=np.array(list(BONES.values())),
+        bone_rotations=rotations,
+    )  # fmt: skip
+    return tmp_path / "truth.npz", poses
+
+
+def test_the_same_motion_has_the_same_angles(truth: tuple[Path, np.ndarray]) -> None:
+    path, poses = truth
+    true_angles = load_true_angles(path)
+    assert true_angles is not None
+    errors = {error.name: error for error in evaluate_angles(a_track(poses), true_angles)}
+    assert {"l_knee_flexion", "r_hip_flexion", "trunk_flexion", "l_elbow_flexion"} <= set(errors)
+    legs = [e for n, e in errors.items() if "knee" in n or "hip" in n or "pelvis" in n]
+    assert max(error.rms for error in legs) < 0.1
+    assert max(error.free for error in errors.values() if error.defined) < 0.5
+
+
+def test_a_bent_knee_shows_in_degrees(
+    truth: tuple[Path, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, poses = truth
+    true_angles = load_true_angles(path)
+    assert true_angles is not None
+    knee = next(k for k, n in enumerate(SONG.dof_names) if n.startswith("l_calf"))
+    bent = poses.copy()
+    bent[::2, knee] += np.radians(10.0)
+    errors = {error.name: error for error in evaluate_angles(a_track(bent), true_angles)}
+    assert errors["l_knee_flexion"].rms == pytest.approx(10 / np.sqrt(2), abs=0.1)
+    assert errors["l_knee_flexion"].free == pytest.approx(5.0, abs=0.1)
+    found = list(errors.values())
+    assert summarise_angles(found)["angle_rms_deg"] == pytest.approx(mean_error(found)[0], abs=1e-3)
+    print_angles(found)
+    assert "l_knee_flexion" in capsys.readouterr().out
+
+
+def test_a_truth_without_rotations_or_with_broken_ones(tmp_path: Path) -> None:
+    given = {"joint_names": np.array(["l_hip"]), "joints": np.zeros((2, 1, 3)), "fps": 30.0}
+    np.savez(tmp_path / "plain.npz", **given)
+    assert load_true_angles(tmp_path / "plain.npz") is None
+    assert load_true_angles(tmp_path / "truth.trc") is None
+    wide = {"bone_names": np.array(["Hips"]), "bone_rotations": np.full((2, 1, 3, 3), 7.0)}
+    np.savez(tmp_path / "wide.npz", **given, **wide)
+    with pytest.raises(InputError, match="bone_rotations"):
+        load_true_angles(tmp_path / "wide.npz")
+    assert summarise_angles([]) == {}

@@ -1,0 +1,45 @@
+"""The page of a live run shows the newest pose, and ends the run."""
+
+from __future__ import annotations
+
+import time
+from contextlib import closing
+
+import numpy as np
+import pytest
+from helpers import tracks
+from helpers.scenes import ring
+
+pytest.importorskip("viser", reason="viser is not installed")
+
+from apf.filters.base import Estimate
+from apf.live.session import STAGES, LiveResult
+from apf.live.timeline import Timeline
+from apf.studio.live import LivePage
+
+
+def test_newest_pose_is_shown() -> None:
+    track, stopped = tracks.walker(5), []
+    layers = np.zeros(4)
+    result, timeline = LiveResult(sizes=[(0, 60, 4)]), Timeline(STAGES)
+    with closing(
+        LivePage(track.its_body, track.poses[0], ring(), None, lambda: stopped.append(1))
+    ) as page:
+        assert np.allclose(page.nodes.joints.points, track.joints[0], atol=1e-5)
+        page(result, timeline)
+        for row in (1, 3):
+            result.frames.append(row)
+            timeline.add_result(row, 0.0, 0.02 + row / 30)
+            result.estimates.append(
+                Estimate(
+                    track.its_body, track.poses[row], layers, layers, layers, layers,
+                    confidence=0.25, lost=row == 3,
+                )
+            )  # fmt: skip
+        until = time.monotonic() + 20
+        while "lost" not in page.status and time.monotonic() < until:
+            time.sleep(0.02)
+        assert np.allclose(page.nodes.joints.points, track.joints[3], atol=1e-5)
+        assert "the person is lost" in page.status and "2 poses" in page.status
+        page.press_end()
+        assert stopped == [1]

@@ -1,0 +1,166 @@
+"""Starting a run from the page: its settings, its flags, its process and its results."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser", reason="viser is not installed")
+
+from apf.cli import main
+from apf.studio.folders import Roots
+from apf.studio.page import Page
+from apf.studio.settings_panel import ChosenSettings
+from apf.studio.work import Work, free_folder
+from apf.tracking.correction import list_corrections
+from apf.tracking.track import Track
+from cl import InputError, select_device
+from psfs.common.toml import read_toml
+
+
+def test_settings_are_those_of_the_tree() -> None:
+    chosen = ChosenSettings()
+    particles = ("method", "filter", "search", "n_particles")
+    assert chosen.default(particles) == 200
+    chosen.set(particles, "120")
+    chosen.set(("method", "recover"), False)
+    assert chosen.tables == {
+        "method": {"filter": {"search": {"n_particles": 120}}, "recover": False}
+    }
+    for path, value in ((particles, "-3"), (particles, "many"), (particles, "1.5")):
+        with pytest.raises(InputError, match="expected"):
+            chosen.set(path, value)
+    chosen.set(("method", "recover"), True)
+    chosen.set(particles, "200")
+    assert chosen.tables == {}
+
+
+def test_every_setting_can_be_shown_and_set_to_its_default() -> None:
+    chosen = ChosenSettings()
+    assert len(chosen.fields) > 100
+    for path in chosen.fields:
+        chosen.set(path, chosen.default(path))
+    assert chosen.values == {}
+
+
+def test_folders_of_runs_are_new(tmp_path: Path) -> None:
+    assert free_folder(tmp_path, "../a <b>") == tmp_path / "a_b"
+    (tmp_path / "walk").mkdir()
+    assert free_folder(tmp_path, "walk") == tmp_path / "walk-2"
+    assert free_folder(tmp_path, "..") == tmp_path / "run"
+
+
+def wait_for(done: Any, seconds: float = 120) -> None:
+    until = time.monotonic() + seconds
+    while not done():
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
+def test_error_of_a_run_is_shown(tmp_path: Path) -> None:
+    work = Work([str(tmp_path / "gone")], tmp_path / "out", 1, {"method": {"recover": False}})
+    settings = Path(work.command[-1])
+    assert read_toml(settings) == {"method": {"recover": False}}
+    wait_for(lambda: work.ended)
+    work.close()
+    assert not work.succeeded and work.describe() == "ended early"
+    assert any("no such folder" in line for line in work.words), work.words
+    assert not settings.exists()
+
+
+@pytest.fixture(scope="module")
+def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("takes") / "walk <i>"
+
+    flags = ["--cameras", "4", "--frames", "6", "--size", "160x120"]
+    assert main(["synth", "-o", str(folder), *flags]) == 0
+    return folder
+
+
+@pytest.fixture
+def page(take: Path, tmp_path: Path) -> Iterator[Page]:
+    made = Page(Roots(take), lambda: select_device("auto"), results=tmp_path / "results")
+    yield made
+    made.stop()
+
+
+def test_footage_is_examined_and_its_silhouettes_are_drawn(page: Page, take: Path) -> None:
+    page.open(take)
+    footage = page.footage
+    assert footage is not None
+    assert "walk &lt;i&gt;" in footage.remarks and "cam01" in footage.remarks
+    wait_for(lambda: "examining" not in footage.remarks)
+    assert footage.volume is None
+    wait_for(lambda: footage.picture.shape[1] > 160)
+    plain = footage.picture
+    footage.show_silhouettes(1.0)
+    wait_for(lambda: not np.array_equal(plain, footage.picture))
+    changed = np.any(footage.picture != plain, axis=-1).mean()
+    assert 0.005 < changed < 0.5  # the person, not the room
+
+
+def test_page_tracks_corrects_and_takes_home(page: Page, take: Path) -> None:
+    page.open(take)
+    run = page.run
+    for name, value in (("n_particles", 60), ("n_layers", 3)):
+        run.settings.chosen.set(("method", "filter", "search", name), value)
+    run.frames.value, run.fast.value = "0:3", True
+    flags = [*run.flags(), "--no-report", "--no-overlay", "--voxel-size", "0.05", "--all-cameras"]
+    work = run.start([*flags, "--init", str(take / "truth.npz")], 3, run.settings.chosen.tables)
+    with pytest.raises(InputError, match="one at a time"):
+        run.start(flags, 3)
+    wait_for(lambda: work.ended)
+    assert work.succeeded, work.words
+    wait_for(lambda: page.watch is not None and not run.cancel_button.visible)
+    watch = page.watch
+    assert watch is not None and watch.opened.frames.tolist() == [0, 1, 2]
+    settings = read_toml(work.output / "settings.toml")
+    assert settings["method"]["filter"]["search"]["n_particles"] == 60
+
+    page.export.ending.value = ".bvh"
+    name, content = page.export.make_file()
+    assert name == "walk_i.bvh" and content.startswith(b"HIERARCHY")
+
+    watch.time_line.seek(1)
+    track = watch.opened.track
+    assert track is not None
+    wrist = track.joint_names.index("l_wrist")
+    page.correct.joint.value = "l_wrist"
+    page.correct.toggle_handle()
+    goal = track.joints[1, wrist] + (0.06, 0.0, 0.06)
+    page.correct.move_handle(goal)
+    shown = np.asarray(watch.bodies[track_name(page)].joints.points)[wrist]
+    assert np.linalg.norm(shown - goal) < 0.02  # the limb follows the handle
+    page.correct.toggle_handle()
+    watch.time_line.seek(2)
+    page.correct.mark_bad()
+    assert "left wrist" in page.correct.list and "frames 2" in page.correct.list
+    page.correct.track_again()
+    again = run.work
+    assert again is not None and again is not work
+    wait_for(lambda: again.ended)
+    assert again.succeeded, again.words
+    better = Track.open(again.output)
+    off = np.linalg.norm(np.stack([t.joints[1, wrist] for t in (track, better)]) - goal, axis=1)
+    assert off[1] < 0.6 * off[0]
+    assert better.lost.tolist() == [False, False, True]
+    assert any("left wrist" in line for line in list_corrections(better))
+    summary = json.loads((again.output / "summary.json").read_text())
+    assert any("corrected by hand in frame 1" in line for line in summary["says"])
+
+
+def track_name(page: Page) -> str:
+    assert page.watch is not None
+    return next(iter(page.watch.opened.tracks))
+
+
+def test_several_clicks_start_nothing_without_footage(page: Page) -> None:
+    page.run.offer(None)
+    page.run.press_track()
+    assert page.run.work is None

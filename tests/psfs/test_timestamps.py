@@ -1,0 +1,63 @@
+"""Frames are paired by the times in timestamps.csv."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from cl import InputError
+from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
+from psfs.footage.settings import Settings
+from psfs.footage.timestamps import pick_frames
+from psfs.sequence import Sequence
+
+TIMES = {0: [1.0, 1.1, 1.2, 1.3, 1.4, 1.5], 1: [1.09, 1.21, 1.41, 1.5]}  # 1.3 was dropped
+
+
+def film(folder: Path) -> Path:
+    rows = ["sync_index,cam_id,frame_index,frame_time"]
+    for camera, times in TIMES.items():
+        kind = cv2.VideoWriter.fourcc(*"MJPG")
+        video = cv2.VideoWriter(str(folder / f"cam_{camera}.avi"), kind, 10, (64, 48))
+        for number, time in enumerate(times):
+            video.write(np.full((48, 64, 3), round(100 * (time - 0.9)), np.uint8))
+            rows.insert(1, f"{number},{camera},{number + 7},{time}")
+        video.release()
+    (folder / "timestamps.csv").write_text("\n".join(rows))
+    return folder
+
+
+def opened(folder: Path) -> Sequence:
+    return Sequence(folder, LAYOUT, read_uncalibrated(folder, Settings()), Settings())
+
+
+def test_frames_of_the_same_time_go_together(tmp_path: Path) -> None:
+    views = opened(film(tmp_path))
+    assert len(views) == 4
+    shown = [[float(image.mean()) for image in frame.images] for frame in views]  # type: ignore[union-attr]
+    expected = [[20, 19], [30, 31], [50, 51], [60, 60]]
+    np.testing.assert_allclose(shown, expected, atol=2)
+    assert any("timestamps.csv: 4 of up to 6, at most 10 ms apart" in note for note in views.notes)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: text.replace("frame_time", "when"), "expected cam_id"),
+        (lambda text: text.replace("1.21", "soon"), "line 4; expected"),
+        (lambda text: text.rsplit("\n", 1)[0], "5 times of cam_0, whose video has 6"),
+        (lambda text: text.replace(",1,", ",5,"), "0 cameras match cam_1; found 5, 0"),
+    ],
+)
+def test_files_that_do_not_fit(tmp_path: Path, change, message: str) -> None:
+    path = film(tmp_path) / "timestamps.csv"
+    path.write_text(change(path.read_text()))
+    with pytest.raises(InputError, match=message):
+        opened(tmp_path)
+
+
+def test_times_that_no_camera_shares() -> None:
+    assert pick_frames([np.arange(3.0), 100 + np.arange(3.0)]) == ([], 0.0)

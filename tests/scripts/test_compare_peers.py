@@ -1,0 +1,101 @@
+"""compare_peers.py: figures, files, tables; the peers themselves are not installed."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.shared import ROOT
+
+from apf.formats.trc import JointSeries, read_trc
+from cl import InputError
+
+sys.path.insert(0, str(ROOT / "scripts"))
+from peers.figures import measure
+from peers.programs import JOINTS, _with_true_count
+from peers.results import PeerResults, PeerRun, sequence_table, summary_table, write_tables
+
+FRAMES = 60
+NAMES = (*JOINTS, "neck", "l_toe", "r_toe")
+
+
+def the_truth() -> JointSeries:
+    """A person who turns the arms; both feet stand."""
+    random = np.random.default_rng(3)
+    joints = np.repeat(random.normal(size=(1, len(NAMES), 3)), FRAMES, axis=0)
+    for side, y in (("l", 0.1), ("r", -0.1)):
+        joints[:, NAMES.index(f"{side}_hip")] = (0, y, 0.9)
+        joints[:, NAMES.index(f"{side}_ankle")] = (0, y, 0.08)
+        joints[:, NAMES.index(f"{side}_wrist"), 2] = np.linspace(0, 1, FRAMES) ** 2
+    joints[:, NAMES.index("neck")] = (0, 0, 1.5)
+    return JointSeries(NAMES, joints, 30.0, np.arange(FRAMES))
+
+
+def shown(joints: np.ndarray) -> JointSeries:
+    return JointSeries(tuple(JOINTS), joints[:, : len(JOINTS)], 30.0, np.arange(FRAMES))
+
+
+def test_figures_of_known_errors() -> None:
+    truth = the_truth()
+    moved = truth.joints + np.array([0.010, 0, 0])
+    ankle, wrist = NAMES.index("l_ankle"), NAMES.index("r_wrist")
+    moved[:, ankle, 1] += np.linspace(0, 0.024, FRAMES)  # it slides
+    moved[10:25, wrist] = np.nan
+    found = measure(shown(moved), truth)
+    assert found.joints["l_knee"] == pytest.approx(10) and found.joints["l_ankle"] > 10
+    assert found.gaps == pytest.approx(15 / (12 * FRAMES))
+    assert found.skating == pytest.approx(12, abs=0.5)  # 24 mm of one foot, 0 of the other
+    assert found.rest < 1 and found.far == 0 and found.jitter < 0.01
+    late = JointSeries(tuple(JOINTS), truth.joints[:-6, :12], 30.0, np.arange(FRAMES - 6))
+    assert measure(late, truth).gaps == pytest.approx(0.1)  # frames without any position
+
+
+def test_jitter_is_that_of_the_error_and_not_of_the_motion() -> None:
+    truth = the_truth()
+    noisy = truth.joints.copy()
+    noisy[::2] += np.array([0.001, 0, 0])
+    assert measure(shown(truth.joints), truth).jitter == pytest.approx(0, abs=1e-9)
+    assert measure(shown(noisy), truth).jitter == pytest.approx(2)
+
+
+def test_a_trc_that_lacks_its_last_row_is_read(tmp_path: Path) -> None:
+    rows = [[f"{k}", f"{k / 30}", "1.0", "2.0", "3.0"] for k in range(4)]
+    names = "DataRate CameraRate NumFrames NumMarkers Units OrigDataRate OrigDataStartFrame"
+    lines = [
+        "PathFileType\t4\t(X/Y/Z)\ta.trc",
+        "\t".join([*names.split(), "OrigNumFrames"]),
+        "30\t30\t5\t1\tm\t30\t0\t5",
+        "Frame#\tTime\tRHip\t\t",
+        "\t\tX1\tY1\tZ1",
+        *("\t".join(row) for row in rows),
+    ]
+    file = tmp_path / "a.trc"
+    file.write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError, match="promises 5"):
+        read_trc(file, "pose2sim")
+    series = read_trc(_with_true_count(file), "pose2sim")
+    assert len(series.frames) == 4 and series.joints[0, 0].tolist() == [3.0, 1.0, 2.0]
+
+
+def test_runs_are_kept_and_shown(tmp_path: Path) -> None:
+    results = PeerResults.read(tmp_path / "peers.json")
+    truth = the_truth()
+    run = PeerRun("walk", "ours: both", 0, "abacus", "c0ffee")
+    figures = measure(shown(truth.joints + np.array([0.004, 0, 0])), truth)
+    results.versions["pose2sim"] = {"pose2sim": "0.10.49"}
+    results.add(run.with_figures(figures, None, 2.5))
+    results.add(PeerRun("walk", "aniposelib, optimised", 0, "one core", "c0ffee").failed_with("no"))
+    again = PeerResults.read(tmp_path / "peers.json")
+    assert again.has("walk", "ours: both", 0) and not again.has("walk", "ours: both", 1)
+    assert "| ours: both | 1 | 4.0 | 0.0 |" in summary_table(again).markdown()
+    assert "pose2sim 0.10.49" in summary_table(again).markdown()
+    assert "| ours: both | 4.0 / 0.0 |" in sequence_table(again).markdown()
+    write_tables(tmp_path, again)
+    assert "- walk, aniposelib, optimised: no" in (tmp_path / "peers.md").read_text()
+    assert len((tmp_path / "peers.csv").read_text().splitlines()) == 3
+    (tmp_path / "peers.json").write_text(json.dumps({"runs": 3}))
+    with pytest.raises(InputError, match="not the results"):
+        PeerResults.read(tmp_path / "peers.json")
