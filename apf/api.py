@@ -188,7 +188,7 @@ def _opened(keypoints: Keypoints | str | Path | None, sequence: Sequence) -> Key
     if keypoints is None or isinstance(keypoints, Keypoints):
         return keypoints
     found = Keypoints.open(keypoints, sequence)
-    for text in find_disagreements(found, sequence.rig):
+    for text in find_disagreements(found, sequence.rig, sequence.fps):
         log.warning("%s: %s", keypoints, text)
     return found
 

@@ -15,8 +15,8 @@ from psfs.diagnostics.config import (
     ConsistencyConfig,
     FaultConfig,
     OccluderConfig,
-    PictureConfig,
 )
+from psfs.diagnostics.picture_config import PictureConfig
 from psfs.footage import settings as footage
 from psfs.people.config import PeopleConfig
 from psfs.voxels.config import EdgeConfig, ReconstructionConfig

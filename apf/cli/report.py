@@ -63,7 +63,8 @@ def run(args: argparse.Namespace) -> None:
                 stack.enter_context(bar)
             bar.advance(task)
 
-        quality = judge_track(session, track, advance)
+        doubts = summary.get("quality", {}).get("doubts", [])
+        quality = judge_track(session, track, advance, doubts=doubts)
         if draw:
             write_overlay(folder / OVERLAY, sequence, track, track.its_body, advance)
         stack.close()

@@ -26,7 +26,14 @@ from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport, was
 from apf.evaluation.evaluate import evaluate, load_truth
 from apf.filters.method import Method
 from apf.formats.pose import write_pose
-from apf.report.judged import FILES, judge_track, keep_judged_frames, run_facts, write_report
+from apf.report.judged import (
+    FILES,
+    compare_with_keypoints,
+    judge_track,
+    keep_judged_frames,
+    run_facts,
+    write_report,
+)
 from apf.report.names import PAGE
 from apf.report.overlay import write_overlay
 from apf.report.quality import Quality
@@ -221,7 +228,7 @@ def _one_tracked(
     if corrected is not None:
         take = track_corrected(job, session, corrected, line)
     else:
-        take = _tracked(job, session, given, line)
+        take = _tracked(job, examination, given, line)
     _write_tracks(job, take)
     judgements = finish_take(job, examination, take, line)
     return FinishedTake(take, judgements, line.n_frames, job.args.output)
@@ -248,10 +255,11 @@ def _examine(job: TrackJob, opened: Sequence) -> Examination:
 
 
 def _tracked(
-    job: TrackJob, session: Session, given: tuple[BodyModel, np.ndarray] | None, line: Line
+    job: TrackJob, examination: Examination, given: tuple[BodyModel, np.ndarray] | None, line: Line
 ) -> Take:
     """Track a take."""
-    args, sequence = job.args, session.sequence
+    args, session = job.args, examination.session
+    sequence = session.sequence
     template, keep_shape = load_template(args.body)
     settings = TakeSettings(
         method=job.method,
@@ -260,7 +268,7 @@ def _tracked(
         keep_shape=keep_shape,
         height=args.height,
         given=given,
-        keypoints=read_keypoints(args, sequence),
+        keypoints=read_keypoints(args, sequence, examination.diagnosis),
     )
     with naming_init(sequence):
         take = track_take(session, settings, line, Keeper(job.folders))
@@ -294,19 +302,25 @@ def finish_take(job: TrackJob, examination: Examination, take: Take, line: Line)
     if whole:
         _draw_overlays(job, take, line)
     reasons = {camera.camera: str(camera) for camera in examination.left_out}
-    doubts = take.start.doubts if take.start is not None else []
-    warnings = [*getattr(args, "remarks", ()), *doubts]  # keypoints alone are not examined
+    of_start = take.start.doubts if take.start is not None else []
+    of_keypoints = getattr(args, "keypoint_doubts", ())
+    warnings = [*getattr(args, "remarks", ()), *of_start]  # keypoints alone are not examined
+    doubts = (*examination.remaining, *of_keypoints, *of_start)
+    keypoints = getattr(args, "opened_keypoints", None)
     sequence = sequence_facts(take.sequence, job.folders[0], stated(args), reasons)
     facts = run_facts(
         job.device, sequence, _config(args), (n_done, line.n_frames), warnings, take.seconds
     ) | dict(job.of_people)
     found = []
     for track, folder in zip(take.tracks, job.folders, strict=True):
-        quality = Quality(track, None)
-        compared = whole and not args.no_report
+        session, compared = examination.session, whole and not args.no_report
         if compared:
             line.begin("judging")
-            quality = judge_track(examination.session, track, partial(line, "judging"))
+            report = partial(line, "judging")
+            quality = judge_track(session, track, report, keypoints=keypoints, doubts=doubts)
+        else:
+            near = compare_with_keypoints(session, track, keypoints)
+            quality = Quality(track, None, near, doubts)
         quality = replace(quality, seen=job.seen)
         files = write_report(folder, take.sequence.name, quality, facts, page=compared)
         found.append(Judgement(folder, quality, files))

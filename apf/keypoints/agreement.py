@@ -13,18 +13,31 @@ import numpy as np
 from apf.keypoints.config import AgreementConfig, TriangulationConfig
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import find_landmarks
+from apf.keypoints.sides import faces_backward
+from apf.keypoints.timing import describe_lags, find_late_cameras, shift_cameras
 from apf.keypoints.triangulation import reprojection_errors, triangulate
 from psfs.cameras.camera import CameraRig
 
 
 def find_disagreements(
-    keypoints: Keypoints, rig: CameraRig, config: AgreementConfig | None = None
+    keypoints: Keypoints, rig: CameraRig, rate: float, config: AgreementConfig | None = None
 ) -> list[str]:
-    """List what is wrong between the cameras' keypoints (px of the original pictures), a line each.
+    """List what is wrong with the cameras' keypoints (px of the original pictures), a line each.
 
-    Empty if they are consistent, or too few for a comparison.
+    rate: frames per second. Empty if they are consistent, or too few for a comparison.
     """
-    return _Agreement(keypoints, rig, config or AgreementConfig()).report()
+    late = find_late_cameras(keypoints, rig)
+    if late:
+        shifted = shift_cameras(keypoints, late)
+        if not _Agreement(shifted, rig, config or AgreementConfig()).report():
+            return describe_lags(late, rate)
+    found = _Agreement(keypoints, rig, config or AgreementConfig()).report()
+    if not found and faces_backward(keypoints, rig):
+        return [
+            "left and right look exchanged in the keypoints of all cameras: nose and toes point "
+            "backward; expected the person's own left and right"
+        ]
+    return found
 
 
 class _Agreement:

@@ -135,6 +135,62 @@ class AgreementConfig(Config):
     )
 
 
+class LagConfig(Config):
+    """Limits beyond which keypoints count as late, see `apf.keypoints.timing`."""
+
+    SOURCE: ClassVar = (
+        "set between what nine sequences show untouched and with one camera, or all, 5 frames late"
+    )
+
+    most: int = setting(15, "Greatest lag that is tried, late or early.", unit="frames", least=0)
+    least: int = setting(2, "Least lag that is reported.", unit="frames", least=1)
+    confidence: float = setting(0.3, "Least confidence of keypoints that count.", least=0, most=1)
+    n_frames: int = setting(40, "Number of examined frames.", unit="frames", least=1)
+    error: float = setting(
+        0.02, "Reprojection error of a point, as a share of the picture's height.", above=0
+    )
+    camera_gain: float = setting(
+        1.3,
+        "Least factor between the distances of a camera's keypoints from where the others see "
+        "them, without and with the lag.",
+        "untouched sequences: up to 1.08; late ones: 1.5 and more",
+        least=1,
+    )
+    camera_noise: float = setting(
+        0.001, "Distance, as a share of the picture's height, that is noise.", above=0
+    )
+    footage_gain: float = setting(
+        1.07,
+        "Least factor between the distances of the keypoints' and the silhouettes' ends, without "
+        "and with the lag.",
+        "untouched sequences: up to 1.01; late ones: 1.10 and more",
+        least=1,
+    )
+    footage_noise: float = setting(
+        0.0005, "Distance, as a share of the picture's height, that is noise.", above=0
+    )
+    footage_cap: float = setting(
+        0.05, "Greatest distance, as a share of the picture's height; more is no worse.", above=0
+    )
+
+
+class SideConfig(Config):
+    """Limits beyond which left and right count as exchanged, see `apf.keypoints.sides`."""
+
+    SOURCE: ClassVar = "nine sequences: nose and toes lie in front in 95 to 100 % of the frames"
+
+    n_frames: int = setting(60, "Number of examined frames.", unit="frames", least=1)
+    least_frames: int = setting(
+        5, "Least number of frames in which nose or toes are known.", unit="frames", least=1
+    )
+    error: float = setting(
+        0.02, "Reprojection error of a point, as a share of the picture's height.", above=0
+    )
+    backward: float = setting(
+        0.8, "Share of the frames in which nose and toes must lie behind.", least=0.5, most=1
+    )
+
+
 class TriangulationConfig(Config):
     """Limits by which cameras are left out of a point, and points are left out."""
 

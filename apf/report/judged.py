@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from collections.abc import Sequence as Items
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from apf.keypoints.keypoints import Keypoints
 from apf.report.agreement import Agreement, choose_rows, compare_with_silhouettes
+from apf.report.keypoint_agreement import measure_keypoint_agreement
 from apf.report.names import PAGE
 from apf.report.page import write_page
 from apf.report.quality import Quality
@@ -27,15 +32,30 @@ FILES = (
 
 
 def judge_track(
-    session: Session, track: Track, progress: Callable[[], object] | None = None
+    session: Session,
+    track: Track,
+    progress: Callable[[], object] | None = None,
+    *,
+    keypoints: Keypoints | None = None,
+    doubts: Items[str] = (),
 ) -> Quality:
     """Return the quality of a track; measured against the silhouettes, unless it is of no frame or
-    of no voxels. progress: called after each frame that is compared."""
+    of no voxels, and against keypoints. progress: called after each frame that is compared with
+    silhouettes. doubts: see `Quality`."""
     grid = read_tracked_grid(track)
     found: Agreement | None = None
     if grid is not None and len(track):
         found = compare_with_silhouettes(session, grid, track, progress)
-    return Quality(track, found)
+    return Quality(track, found, compare_with_keypoints(session, track, keypoints), tuple(doubts))
+
+
+def compare_with_keypoints(
+    session: Session, track: Track, keypoints: Keypoints | None
+) -> np.ndarray | None:
+    """Return the share (F,) of the keypoints near the body; None without any."""
+    if keypoints is None or not len(track):
+        return None
+    return measure_keypoint_agreement(track, keypoints, session.rig)
 
 
 def keep_judged_frames(session: Session) -> None:

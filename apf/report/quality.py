@@ -35,8 +35,16 @@ DOUBTFUL = LOST
 #: large as an arm is unexplained. Hulls of few cameras leave up to 0.06 unexplained without a
 #: fault.
 _EXPLAINED = 0.9
-#: A track is good up to the first share of doubtful frames, bad from the second on.
+#: A frame with a smaller share of keypoints near their points on the body should be checked. Sound
+#: keypoints: 0.92 and more; those with left and right exchanged in one camera of five: 0.86.
+_NEAR = 0.88
+#: A track is good up to the first share of doubtful frames, and can be bad from the second on.
 _GOOD, _BAD = 0.02, 0.25
+#: It is bad only if the doubts are confirmed by other evidence, for a limb may be right though runs
+#: disagree on it: this share of the parts is doubtful and the body overlaps with the silhouettes by
+#: less than this share of what the voxels do (right tracks: 0.80 and more, and in a skirt 0.75);
+#: half of the frames have voxels away from the body; or this share of the keypoints fits it.
+_DOUBTFUL_PARTS, _OVERLAP, _AWAY, _FITTING = 0.1, 0.76, 0.5, 0.25
 #: Most frame ranges that a line lists; the page shows all.
 _NAMED = 4
 
@@ -46,11 +54,15 @@ class Quality:
     """A track with its agreement with the silhouettes, if that was measured.
 
     seen: numbers (F_s,) of the frames that show the person, all without it; in the others, in which
-    one of several people is not there, nothing is judged.
+    one of several people is not there, nothing is judged. near: (F,) share of
+    the keypoints that lie near the body, None without keypoints. doubts: what is known to be wrong
+    with the observations or the start; such a track is not called good.
     """
 
     track: Track
     agreement: Agreement | None
+    near: np.ndarray | None = None
+    doubts: tuple[str, ...] = ()
     seen: np.ndarray | None = None
 
     @cached_property
@@ -108,6 +120,9 @@ class Quality:
         if self.agreement is not None:
             unexplained = (self.agreement.explained < _EXPLAINED) & held
             found["voxels away from the body"] = self.rows[unexplained]
+        if self.near is not None:
+            apart = (self.near[self.rows] < _NEAR) & held
+            found["keypoints away from the body"] = self.rows[apart]
         return {what: rows for what, rows in found.items() if rows.size}
 
     @property
@@ -115,7 +130,9 @@ class Quality:
         """The verdict: good, doubtful, bad or unknown.
 
         It is unknown if nothing is doubtful, but the track was compared neither with the
-        silhouettes nor with limbs elsewhere, or is too short for its limbs to be judged.
+        silhouettes nor with keypoints nor with limbs elsewhere, or is too short for its limbs to be
+        judged. A track is bad if a quarter of its frames is doubtful and other evidence confirms
+        that it is wrong.
         """
         if not len(self.track):
             return "bad"
@@ -123,16 +140,41 @@ class Quality:
         judged = {*self.rows[self.there[self.rows]].tolist(), *np.flatnonzero(self.lost).tolist()}
         share = len(rows) / max(1, len(judged))
         if share > _GOOD:
-            return "doubtful" if share < _BAD else "bad"
+            return "bad" if share >= _BAD and self._is_confirmed else "doubtful"
+        if self.doubts:
+            return "doubtful"
         return "good" if self._compared and self._lasts else "unknown"
 
     @property
     def _compared(self) -> bool:
-        return self.agreement is not None or bool(np.isfinite(self.track.limb_confidence).any())
+        limbs = bool(np.isfinite(self.track.limb_confidence).any())
+        return self.agreement is not None or self.near is not None or limbs
 
     @property
     def _lasts(self) -> bool:
         return REGRESSION.lasts(self.track.times)
+
+    @property
+    def _is_confirmed(self) -> bool:
+        """Whether more than doubtful limbs shows that the track is wrong."""
+        if self.lost.sum() >= _BAD * max(1, self.there.sum()):
+            return True
+        if self.near is not None and np.nanmean(self.near) < _FITTING:
+            return True
+        found, parts = self.agreement, float((self.confidence < DOUBTFUL).mean())
+        if found is None:
+            return self.near is None and parts >= _DOUBTFUL_PARTS
+        with np.errstate(invalid="ignore"):
+            overlap = np.nanmean(found.body_iou) / np.nanmean(found.voxel_iou)
+        away = float((found.explained < _EXPLAINED).mean())
+        return away >= _AWAY or bool(parts >= _DOUBTFUL_PARTS and overlap < _OVERLAP)
+
+    @property
+    def _lasting_doubts(self) -> list[str]:
+        """The doubts, also for `apf report`, which has no keypoints."""
+        near = np.nan if self.near is None else float(np.nanmean(self.near))
+        far = [f"only {near:.0%} of the keypoints are near the body"] if near < _NEAR else []
+        return [*self.doubts, *(text for text in far if text not in self.doubts)]
 
     def lines(self) -> list[str]:
         """Return lines for the user: the verdict, then what to check."""
@@ -154,6 +196,8 @@ class Quality:
                 f"joints known to {1000 * np.median(typical):.0f} mm (least the "
                 f"{plain_name(track.joint_names[joint])}, {1000 * typical[joint]:.0f})"
             )
+        if self.near is not None and np.isfinite(self.near).any():
+            facts.append(f"{np.nanmean(self.near):.0%} of the keypoints near the body")
         looks = f"looks {self.verdict}"
         if self.verdict == "unknown" and not self._compared:
             looks = "was not compared with the silhouettes"
@@ -163,6 +207,7 @@ class Quality:
                 "limbs are right"
             )
         lines = [f"the track {looks}: {'; '.join(facts)}", *list_corrections(track)]
+        lines += [f"in doubt because {doubt}" for doubt in self.doubts]
         for what, rows in self.doubtful.items():
             ranges = self._ranges(rows)
             more = f" and {len(ranges) - _NAMED} more" if len(ranges) > _NAMED else ""
@@ -206,6 +251,8 @@ class Quality:
             "body_iou": _by_camera(found.cameras, found.body_iou) if found else None,
             "voxel_iou": _by_camera(found.cameras, found.voxel_iou) if found else None,
             "voxels_explained": _plain(np.nanmean(found.explained)) if found else None,
+            "keypoints_near": _plain(np.nanmean(self.near)) if self.near is not None else None,
+            "doubts": self._lasting_doubts,
             "look_at": {what: self._ranges(rows) for what, rows in self.doubtful.items()},
         }
 

@@ -19,7 +19,12 @@ from psfs.common.files import write_json, write_picture
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.examination import synchronise
 from psfs.diagnostics.silhouette_mosaic import draw_mosaic
-from psfs.diagnostics.silhouette_scores import DEFINITION, score_silhouettes, truth_frames
+from psfs.diagnostics.silhouette_scores import (
+    DEFINITION,
+    TRUE_MASKS,
+    score_silhouettes,
+    truth_frames,
+)
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.voxels.config import ReconstructionConfig
@@ -40,7 +45,7 @@ def _show(args: argparse.Namespace, opened: OutputFolder) -> None:
     config = args.configs.get("reconstruction") or ReconstructionConfig()
     session = synchronise(Session(open_sequence(args), device, SessionSettings(config)))
     sequence = session.sequence
-    opened.check_inputs(sequence.inputs)
+    opened.check_inputs([*sequence.inputs, sequence.folder / TRUE_MASKS])
     wanted = _wanted(args, sequence)
     report = _Report(sequence)
     try:

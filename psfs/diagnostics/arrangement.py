@@ -64,24 +64,34 @@ def _swap(order: list[int], a: int, b: int) -> list[int]:
 Way = Literal["mirrored", "turned"]
 
 
+#: Least fall of a camera's cost if its pictures are flipped: of a symmetric body's, both are noise.
+_FLIP_GAIN = 0.01
+
+
 def find_flipped_cameras(
     tangency: Tangency, config: FaultConfig
 ) -> tuple[Way, list[int], float] | None:
     """Return the orientation in which pictures fit, if they fit only mirrored or upside down.
 
-    With it come the cameras that it applies to, all or one, and the cost that is left.
+    With it come the cameras that it applies to, all or one, and the cost that is left. A single
+    camera is judged by its own pairs, since the others' cost hides how well it fits.
     """
-    views = list(range(len(tangency.rig)))
-    cost = tangency.compare().cost
-    guesses: list[tuple[Way, list[int]]] = [("mirrored", views)]
-    if len(views) > 2:
-        ways: tuple[Way, ...] = ("mirrored", "turned")
-        guesses += [(way, [view]) for way in ways for view in views]
-    tried = [tangency.compare(**{way: cameras}).cost for way, cameras in guesses]
-    if not np.isfinite(tried).any():
+    views, present = list(range(len(tangency.rig))), tangency.compare()
+    every = tangency.compare(mirrored=views).cost
+    if every < config.mirror_share * present.cost:
+        return "mirrored", views, every
+    ways: tuple[Way, ...] = ("mirrored", "turned")
+    tried: dict[tuple[Way, int], tuple[float, float]] = {}
+    for way in ways:
+        for view in views if len(views) > 2 else ():
+            found = tangency.compare(**{way: [view]})
+            if present.cameras[view] - found.cameras[view] > _FLIP_GAIN:
+                tried[way, view] = found.cameras[view] / present.cameras[view], found.cost
+    known = {flip: of for flip, of in tried.items() if np.isfinite(of).all()}
+    if not known:
         return None
-    best = int(np.nanargmin(tried))
-    return (*guesses[best], tried[best]) if tried[best] < config.mirror_share * cost else None
+    way, view = best = min(known, key=lambda flip: known[flip])
+    return (way, [view], known[best][1]) if known[best][0] < config.flip_share else None
 
 
 #: Differences of costs up to this are noise: silhouettes of a person who keeps still agree at any

@@ -267,9 +267,33 @@ class FaultConfig(Config):
     )
     mirror_share: float = setting(
         0.6,
-        "The same ratio for mirrored pictures, and for a calibration of another convention.",
+        "The same ratio if the pictures of all cameras are mirrored, and for a calibration of "
+        "another convention.",
         least=0,
         most=1,
+    )
+    flip_share: float = setting(
+        0.8,
+        "The same ratio for the pairs of one camera whose pictures are mirrored or upside down.",
+        "untouched cameras, late ones and those of other takes: above 0.9",
+        least=0,
+        most=1,
+    )
+    healed: float = setting(
+        0.9,
+        "Greatest ratio of a late camera's cost after the shift to the cost before.",
+        "late cameras: up to 0.83; those of other takes: from 0.97",
+        least=0,
+        most=1,
+    )
+    foreign_motion: float = setting(
+        0.85,
+        "Least share of the motion that the others do not see of a camera that films other things.",
+        "cameras that were turned: up to 0.75",
+        least=0,
+    )
+    foreign_cost: float = setting(
+        0.06, "Least cost of a camera that films something else.", least=0
     )
     disagreeing: float = setting(
         0.075,
@@ -294,91 +318,4 @@ class FaultConfig(Config):
         " as turned.",
         least=0,
         most=1,
-    )
-
-
-class PictureConfig(Config):
-    """Criteria by which pictures are faulty, see `psfs.diagnostics.picture_faults`."""
-
-    SOURCE: ClassVar = (
-        "set between what the sequences at hand show untouched and what they show spoilt"
-    )
-
-    same_view: float = setting(
-        0.85,
-        "Least correlation of pictures with a background of the same view.",
-        most=1,
-    )
-    other_view: float = setting(
-        0.6,
-        "Correlation of pictures with their background below which they show different views.",
-        "untouched sequences: 0.93 and more",
-        most=1,
-    )
-    knocked: float = setting(
-        2.0,
-        "Greatest shift between pictures and their background for a camera that was not moved.",
-        "untouched sequences: below 1",
-        "small pixels",
-        least=0,
-    )
-    gain: float = setting(
-        0.1, "Least increase of the edges' correlation if the pictures are shifted back.", least=0
-    )
-    flicker: float = setting(
-        0.04,
-        "Median change of the brightness from frame to frame above which the light flickers.",
-        "untouched sequences: 0.015",
-        least=0,
-    )
-    steady: float = setting(
-        0.6,
-        "Share of the frames that show foreground in one place if the background contains the "
-        "person.",
-        least=0,
-        most=1,
-    )
-    still: float = setting(
-        6.0,
-        "Median deviation over time below which nothing moves at such a place.",
-        unit="grey levels",
-        least=0,
-    )
-    ghost_area: float = setting(
-        0.15,
-        "Least share of the silhouette's area of such a place; twice as much in one frame.",
-        least=0,
-        most=1,
-    )
-    ghost_edges: float = setting(
-        1.5,
-        "Least factor between the strengths of the edges at its rim in the background and in "
-        "the frames.",
-        "untouched sequences: 0.9; spoilt ones: 1.7 to 8",
-        least=0,
-    )
-    ghost_seen: float = setting(1.2, "The same factor where several frames show it.", least=0)
-    cut: float = setting(
-        0.5,
-        "Least share of the frames in which a silhouette touches the picture's border for a note.",
-        least=0,
-        most=1,
-    )
-    filled: float = setting(
-        0.5, "Share of a picture that a person's silhouette fills at most.", least=0, most=1
-    )
-    blank: float = setting(
-        2.0,
-        "Standard deviation of a picture below which it shows nothing.",
-        "untouched sequences: 20 and more",
-        "grey levels",
-        least=0,
-    )
-    frozen: float = setting(
-        0.01, "Change of a silhouette's area over time below which its camera hangs.", least=0
-    )
-    moving: float = setting(
-        0.05,
-        "Change of the median camera's silhouette above which a camera that shows none hangs.",
-        least=0,
     )

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 from psfs.diagnostics.alignment import correct_rig
 from psfs.diagnostics.camera_consistency import InconsistentCamera, find_inconsistent_cameras
+from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.faults import Diagnosis, diagnose
 from psfs.diagnostics.occluders import find_hidden_pixels
-from psfs.diagnostics.picture_faults import Fault
 from psfs.session import Session
 from psfs.silhouettes.config import SilhouetteConfig
 
@@ -37,9 +37,13 @@ class Examination:
     @property
     def warnings(self) -> list[str]:
         """The cameras left out and the other serious faults, one line each."""
+        return [*(f"left out: {camera}" for camera in self.left_out), *self.remaining]
+
+    @property
+    def remaining(self) -> list[str]:
+        """The serious faults other than those of cameras that were left out."""
         gone = {camera.camera for camera in self.left_out}
-        faults = [f for f in self.faults if f.serious and not gone & set(f.cameras)]
-        return [*(f"left out: {camera}" for camera in self.left_out), *map(str, faults)]
+        return [str(f) for f in self.faults if f.serious and not gone & set(f.cameras)]
 
 
 def examine(session: Session, all_cameras: bool = False) -> Examination:

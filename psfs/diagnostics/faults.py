@@ -20,7 +20,8 @@ from psfs.diagnostics.arrangement import (
     refine_lags,
 )
 from psfs.diagnostics.config import FaultConfig
-from psfs.diagnostics.picture_faults import Fault, find_picture_faults
+from psfs.diagnostics.fault import Fault
+from psfs.diagnostics.picture_faults import find_picture_faults
 from psfs.diagnostics.rig_faults import find_rig_faults
 from psfs.diagnostics.small_views import SmallViews, small_views
 from psfs.diagnostics.tangency import CAP, Tangency
@@ -145,11 +146,48 @@ def _explain_misfit(
     if any(shifts) and views.rig.width < sequence.rig.width:
         large = small_views(sequence, device, config.replace(longest_side=_LARGER))
         shifts = refine_lags(Tangency(large.rig, large.outlines), shifts)
+    shifts = _keep_healing_shifts(tangency, shifts, config)
     late = [_describe_lag(sequence, name, by) for name, by in zip(names, shifts, strict=True) if by]
     compared = tangency.compare(shifts=shifts)
+    foreign = _find_foreign_camera(tangency, names, shifts, config)
+    if foreign is not None:
+        return [foreign, *late]
     if compared.cost > config.disagreeing:
         return [_explain_disagreement(views, tangency, compared.cost, known, config)]
     return late or _find_turned_camera(tangency, names, known, config)
+
+
+def _keep_healing_shifts(tangency: Tangency, shifts: list[int], config: FaultConfig) -> list[int]:
+    """Return the shifts (V,) without those by which a camera hardly fits better: something else
+    than its time is wrong."""
+    before, after = tangency.compare().cameras, tangency.compare(shifts=shifts).cameras
+    heals = after < config.healed * before
+    return [by if better else 0 for by, better in zip(shifts, heals, strict=True)]
+
+
+def _find_foreign_camera(
+    tangency: Tangency, names: list[str], shifts: list[int], config: FaultConfig
+) -> Fault | None:
+    """Return the camera that films another motion than the others: of another take, or of another
+    person.
+
+    A camera that was turned or whose calibration is wrong differs from the others by a steady
+    amount; what a camera of another take shows is not related to theirs at all.
+    """
+    if len(names) < 3:
+        return None
+    compared = tangency.compare(shifts=shifts)
+    view = int(np.nan_to_num(compared.cameras).argmax())
+    if not compared.cameras[view] >= config.foreign_cost > compared.without(view) or shifts[view]:
+        return None
+    own, others = tangency.foreign_motion(view)
+    if not (own > config.foreign_motion and own > others + 0.5 * (1 - config.foreign_motion)):
+        return None
+    text = (
+        f"camera {names[view]} shows another motion than the others, which agree, at any lag: its "
+        "video is of another take or another person; exchange the file, or leave it out (--cameras)"
+    )
+    return Fault("foreign", (names[view],), text)
 
 
 def _describe_exchange(names: list[str], order: list[int]) -> Fault:

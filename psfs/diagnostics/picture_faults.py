@@ -7,39 +7,21 @@ flickers, or the person is cut off by the picture's border.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import combinations
 
 import cv2
 import numpy as np
 
 from psfs.cameras.names import listed
-from psfs.diagnostics.config import PictureConfig
+from psfs.diagnostics.fault import Fault
+from psfs.diagnostics.frozen import find_frozen_cameras
+from psfs.diagnostics.picture_config import PictureConfig
 from psfs.diagnostics.small_views import SmallViews
 from psfs.sequence import Sequence
 
 #: Width, px, of the surroundings of a region that affect the edges on its rim.
 _REACH = 8
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-
-
-@dataclass(frozen=True)
-class Fault:
-    """A fault of the footage.
-
-    kind: a word for programs. cameras: names of the faulty cameras; empty if the fault concerns
-    all. text: what is wrong and what to do, in one line. late: lag in frames, if the kind is
-    "late". serious: whether it is worth a warning, not only a note.
-    """
-
-    kind: str
-    cameras: tuple[str, ...]
-    text: str
-    late: int = 0
-    serious: bool = True
-
-    def __str__(self) -> str:
-        return self.text
 
 
 def find_picture_faults(
@@ -55,7 +37,7 @@ def find_picture_faults(
         _find_identical,
         _find_foreign_backgrounds,
         _find_filled,
-        _find_frozen,
+        find_frozen_cameras,
         _find_moved_cameras,
         _find_ghosts,
         _find_flicker,
@@ -111,26 +93,6 @@ def _find_identical(
                 names,
                 f"cameras {names[0]} and {names[1]} show the very same pictures; one is a copy of "
                 "the other's: leave it out (--cameras)",
-            )
-
-
-def _find_frozen(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
-    """Find cameras in which the person does not move at all, though he moves in the others."""
-    areas = np.array(
-        [[outline.area if outline else 0 for outline in row] for row in views.outlines]
-    )
-    if len(areas) < 4 or areas.shape[1] < 2:
-        return
-    middle = np.median(areas, axis=0)
-    changes = np.ptp(areas, axis=0) / np.maximum(middle, 1)
-    moving = np.median(changes) > config.moving
-    for name, change, area in zip(sequence.rig.names, changes, middle, strict=True):
-        if moving and area and change < config.frozen:
-            yield Fault(
-                "frozen",
-                (name,),
-                f"camera {name} shows the same picture in all frames, in which the others show "
-                "motion; its recording hangs: leave it out (--cameras)",
             )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
-from psfs.diagnostics.picture_faults import Fault
+from psfs.diagnostics.fault import Fault
 
 #: A camera has another unit, or another world, if it is this many times as far from the others as
 #: they are from each other.

@@ -123,6 +123,24 @@ class Tangency:
                 sums[b, a], counts[b, a] = pair
         return PairSums(sums, counts)
 
+    def foreign_motion(self, view: int) -> tuple[float, float]:
+        """Return the share of the motion that a camera does not have in common with the others, and
+        that share among the others.
+
+        It is the sum over frames and pairs of what their planes differ by beyond the median, which
+        a wrong calibration explains, as a share of the planes' own motion: about 1 for cameras that
+        film different things, however they are placed. NaN if nothing moves.
+        """
+        sums = np.zeros((2, 2))  # of this camera's pairs, and of the others'; differing, moving
+        for a in range(len(self.rig)):
+            for b in range(a):
+                if self.comparable(a, b):
+                    own = self.planes(a, a, b), self.planes(b, b, a)
+                    sums[int(view not in (a, b))] += _differing_motion(*own)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            own, others = sums[:, 0] / sums[:, 1]
+        return float(own), float(others)
+
     def comparable(self, a: int, b: int) -> bool:
         """Return whether the line between two cameras passes far enough from the scene."""
         return self._axis(a, b)[2] >= _NEAREST * self.size
@@ -221,6 +239,19 @@ def _medians(values: np.ndarray, counts: np.ndarray) -> np.ndarray:
     low, high = (np.take_along_axis(ordered, k, -1) for k in ((counts - 1) // 2, counts // 2))
     medians: np.ndarray = 0.5 * (low + high)[..., 0]
     return medians
+
+
+def _differing_motion(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
+    """Return by how much the motions of planes (F, 2) differ, and how much they move."""
+    known = np.isfinite(a) & np.isfinite(b)
+    total = np.zeros(2)
+    for column, there in enumerate(known.T):
+        if there.any():
+            one, other = (of[there, column] - np.median(of[there, column]) for of in (a, b))
+            apart = (a - b)[there, column]
+            moving = np.maximum(np.abs(one), np.abs(other)).sum()
+            total += np.abs(apart - np.median(apart)).sum(), moving
+    return float(total[0]), float(total[1])
 
 
 def _mean(sums: np.ndarray, counts: np.ndarray) -> float:

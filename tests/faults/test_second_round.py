@@ -51,6 +51,11 @@ def test_a_picture_among_the_masks(stock: Path) -> None:
     refused(words, stock, "lies among the files that are read")
 
 
+def test_silhouettes_as_the_true_masks(stock: Path) -> None:
+    words = ["psfs", "silhouettes", "seq", "-o", "seq/truth_masks", "--frames", "0:1"]
+    refused(words, stock, "seq/truth_masks", "which is read")
+
+
 def test_a_picture_that_was_written_before(stock: Path) -> None:
     for _ in range(2):
         assert run([*VIEW, "--png", "x.png"]).code == 0

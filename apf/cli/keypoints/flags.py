@@ -7,16 +7,21 @@ from pathlib import Path
 
 from apf.keypoints import Keypoints
 from apf.keypoints.agreement import find_disagreements
+from apf.keypoints.timing import describe_lag, find_lag_to_footage
 from psfs.cli.commandline import remark, warn
 from psfs.cli.sequence_flags import stated
+from psfs.diagnostics.faults import Diagnosis
 from psfs.sequence import Sequence
 
 
-def read_keypoints(args: argparse.Namespace, sequence: Sequence) -> Keypoints | None:
+def read_keypoints(
+    args: argparse.Namespace, sequence: Sequence, diagnosis: Diagnosis | None = None
+) -> Keypoints | None:
     """Read the keypoints of --keypoints for the cameras and frames of `sequence`; None without the
     flag.
 
-    Print what was guessed about them, and what looks wrong. Raises InputError.
+    Print what was guessed about them, and what looks wrong between them, or against the silhouettes
+    of the footage's `diagnosis`. Raises InputError.
     """
     if args.keypoints is None:
         return None
@@ -29,10 +34,18 @@ def read_keypoints(args: argparse.Namespace, sequence: Sequence) -> Keypoints | 
         keypoints = Keypoints.open(path, every).select_cameras(sequence.rig.names)
     for note in keypoints.notes:
         remark("note", "cyan", note)
-    wrong = find_disagreements(keypoints, sequence.rig)
+    wrong = find_disagreements(keypoints, sequence.rig, sequence.fps)
+    if diagnosis is not None and not wrong and sequence.settings.sync is None:
+        lag = find_lag_to_footage(keypoints, sequence.rig, diagnosis.views)
+        if lag:
+            wrong = [
+                f"all keypoints come about {describe_lag(lag, sequence.fps)} against the pictures; "
+                "expected those of the same frames"
+            ]
     for text in wrong:
         warn(f"{path}: {text}")
     args.remarks = [*getattr(args, "remarks", ()), *wrong]
+    args.opened_keypoints, args.keypoint_doubts = keypoints, tuple(wrong)
     return keypoints
 
 

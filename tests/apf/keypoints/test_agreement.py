@@ -70,14 +70,14 @@ def spoilt(seen: Keypoints, rig: CameraRig, how: str) -> np.ndarray:
     ],
 )
 def test_what_is_wrong_is_said(seen: Keypoints, rig: CameraRig, how: str, said: str) -> None:
-    found = find_disagreements(replace(seen, points=spoilt(seen, rig, how)), rig)
+    found = find_disagreements(replace(seen, points=spoilt(seen, rig, how)), rig, 30.0)
     assert len(found) == 1 and said in found[0], found
 
 
 def test_sound_keypoints_are_not_spoken_of(seen: Keypoints, rig: CameraRig) -> None:
-    assert find_disagreements(seen, rig) == []
+    assert find_disagreements(seen, rig, 30.0) == []
     missing = seen.points.copy()
     missing[1], missing[0, ..., 2] = np.nan, 0.1
-    assert find_disagreements(replace(seen, points=missing), rig) == []
+    assert find_disagreements(replace(seen, points=missing), rig, 30.0) == []
     pair = CameraRig(tuple(rig)[:2])
-    assert find_disagreements(seen.select_cameras(pair.names), pair) == []
+    assert find_disagreements(seen.select_cameras(pair.names), pair, 30.0) == []

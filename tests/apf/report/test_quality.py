@@ -15,7 +15,9 @@ from apf.body.model import plain_name
 from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method
 from apf.initialisation.from_joints import fit_to_joints
+from apf.keypoints.keypoints import Keypoints
 from apf.report.agreement import choose_rows, compare_with_silhouettes
+from apf.report.keypoint_agreement import measure_keypoint_agreement
 from apf.report.parts import find_parts
 from apf.report.quality import DOUBTFUL, Quality
 from apf.tracking.settings import TakeSettings
@@ -83,7 +85,7 @@ def test_a_wrong_limb_is_named(dof: str, by: float, part: str, scene: Scene) -> 
     quality = judged(scene, tracked(track.its_body, poses))
     assert list(quality.doubtful[part]) == [1, 2, 3]
     others = [name for name in quality.parts if name in quality.doubtful and name != part]
-    assert not others and quality.verdict == "bad"
+    assert not others and quality.verdict in ("doubtful", "bad")
     assert f"look at {part}: frames 1-3" in quality.lines()
     assert quality.facts()["look_at"][part] == [(1, 3)]
 
@@ -102,6 +104,42 @@ def test_a_short_clip_is_not_called_good(scene: Scene) -> None:
     quality = judged(scene, replace(scene[1], fps=30.0))
     assert quality.verdict == "unknown" and not quality.doubtful
     assert quality.lines()[0].startswith("the track lasts for less than 0.5 s, too short to say")
+
+
+def test_a_track_of_the_opposite_posture_is_bad(scene: Scene) -> None:
+    """Doubtful limbs in all frames, which the silhouettes deny as well."""
+    track = scene[1]
+    poses = track.poses.copy()
+    for name, by in (("l_upper_arm.ry", -1.4), ("r_upper_arm.ry", -1.4), ("l_thigh.ry", 1.2)):
+        poses[:, track.dof_names.index(name)] += by
+    assert judged(scene, tracked(track.its_body, poses)).verdict == "bad"
+
+
+def test_doubts_and_keypoints_elsewhere_are_not_called_good(scene: Scene) -> None:
+    good = judged(scene, scene[1])
+    doubted = replace(good, doubts=("the keypoints of a and b look exchanged",))
+    assert doubted.verdict == "doubtful"
+    assert "in doubt because the keypoints of a and b look exchanged" in doubted.lines()
+    n = len(scene[1])
+    assert replace(good, near=np.ones(n)).verdict == "good"
+    apart = replace(good, near=np.full(n, 0.8))
+    assert apart.verdict == "doubtful" and len(apart.doubtful["keypoints away from the body"]) == n
+    assert apart.facts()["doubts"] == ["only 80% of the keypoints are near the body"]
+    alone = Quality(scene[1], None, np.full(n, 0.02))
+    assert alone.verdict == "bad" and "2% of the keypoints near the body" in alone.lines()[0]
+
+
+def test_the_body_s_own_points_are_near_it(scene: Scene) -> None:
+    session, track = scene[0], scene[1]
+    pixels = np.stack([camera.project(track.joints)[0] for camera in session.rig])
+    points = np.concatenate([pixels, np.full((*pixels.shape[:3], 1), 0.9)], -1)
+    names, last = track.joint_names, int(track.frames.max()) + 1
+    every = np.full((len(points), last, *points.shape[2:]), np.nan)
+    every[:, track.frames] = points
+    keypoints = Keypoints(every, tuple(names), tuple(session.rig.names))
+    assert measure_keypoint_agreement(track, keypoints, session.rig).min() > 0.9
+    away = replace(keypoints, points=every + np.array([60.0, 0.0, 0.0]))
+    assert measure_keypoint_agreement(track, away, session.rig).max() < 0.1
 
 
 def test_lost_frames_and_unsure_ends() -> None:

@@ -16,8 +16,8 @@ from cl import NumpyDevice
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cli import main
+from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.faults import diagnose
-from psfs.diagnostics.picture_faults import Fault
 from psfs.diagnostics.sequence_info import rig_warnings
 from psfs.sequence import Sequence
 from psfs.session import Session
@@ -150,6 +150,33 @@ def test_a_camera_that_hangs(tmp_path: Path, masks: np.ndarray) -> None:
     spoilt[:, 2] = masks[FRAMES // 2, 2]
     (fault,) = faults(write(tmp_path / "a", spoilt))
     assert fault.kind == "frozen" and fault.cameras == ("c2",)
+
+
+def test_a_camera_that_hangs_for_a_while(tmp_path: Path, masks: np.ndarray) -> None:
+    spoilt = masks.copy()
+    spoilt[FRAMES // 2 :, 2] = masks[FRAMES // 2, 2]
+    (fault,) = faults(write(tmp_path / "a", spoilt))
+    assert fault.kind == "frozen" and fault.cameras == ("c2",)
+    assert f"in frames 18 to {FRAMES - 1}" in str(fault)
+
+
+def test_a_camera_of_another_take(tmp_path: Path, masks: np.ndarray) -> None:
+    """It shows the block elsewhere, and never as the others do at any lag."""
+    spoilt = masks.copy()
+    jumps = 7 * np.arange(FRAMES) % FRAMES
+    spoilt[:, 2] = masks[jumps, 4][:, ::-1]
+    (fault,) = faults(write(tmp_path / "a", spoilt))
+    assert fault.kind == "foreign" and fault.cameras == ("c2",)
+    assert "another take" in str(fault) and "--sync" not in str(fault)
+
+
+@pytest.mark.parametrize("view", [0, 3])
+def test_one_mirrored_camera(tmp_path: Path, masks: np.ndarray, view: int) -> None:
+    spoilt = masks.copy()
+    spoilt[:, view] = masks[:, view, :, ::-1]
+    (fault,) = faults(write(tmp_path / "a", spoilt))
+    assert fault.kind == "mirrored" and fault.cameras == (f"c{view}",)
+    assert f"the pictures of camera c{view} are mirrored" in str(fault)
 
 
 def test_an_empty_room(tmp_path: Path, masks: np.ndarray) -> None:

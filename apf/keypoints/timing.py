@@ -1,0 +1,157 @@
+"""Find keypoints that come late or early: those of one camera against the others', and those of all
+cameras against the silhouettes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from apf.keypoints.config import LagConfig, TriangulationConfig
+from apf.keypoints.keypoints import Keypoints
+from apf.keypoints.triangulation import reprojection_errors, triangulate
+from psfs.cameras.camera import CameraRig
+from psfs.diagnostics.small_views import SmallViews
+
+
+def find_late_cameras(
+    keypoints: Keypoints, rig: CameraRig, config: LagConfig | None = None
+) -> dict[str, int]:
+    """Return by how many frames the keypoints of cameras come later than the others', by name.
+
+    Each camera's keypoints are compared, at every lag, with the points that the others triangulate.
+    In each step the camera that gains most by a shift is shifted. Needs three cameras.
+    """
+    config = config or LagConfig()
+    most = min(config.most, keypoints.n_frames // 3)
+    late: dict[str, int] = {}
+    if len(rig) < 3 or most < config.least:
+        return late
+    points = keypoints.undistort(rig).points.astype(np.float64)
+    points[np.nan_to_num(points[..., 2]) < config.confidence] = np.nan
+    for _ in range((len(rig) - 1) // 2):
+        curves = _camera_costs(points, rig, most, config)
+        gains = _gains(curves, most, config.camera_noise)
+        view = int(gains.argmax())
+        lag = int(np.nanargmin(curves[view])) - most if gains[view] > 1 else 0
+        if gains[view] < config.camera_gain or not config.least <= abs(lag) < most:
+            break
+        late[rig.names[view]] = lag
+        points[view] = _shift(points[view], lag)
+    return late
+
+
+def find_lag_to_footage(
+    keypoints: Keypoints, rig: CameraRig, views: SmallViews, config: LagConfig | None = None
+) -> int:
+    """Return by how many frames the keypoints come later than the silhouettes; 0 if they do not.
+
+    The keypoints' least and greatest x and y in each picture are compared with those of the
+    silhouettes' outlines; what differs in all frames alike, since keypoints lie within the body, is
+    subtracted. views: of these cameras or more.
+    """
+    config = config or LagConfig()
+    most = min(config.most, len(views.frames) // 3)
+    if most < config.least:
+        return 0
+    outlines = _outline_extents(views, rig)
+    shown = keypoints.points[..., :2].astype(np.float64)
+    shown[np.nan_to_num(keypoints.points[..., 2]) < config.confidence] = np.nan
+    with np.errstate(invalid="ignore"):
+        extents = np.concatenate([_least(shown), -_least(-shown)], -1).swapaxes(0, 1)
+    heights = np.array([camera.size[1] for camera in rig], float)[:, None]
+    cap, costs = config.footage_cap, np.full(2 * most + 1, np.nan)
+    for number, lag in enumerate(range(-most, most + 1)):
+        rows = np.asarray(views.frames) + lag
+        there = (rows >= 0) & (rows < len(extents))
+        apart = (extents[rows[there]] - outlines[there]) / heights
+        known = np.isfinite(apart).any(axis=0)
+        if known.any():
+            apart = apart[:, known] - np.nanmedian(apart[:, known], axis=0)
+            costs[number] = np.nanmean(np.minimum(np.abs(apart), cap))
+    if not np.isfinite(costs[most]):
+        return 0
+    lag = int(np.nanargmin(costs)) - most
+    gain = _gains(costs[None], most, config.footage_noise)[0]
+    return lag if gain >= config.footage_gain and config.least <= abs(lag) < most else 0
+
+
+def shift_cameras(keypoints: Keypoints, late: Mapping[str, int]) -> Keypoints:
+    """Return the keypoints, those of late cameras shifted back by `late` frames, by name."""
+    shifts = [late.get(name, 0) for name in keypoints.camera_names]
+    rows = [_shift(view, lag) for view, lag in zip(keypoints.points, shifts, strict=True)]
+    return replace(keypoints, points=np.stack(rows))
+
+
+def describe_lags(late: Mapping[str, int], rate: float) -> list[str]:
+    """Return a line for each camera whose keypoints are late; rate: frames per second."""
+    return [
+        f"the keypoints of camera {name} come about {describe_lag(lag, rate)}; expected those of "
+        "the same time"
+        for name, lag in late.items()
+    ]
+
+
+def describe_lag(lag: int, rate: float) -> str:
+    """Return a lag in words; negative: early."""
+    side = "late" if lag > 0 else "early"
+    return f"{abs(lag)} frames {side} ({abs(lag) / rate:.2g} s)"
+
+
+def _camera_costs(points: np.ndarray, rig: CameraRig, most: int, config: LagConfig) -> np.ndarray:
+    """Return (V, 2 most + 1) each camera's median distance, as a share of the picture's height,
+    from where the others see the points (V, F, K, 3), at lags from -most to most."""
+    n_views, n_frames, n_points = points.shape[:3]
+    rows = np.linspace(most, n_frames - 1 - most, config.n_frames)
+    rows = np.unique(rows.round().astype(int))
+    limits = TriangulationConfig(max_error=config.error * rig.height, min_confidence=0)
+    costs = np.full((n_views, 2 * most + 1), np.nan)
+    for view, camera in enumerate(rig):
+        others = np.delete(points[:, rows], view, axis=0).reshape(n_views - 1, -1, 3)
+        rest = CameraRig(tuple(other for other in rig if other is not camera))
+        places = triangulate(rest, others, limits).points
+        for number in range(2 * most + 1):
+            seen = points[view, rows + number - most].reshape(1, -1, 3)
+            errors = reprojection_errors(CameraRig((camera,)), seen, places)[0]
+            known = errors[np.isfinite(errors)]
+            if len(known) >= n_points:
+                costs[view, number] = np.median(known) / camera.size[1]
+    return costs
+
+
+def _gains(costs: np.ndarray, most: int, noise: float) -> np.ndarray:
+    """Return (V,) how many times higher the costs (V, 2 most + 1) are without a lag than with the
+    best one; 1 where they are unknown."""
+    least = np.nanmin(np.where(np.isfinite(costs), costs, np.inf), axis=1)
+    gains: np.ndarray = np.nan_to_num((costs[:, most] + noise) / (least + noise), nan=1.0)
+    return gains
+
+
+def _shift(points: np.ndarray, lag: int) -> np.ndarray:
+    """Return points (F, K, 3) that come `lag` frames earlier; NaN where there are none."""
+    out = np.full_like(points, np.nan)
+    kept = slice(max(0, -lag), len(points) - max(0, lag))
+    out[kept] = points[kept.start + lag : kept.stop + lag]
+    return out
+
+
+def _outline_extents(views: SmallViews, rig: CameraRig) -> np.ndarray:
+    """Return the least x, y and greatest x, y (F, V, 4) of the outlines, px of the large pictures;
+    NaN for outlines that the picture's border cuts."""
+    columns = [views.rig.names.index(name) for name in rig.names]
+    out = np.full((len(views.outlines), len(rig), 4), np.nan)
+    for frame, row in enumerate(views.outlines):
+        for view, column in enumerate(columns):
+            outline = row[column]
+            if outline is not None and not outline.at_border.any():
+                factor = rig[view].size[0] / views.rig[column].size[0]
+                ends = [outline.points.min(axis=0), outline.points.max(axis=0)]
+                out[frame, view] = factor * np.concatenate(ends)
+    return out
+
+
+def _least(points: np.ndarray) -> np.ndarray:
+    """Return the least x and y (V, F, 2) of points (V, F, K, 2); NaN without any."""
+    least = np.where(np.isfinite(points), points, np.inf).min(axis=2)
+    return np.where(np.isfinite(least), least, np.nan)

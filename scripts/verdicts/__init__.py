@@ -1,0 +1,1 @@
+"""How often the verdict of a track is right, see `judge_verdicts.py`."""
