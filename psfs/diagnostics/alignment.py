@@ -149,9 +149,14 @@ class _Fit:
     def _rays(self, view: int, correction: np.ndarray) -> list[np.ndarray]:
         """Return the rays (N, 3) of a view's outlines under its correction (4,), then under those
         that differ from it by a step in one number."""
-        near = [correction, *(correction + _STEP * np.eye(_N))]
-        cameras = [correct_camera(self.rig[view], one) for one in near]
-        return [self._tangency.trace_outlines(view, camera) for camera in cameras]
+        first, steps = self.rig[view], _STEP * np.eye(_N)
+        camera = correct_camera(first, correction)
+        rays = self._tangency.trace_outlines(view, camera)
+        longer = correct_camera(first, correction + steps[3])
+        # A turn needs no lens undone again.
+        turns = [cv2.Rodrigues((correction + step)[:3])[0] @ first.R for step in steps[:3]]
+        turned = [rays @ (camera.R.T @ turn) for turn in turns]
+        return [rays, *turned, self._tangency.trace_outlines(view, longer)]
 
     def _planes(
         self, view: int, rays: list[np.ndarray], other: int
