@@ -22,7 +22,7 @@ SMALLER = {
         "FRAMES = 6": "FRAMES = 4",
         "size=(320, 240)": "size=(160, 120)",
         "0.03, (67, 67, 67)": "0.06, (34, 34, 34)",
-        "n_particles=60, n_layers=5": "n_particles=20, n_layers=2",
+        "n_particles=60, n_layers=5": "n_particles=40, n_layers=2",
     },
 }
 NAMES = tuple(SMALLER)
