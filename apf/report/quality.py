@@ -54,9 +54,9 @@ class Quality:
     """A track with its agreement with the silhouettes, if that was measured.
 
     seen: numbers (F_s,) of the frames that show the person, all without it; in the others, in which
-    one of several people is not there, nothing is judged. near: (F,) share of
-    the keypoints that lie near the body, None without keypoints. doubts: what is known to be wrong
-    with the observations or the start; such a track is not called good.
+    one of several people is not there, nothing is judged. near: (F,) share of the keypoints that
+    lie near the body, None without keypoints. doubts: what is known to be wrong with the
+    observations or the start; such a track is not called good.
     """
 
     track: Track

@@ -191,7 +191,7 @@ def test_frames_without_the_person_are_not_judged() -> None:
     track = replace(track, diagnostics={"lost": lost})
     assert Quality(track, None).verdict == "bad"
     assert "11 of 40 frames lost" in Quality(track, None).lines()[0]
-    visitor = Quality(track, None, np.delete(track.frames, np.arange(10, 20)))
+    visitor = Quality(track, None, seen=np.delete(track.frames, np.arange(10, 20)))
     assert visitor.doubtful["the person, lost"].tolist() == [20]
     assert visitor.verdict == "doubtful"
     said = visitor.lines()[0]
