@@ -6,7 +6,13 @@ from apf.cluster.config import ChunksConfig, WorkerConfig
 from apf.filters.method import Method
 from apf.initialisation.config import StartConfig
 from apf.initialisation.fit_config import JointFitConfig, KeypointStartConfig
-from apf.keypoints.config import AgreementConfig, CropConfig, PersonConfig
+from apf.keypoints.config import (
+    AgreementConfig,
+    CropConfig,
+    LagConfig,
+    PersonConfig,
+    SideConfig,
+)
 from apf.live.config import CaptureConfig, LiveConfig
 from apf.synthetic.config import SceneConfig
 from apf.tracking.config import (
@@ -27,6 +33,8 @@ class KeypointSettings(Config):
     crop: CropConfig = part(CropConfig, "How pictures are cropped before a network sees them.")
     persons: PersonConfig = part(PersonConfig, "Which of the persons is followed.")
     agreement: AgreementConfig = part(AgreementConfig, "When the cameras' keypoints disagree.")
+    lags: LagConfig = part(LagConfig, "When keypoints are late.")
+    sides: SideConfig = part(SideConfig, "When left and right of the keypoints are exchanged.")
 
 
 class ClusterSettings(Config):
