@@ -8,6 +8,7 @@ from apf.initialisation.config import StartConfig
 from apf.initialisation.fit_config import JointFitConfig, KeypointStartConfig
 from apf.keypoints.config import (
     AgreementConfig,
+    AssociationConfig,
     CropConfig,
     LagConfig,
     PersonConfig,
@@ -32,6 +33,9 @@ class KeypointSettings(Config):
 
     crop: CropConfig = part(CropConfig, "How pictures are cropped before a network sees them.")
     persons: PersonConfig = part(PersonConfig, "Which of the persons is followed.")
+    association: AssociationConfig = part(
+        AssociationConfig, "Which persons of the cameras are the same, if several are followed."
+    )
     agreement: AgreementConfig = part(AgreementConfig, "When the cameras' keypoints disagree.")
     lags: LagConfig = part(LagConfig, "When keypoints are late.")
     sides: SideConfig = part(SideConfig, "When left and right of the keypoints are exchanged.")

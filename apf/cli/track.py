@@ -321,6 +321,7 @@ def finish_take(job: TrackJob, examination: Examination, take: Take, line: Line)
         else:
             near = compare_with_keypoints(session, track, keypoints)
             quality = Quality(track, None, near, doubts)
+        quality = replace(quality, seen=job.seen)
         files = write_report(folder, take.sequence.name, quality, facts, page=compared)
         found.append(Judgement(folder, quality, files))
     return found

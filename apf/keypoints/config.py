@@ -77,6 +77,34 @@ class PersonConfig(Config):
     )
 
 
+class AssociationConfig(Config):
+    """Settings of the assignment of persons in pictures to people in space."""
+
+    SOURCE: ClassVar = "by hand, on bodies whose keypoints are known"
+
+    largest_error: float = setting(
+        0.06,
+        "Median reprojection error, as a share of the person's size in the picture, up to which "
+        "persons of different cameras are the same.",
+        above=0,
+    )
+    followed: float = setting(
+        0.3,
+        "Median distance, as a share of the person's size, up to which a person in a picture may "
+        "be from where somebody was last seen.",
+        above=0,
+    )
+    longest_gap: float = setting(
+        0.5, "Time for which somebody who is not seen is still followed.", unit="s", least=0
+    )
+    speed: float = setting(
+        4.0, "Greatest speed of who was lost and comes back.", unit="m/s", above=0
+    )
+    least_seconds: float = setting(
+        0.5, "Time for which somebody must be seen to count.", unit="s", least=0
+    )
+
+
 class AgreementConfig(Config):
     """Limits beyond which keypoints count as wrong, see `apf.keypoints.agreement`."""
 

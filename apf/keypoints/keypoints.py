@@ -8,11 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.keypoints.opening import Cameras, match_keypoints, read_raw
+from apf.keypoints.association import associate_people
+from apf.keypoints.opening import Cameras, match_keypoints, match_persons, read_raw
 from apf.keypoints.readers.raw import check_view
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import listed
+from psfs.sequence import Sequence as Footage
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +69,20 @@ class Keypoints:
         raw = read_raw(Path(path))
         points, names, notes = match_keypoints(raw, cameras)
         return cls(points, raw.names, names, notes)
+
+    @classmethod
+    def open_people(
+        cls, path: str | Path, sequence: Footage, number: int | None = None
+    ) -> list[Keypoints]:
+        """Read the keypoints of several people in the pictures of a sequence; return those of each,
+        the longest seen first, at most `number`; see `associate_people`. Raises InputError, also
+        if nobody is seen alike by several cameras, or MissingFileError."""
+        raw = read_raw(Path(path))
+        points, names, notes = match_persons(raw, sequence)
+        people = associate_people(points, sequence.rig, sequence.fps, number)
+        if not people:
+            raise InputError(f"{path}: no person is seen alike by several cameras")
+        return [cls(own, raw.names, names, tuple(notes)) for own in people]
 
     def select_cameras(self, names: Sequence[str]) -> Keypoints:
         """Return the keypoints of these cameras, in this order. Raises InputError."""

@@ -107,6 +107,22 @@ def match_keypoints(
     Returns keypoints (V, F, K, 3) px, the cameras' names (V,) and notes. See `Keypoints.open`.
     Raises InputError.
     """
+    points, names, notes = match_persons(raw, cameras)
+    n_persons = points.shape[2]
+    if n_persons > 1:
+        points = choose_person(points, _get_rig(cameras))
+        notes.append(
+            f"{raw.path}: up to {n_persons} persons in a picture: one is followed that is sure, "
+            "large and seen alike by all cameras"
+        )
+    return points.reshape(*points.shape[:2], -1, 3), names, tuple(notes)
+
+
+def match_persons(
+    raw: RawKeypoints, cameras: Cameras | None
+) -> tuple[np.ndarray, tuple[str, ...], list[str]]:
+    """Match keypoints to cameras and frames; return those of all persons of each picture (V, F, N,
+    K, 3) px, the cameras' names (V,) and notes. Raises InputError."""
     names = _get_camera_names(cameras)
     notes = list(raw.notes)
     if names is None:
@@ -125,13 +141,7 @@ def match_keypoints(
     if raw.shares:
         points[..., :2] = _to_pixels(raw, points[..., :2], cameras)
         notes.append(f"{raw.path}: x and y are shares of the picture, converted to pixels")
-    if n_persons > 1:
-        points = choose_person(points, _get_rig(cameras))
-        notes.append(
-            f"{raw.path}: up to {n_persons} persons in a picture: one is followed that is sure, "
-            "large and seen alike by all cameras"
-        )
-    return points.reshape(len(names), length, -1, 3), tuple(names), tuple(notes)
+    return points, tuple(names), notes
 
 
 def _get_rig(cameras: Cameras | None) -> CameraRig | None:

@@ -23,7 +23,7 @@ def choose_person(
     config = config or PersonConfig()
     if points.shape[2] == 1:
         return points[:, :, 0]
-    sizes = _sizes(points)
+    sizes = person_sizes(points)
     own = _score_persons(points, sizes)
     chosen = np.stack(
         [
@@ -56,7 +56,7 @@ def _take_chosen(points: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     return picked
 
 
-def _sizes(points: np.ndarray) -> np.ndarray:
+def person_sizes(points: np.ndarray) -> np.ndarray:
     """Return the diagonals (V, F, N) px of the persons' bounding boxes; 1 for missing persons."""
     places = points[..., :2]
     known = np.isfinite(places)

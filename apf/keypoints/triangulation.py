@@ -72,8 +72,8 @@ def reprojection_errors(rig: CameraRig, seen: np.ndarray, points: np.ndarray) ->
     """
     errors = np.empty(seen.shape[:2])
     for view, camera in enumerate(rig):
-        local = points @ camera.R.T + camera.t
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):  # points at infinity
+            local = points @ camera.R.T + camera.t
             pixels = (local @ camera.K.T)[:, :2] / local[:, 2:]
             off = np.hypot(*(pixels - seen[view, :, :2]).T)
         errors[view] = np.where(local[:, 2] > 0, off, np.inf)

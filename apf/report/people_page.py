@@ -54,8 +54,8 @@ def write_people_page(folder: Path, name: str, tracks: PeopleTracks, video: Path
         "fps": tracks[0].fps,
         "counts": counts.tolist(),
         "scene": {
-            "low": (points.min(axis=0) - 0.2).round(3).tolist(),
-            "high": (points.max(axis=0) + 0.2).round(3).tolist(),
+            "low": (np.nanmin(points, axis=0) - 0.2).round(3).tolist(),
+            "high": (np.nanmax(points, axis=0) + 0.2).round(3).tolist(),
         },
         "people": [_person(folder, tracks, number) for number in range(len(tracks))],
         "video": base64.b64encode(encode_page_video(video)).decode() if video.exists() else None,
@@ -151,6 +151,7 @@ def write_people_overlay(
                 )
                 for number, track in enumerate(shown)
                 if frame.index in rows[number]
+                and np.isfinite(track.joints[rows[number][frame.index]]).any()
             ]
             video.write(compose_mosaic(frame, sequence.rig, partial(_draw, people)))
             if progress is not None:
@@ -159,7 +160,7 @@ def write_people_overlay(
 
 def _draw(people: list[_Drawn], image: np.ndarray, camera: Camera) -> np.ndarray:
     """Return a copy of the image with all people, the farthest first."""
-    away = [-float(np.linalg.norm(p.joints.mean(0) - camera.centre)) for p in people]
+    away = [-float(np.linalg.norm(np.nanmean(p.joints, 0) - camera.centre)) for p in people]
     for k in np.argsort(away):
         image = people[k].over(image, camera)
     return image

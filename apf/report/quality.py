@@ -53,14 +53,29 @@ _NAMED = 4
 class Quality:
     """A track with its agreement with the silhouettes, if that was measured.
 
-    near: (F,) share of the keypoints that lie near the body, None without keypoints. doubts: what
-    is known to be wrong with the observations or the start; such a track is not called good.
+    seen: numbers (F_s,) of the frames that show the person, all without it; in the others, in which
+    one of several people is not there, nothing is judged. near: (F,) share of the keypoints that
+    lie near the body, None without keypoints. doubts: what is known to be wrong with the
+    observations or the start; such a track is not called good.
     """
 
     track: Track
     agreement: Agreement | None
     near: np.ndarray | None = None
     doubts: tuple[str, ...] = ()
+    seen: np.ndarray | None = None
+
+    @cached_property
+    def there(self) -> np.ndarray:
+        """Frames (F,) bool of the track that show the person."""
+        if self.seen is None:
+            return np.ones(len(self.track), bool)
+        return np.isin(self.track.frames, self.seen)
+
+    @cached_property
+    def lost(self) -> np.ndarray:
+        """Frames (F,) bool that show the person, who is lost in them."""
+        return self.track.lost & self.there
 
     @cached_property
     def rows(self) -> np.ndarray:
@@ -98,8 +113,8 @@ class Quality:
     def doubtful(self) -> dict[str, np.ndarray]:
         """Rows (n,) to check, by what is doubtful there: the person, a part, or unexplained
         voxels."""
-        found = {"the person, lost": np.flatnonzero(self.track.lost)}
-        held = ~self.track.lost[self.rows]
+        found = {"the person, lost": np.flatnonzero(self.lost)}
+        held = (~self.track.lost & self.there)[self.rows]
         for number, part in enumerate(self.parts):
             found[part] = self.rows[(self.confidence[:, number] < DOUBTFUL) & held]
         if self.agreement is not None:
@@ -122,8 +137,8 @@ class Quality:
         if not len(self.track):
             return "bad"
         rows = {row for rows in self.doubtful.values() for row in rows.tolist()}
-        judged = {*self.rows.tolist(), *np.flatnonzero(self.track.lost).tolist()}
-        share = len(rows) / len(judged)
+        judged = {*self.rows[self.there[self.rows]].tolist(), *np.flatnonzero(self.lost).tolist()}
+        share = len(rows) / max(1, len(judged))
         if share > _GOOD:
             return "bad" if share >= _BAD and self._is_confirmed else "doubtful"
         if self.doubts:
@@ -142,7 +157,7 @@ class Quality:
     @property
     def _is_confirmed(self) -> bool:
         """Whether more than doubtful limbs shows that the track is wrong."""
-        if self.track.lost.mean() >= _BAD:
+        if self.lost.sum() >= _BAD * max(1, self.there.sum()):
             return True
         if self.near is not None and np.nanmean(self.near) < _FITTING:
             return True
@@ -163,8 +178,10 @@ class Quality:
 
     def lines(self) -> list[str]:
         """Return lines for the user: the verdict, then what to check."""
-        track, lost = self.track, int(self.track.lost.sum())
-        facts = [f"{lost} of {len(track)} frames lost" if lost else "no frame lost"]
+        track, lost, n_there = self.track, int(self.lost.sum()), int(self.there.sum())
+        facts = [f"{lost} of {n_there} frames lost" if lost else "no frame lost"]
+        if n_there < len(track):
+            facts.append(f"not there in frames {spans(track.frames[~self.there].tolist())}")
         if self.agreement is not None:
             means = camera_means(self.agreement.body_iou)
             worst = int(np.argmin(np.nan_to_num(means, nan=1.0)))
@@ -215,7 +232,7 @@ class Quality:
             "mean_confidence": _plain(np.nanmean(track.confidence))
             if np.isfinite(track.confidence).any()
             else None,
-            "lost_frames": spans(track.frames[track.lost].tolist()),
+            "lost_frames": spans(track.frames[self.lost].tolist()),
             "lost_limbs": {
                 name: spans(track.frames[column].tolist())
                 for name, column in zip(limb_names(track.its_body), track.lost_limbs.T, strict=True)

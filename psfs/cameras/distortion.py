@@ -13,6 +13,10 @@ import numpy as np
 #: Newton steps to undistort, and the largest residual accepted, in focal lengths.
 _STEPS, _MAX_RESIDUAL = 12, 1e-6
 
+#: Normalised radius up to which a polynomial is looked at (84 degrees), and the share of a root's
+#: size up to which its imaginary part is rounding.
+_LARGEST_RADIUS, _IMAGINARY = 10.0, 1e-9
+
 #: -kappa r^2 beyond which Tsai's cubic has no root on the side of the lens.
 _TSAI_END = 4 / 27
 
@@ -108,7 +112,10 @@ def largest_radius2(coefficients: np.ndarray) -> float:
     k1, k2, _, _, k3, *kappa = coefficients
     if any(kappa):
         return float(_TSAI_END / -kappa[0]) if kappa[0] < 0 else float("inf")
-    r = np.linspace(0.0, 10.0, 100_001)
-    slope = 1 + 3 * k1 * r**2 + 5 * k2 * r**4 + 7 * k3 * r**6
-    turning = np.flatnonzero(slope <= 0)
-    return float(r[turning[0]] ** 2) if turning.size else float("inf")
+    if not np.isfinite(coefficients).all():
+        return float("inf")
+    # Of 1 / r^2, where the slope of the distorted radius is 0; so no coefficient divides.
+    roots = np.roots([1.0, 3 * k1, 5 * k2, 7 * k3])
+    turning = roots.real[np.abs(roots.imag) <= _IMAGINARY * np.abs(roots)]
+    greatest = float(turning.max(initial=0.0))
+    return 1 / greatest if greatest >= 1 / _LARGEST_RADIUS**2 else float("inf")

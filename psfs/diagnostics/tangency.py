@@ -209,6 +209,7 @@ class _Image:
         found = [outline for outline in outlines if outline is not None]
         self.points = np.concatenate([o.points for o in found]) if found else np.zeros((0, 2))
         self._at_border = np.concatenate([o.at_border for o in found]) if found else np.zeros(0)
+        self._any_at_border = bool(self._at_border.any())
         lengths = [len(outline.points) for outline in found]
         self._starts = np.cumsum([0, *lengths])[:-1]
 
@@ -218,17 +219,15 @@ class _Image:
         out = np.full((len(self._there), 2), np.nan)
         if not len(angles):
             return out
-        inside = np.where(self._at_border, np.inf, angles)
-        low = np.minimum.reduceat(inside, self._starts)
-        cut = np.minimum.reduceat(angles, self._starts) < low
-        inside = np.where(self._at_border, -np.inf, angles)
-        high = np.maximum.reduceat(inside, self._starts)
-        cut_high = np.maximum.reduceat(angles, self._starts) > high
-        whole = np.maximum.reduceat(angles, self._starts) - np.minimum.reduceat(
-            angles, self._starts
-        )
-        found = np.column_stack([np.where(cut, np.nan, low), np.where(cut_high, np.nan, high)])
-        found[whole > _WIDEST] = np.nan
+        least = np.minimum.reduceat(angles, self._starts)
+        greatest = np.maximum.reduceat(angles, self._starts)
+        found = np.column_stack([least, greatest])
+        if self._any_at_border:
+            low = np.where(self._at_border, np.inf, angles)
+            high = np.where(self._at_border, -np.inf, angles)
+            found[least < np.minimum.reduceat(low, self._starts), 0] = np.nan
+            found[greatest > np.maximum.reduceat(high, self._starts), 1] = np.nan
+        found[greatest - least > _WIDEST] = np.nan
         out[self._there] = found
         return out
 

@@ -118,7 +118,8 @@ def smoothed_evidence(
     total, weights = np.zeros(counts.shape), np.zeros(counts.shape)
     for y, x in np.ndindex(2 * reach + 1, 2 * reach + 1):
         part = slice(y, y + height), slice(x, x + width)
-        weight = (1 + ((lumas[part] - luma) / config.smoothing.contrast) ** 2) ** -2
+        # Not to the power of -2, which NumPy takes ten times as long for.
+        weight = 1 / (1 + ((lumas[part] - luma) / config.smoothing.contrast) ** 2) ** 2
         total += weight * ratios[part]
         weights += weight
     place = 9 * total / weights - 9 * config.evidence.ratio_range[0]

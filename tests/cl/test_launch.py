@@ -258,7 +258,10 @@ def test_kernels_that_the_defines_leave_out_are_refused(device: Device) -> None:
 
 def test_the_driver_reads_the_same(device: Device) -> None:
     """Where the driver says what a kernel's arguments are called, they are the same."""
-    built: Any = pyopencl.Program(device.context, SOURCE)
+    # NVIDIA's (580.159) writes a table of names that ptxas refuses for a kernel without any.
+    source = SOURCE.replace("kernel void nothing() {}", "")
+    assert source != SOURCE
+    built: Any = pyopencl.Program(device.context, source)
     built = built.build(options=["-cl-std=CL1.2", "-cl-kernel-arg-info"])
     kernel = pyopencl.Kernel(built, "gather")
     info = pyopencl.kernel_arg_info

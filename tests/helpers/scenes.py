@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -57,11 +58,17 @@ def solid(points: np.ndarray) -> np.ndarray:
     return ball | ((points >= low) & (points <= high)).all(-1)
 
 
-def masks_of(rig: CameraRig) -> np.ndarray:
-    """Render silhouettes (V, H, W) uint8 of the test body from a dense cloud of points."""
+@cache
+def solid_points() -> np.ndarray:
+    """Return a dense cloud of points (N, 3) of the test body; not to be changed."""
     axes = [np.arange(-0.3, 0.5, 0.012), np.arange(-0.4, 0.4, 0.012), np.arange(0.1, 1.7, 0.012)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-    points = points[solid(points)]
+    return points[solid(points)]
+
+
+def masks_of(rig: CameraRig) -> np.ndarray:
+    """Render silhouettes (V, H, W) uint8 of the test body from a dense cloud of points."""
+    points = solid_points()
     masks = np.zeros((len(rig), rig.height, rig.width), np.uint8)
     for view, camera in enumerate(rig):
         _, row, column, _ = camera.look_up(points)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from apf.body.cones import cone_distances
@@ -25,8 +27,7 @@ class World:
     def __init__(self, device: Device, body: BodyModel = SONG, voxel: float = 0.05) -> None:
         self.device, self.body = device, body
         self.rig: CameraRig = scenes.ring(3)
-        low, high = np.array([-0.7, -0.7, -0.1]), np.array([0.7, 0.7, 1.9])
-        self.grid = VoxelGrid.covering(low, high, voxel)
+        self.grid = _grid(voxel)
         self._voxels: Voxels = Reconstructor(device, self.rig, self.grid, None).voxels
         self._voxels.evidence = None  # the voxels here are carved from no pictures
 
@@ -42,11 +43,9 @@ class World:
         return pose
 
     def twin(self, frame: int) -> HostVoxels:
-        cones = posed_cones(self.body, self.pose(frame)[None])[0]
-        inside = cone_distances(self.grid.centres(), cones).min(1) < 0
-        shell = inside & (
-            cone_distances(self.grid.centres(), cones).min(1) > -1.2 * self.grid.voxel_size
-        )
+        distances = _distances(self.body, self.pose(frame).tobytes(), self.grid.voxel_size)
+        inside = distances < 0
+        shell = inside & (distances > -1.2 * self.grid.voxel_size)
         return HostVoxels(
             self.grid, inside.reshape(self.grid.shape).astype(float), np.flatnonzero(shell), 0
         )
@@ -58,3 +57,15 @@ class World:
         self._voxels.surface.set(padded)
         self._voxels.count.set(np.array([len(indices)], np.int32))
         return self._voxels
+
+
+def _grid(voxel: float) -> VoxelGrid:
+    return VoxelGrid.covering(np.array([-0.7, -0.7, -0.1]), np.array([0.7, 0.7, 1.9]), voxel)
+
+
+@lru_cache(maxsize=100)
+def _distances(body: BodyModel, pose: bytes, voxel: float) -> np.ndarray:
+    """Return the distances (voxels,), m, of a world's voxels from the surface of a posed body."""
+    cones = posed_cones(body, np.frombuffer(pose)[None])[0]
+    nearest: np.ndarray = cone_distances(_grid(voxel).centres(), cones).min(1)
+    return nearest

@@ -25,7 +25,7 @@ def read_keypoints(
     """
     if args.keypoints is None:
         return None
-    path = _path(args, sequence.folder)
+    path = keypoints_path(args, sequence.folder)
     if args.cameras is None:
         keypoints = Keypoints.open(path, sequence)
     else:  # of some cameras only: the assignment may need all of them
@@ -49,7 +49,7 @@ def read_keypoints(
     return keypoints
 
 
-def _path(args: argparse.Namespace, folder: Path) -> Path:
+def keypoints_path(args: argparse.Namespace, folder: Path) -> Path:
     """Return the path of --keypoints: as given if it exists, else relative to the sequence's
     folder."""
     given = Path(args.keypoints)

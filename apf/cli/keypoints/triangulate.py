@@ -8,15 +8,19 @@ from pathlib import Path
 import numpy as np
 
 from apf.cli.flags.shared import TRIANGULATE
-from apf.cli.keypoints.flags import read_keypoints
+from apf.cli.keypoints.flags import keypoints_path, read_keypoints
 from apf.cli.method_flags import METHOD_FLAGS
+from apf.cli.takes.people import people_number
+from apf.keypoints import Keypoints
 from apf.report.overlay import write_overlay
+from apf.report.people_page import write_people_overlay
 from apf.tracking.config import TriangulatedConfig
-from apf.tracking.track import Track
+from apf.tracking.people import PeopleTracks, person_folder
+from apf.tracking.track import PEOPLE, Track
 from apf.tracking.triangulated import triangulate_track
 from cl import InputError, UserError
 from psfs.cameras.names import listed
-from psfs.cli.commandline import progress_bar, stdout
+from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.cli.sequence_flags import open_sequence, selected_frames
 from psfs.cli.setting_flags import with_flags
 from psfs.cli.settings import FILE, refuse_unused, write_settings
@@ -61,14 +65,53 @@ def _one(args: argparse.Namespace, folder: str, output: Path) -> None:
     job = argparse.Namespace(**{**vars(args), "folder": folder, "output": output})
     sequence = open_sequence(job)
     frames = selected_frames(job, sequence)
+    selection = slice(frames.start, frames.stop, frames.step)
+    if args.people not in ("auto", "1"):
+        _several(job, sequence, config, selection)
+        return
     keypoints = read_keypoints(job, sequence)
     assert keypoints is not None
-    selection = slice(frames.start, frames.stop, frames.step)
     with output_folder(output, args.parser.prog, sequence.inputs, RESULTS):
         track = triangulate_track(sequence, keypoints, config, selection)
         _write(args, output, sequence, track)
     stdout.print(f"{len(track)} frames triangulated: {output}", soft_wrap=True)
     stdout.print(_described(track), soft_wrap=True)
+
+
+def _several(
+    job: argparse.Namespace, sequence: Sequence, config: TriangulatedConfig, selection: slice
+) -> None:
+    """Triangulate the keypoints of several people, and write each one's files and people.json."""
+    number = people_number(job.people)
+    if job.cameras is not None:
+        raise InputError("--people with --cameras: persons are assigned in all cameras; expected "
+                         "one of them")  # fmt: skip
+    people = Keypoints.open_people(keypoints_path(job, sequence.folder), sequence, number)
+    if len(people) < number:
+        warn(f"{sequence.name}: --people is {number}; {len(people)} seen by several cameras")
+    frames = np.arange(len(sequence))[selection]
+    with output_folder(job.output, job.parser.prog, sequence.inputs, (*RESULTS, PEOPLE)):
+        tracks, seen = [], []
+        for own in people:
+            tracks.append(triangulate_track(sequence, own, config, selection))
+            shown = np.isfinite(own.points[:, frames]).all(-1).any(-1).sum(0) > 1
+            seen.append(frames[shown])
+        found = PeopleTracks(tuple(tracks), frames, tuple(seen))
+        for number, track in enumerate(tracks, start=1):
+            folder = person_folder(job.output, number)
+            folder.mkdir(parents=True, exist_ok=True)
+            for name in RESULTS[:3]:
+                track.save(folder / name)
+        found.save_list(job.output)
+        write_settings(job.output, job)
+        if not job.no_overlay:
+            with progress_bar() as bar:
+                task = bar.add_task("overlay", total=len(frames))
+                write_people_overlay(
+                    job.output / "overlay.mp4", sequence, found, lambda: bar.advance(task)
+                )
+    for number, track in enumerate(tracks, start=1):
+        stdout.print(f"person{number}: {_described(track)}", soft_wrap=True)
 
 
 def _write(args: argparse.Namespace, output: Path, sequence: Sequence, track: Track) -> None:

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from apf.cli.first_pose import check_start
 from apf.cli.method_flags import chosen_method
 from apf.filters.method import Method
@@ -22,13 +24,14 @@ MOST_SEEDS = 1000
 class TrackJob:
     """One take of the command: its flags, with its own `folder` and `output`, and the settings that
     they set. of_people: which person of how many it tracks, for the summary; empty for the only
-    one."""
+    one. seen: frames (F,) that show the person, None for all."""
 
     args: argparse.Namespace
     method: Method
     seeds: list[int]
     device: Device | NumpyDevice
     of_people: Mapping[str, int] = field(default_factory=dict)
+    seen: np.ndarray | None = None
 
     @classmethod
     def from_arguments(
@@ -40,11 +43,12 @@ class TrackJob:
         check_start(args)
         return cls(argparse.Namespace(**{**vars(args), **own}), method, seeds, device)
 
-    def person(self, number: int, of: int) -> TrackJob:
-        """Return the job of one person, counted from 1, with a folder in this one's."""
+    def person(self, number: int, of: int, seen: np.ndarray) -> TrackJob:
+        """Return the job of one person, counted from 1, with a folder in this one's; seen: frames
+        (F,) that show the person."""
         own = {**vars(self.args), "output": self.args.output / f"person{number}"}
         facts = {"person": number, "people": of}
-        return replace(self, args=argparse.Namespace(**own), of_people=facts)
+        return replace(self, args=argparse.Namespace(**own), of_people=facts, seen=seen)
 
     @property
     def folders(self) -> list[Path]:

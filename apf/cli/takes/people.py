@@ -39,7 +39,8 @@ class Persons:
     def jobs(self, job: TrackJob) -> Iterator[tuple[TrackJob, Session]]:
         """Yield the job and the session of each person."""
         for number, session in enumerate(self.sessions, start=1):
-            yield job.person(number, len(self.sessions)), session
+            seen = self.people.persons[number - 1].frames
+            yield job.person(number, len(self.sessions), seen), session
 
     def gather(self, tracks: list[Track], verdicts: list[str]) -> PeopleTracks:
         """Return the tracks of the first people, or of all, with the frames that show them."""
@@ -55,12 +56,18 @@ def chosen_people(args: argparse.Namespace, method: Method) -> int | None:
     there are several and another flag is of one."""
     if args.people == "auto":
         return None
-    number = int(args.people) if args.people.isdecimal() else 0
-    if not 1 <= number <= MOST_PEOPLE:
-        raise InputError(f"--people is {args.people}; expected 1 to {MOST_PEOPLE}, or auto")
+    number = people_number(args.people)
     why = _one_only(args, method)
     if number > 1 and why is not None:
         raise InputError(f"--people {number}: {why}; expected one person")
+    return number
+
+
+def people_number(text: str) -> int:
+    """Return the number of people that --people states. Raises InputError."""
+    number = int(text) if text.isdecimal() else 0
+    if not 1 <= number <= MOST_PEOPLE:
+        raise InputError(f"--people is {text}; expected 1 to {MOST_PEOPLE}, or auto")
     return number
 
 

@@ -183,3 +183,17 @@ def test_names_and_rows() -> None:
     assert plain_name("l_upper_arm") == "left upper arm" and plain_name("head_top") == "head top"
     assert choose_rows(5).tolist() == [0, 1, 2, 3, 4] and choose_rows(0).size == 0
     assert len(choose_rows(401)) <= 200 and choose_rows(401)[1] == 3
+
+
+def test_frames_without_the_person_are_not_judged() -> None:
+    track = tracks.walker(40)
+    lost = np.isin(track.frames, np.arange(10, 21))
+    track = replace(track, diagnostics={"lost": lost})
+    assert Quality(track, None).verdict == "bad"
+    assert "11 of 40 frames lost" in Quality(track, None).lines()[0]
+    visitor = Quality(track, None, seen=np.delete(track.frames, np.arange(10, 20)))
+    assert visitor.doubtful["the person, lost"].tolist() == [20]
+    assert visitor.verdict == "doubtful"
+    said = visitor.lines()[0]
+    assert "1 of 30 frames lost" in said and "not there in frames 10-19" in said
+    assert visitor.facts()["lost_frames"] == "20"

@@ -19,9 +19,7 @@ CONFIRMS, DENIES = 19, -127
 
 def walking(rig: CameraRig, n: int = 9) -> list[np.ndarray]:
     """Evidence maps (V, H, W) of the test body on its way."""
-    axes = [np.arange(-0.3, 0.5, 0.012), np.arange(-0.4, 0.4, 0.012), np.arange(0.1, 1.7, 0.012)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-    points = points[scenes.solid(points)]
+    points = scenes.solid_points()
     frames = []
     for shift in np.linspace(-0.3, 0.3, n):
         maps = np.full((len(rig), rig.height, rig.width), DENIES, np.int8)

@@ -1,0 +1,85 @@
+"""Persons of several cameras assigned to people, whatever their order in the pictures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from helpers import scenes
+from helpers.keypoints import of_poses
+
+from apf.body import load_body
+from apf.keypoints.association import associate_people
+from psfs.cameras.camera import CameraRig
+
+RIG = scenes.ring(4, size=(640, 480), radius=5.0)
+BODY = load_body("song31")
+FRAMES, FPS = 24, 12.0
+
+
+def walker(start: tuple[float, float], step: tuple[float, float], **options: Any) -> np.ndarray:
+    """Return the keypoints (V, F, K, 3) of a body that moves on a line."""
+    poses = np.tile(BODY.rest_pose, (FRAMES, 1))
+    for axis in (0, 1):
+        poses[:, axis] += start[axis] + step[axis] * np.arange(FRAMES)
+    return of_poses(RIG, BODY, poses, **options).points.astype(float)
+
+
+def shuffled(people: list[np.ndarray], seed: int = 0) -> np.ndarray:
+    """Return (V, F, N, K, 3): the people of each picture in an order of its own."""
+    stacked = np.stack(people, axis=2)
+    random = np.random.default_rng(seed)
+    for view, frame in np.ndindex(stacked.shape[:2]):
+        stacked[view, frame] = stacked[view, frame, random.permutation(len(people))]
+    return stacked
+
+
+def same(found: np.ndarray, true: np.ndarray) -> float:
+    """Return the share of a person's keypoints that were given to the person."""
+    known = np.isfinite(true)
+    return float((found[known] == true[known]).mean())
+
+
+def test_people_who_pass_one_another_are_kept_apart() -> None:
+    people = [
+        walker((-1.0, -0.4), (0.08, 0), noise=1.5),
+        walker((1.0, 0.4), (-0.08, 0), noise=1.5, seed=1),
+        walker((0.0, 1.4), (0.0, 0.0), noise=1.5, seed=2),
+    ]
+    found = associate_people(shuffled(people), RIG, FPS)
+    assert len(found) == 3
+    shares = np.array([[same(own, true) for true in people] for own in found])
+    assert shares.max(1).min() > 0.98
+    assert sorted(shares.argmax(1)) == [0, 1, 2]
+
+
+def test_who_leaves_comes_back_as_the_same_person() -> None:
+    first, second = walker((-0.8, 0), (0, 0)), walker((0.8, 0), (0, 0.01))
+    second[:, 8:18] = np.nan
+    found = associate_people(shuffled([first, second]), RIG, FPS)
+    assert [same(own, true) for own, true in zip(found, (first, second), strict=True)] == [1, 1]
+
+
+def test_a_camera_without_a_person_and_persons_of_one_camera() -> None:
+    """Somebody in a single camera, such as a picture on the wall, is nobody; one camera may miss a
+    person."""
+    person, poster = walker((0, 0), (0.02, 0)), walker((1.0, 1.0), (0, 0))
+    person[1, 5:9] = np.nan
+    poster[1:] = np.nan
+    (found,) = associate_people(shuffled([person, poster]), RIG, FPS)
+    assert same(found, person) == 1
+    assert np.isnan(found[1, 5:9]).all()
+
+
+def test_nobody_and_at_most_so_many() -> None:
+    people = [walker((-0.8, 0), (0, 0)), walker((0.8, 0), (0, 0))]
+    assert associate_people(shuffled(people) * np.nan, RIG, FPS) == []
+    assert len(associate_people(shuffled(people), RIG, FPS, number=1)) == 1
+
+
+def test_two_cameras_are_enough() -> None:
+    rig = CameraRig(RIG.cameras[:2])
+    people = [walker((-0.8, 0), (0.01, 0))[:2], walker((0.8, 0.3), (0, 0))[:2]]
+    found = associate_people(shuffled(people), rig, FPS)
+    shares = np.array([[same(own, true) for true in people] for own in found])
+    assert sorted(shares.max(1)) == [1, 1]
