@@ -6,7 +6,14 @@ from apf.cluster.config import ChunksConfig, WorkerConfig
 from apf.filters.method import Method
 from apf.initialisation.config import StartConfig
 from apf.initialisation.fit_config import JointFitConfig, KeypointStartConfig
-from apf.keypoints.config import AgreementConfig, AssociationConfig, CropConfig, PersonConfig
+from apf.keypoints.config import (
+    AgreementConfig,
+    AssociationConfig,
+    CropConfig,
+    LagConfig,
+    PersonConfig,
+    SideConfig,
+)
 from apf.live.config import CaptureConfig, LiveConfig
 from apf.synthetic.config import SceneConfig
 from apf.tracking.config import (
@@ -30,6 +37,8 @@ class KeypointSettings(Config):
         AssociationConfig, "Which persons of the cameras are the same, if several are followed."
     )
     agreement: AgreementConfig = part(AgreementConfig, "When the cameras' keypoints disagree.")
+    lags: LagConfig = part(LagConfig, "When keypoints are late.")
+    sides: SideConfig = part(SideConfig, "When left and right of the keypoints are exchanged.")
 
 
 class ClusterSettings(Config):
