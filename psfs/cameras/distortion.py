@@ -13,7 +13,7 @@ import numpy as np
 #: Newton steps to undistort, and the largest residual accepted, in focal lengths.
 _STEPS, _MAX_RESIDUAL = 12, 1e-6
 
-#: Normalised radius up to which a polynomial is looked at (84 degrees), and the share of a root's
+#: Normalised radius up to which a polynomial is searched (84 degrees), and the share of a root's
 #: size up to which its imaginary part is rounding.
 _LARGEST_RADIUS, _IMAGINARY = 10.0, 1e-9
 
