@@ -111,8 +111,8 @@ class Device:
     def __post_init__(self) -> None:
         self.info = device_info(self.handle)
         try:
-            self._programs = shared_programs(self.handle)
-            self.context = self._programs.context
+            self.programs = shared_programs(self.handle)
+            self.context = self.programs.context
             profiling: Any = pyopencl.command_queue_properties.PROFILING_ENABLE
             self.queue = pyopencl.CommandQueue(self.context, properties=profiling * self.profile)
         except pyopencl.Error as error:
@@ -258,7 +258,7 @@ class Device:
 
     def compiled(self, source: str, name: str, file: str, /, **defines: Define) -> Kernel:
         """Return the kernel `name` of a text; `file` names the text in errors."""
-        return self._programs.kernel(source, name, file, build_options(defines))
+        return self.programs.kernel(source, name, file, build_options(defines))
 
     def launch(
         self,

@@ -80,7 +80,7 @@ class RigFit:
         self.contours = [Contours([row[v] for row in outlines]) for v in range(len(rig))]
         self.scene = intersect_axes_ahead(rig)
         self.n_frames = len(outlines)
-        self._held = self._scene_moves() / _HELD
+        self._held = self.scene_moves() / _HELD
 
     def measure(self, values: np.ndarray, frames: np.ndarray | None = None) -> float:
         """Return the median residual, px, under corrections (V, 8); NaN without points."""
@@ -153,7 +153,7 @@ class RigFit:
         covariance = np.linalg.inv(normal)
         return -(covariance @ gradient).reshape(values.shape), covariance, residuals
 
-    def _scene_moves(self) -> np.ndarray:
+    def scene_moves(self) -> np.ndarray:
         """Return the derivatives (8, 8 V) of what silhouettes cannot tell by the corrections.
 
         Points around the scene's middle, triangulated from their pixels in all cameras, move if

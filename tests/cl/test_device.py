@@ -309,11 +309,11 @@ def test_programs_live_as_long_as_a_device_that_uses_them(
 ) -> None:
     monkeypatch.setattr(cl.programs, "_SHARED", WeakValueDictionary())
     first, second = Device(device.handle), Device(device.handle)
-    kept = weakref.ref(first._programs)
+    kept = weakref.ref(first.programs)
     assert first.context == second.context != device.context
     del first
     gc.collect()
-    assert kept() is second._programs
+    assert kept() is second.programs
     del second
     gc.collect()
     assert kept() is None

@@ -142,7 +142,7 @@ def test_what_silhouettes_cannot_tell_is_held() -> None:
     fit = RigFit(EXACT, [[None] * len(EXACT)] * 3)
     shifted = np.zeros((len(EXACT), 8))
     shifted[:, 3:6], shifted[:, 7] = [0.1, 0.2, -0.3], 0.25
-    held = fit._scene_moves() @ shifted.ravel()
+    held = fit.scene_moves() @ shifted.ravel()
     np.testing.assert_allclose(held, [0.1, 0.2, -0.3, 0, 0, 0, 0, 0.25], atol=1e-6)
 
 
