@@ -134,8 +134,8 @@ def splice_estimates(track: Track, found: dict[int, Estimate], corrected: list[i
     each stretch, but not within `_FADE` frames of a corrected one."""
     body, numbers = track.its_body, sorted(found)
     rows = np.flatnonzero(np.isin(track.frames, numbers))
-    estimates, made_by = [found[number] for number in numbers], json.loads(track.provenance)
-    made = build_track(body, track.fps, numbers, estimates, made_by).judged
+    estimates, provenance = [found[number] for number in numbers], json.loads(track.provenance)
+    made = build_track(body, track.fps, numbers, estimates, provenance).judged
     share = _shares(track, rows, corrected)
     poses = track.poses.copy()
     both = np.stack([poses[rows], made.poses])

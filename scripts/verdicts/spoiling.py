@@ -41,7 +41,7 @@ _ERROR, _CONFIDENCE = 4.0, 0.9
 
 
 def spoil_footage(sequence: Sequence, how: str, seed: int) -> Sequence:
-    """Return a sequence spoilt in one of the ways `FOOTAGE`."""
+    """Return a sequence with one of the faults named in `FOOTAGE`."""
     names, random = sequence.rig.names, np.random.default_rng(seed)
     if how in ("three cameras", "two cameras"):
         n = {"three": 3, "two": 2}[how.split()[0]]
@@ -82,7 +82,7 @@ def open_keypoints(sequence: Sequence, truth: JointSeries, seed: int) -> Keypoin
 
 
 def spoil_keypoints(keypoints: Keypoints, rig: CameraRig, how: str, seed: int) -> Keypoints:
-    """Return keypoints spoilt in one of the ways `KEYPOINTS`."""
+    """Return keypoints with one of the faults named in `KEYPOINTS`."""
     random = np.random.default_rng(seed)
     view = int(random.integers(len(rig)))
     if how in ("outliers", "exchanged"):

@@ -26,7 +26,7 @@ FRAMES = np.arange(N)
 
 
 def pair() -> PeopleTracks:
-    """Return two walkers, the second of whom is seen in frames 2 to 4."""
+    """Return two walkers, of whom the second is visible in frames 2 to 4."""
     first = tracks.walker(N)
     poses = first.poses.copy()
     poses[:, first.dof_names.index("pelvis.tx")] += 0.8
