@@ -12,7 +12,6 @@ from apf.cluster.pool import Pool, Task
 #: A generator of workflow steps: it yields tasks that may run in parallel, receives their results
 #: in that order, and returns the final result. If one of them fails, its exception is raised at the
 #: `yield`.
-#: Where one of them fails its exception is raised at the `yield`.
 Workflow = Generator[list[Task], list[Any], Any]
 
 

@@ -176,10 +176,10 @@ class Evaluation:
             "limbs_said_to_be_lost": {
                 n: round(share, 5) for n, share in self.predicted_lost_fraction.items()
             },
-            "limbs_beyond_200_mm_flagged": _rounded(self.flags.found),
-            "limbs_within_150_mm_flagged": _rounded(self.flags.falsely),
+            "limbs_beyond_200_mm_flagged": _round(self.flags.found),
+            "limbs_within_150_mm_flagged": _round(self.flags.falsely),
             "inside_95": _mean_share(self.inside),
-            "inside_95_unflagged": _rounded(self.inside_unflagged),
+            "inside_95_unflagged": _round(self.inside_unflagged),
             "lost_frames": self.frames[self.lost].tolist(),
             "n_frames": len(self.frames),
             "n_joints": len(self.joint_names),
@@ -249,7 +249,7 @@ def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
     frames, rows, true_rows = common_frames(track, truth)
     columns = [EVALUATED_JOINTS.index(name) for name in names]
     offsets = ours[rows][:, columns] - true[true_rows][:, columns]
-    stated = _stated(track, tuple(names))[rows]
+    stated = _reported_covariance(track, tuple(names))[rows]
     axes = _body_frames(true[true_rows])
     common = frames, rows
     found = evaluate_points(track, truth, common, tuple(names), offsets, axes, covariance=stated)
@@ -305,7 +305,7 @@ def evaluate_points(
         offsets=offsets[compared][:, with_truth],
         body_frames=axes[compared] if axes.ndim == 3 else axes[compared][:, with_truth],
         covariance=covariance[compared][:, with_truth],
-        lost=_lost(track)[rows][compared],
+        lost=_lost_frames(track)[rows][compared],
         unmatched_track=(),
         unmatched_truth=(),
         n_ignored=int(missing.sum()),
@@ -315,7 +315,7 @@ def evaluate_points(
     )
 
 
-def _stated(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
+def _reported_covariance(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
     """Return the covariance (F, J, 3, 3), m^2, that the track reports for these joints."""
     columns = match_joints(track.joint_names)
     found = np.full((len(track.frames), len(names), 3, 3), np.nan)
@@ -326,7 +326,7 @@ def _stated(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
     return found
 
 
-def _lost(track: Track | JointSeries) -> np.ndarray:
+def _lost_frames(track: Track | JointSeries) -> np.ndarray:
     """Return the frames (F,) that the track reports as lost."""
     return track.lost if isinstance(track, Track) else np.zeros(len(track.frames), bool)
 
@@ -376,7 +376,7 @@ def _mean_share(values: np.ndarray) -> float | None:
     return round(float(known.mean()), 4) if known.size else None
 
 
-def _rounded(share: float) -> float | None:
+def _round(share: float) -> float | None:
     return round(share, 5) if np.isfinite(share) else None
 
 

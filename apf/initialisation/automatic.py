@@ -139,12 +139,12 @@ class _Fitting:
     def limbs(self, hypothesis: Hypothesis, anchor: int) -> Hypothesis:
         """Return the hypothesis with its limbs searched for in frame `anchor`."""
         self._progress()
-        return self.search.with_limbs(self.fitted[anchor], self.clouds[anchor], hypothesis)
+        return self.search.search_limbs(self.fitted[anchor], self.clouds[anchor], hypothesis)
 
     def __call__(self, found: Hypothesis, anchor: int) -> Fit:
         search = self.search
         poses = self._track_both_ways(search.model.body(found.shape), found.pose, anchor)
-        return self._near(*self._fit_shape(found.shape, poses))
+        return self._search_near(*self._fit_shape(found.shape, poses))
 
     def _fit_shape(self, shape: np.ndarray, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the shape, fitted to the frames in which the body is unfolded, and all poses
@@ -161,12 +161,12 @@ class _Fitting:
                 )  # fmt: skip
         return shape, poses
 
-    def _near(self, shape: np.ndarray, poses: np.ndarray) -> Fit:
+    def _search_near(self, shape: np.ndarray, poses: np.ndarray) -> Fit:
         """Return poses near these, and their costs."""
         search, found = self.search, []
         for pose, voxels, cloud in zip(poses, self.fitted, self.clouds, strict=True):
             self._progress()
-            found.append(search.near(voxels, cloud, shape, pose))
+            found.append(search.search_near(voxels, cloud, shape, pose))
         found_poses = np.array([h.pose for h in found])
         ahead = search.walking_factor(search.model.body(shape), found_poses)
         return Fit(found, float(np.mean([h.cost for h in found])) * ahead)

@@ -83,10 +83,10 @@ def start_from_keypoints(
     seen = correct_swapped_sides(rig, seen, found, points, config.outlier * pixel)
     views = _make_views(seen, found, points, config.error * pixel)
     fitter = PointFitter(template, rig, views, config.fit, keep_shape)
-    fit = fitter.refined(fitter.begun())
+    fit = fitter.refine(fitter.start_fit())
     views, model = _calibrate_errors(fitter, fit, seen, points, config, pixel)
     fitter = PointFitter(template, rig, views, config.fit, keep_shape)
-    fit = fitter.refined(fitter.refit_suspect_frames(fit))
+    fit = fitter.refine(fitter.refit_suspect_frames(fit))
     if height is not None and not keep_shape:
         fit, fitter = _scale_to_height(fitter, fit, height, rig)
     views, model = _calibrate_errors(fitter, fit, seen, points, config, pixel)
@@ -124,10 +124,10 @@ def fit_pose_to_points(
         np.nan_to_num(seen[..., :2]), inverse, found,
     )  # fmt: skip
     fitter = PointFitter(body, rig, views, config.fit, keep_shape=True)
-    near = fitter.begun()
+    near = fitter.start_fit()
     tried = [
-        fitter.refined(fitter.fit_to_triangulated(replace(near, poses=poses)), poses_alone=True)
-        for poses in (near.poses, fitter.turned(near.poses))
+        fitter.refine(fitter.fit_to_triangulated(replace(near, poses=poses)), poses_alone=True)
+        for poses in (near.poses, fitter.turn_around(near.poses))
     ]
     pose: np.ndarray = min(tried, key=lambda fit: float(fitter.missed_share(fit)[0])).poses[0]
     return pose
@@ -237,4 +237,4 @@ def _scale_to_height(
     """Return the fit with the body scaled to a known stature, and the rest fitted to that body."""
     factor = np.log(height / stature(fitter.body(fit.log_lengths)))
     fitter = PointFitter(fitter.template, rig, fitter.views, fitter.config, keep_shape=True)
-    return fitter.refined(replace(fit, log_lengths=fit.log_lengths + factor)), fitter
+    return fitter.refine(replace(fit, log_lengths=fit.log_lengths + factor)), fitter

@@ -79,10 +79,10 @@ class PoseSearch:
         ]
         return self.distinct([self._penalise_backwards(h) for h in kept], headings.n_kept)
 
-    def with_limbs(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
+    def search_limbs(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
         """Search again for one limb after the other, anywhere within its limits."""
         body = self.model.body(hypothesis.shape)
-        best = self.near(voxels, cloud, hypothesis.shape, hypothesis.pose)
+        best = self.search_near(voxels, cloud, hypothesis.shape, hypothesis.pose)
         for limb in swinging_bones(body):
             loose = search_body(body, limb, self.config.spread)
             # The tracker's own limb search would try the same starts.
@@ -90,14 +90,16 @@ class PoseSearch:
                 loose, self.config.search.n_particles_limb, limb_search_reach=0.0
             )
             found = [
-                self.near(voxels, cloud, best.shape, _run_search(tracker, start, voxels)[0])
+                self.search_near(voxels, cloud, best.shape, _run_search(tracker, start, voxels)[0])
                 for start in self._limb_starts(best.pose, loose.sigma > 0)
             ]
             # A limb in the air costs little in the images; the voxels show better where it is.
             best = min([best, *found], key=lambda h: h.cost * h.registration_error)
         return self._fit_size(voxels, cloud, best)
 
-    def near(self, voxels: Any, cloud: Cloud, shape: np.ndarray, pose: np.ndarray) -> Hypothesis:
+    def search_near(
+        self, voxels: Any, cloud: Cloud, shape: np.ndarray, pose: np.ndarray
+    ) -> Hypothesis:
         """Return the best hypothesis with this shape near this pose."""
         if self._near is None or np.any(self._near[0] != shape):
             self._near = shape, self.model.body(shape)
@@ -138,7 +140,7 @@ class PoseSearch:
             self.template, [cloud], hypothesis.shape, hypothesis.pose[None], self.task.height,
             config=self.config.shape, n_steps=self.config.search.n_size_steps, free=self.free,
         )  # fmt: skip
-        other = self.near(voxels, cloud, shape, poses[0])
+        other = self.search_near(voxels, cloud, shape, poses[0])
         return min(hypothesis, other, key=lambda h: h.cost)
 
     def _searcher(self, body: BodyModel, n_particles: int, **settings: float) -> Any:

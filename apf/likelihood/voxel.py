@@ -24,7 +24,7 @@ from cl.signature import Argument
 from cl.staging import Ahead
 from cl.workgroups import pack_defines, pack_size, stated_group
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection
@@ -107,7 +107,7 @@ class VoxelLikelihood(Likelihood):
     ) -> None:
         if n_runs > 1 and config.track_terms:
             raise InputError(
-                f"{n_runs} runs at once: the likelihood's term {listed(config.track_terms)} "
+                f"{n_runs} runs at once: the likelihood's term {join_names(config.track_terms)} "
                 "depends on the track so far; expected none"
             )
         device, body, rig = scene.opencl, scene.body, scene.rig

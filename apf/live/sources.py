@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from apf.backend import Footage
+from apf.backend import FrameSource
 from apf.live.config import CaptureConfig
 from apf.live.timeline import Span, Timeline
 from cl import InputError
@@ -65,7 +65,7 @@ class Newest:
             self._condition.notify_all()
 
 
-class Source(Footage, Protocol):
+class Source(FrameSource, Protocol):
     """The input of live tracking. fps: frames per second."""
 
     fps: float
@@ -112,7 +112,7 @@ class Replay:
                 shots.put(Shot(frame, due))
 
 
-class Camera:
+class LiveCamera:
     """Reads the newest picture of an OpenCV capture, grabbed in a thread of its own.
 
     name: a USB number, a URL or a video file. A file is read on demand until `play`, and from then
@@ -193,7 +193,7 @@ class Camera:
             time.sleep(max(0.0, due - time.perf_counter()))
 
 
-class Cameras:
+class LiveCameras:
     """Cameras of `rig`, in its order, whose newest pictures form a frame.
 
     A frame appears when its oldest picture was grabbed. Its index counts steps of 1 / fps s. The
@@ -217,10 +217,10 @@ class Cameras:
                 f"for the cameras {', '.join(rig.names)}"
             )
         self.rig, self._known, self._empty = rig, background, empty
-        self._cameras: list[Camera] = []
+        self._cameras: list[LiveCamera] = []
         with ExitStack() as stack:  # close the opened captures if the next cannot be opened
             for name in names:
-                self._cameras.append(Camera(name, config))
+                self._cameras.append(LiveCamera(name, config))
                 stack.callback(self._cameras[-1].close)
             stack.pop_all()
         self.fps = min(camera.fps for camera in self._cameras)

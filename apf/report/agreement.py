@@ -13,7 +13,7 @@ import numpy as np
 
 from apf.body.cones import cone_distances, project_outlines
 from apf.body.kinematics import posed_cones
-from apf.report.overlay import checked_indices
+from apf.report.overlay import check_indices
 from apf.report.parts import Part, find_parts
 from apf.tracking.track import Track
 from psfs.cameras.camera import Camera, CameraRig
@@ -72,7 +72,7 @@ def compare_with_silhouettes(
     cones = posed_cones(body, track.poses[rows])
     found = defaultdict[str, list[Any]](list)
     clouds = []
-    indices = checked_indices(session.sequence, track.frames[rows])
+    indices = check_indices(session.sequence, track.frames[rows])
     for number, frame in enumerate(session.iterate_carved(grid, indices)):
         shown, cloud = whole_silhouettes(frame.silhouettes, region), frame.cloud
         scores = np.array([

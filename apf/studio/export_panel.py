@@ -1,4 +1,4 @@
-"""The panel that takes results home: files of motion, smoothed or as tracked, and the report."""
+"""The panel that exports results: files of motion, smoothed or as tracked, and the report."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ExportPanel:
     def __init__(self, gui: Any, say: Callable[[object], object]) -> None:
         self._say = say
         self._watch: Watch | None = None
-        self._message = gui.add_html(make_text("Open a track to take it home."))
+        self._message = gui.add_html(make_text("Open a track to export it."))
         self.person = gui.add_dropdown("person", ["-"], initial_value="-", visible=False)
         self.ending = gui.add_dropdown("file", list(dict.fromkeys(ENDINGS)), initial_value=".bvh")
         self.smooth = gui.add_checkbox("smoothed", True, hint="as apf smooth does")
@@ -43,7 +43,7 @@ class ExportPanel:
         self.person.options = tracks or ["-"]
         self.person.value = tracks[0] if tracks else "-"
         self.report.disabled = watch is None or not (watch.opened.folder / PAGE).is_file()
-        words = f"Choose a file of {tracks[0]}." if tracks else "Open a track to take it home."
+        words = f"Choose a file of {tracks[0]}." if tracks else "Open a track to export it."
         self._message.content = make_text(words)
 
     def make_file(self) -> tuple[str, bytes]:

@@ -21,12 +21,12 @@ from psfs.session import Session
 from psfs.volume import find_volume
 from psfs.voxels.grid import VoxelGrid
 
-#: RGB of the silhouettes, which no room has much of.
+#: RGB of the silhouettes, a colour that is rare in rooms.
 _SILHOUETTE = np.array([255, 0, 200])
 _FLOOR_VOXEL = 0.05  # m; the floor is drawn under a grid
 
 
-class Footage:
+class FootageView:
     """A take on the page, shown until `close`. The arguments are those of `Watch`; make_device:
     makes the device that silhouettes, faults and the volume are computed on."""
 
@@ -156,13 +156,13 @@ class Footage:
     def _silhouettes(self, frame: Frame) -> list[np.ndarray]:
         """Return each camera's silhouette (h, w) bool without the rig's padding."""
         with self._lock:
-            evidence = self._its_session().evidence([frame.index])[0]
+            evidence = self._make_session().evidence([frame.index])[0]
         sizes = [camera.size for camera in self.sequence.rig]
         return [
             of[:height, :width] > 0 for of, (width, height) in zip(evidence, sizes, strict=True)
         ]
 
-    def _its_session(self) -> Session:
+    def _make_session(self) -> Session:
         if self._session is None:
             self._session = Session(self.sequence, self._make_device())
         return self._session
@@ -171,7 +171,7 @@ class Footage:
         """Find the faults of the footage, and the volume."""
         try:
             with self._lock:
-                examination = examine(self._its_session())
+                examination = examine(self._make_session())
                 warnings = list(examination.warnings)
                 faults = [str(fault) for fault in examination.faults if not fault.serious]
                 if self._closed.is_set():

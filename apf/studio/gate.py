@@ -62,7 +62,7 @@ def start_server(port: int, gate: Gate) -> viser.ViserServer:
     the next free one. Raises InputError."""
     viser = import_viser()
     # viser prints the address without the token.
-    with _ONE_AT_A_TIME, _checked_serving(gate), redirect_stdout(io.StringIO()):
+    with _ONE_AT_A_TIME, _serve_with_checks(gate), redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=HOST, port=port, verbose=False)
     if _status(server.get_port(), "/") != http.client.FORBIDDEN:
         stop_server(server)
@@ -74,7 +74,7 @@ def start_server(port: int, gate: Gate) -> viser.ViserServer:
 
 
 def stop_server(server: viser.ViserServer) -> None:
-    """Stop a server without viser's words about it."""
+    """Stop a server without viser's messages."""
     with _ONE_AT_A_TIME, redirect_stdout(io.StringIO()):
         server.stop()
 
@@ -85,7 +85,7 @@ def page_address(server: viser.ViserServer, gate: Gate) -> str:
 
 
 @contextmanager
-def _checked_serving(gate: Gate) -> Iterator[None]:
+def _serve_with_checks(gate: Gate) -> Iterator[None]:
     """Have all servers that websockets starts inside check their requests by `gate`."""
     from websockets.asyncio import server as serving
 

@@ -1,4 +1,4 @@
-"""What the page's 3-D view shows: bodies, voxels, cameras, the floor; one class each."""
+"""Nodes of the page's 3-D view: bodies, voxels, cameras, the floor; one class each."""
 
 from __future__ import annotations
 

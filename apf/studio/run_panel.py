@@ -20,7 +20,8 @@ from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.sequence import Sequence
 
 _OURS = "default"
-#: Time between two looks at a run, s; and how much longer a track must be to be shown again.
+#: Time between two checks of a run, s; and the factor by which its track must have grown to be
+#: shown again.
 _INTERVAL, _LONGER = 1.0, 1.5
 
 

@@ -59,7 +59,7 @@ class ChosenSettings:
             tried.pop(path)
         tables = _nest(tried)
         for node, config in self._defaults.items():
-            config.overlaid(tables.get(node, {}), node)
+            config.overlay(tables.get(node, {}), node)
         self.values = tried
 
     @property

@@ -1,4 +1,4 @@
-"""The time line: a slider, buttons and keys that move a clock, and a thread that plays."""
+"""The time line: a slider, buttons and keys that move a clock, and a thread for playback."""
 
 from __future__ import annotations
 

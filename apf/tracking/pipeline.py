@@ -94,7 +94,7 @@ def track_frames(
     sequence, method = session.sequence, task.method
     check_rate(sequence, session.frames.step)
     grid = automatic_grid(session) if method.uses_voxels else None
-    scaled = method.replace(filter=method.filter.at_rate(session.rate))
+    scaled = method.replace(filter=method.filter.scale_to_rate(session.rate))
     scene = Scene(session.device, session.rig, grid, task.body)
     seen = observations(session, task)
     runs = [run_seeds(seed, method.n_runs) for seed in task.seeds]

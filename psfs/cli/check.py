@@ -89,7 +89,7 @@ def _report(
     masked = np.ma.masked_invalid(scores)
     stdout.print(iou_table("IoU with the frames' silhouettes", names, masked))
     if clouds:
-        stdout.print(_beside_truth(clouds))
+        stdout.print(_format_truth(clouds))
     left_out: dict[str, str] = run.summary["sequence"].get("left_out", {})
     disagreeing = left_out | {suspect.camera: str(suspect) for suspect in bad}
     for text in (*disagreeing.values(), *comments):
@@ -114,7 +114,7 @@ def _report(
     write_json(run.out / "check.json", report)
 
 
-def _beside_truth(clouds: list[CloudScore]) -> str:
+def _format_truth(clouds: list[CloudScore]) -> str:
     """Return a line with the clouds' scores."""
     mean = {name: "-" if of is None else f"{of:.3f}" for name, of in mean_scores(clouds).items()}
     return (

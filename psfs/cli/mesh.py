@@ -50,7 +50,7 @@ def _mesh(args: argparse.Namespace, run: ReconstructionFolder) -> None:
             mesh = mesher(index)
             write_mesh(mesh, path)
             if checker is not None:
-                checks[index] = _checked(mesh, checker, sequence.read(index))
+                checks[index] = _check_mesh(mesh, checker, sequence.read(index))
     if checks:
         _report(args.out, sequence.rig.names, checks)
     path = next(iter(targets.values()))
@@ -68,7 +68,7 @@ def _targets(args: argparse.Namespace, run: ReconstructionFolder) -> dict[int, P
         if not full:
             raise InputError(f"{args.out}: all clouds are empty; expected a body")
         return {n: folder / f"frame_{n:06d}.{args.format or FORMATS[0]}" for n in full}
-    number = run.chosen(args.frame)
+    number = run.choose_frame(args.frame)
     path = args.output
     if path is None:
         path = args.out / "meshes" / f"frame_{number:06d}.{args.format or FORMATS[0]}"
@@ -83,7 +83,7 @@ def _targets(args: argparse.Namespace, run: ReconstructionFolder) -> dict[int, P
     return {number: path}
 
 
-def _checked(mesh: trimesh.Trimesh, checker: Checker, frame: Frame) -> dict[str, Any]:
+def _check_mesh(mesh: trimesh.Trimesh, checker: Checker, frame: Frame) -> dict[str, Any]:
     """Return whether the mesh is closed, its size, and its IoU (V,), NaN if there is nothing to
     compare."""
     scene, scores = RayScene(mesh), []

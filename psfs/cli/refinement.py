@@ -36,8 +36,8 @@ def refine(args: argparse.Namespace) -> None:
     session = synchronise(session)
     if len(session.rig) < 3:
         raise InputError(
-            f"{args.folder}: {len(session.rig)} cameras; expected three or more, for two cameras' "
-            "silhouettes do not tell which of them is off"
+            f"{args.folder}: {len(session.rig)} cameras; expected three or more, because two "
+            "silhouettes do not show which camera is wrong"
         )
     hidden = find_hidden_pixels(session)
     rig = session.rig if hidden is None else session.rig.with_hidden(hidden)

@@ -27,7 +27,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def write_toml(path: Path, values: Mapping[str, Any]) -> None:
-    """Write plain values. Raises InputError as `written_whole` does."""
+    """Write plain values. Raises InputError as `write_atomically` does."""
     write_text(path, tomli_w.dumps(values))
 
 

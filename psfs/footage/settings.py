@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-class Settings(Config):
+class SequenceSettings(Config):
     """The keys of `sequence.toml`; None for those that are not stated."""
 
     unit: str | float | None = setting(
@@ -215,8 +215,8 @@ class Settings(Config):
         return None if value is None else _check_volume(value)
 
     @classmethod
-    def read(cls, path: Path) -> Settings:
-        """Return those of a `sequence.toml`; all None if there is none."""
+    def read(cls, path: Path) -> SequenceSettings:
+        """Read the settings of a `sequence.toml`; all are None if there is no file."""
         from psfs.common.files import name_file_in_errors
 
         if not path.exists():
@@ -225,8 +225,8 @@ class Settings(Config):
         with name_file_in_errors(path):
             return cls.from_dict(values)
 
-    def over(self, other: Settings) -> Settings:
-        """Return these settings, and `other`'s where these say nothing."""
+    def fill_from(self, other: SequenceSettings) -> SequenceSettings:
+        """Return these settings, with those that are not stated taken from `other`."""
         return other.replace(**{key: value for key, value in self if value is not None})
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from psfs.cameras.calibration.toml_tables import write_toml_tables
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 from psfs.common.toml import write_toml
 from psfs.footage.media import Media
 from psfs.sequence import Sequence
@@ -56,5 +56,5 @@ def _copy(media: Items[Media], names: Items[str], folder: Path) -> None:
         for path in item.paths:
             one = several and not item.is_video
             target = folder / name / path.name if one else folder / f"{name}{path.suffix}"
-            with written_whole(target) as temporary:
+            with write_atomically(target) as temporary:
                 shutil.copyfile(path, temporary)

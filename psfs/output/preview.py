@@ -91,7 +91,7 @@ def draw_shaded_view(
     elevation: above the horizon, degrees. Voxels are splatted into a z-buffer and shaded by their
     normals.
     """
-    view = View.around(
+    view = View.fit(
         cloud.centres if len(cloud) else np.zeros((1, 3)),
         2 * cloud.grid.voxel_size,
         azimuth,
@@ -134,7 +134,7 @@ class View:
     middle: np.ndarray
 
     @classmethod
-    def around(
+    def fit(
         cls,
         points: np.ndarray,
         margin: float,

@@ -17,7 +17,7 @@ TRIANGULATE = "triangulate"
 
 def add_start_flags(parser: argparse.ArgumentParser) -> None:
     """Add --body, --init, --height, --convention and --voxel-size."""
-    group = parser.add_argument_group("start", "who is tracked, and from where")
+    group = parser.add_argument_group("start", "person and first pose")
     group.add_argument(
         "--body",
         type=path_or_name,

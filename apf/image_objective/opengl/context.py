@@ -11,7 +11,8 @@ import numpy as np
 
 from cl import InputError
 
-#: What OpenGL may be in: the first needs no X. Without the numbers they belong to compilers.
+#: Libraries of OpenGL; the first one needs no X. Names without version numbers belong to the
+#: packages for compilers.
 _LIBRARIES = ("libOpenGL.so.0", "libGL.so.1")
 _CLIP_DISTANCE = 0x3000  # GL_CLIP_DISTANCE0
 

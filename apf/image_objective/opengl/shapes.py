@@ -1,4 +1,4 @@
-"""What OpenGL draws of a posed body: its cones as trapezoids, or a mesh."""
+"""Shapes of a posed body for OpenGL: its cones as trapezoids, or a mesh."""
 
 from __future__ import annotations
 
@@ -19,10 +19,8 @@ _CAMERA = {"CAMERA_FLOATS": CAMERA_FLOATS, "FAR_OUT": FAR_OUT}
 
 
 class Shape:
-    """A posed body in the pictures of all cameras, and what draws it there.
-
-    body: whose cones, posed, are all that `project` needs. n_parts: P. n_hypotheses: N.
-    """
+    """Renderer of a posed body in the pictures of all cameras. body: the posed cones of this body
+    are the only input of `project`. n_parts: P. n_hypotheses: N."""
 
     body: BodyModel
     n_parts: int

@@ -20,7 +20,7 @@ from apf.keypoints.readers.orders import find_order
 from apf.keypoints.readers.plain_pickle import read_plain_pickle
 from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.common.files import read_json
 from psfs.common.reading import parsing
 
@@ -149,7 +149,7 @@ def _build_raw(path: Path, people: dict[tuple[str, ...], list[list[np.ndarray]]]
     if not counts:
         raise InputError(f"{path}: no person was found in any frame of any camera")
     if len(counts) > 1:
-        found = listed(map(str, counts))
+        found = join_names(map(str, counts))
         raise InputError(f"{path}: persons have {found} keypoints; expected the same number of all")
     views = {}
     for name, frames in zip(_short_names(list(people)), people.values(), strict=True):

@@ -19,7 +19,9 @@ from apf.scene import Scene
 from psfs.cameras.camera import CameraRig
 
 
-def placed(body: BodyModel, poses: np.ndarray, observations: PointObservations) -> np.ndarray:
+def observed_positions(
+    body: BodyModel, poses: np.ndarray, observations: PointObservations
+) -> np.ndarray:
     """Return (M, P, 3) m of the body's points in the world, in poses (M, D)."""
     rotations, origins = bone_matrices(body, poses)
     bone = observations.bone
@@ -54,7 +56,7 @@ def missed_shares(
 ) -> np.ndarray:
     """Return (M, N) the share d^2 / (d^2 + reach^2) of every sighting's distance d in deviations
     (Geman & McClure 1987), or `exchange` and the rest's share of its partner's if that is less."""
-    points = placed(body, poses, observations)
+    points = observed_positions(body, poses, observations)
 
     def shares(which: np.ndarray) -> np.ndarray:
         off = distances(rig, points, which, observations)

@@ -15,7 +15,7 @@ from psfs.calibration.targets.boards import Found, to_grey
 from psfs.calibration.targets.target import Sighting, Target
 from psfs.cameras.camera import CameraRig
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 from psfs.sequence import Frame
 from psfs.sequence import Sequence as Views
 
@@ -34,12 +34,12 @@ class Finder(Protocol):
     def __call__(self, view: int, picture: np.ndarray) -> Found | None: ...
 
 
-def open_uncalibrated(folder: Path, stated: Settings) -> Views:
+def open_uncalibrated(folder: Path, stated: SequenceSettings) -> Views:
     """Open a folder of views that needs no calibration; its `sequence.toml` applies.
 
     Raises InputError for what cannot be read.
     """
-    settings = stated.over(Settings.read(folder / "sequence.toml"))
+    settings = stated.fill_from(SequenceSettings.read(folder / "sequence.toml"))
     if settings.sync == "auto":
         raise InputError(
             "sync is auto, which needs a calibration; expected audio (by the sound of a clap) or "

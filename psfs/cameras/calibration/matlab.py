@@ -22,7 +22,7 @@ from psfs.cameras.calibration.common import (
 )
 from psfs.cameras.calibration.projections import decompose_projection, mirror_if_facing_away
 from psfs.cameras.camera import MOST_CAMERAS, Camera
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.cameras.units import Unit
 from psfs.common.reading import open_input
 
@@ -106,7 +106,7 @@ def _find_projections(found: dict[str, Any]) -> np.ndarray:
     fitting = {name: matrices for name, matrices in fitting.items() if matrices}
     if not fitting:
         raise InputError(
-            f"variables {listed(found)}; expected a cell array of 3x4 projection matrices, "
+            f"variables {join_names(found)}; expected a cell array of 3x4 projection matrices, "
             "or K, R and t"
         )
     most = max(len(matrices) for matrices in fitting.values())
@@ -114,7 +114,7 @@ def _find_projections(found: dict[str, Any]) -> np.ndarray:
         return np.stack([matrices[0] for matrices in fitting.values()])
     best = [name for name, matrices in fitting.items() if len(matrices) == most]
     if len(best) > 1:
-        raise InputError(f"several sets of matrices ({listed(best)}); expected one")
+        raise InputError(f"several sets of matrices ({join_names(best)}); expected one")
     return np.stack(fitting[best[0]])
 
 

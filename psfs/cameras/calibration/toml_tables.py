@@ -28,7 +28,7 @@ from psfs.cameras.calibration.common import (
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
-from psfs.common.schema import Name, Number, Table, Vector, checked, flat
+from psfs.common.schema import Name, Number, Table, Vector, flat, parse_values
 from psfs.common.toml import read_toml, write_toml
 
 _NOT_CAMERAS = {"metadata", "capture_volume", "charuco", "checkerboard"}
@@ -64,7 +64,7 @@ def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) 
             raise InputError("no camera tables; expected [name] with matrix, rotation, ...")
         if unit is None and any("world_position" in table for table in found.values()):
             raise InputError("a FreeMoCap file does not say its unit; state it (usually unit mm)")
-        tables = {key: checked(CameraTable, found[key], f"camera {key}") for key in found}
+        tables = {key: parse_values(CameraTable, found[key], f"camera {key}") for key in found}
         by_name = {table.name or key: table for key, table in tables.items()}
         if len(by_name) < len(tables):
             raise InputError(f"camera names must differ; found {len(by_name)} in {len(tables)}")

@@ -47,7 +47,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         f"(default {DEBRIS_SHARE:g}; 0 keeps everything, 1 only the largest)",
     )
     parser.add_argument(
-        "--no-colour", action="store_true", help="leave the clouds without the pictures' colours"
+        "--no-colour", action="store_true", help="do not colour the clouds from the pictures"
     )
     parser.add_argument(
         "--normals", action="store_true", help="write the surface's normals into the PLY"
