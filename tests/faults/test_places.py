@@ -204,7 +204,7 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "a rate to follow nobody at": ([*TRACK, "--fps", "0.5"], None, "0.5 frames per second"),
     "a swarm's flag": ([*TRACK, "--inertia", "0.5"], None, "only to --method pso"),
     "a flag of triangulation": ([*TRACK, "--low-pass", "6"], None, "only to --method tri"),
-    "a flag of image objectives": ([*TRACK, "--edges", "canny"], None, "--edges is the image"),
+    "a flag of image objectives": ([*TRACK, "--edges", "canny"], None, "--edges applies only"),
     "a term twice": ([*TRACK, "--likelihood", "edge=1,edge=2"], None, "edge is there twice"),
     "no weight at all": ([*TRACK, "--likelihood", "edge=0"], None, "no term has a weight"),
     "nobody at first": ([*TRACK[:-4]], None, "no person is in the first frame"),
