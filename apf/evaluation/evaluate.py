@@ -21,6 +21,7 @@ from apf.tracking.uncertainty import is_inside_ellipsoid
 from cl import InputError
 from psfs.common.files import open_text, write_json
 from psfs.common.npz import Values, get_scalar, read_npz
+from psfs.common.numbers import json_number
 
 #: A joint farther than this from the truth, m, counts as lost in that frame.
 LOST_JOINT = 0.150
@@ -157,7 +158,7 @@ class Evaluation:
         }
         return [
             {"joint": name}
-            | {key: _millimetres(column[j]) for key, column in columns.items()}
+            | {key: json_number(1000 * column[j], 2) for key, column in columns.items()}
             | {"inside_95": _mean_share(self.inside[:, j])}
             for j, name in enumerate(self.joint_names)
         ]
@@ -166,20 +167,20 @@ class Evaluation:
         """Return all figures, ready for JSON; errors in mm, None where not known."""
         constant, rest = self.constant_and_rest
         return {
-            "mean_error_mm": _millimetres(self.mean_error),
-            "median_error_mm": _millimetres(np.nanmedian(self.errors)),
-            "max_error_mm": _millimetres(np.nanmax(self.errors)),
-            "constant_mm": _millimetres(constant.mean()),
-            "rest_mm": _millimetres(rest.mean()),
+            "mean_error_mm": json_number(1000 * self.mean_error, 2),
+            "median_error_mm": json_number(1000 * np.nanmedian(self.errors), 2),
+            "max_error_mm": json_number(1000 * np.nanmax(self.errors), 2),
+            "constant_mm": json_number(1000 * constant.mean(), 2),
+            "rest_mm": json_number(1000 * rest.mean(), 2),
             "lost_joint_share": round(self.lost_share, 5),
             "lost_limbs": [limb for limb, lost in self.lost_limbs.items() if lost],
             "limbs_said_to_be_lost": {
                 n: round(share, 5) for n, share in self.predicted_lost_fraction.items()
             },
-            "limbs_beyond_200_mm_flagged": _round(self.flags.found),
-            "limbs_within_150_mm_flagged": _round(self.flags.falsely),
+            "limbs_beyond_200_mm_flagged": json_number(self.flags.found),
+            "limbs_within_150_mm_flagged": json_number(self.flags.falsely),
             "inside_95": _mean_share(self.inside),
-            "inside_95_unflagged": _round(self.inside_unflagged),
+            "inside_95_unflagged": json_number(self.inside_unflagged),
             "lost_frames": self.frames[self.lost].tolist(),
             "n_frames": len(self.frames),
             "n_joints": len(self.joint_names),
@@ -374,11 +375,3 @@ def _span(frames: np.ndarray) -> str:
 def _mean_share(values: np.ndarray) -> float | None:
     known = values[np.isfinite(values)]
     return round(float(known.mean()), 4) if known.size else None
-
-
-def _round(share: float) -> float | None:
-    return round(share, 5) if np.isfinite(share) else None
-
-
-def _millimetres(metres: float) -> float | None:
-    return round(1000 * float(metres), 2) if np.isfinite(metres) else None

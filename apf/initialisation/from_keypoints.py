@@ -18,6 +18,7 @@ from apf.keypoints.triangulation import triangulate
 from apf.likelihood.keypoint_model import KeypointModel
 from apf.likelihood.observations import PointObservations
 from psfs.cameras.camera import CameraRig
+from psfs.common.numbers import pick_evenly
 
 #: Median length of a 2-D vector with independent standard normal coordinates (Rayleigh).
 _RAYLEIGH = 1.1774
@@ -78,7 +79,7 @@ def start_from_keypoints(
             f"no frame has {config.least_points} keypoints that two cameras see at one place; "
             "expected a person there, and the cameras' calibration to be that of the keypoints"
         )
-    chosen = enough[_space_evenly(len(enough), config.n_frames)]
+    chosen = enough[pick_evenly(len(enough), config.n_frames)]
     seen, found = seen[:, chosen], found[chosen]
     seen = correct_swapped_sides(rig, seen, found, points, config.outlier * pixel)
     views = _make_views(seen, found, points, config.error * pixel)
@@ -162,11 +163,6 @@ def _choose_anchor(fitter: PointFitter, fit: PointFit) -> int:
     sound = missed <= fitter.config.suspect * np.median(missed)
     sound &= seen >= 0.75 * np.median(seen)
     return int(np.argmax(sound)) if sound.any() else int(np.argmin(missed))
-
-
-def _space_evenly(n: int, most: int) -> np.ndarray:
-    """Return at most `most` of n indices, evenly spaced, with the first among them."""
-    return np.unique(np.round(np.linspace(0, n - 1, min(n, most))).astype(int))
 
 
 def _make_views(

@@ -10,8 +10,9 @@ import numpy as np
 
 from cl import InputError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
-from psfs.cli.iou import iou_table, plain
+from psfs.cli.iou import iou_table
 from psfs.common.files import write_json
+from psfs.common.numbers import json_number
 from psfs.common.outputs import output_folder
 from psfs.diagnostics.camera_consistency import (
     InconsistentCamera,
@@ -96,15 +97,15 @@ def _report(
         warn(text, stdout)
     report: dict[str, Any] = {
         "definition": DEFINITION,
-        "mean_iou": plain(masked.mean()),
+        "mean_iou": json_number(masked.mean()),
         "cameras": {
-            name: {"mean_iou": plain(column.mean()), "worst_iou": plain(column.min())}
+            name: {"mean_iou": json_number(column.mean()), "worst_iou": json_number(column.min())}
             for name, column in zip(names, masked.T, strict=True)
         },
         "disagreeing": disagreeing,
         "comments": comments,
         "frames": {
-            str(index): [plain(score) for score in row]
+            str(index): [json_number(score) for score in row]
             for index, row in zip(run.indices, scores, strict=True)
         },
     }

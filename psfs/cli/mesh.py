@@ -13,8 +13,9 @@ import trimesh
 from cl import InputError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.cli.flags.mesh import DEFINITION
-from psfs.cli.iou import iou_table, plain
+from psfs.cli.iou import iou_table
 from psfs.common.files import resolve_path, write_json
+from psfs.common.numbers import json_number
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_number
 from psfs.common.regions import iou
@@ -101,10 +102,10 @@ def _report(out: Path, names: list[str], checks: dict[int, dict[str, Any]]) -> N
     stdout.print(f"{closed} of {len(checks)} meshes are watertight")
     report = {
         "definition": DEFINITION,
-        "mean_iou": plain(scores.mean()),
+        "mean_iou": json_number(scores.mean()),
         "cameras": names,
         "frames": {
-            str(index): {**check, "iou": [plain(score) for score in check["iou"]]}
+            str(index): {**check, "iou": [json_number(score) for score in check["iou"]]}
             for index, check in checks.items()
         },
     }

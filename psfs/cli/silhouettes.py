@@ -12,10 +12,10 @@ from rich.table import Table
 from cl import select_device
 from psfs.cli.commandline import progress_bar, stdout
 from psfs.cli.flags.silhouettes import REPORT, SHOWN
-from psfs.cli.iou import plain
 from psfs.cli.sequence_flags import open_sequence, select_common_frames
 from psfs.cli.settings import FILE, write_settings
 from psfs.common.files import write_json, write_picture
+from psfs.common.numbers import json_number, pick_evenly
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.examination import synchronise
 from psfs.diagnostics.silhouette_mosaic import draw_mosaic
@@ -70,8 +70,7 @@ def _select_frames(args: argparse.Namespace, sequence: Sequence) -> list[int]:
     chosen = select_common_frames(args, sequence)
     if args.frames is not None:
         return sorted(chosen)
-    spread = np.linspace(0, len(sequence) - 1, min(SHOWN, len(sequence))).round()
-    return truth_frames(sequence) or [int(index) for index in spread]
+    return truth_frames(sequence) or pick_evenly(len(sequence), SHOWN).tolist()
 
 
 class _Report:
@@ -92,14 +91,16 @@ class _Report:
         return {
             "definition": DEFINITION,
             "sequence": str(self.sequence.folder),
-            "mean_iou": plain(scores[..., 0].mean()),
+            "mean_iou": json_number(scores[..., 0].mean()),
             "cameras": {
-                name: {f"mean_{key}": plain(v) for key, v in zip(_FIGURES, mean, strict=True)}
-                | {"worst_iou": plain(low)}
+                name: {f"mean_{key}": json_number(v) for key, v in zip(_FIGURES, mean, strict=True)}
+                | {"worst_iou": json_number(low)}
                 for name, mean, low in zip(self.sequence.rig.names, means, worst, strict=True)
             },
             "frames": {
-                str(index): {key: [plain(v) for v in of[:, k]] for k, key in enumerate(_FIGURES)}
+                str(index): {
+                    key: list(map(json_number, of[:, k])) for k, key in enumerate(_FIGURES)
+                }
                 for index, of in self.scores.items()
             },
         }
