@@ -160,7 +160,6 @@ class PartColours(Term):
         self._rows.set(list_histogram_parts(body))
 
     def forget(self, run: int | None = None) -> None:
-        """Reset the colour models of one run, or of all runs, before a new track."""
         for array in (self.histograms, self.ratios):
             kept = array.get()
             kept[slice(None) if run is None else run] = 0
@@ -199,8 +198,6 @@ class PartColours(Term):
         )
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
-        """Return the launches that update the histograms after a frame; the runs' estimates are the
-        first R rows of `pose` (.., D)."""
         settings = self.settings
         return [
             self.launch(

@@ -157,7 +157,6 @@ class VoxelLikelihood(Likelihood):
         self._weighed: list[Launch] = []
 
     def change_body(self, body: BodyModel) -> None:
-        """Score poses of `body`, which differs from the scene's in numbers alone, from now on."""
         self._scene = replace(self._scene, body=body)
         self._body.set(pack_body(body))
         self._posture.set(posture_prior(body))
@@ -170,13 +169,10 @@ class VoxelLikelihood(Likelihood):
             term.change_body(body)
 
     def forget(self, run: int | None = None) -> None:
-        """Reset the terms' learned models of one run, or of all runs, before a new track."""
         for term in self.terms.values():
             term.forget(run)
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
-        """Return the launches that update the terms' learned models after a frame, whose estimate
-        is the first row of `pose` (.., D)."""
         return [launch for term in self.terms.values() for launch in term.learning_launcher(pose)]
 
     def observe(self, voxels: Voxels) -> None:

@@ -209,6 +209,25 @@ def add_message_flags(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_output_flag(
+    parser: argparse.ArgumentParser,
+    what: str | None = None,
+    *,
+    metavar: str = "OUT",
+    required: bool = True,
+    default: Path | None = None,
+) -> None:
+    """Add -o, the path of the results; what: its help."""
+    parser.add_argument(
+        "-o", "--output", required=required, type=Path, default=default, metavar=metavar, help=what
+    )
+
+
+def add_run_folder(parser: argparse.ArgumentParser) -> None:
+    """Add the positional OUT of commands that read a run of `psfs reconstruct`."""
+    parser.add_argument("out", metavar="OUT", type=Path, help="output folder of psfs reconstruct")
+
+
 def add_overwrite_flag(parser: argparse.ArgumentParser) -> None:
     """Add --overwrite, for commands that write a single file where the user says."""
     parser.add_argument(

@@ -1,4 +1,8 @@
-"""Command-line flags that are derived from the settings whose fields name a flag."""
+"""Command-line flags that are derived from the settings whose fields name a flag.
+
+Commands declare by `add_argument` only what is no setting: files, folders, frames, targets of a
+calibration, devices, and what is written or printed.
+"""
 
 from __future__ import annotations
 

@@ -24,7 +24,6 @@ class NumpyTracker(Tracker):
         self.likelihood = likelihood
 
     def start(self, pose: np.ndarray) -> None:
-        """Put all particles at `pose` (D,)."""
         n = self.config.search.n_particles
         self.poses = np.tile(check_pose(self.body, pose), (n, 1))
         self._parents = np.arange(n)
@@ -59,8 +58,6 @@ class NumpyTracker(Tracker):
         )  # fmt: skip
 
     def score_poses(self, poses: np.ndarray) -> np.ndarray:
-        """Score poses (N, D) against the last observation; return errors (N,) in the likelihood's
-        `unit`."""
         return self.likelihood.rescore(poses, 1) / self.likelihood.unit
 
     def _search(self) -> Estimate:

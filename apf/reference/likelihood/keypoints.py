@@ -100,7 +100,6 @@ class NumpyKeypointLikelihood(NumpyLikelihood):
         return self.base.unit if self.base is not None else float(len(self.rig))
 
     def observe(self, observation: Observation) -> None:
-        """Take an `Observed`."""
         shown, points = split_observation(observation)
         if self.base is not None:
             self.base.observe(shown)
@@ -108,14 +107,12 @@ class NumpyKeypointLikelihood(NumpyLikelihood):
         self._seen.check(self.body, self.rig)
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
-        """Return the errors (N,) of poses (N, D)."""
         if self.base is None:
             return self._term(poses)
         self.base.turn = self.turn
         return self.base(poses) + self._term(poses)
 
     def rescore(self, poses: np.ndarray, stride: int, least_recall: float = 0.0) -> np.ndarray:
-        """Return errors (N,) of poses (N, D), see `Likelihood.rescoring_launcher`."""
         if self.base is None:
             return self._term(poses)
         return self.base.rescore(poses, stride, least_recall) + self._term(poses)
@@ -134,7 +131,6 @@ class NumpyKeypointLikelihood(NumpyLikelihood):
             self.base.learn(pose)
 
     def forget(self) -> None:
-        """Reset the learned models before a new track."""
         if self.base is not None:
             self.base.forget()
 

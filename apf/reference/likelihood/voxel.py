@@ -153,7 +153,6 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         }
 
     def forget(self) -> None:
-        """Reset the terms' learned models before a new track."""
         for term in self.terms.values():
             term.forget()
 
@@ -163,14 +162,12 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
             term.learn(pose)
 
     def observe(self, voxels: HostVoxels) -> None:
-        """Take the voxels of a frame."""
         self._maps = self._reprojection(voxels)
         self.points = sampled_surface(voxels.cloud().centres, self.config.samples.n_points)
         for term in self.terms.values():
             term.observe(voxels, self._maps)
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
-        """Return the errors (N,) of poses (N, D)."""
         return self._errors(poses, self.turn, self.config.samples.point_turns, self.config)
 
     def rescore(self, poses: np.ndarray, stride: int, least_recall: float = 0.0) -> np.ndarray:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.targets.dictionaries import DICTIONARIES
-from psfs.cli.commandline import add_device_flag, frame_range
+from psfs.cli.commandline import add_device_flag, add_output_flag, frame_range
 from psfs.cli.sequence_flags import PARSERS
 from psfs.cli.setting_flags import add_setting_flags
 from psfs.cli.settings import add_configs
@@ -33,7 +33,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "folder", nargs="?", metavar="FOLDER", help="footage of the board, wand or person"
     )
-    parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="folder")
+    add_output_flag(parser, "folder", required=False)
     parser.add_argument(
         "--print-board", type=Path, metavar="FILE.pdf",
         help="write a ChArUco board to print, in its true size, and nothing else; --squares "
