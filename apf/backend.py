@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pkgutil import resolve_name
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -119,7 +119,7 @@ def _make_numpy_tracker(scene: Scene, method: Method) -> NumpyTracker:
     return tracker
 
 
-def _search_settings(method: Method) -> dict[str, Any]:
+def _search_settings(method: Method) -> dict[str, object]:
     """Return the settings that only the search of `method` has, by name."""
     return {name: getattr(method, name) for name in SEARCHES[method.search].settings}
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -31,7 +30,7 @@ from psfs.voxels.limits import DEBRIS_SHARE, VOXEL_EDGES
 log = logging.getLogger(__name__)
 
 
-def open_sequence(folder: str | Path, **settings: Any) -> Sequence:
+def open_sequence(folder: str | Path, **settings: object) -> Sequence:
     """Open the calibrated, synchronised views in `folder`.
 
     settings: the keys of `sequence.toml`, see `psfs.footage.settings.SequenceSettings`; they win

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise, product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -108,7 +107,7 @@ class Sequence:
         self._n_kept = 0
 
     @classmethod
-    def open(cls, folder: str | Path, **overrides: Any) -> Sequence:
+    def open(cls, folder: str | Path, **overrides: object) -> Sequence:
         """Recognise the folder's layout and read its calibration.
 
         overrides: the keys of `sequence.toml` (see `SequenceSettings`); they win over the file,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tomli_w
@@ -45,7 +44,7 @@ def parse_body(text: str, source: str | Path) -> BodyModel:
     return _validate(parse_toml(text, source), source)
 
 
-def _validate(data: dict[str, Any], source: str | Path) -> BodyModel:
+def _validate(data: dict[str, object], source: str | Path) -> BodyModel:
     entry = parse_values(BodyEntry, data, source)
     try:
         body = _parse(entry)
@@ -234,7 +233,7 @@ def format_body(body: BodyModel) -> str:
     return tomli_w.dumps(data)
 
 
-def _axis_entry(body: BodyModel, axis: FreeAxis) -> dict[str, Any]:
+def _axis_entry(body: BodyModel, axis: FreeAxis) -> dict[str, object]:
     lower, upper = float(body.lower[axis.dof]), float(body.upper[axis.dof])
     return {
         "axis": ("-" if axis.sign < 0 else "") + axis.kind,

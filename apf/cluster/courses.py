@@ -19,7 +19,7 @@ Workflow = Generator[list[Task], list[Any], Any]
 class _UnderWay:
     course: Workflow
     tasks: list[str] = field(default_factory=list)
-    outcomes: dict[str, Any] = field(default_factory=dict)
+    outcomes: dict[str, object] = field(default_factory=dict)
 
 
 def run_workflows(

@@ -27,7 +27,7 @@ class Task:
     """
 
     name: str
-    work: Callable[..., Any]
+    work: Callable[..., object]
     arguments: tuple[Any, ...] = ()
 
 

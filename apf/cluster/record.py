@@ -58,15 +58,15 @@ class TakeRecord:
     """
 
     version: str
-    settings: Mapping[str, Any]
+    settings: Mapping[str, object]
     inputs: Mapping[str, FileFacts]
     files: Mapping[str, FileFacts]
     outputs: Mapping[str, FileFacts] = field(default_factory=dict)
-    rows: tuple[Mapping[str, Any], ...] = ()
+    rows: tuple[Mapping[str, object], ...] = ()
 
     @classmethod
     def describe_take(
-        cls, folder: Path, settings: Mapping[str, Any], known: TakeRecord | None = None
+        cls, folder: Path, settings: Mapping[str, object], known: TakeRecord | None = None
     ) -> TakeRecord:
         """Describe a take that is to be tracked.
 

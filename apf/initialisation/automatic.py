@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -19,12 +18,13 @@ from apf.initialisation.pose_search import PoseSearch, SearchTask
 from apf.initialisation.shape_fit import Cloud, find_unfolded, fit_shape
 from apf.initialisation.shape_model import ShapeModel
 from apf.initialisation.start import Start, StartError, check_startable
+from apf.likelihood.observations import AnyVoxels
 from apf.scene import Scene
 
 
 def find_start(
     scene: Scene,
-    voxels: Sequence[Any],
+    voxels: Sequence[AnyVoxels],
     noise: float,
     *,
     height: float | None = None,
@@ -85,8 +85,8 @@ def _build_start(
 
 
 def _select_observations(
-    scene: Scene, voxels: Sequence[Any], every: int, config: StartConfig
-) -> tuple[Sequence[Any], list[Cloud]]:
+    scene: Scene, voxels: Sequence[AnyVoxels], every: int, config: StartConfig
+) -> tuple[Sequence[AnyVoxels], list[Cloud]]:
     """Return the voxels for the trackers, up to the frame in which the person leaves, and the
     person's points in every `every`-th of them; both restricted to the part of the person that the
     scene's body models."""
@@ -126,7 +126,7 @@ class _Fitting:
     def __init__(
         self,
         search: PoseSearch,
-        voxels: Sequence[Any],
+        voxels: Sequence[AnyVoxels],
         every: int,
         clouds: Sequence[Cloud],
         tracking: FilterConfig,
@@ -211,7 +211,7 @@ def run_attempt(fitting: _Fitting) -> Attempt:
     return Attempt(min(again, fits[0], key=lambda fit: fit.cost), rival)
 
 
-def _find_people(voxels: Sequence[Any], config: StartConfig) -> list[np.ndarray]:
+def _find_people(voxels: Sequence[AnyVoxels], config: StartConfig) -> list[np.ndarray]:
     """Return the person's points (N, 3) m in each frame, up to the first frame without a person.
     Raises StartError if that is the first one."""
     least = config.frames.min_voxels
@@ -227,7 +227,7 @@ def _find_people(voxels: Sequence[Any], config: StartConfig) -> list[np.ndarray]
 
 
 def _find_best_frame(
-    search: PoseSearch, voxels: Sequence[Any], clouds: Sequence[Cloud]
+    search: PoseSearch, voxels: Sequence[AnyVoxels], clouds: Sequence[Cloud]
 ) -> tuple[int, list[Hypothesis]]:
     """Return the frame in which the search fits best, and its hypotheses."""
     n_searched = search.config.frames.n_searched

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from apf.body.limbs import swinging_bones
 from apf.body.model import BodyModel
 from apf.body.stature import stature
+from apf.filters.base import Tracker
 from apf.initialisation.config import StartConfig
 from apf.initialisation.hypotheses import (
     Hypothesis,
@@ -23,6 +23,7 @@ from apf.initialisation.hypotheses import (
 from apf.initialisation.shape_fit import Cloud, fit_shape
 from apf.initialisation.shape_model import ShapeModel
 from apf.initialisation.trackers import Trackers
+from apf.likelihood.observations import AnyVoxels
 from apf.scene import Scene
 
 
@@ -55,7 +56,7 @@ class PoseSearch:
         )  # fmt: skip
         self._near: tuple[np.ndarray, BodyModel] | None = None  # the last shape and its body
 
-    def __call__(self, voxels: Any, cloud: Cloud) -> list[Hypothesis]:
+    def __call__(self, voxels: AnyVoxels, cloud: Cloud) -> list[Hypothesis]:
         """Return the best hypotheses with different headings, best first.
 
         voxels: the observation for a tracker. cloud: the person's points in them.
@@ -79,7 +80,7 @@ class PoseSearch:
         ]
         return self.distinct([self._penalise_backwards(h) for h in kept], headings.n_kept)
 
-    def search_limbs(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
+    def search_limbs(self, voxels: AnyVoxels, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
         """Search again for one limb after the other, anywhere within its limits."""
         body = self.model.body(hypothesis.shape)
         best = self.search_near(voxels, cloud, hypothesis.shape, hypothesis.pose)
@@ -98,7 +99,7 @@ class PoseSearch:
         return self._fit_size(voxels, cloud, best)
 
     def search_near(
-        self, voxels: Any, cloud: Cloud, shape: np.ndarray, pose: np.ndarray
+        self, voxels: AnyVoxels, cloud: Cloud, shape: np.ndarray, pose: np.ndarray
     ) -> Hypothesis:
         """Return the best hypothesis with this shape near this pose."""
         if self._near is None or np.any(self._near[0] != shape):
@@ -133,7 +134,7 @@ class PoseSearch:
         cost = self.config.cost.combine(error, found.registration_error)
         return replace(found, error=error, cost=cost)
 
-    def _fit_size(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
+    def _fit_size(self, voxels: AnyVoxels, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
         """Fit size and girth to the cloud; return the hypothesis with them if that lowers its
         cost."""
         shape, poses = fit_shape(
@@ -143,7 +144,7 @@ class PoseSearch:
         other = self.search_near(voxels, cloud, shape, poses[0])
         return min(hypothesis, other, key=lambda h: h.cost)
 
-    def _searcher(self, body: BodyModel, n_particles: int, **settings: float) -> Any:
+    def _searcher(self, body: BodyModel, n_particles: int, **settings: float) -> Tracker:
         search = self.config.search
         config = self.config.filter.with_changes(
             n_particles=n_particles, noise=search.noise, noise_decay=search.noise_decay,
@@ -167,7 +168,7 @@ class PoseSearch:
         return starts
 
 
-def _run_search(tracker: Any, start: np.ndarray, voxels: Any) -> tuple[np.ndarray, float]:
+def _run_search(tracker: Tracker, start: np.ndarray, voxels: AnyVoxels) -> tuple[np.ndarray, float]:
     """Return the pose (D,) that `tracker` finds from `start`, and the error of the best
     particle."""
     tracker.start(start)

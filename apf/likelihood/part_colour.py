@@ -20,7 +20,7 @@ from apf.likelihood.terms.part_colour import PartColourConfig
 from cl import Array, Launch
 from cl.signature import Argument
 from cl.workgroups import pack_defines
-from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.device_voxels import CarvedVoxels
 
 #: Work-items of a GPU per camera: cameras are few, so each gets a multiprocessor to itself.
 _GROUP = 512
@@ -165,7 +165,7 @@ class PartColours(Term):
             kept[slice(None) if run is None else run] = 0
             array.set(kept)
 
-    def observe(self, voxels: Voxels, pictures: Array | None) -> None:
+    def observe(self, voxels: CarvedVoxels, pictures: Array | None) -> None:
         """Enqueue the coding of a frame's pictures (V, H, W, 3); its maps must be made before. Make
         the palette when a person is first visible, which waits for the device."""
         if pictures is None:

@@ -25,7 +25,7 @@ from cl.staging import Ahead
 from cl.workgroups import pack_defines, pack_size, stated_group
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import join_names
-from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection
 
@@ -114,7 +114,7 @@ class VoxelLikelihood(Likelihood):
         self.device, self.rig, self.config, self._scene = device, rig, config, scene
         self.unit = float(len(rig))
         self._grid: VoxelGrid | None = None
-        self._voxels: Voxels | None = None
+        self._voxels: CarvedVoxels | None = None
         self._ahead = Ahead(device, _frame_array_shapes(rig, config), "what is seen of a frame")
         maps, contours, codes, points, self._pixels = zip(
             self._ahead.written, self._ahead.read, strict=True
@@ -175,7 +175,7 @@ class VoxelLikelihood(Likelihood):
     def learning_launcher(self, pose: Array) -> list[Launch]:
         return [launch for term in self.terms.values() for launch in term.learning_launcher(pose)]
 
-    def observe(self, voxels: Voxels) -> None:
+    def observe(self, voxels: CarvedVoxels) -> None:
         """Enqueue the maps of `voxels` and the sampling of the surface voxels."""
         self.prepare(voxels)()
 
@@ -183,7 +183,7 @@ class VoxelLikelihood(Likelihood):
         """Score poses against the prepared frame from now on."""
         self._ahead.show()
 
-    def prepare(self, voxels: Voxels) -> Callable[[], None]:
+    def prepare(self, voxels: CarvedVoxels) -> Callable[[], None]:
         """Enqueue all of `observe` except `show`; return `show`."""
         if voxels is self._voxels and voxels.stays:
             return self.show
@@ -351,7 +351,7 @@ class VoxelLikelihood(Likelihood):
             )
         return defines | {"VIEWS": min(views, len(self.rig), defines["GROUP"])}
 
-    def _surface_launch(self, voxels: Voxels) -> Launch:
+    def _surface_launch(self, voxels: CarvedVoxels) -> Launch:
         return self.device.launch(
             self._kernel("sample_surface"),
             (self.config.samples.n_points,),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from psfs.footage.settings import SequenceSettings
 
 
 def open_cameras(
-    folder: Path, stated: dict[str, Any], names: list[str], empty: float
+    folder: Path, stated: dict[str, object], names: list[str], empty: float
 ) -> LiveCameras:
     """Open the captures `names` as the cameras, in this order, of the calibration in `folder`.
 

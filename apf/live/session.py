@@ -6,15 +6,15 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from apf.backend import make_device_tracker, make_observer
 from apf.body.model import BodyModel
-from apf.filters.base import Estimate
+from apf.filters.base import DeviceTracker, Estimate
 from apf.filters.config import SIGMA_FPS
 from apf.filters.method import Method
+from apf.likelihood.observations import Shown
 from apf.live.budget import Governor
 from apf.live.config import LiveConfig
 from apf.live.pictures import Smaller
@@ -38,7 +38,7 @@ class ObservedFrame:
     voxels."""
 
     shot: Shot
-    observation: Any
+    observation: Shown
     centre: np.ndarray | None
 
 
@@ -107,8 +107,10 @@ class Live:
         self._pictures = Smaller(source, scale)
         self.observe = self._observer(follow)
         self._translation, self._moved = translation(body), np.zeros(body.n_dof)
-        self._shots = Newest(lambda shot: self.timeline.drop(PROCESSING, shot.frame.index))
-        self._ready = Newest(lambda seen: self.timeline.drop(TRACKING, seen.shot.frame.index))
+        self._shots = Newest[Shot](lambda shot: self.timeline.drop(PROCESSING, shot.frame.index))
+        self._ready = Newest[ObservedFrame](
+            lambda seen: self.timeline.drop(TRACKING, seen.shot.frame.index)
+        )
         self._free, self._stop = threading.Event(), threading.Event()
         self._free.set()
         self._errors: list[BaseException] = []
@@ -254,7 +256,7 @@ class Live:
 
     # Preparation ----------------------------------------------------------------------------
 
-    def _observer(self, follow: bool) -> Callable[[Frame], tuple[Any, np.ndarray | None]]:
+    def _observer(self, follow: bool) -> Callable[[Frame], tuple[Shown, np.ndarray | None]]:
         """Return the function that converts a frame to the trackers' observation and the centre of
         its voxels."""
         method, smaller, device = self._searches[0], self._pictures, self.processor
@@ -275,7 +277,7 @@ class Live:
             device, self._grid.shape, reconstruct.voxels.surface, reconstruct.voxels.count
         )
 
-        def observe(frame: Frame) -> tuple[Any, np.ndarray | None]:
+        def observe(frame: Frame) -> tuple[Shown, np.ndarray | None]:
             voxels, mean = reconstruct(smaller(frame)), mean_of()
             grid = voxels.grid
             return voxels, None if mean is None else grid.origin + mean * grid.voxel_size
@@ -303,7 +305,7 @@ class Live:
     def _update_mean(self, mean: float, value: float) -> float:
         return mean + self._config.smoothing * (value - mean)
 
-    def _measure_cost(self, tracker: Any, observation: Any) -> float:
+    def _measure_cost(self, tracker: DeviceTracker, observation: Shown) -> float:
         """Return the least time, s, of a search."""
         tracker.start(self._pose)
         seconds = []
@@ -313,7 +315,7 @@ class Live:
             seconds.append(time.perf_counter() - start)
         return min(seconds[1:])
 
-    def start_selected(self) -> Any:
+    def start_selected(self) -> DeviceTracker:
         """Return the tracker of the size that the governor selected, started."""
         chosen = self.governor.chosen
         frame = self.result.frames[-1] if self.result.frames else -1

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Generic, Protocol, TypeVar
 
 import cv2
 import numpy as np
@@ -35,23 +35,26 @@ class Shot:
     time: float
 
 
-class Newest:
+T = TypeVar("T")
+
+
+class Newest(Generic[T]):
     """Passes the newest item from one thread to another; older ones are dropped."""
 
-    def __init__(self, dropped: Callable[[Any], None]) -> None:
+    def __init__(self, dropped: Callable[[T], None]) -> None:
         self._condition = threading.Condition()
-        self._item: Any = None
+        self._item: T | None = None
         self._closed = False
         self._dropped = dropped
 
-    def put(self, item: Any) -> None:
+    def put(self, item: T) -> None:
         with self._condition:
             if self._item is not None:
                 self._dropped(self._item)
             self._item = item
             self._condition.notify_all()
 
-    def take(self) -> Any:
+    def take(self) -> T | None:
         """Wait for the newest item and return it; None after the last one."""
         with self._condition:
             self._condition.wait_for(lambda: self._item is not None or self._closed)
@@ -73,7 +76,7 @@ class Source(FrameSource, Protocol):
     def first(self) -> Frame:
         """Return a frame for the preparation."""
 
-    def run(self, shots: Newest, timeline: Timeline, stop: threading.Event) -> None:
+    def run(self, shots: Newest[Shot], timeline: Timeline, stop: threading.Event) -> None:
         """Put shots until the end or `stop`. Raises InputError."""
 
 
@@ -97,7 +100,7 @@ class Replay:
     def first(self) -> Frame:
         return self.sequence.read(self.frames[0])
 
-    def run(self, shots: Newest, timeline: Timeline, stop: threading.Event) -> None:
+    def run(self, shots: Newest[Shot], timeline: Timeline, stop: threading.Event) -> None:
         with self.sequence.reader() as read:
             begin = timeline.now()
             for number, index in enumerate(self.frames):
@@ -243,7 +246,7 @@ class LiveCameras:
     def first(self) -> Frame:
         return Frame(0, self._first_images(), None)
 
-    def run(self, shots: Newest, timeline: Timeline, stop: threading.Event) -> None:
+    def run(self, shots: Newest[Shot], timeline: Timeline, stop: threading.Event) -> None:
         with self._closing():
             origin = time.perf_counter() - timeline.now()
             for camera in self._cameras:

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -77,7 +76,7 @@ def _lines(tracks: PeopleTracks) -> list[str]:
     return lines
 
 
-def _person(folder: Path, tracks: PeopleTracks, number: int) -> dict[str, Any]:
+def _person(folder: Path, tracks: PeopleTracks, number: int) -> dict[str, object]:
     """Return what the page shows of one person: joints (F, J, 3) m, NaN where not seen, packed."""
     track, seen = tracks.select_seen(number), np.isin(tracks.frames, tracks.seen[number])
     joints = np.full((len(tracks.frames), *track.joints.shape[1:]), np.nan)

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence as Items
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -223,7 +222,7 @@ class Quality:
         frames = self.track.frames
         return [(int(frames[run[0]]), int(frames[run[-1]])) for run in runs]
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, object]:
         """Return all figures in JSON types."""
         track, found = self.track, self.agreement
         return {

@@ -89,9 +89,9 @@ def _serve_with_checks(gate: Gate) -> Iterator[None]:
     """Have all servers that websockets starts inside check their requests by `gate`."""
     from websockets.asyncio import server as serving
 
-    serve: Callable[..., Any] = serving.serve
+    serve: Callable[..., object] = serving.serve
 
-    def serve_checked(*args: Any, process_request: Callable[..., Any], **options: Any) -> Any:
+    def serve_checked(*args: Any, process_request: Callable[..., object], **options: object) -> Any:
         def check(connection: Any, request: Any) -> Any:
             path = gate.strip_token(request.path, request.headers.get("Host", ""))
             if path is None:

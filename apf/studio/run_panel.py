@@ -110,7 +110,9 @@ class RunPanel:
             flags.append("--volume=" + ",".join(f"{number:g}" for number in numbers))
         return flags
 
-    def start(self, flags: list[str], n_frames: int, tables: dict[str, Any] | None = None) -> Work:
+    def start(
+        self, flags: list[str], n_frames: int, tables: dict[str, object] | None = None
+    ) -> Work:
         """Start a run into a new folder of the results. Raises InputError while another goes on."""
         if self.work is not None and not self.work.ended:
             raise InputError("a run goes on; expected one at a time (cancel it first)")

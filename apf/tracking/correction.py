@@ -124,7 +124,7 @@ def _tuples(values: Any) -> Any:
 
 def write_corrections(path: Path, corrections: Corrections) -> None:
     """Write corrections as TOML; the track's folder as it is."""
-    table: dict[str, Any] = {
+    table: dict[str, object] = {
         "track": str(corrections.track),
         "reach": corrections.reach,
         "bad": [list(ends) for ends in corrections.bad],

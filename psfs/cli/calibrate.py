@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -219,7 +218,7 @@ def _write(
 ) -> None:
     out: Path = args.output
     found = summarise_views(result, args.intrinsics is not None, config)
-    what: dict[str, Any] = {
+    what: dict[str, object] = {
         "folder": str(views.folder),
         "intrinsics": "found" if args.intrinsics is None else str(args.intrinsics),
         "floor": "stated" if args.floor is not None else "C3D" if args.c3d else "cameras",

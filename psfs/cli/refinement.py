@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -90,7 +89,7 @@ def _figures(found: Alignment, view: int) -> dict[str, list[float]]:
 
 def _summary(
     args: argparse.Namespace, rig: CameraRig, found: Alignment, accepted: bool, verdict: str
-) -> dict[str, Any]:
+) -> dict[str, object]:
     figures = [_figures(found, view) for view in range(len(rig))]
     return {
         "verdict": verdict,

@@ -120,7 +120,7 @@ PARSERS: Mapping[str, Callable[[str], Any]] = {
 }  # fmt: skip
 
 
-def collect_overrides(args: argparse.Namespace) -> dict[str, Any]:
+def collect_overrides(args: argparse.Namespace) -> dict[str, object]:
     """Return the flags of the sequence as overrides of `Sequence.open`, in plain values."""
     flags = {key: getattr(args, key) for key in _KEYS if getattr(args, key) is not None}
     if "calibration" in flags:

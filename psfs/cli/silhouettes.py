@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -84,7 +83,7 @@ class _Report:
         """Return (frames, V, 4), masked where there is no truth."""
         return np.ma.masked_invalid(np.stack(list(self.scores.values())))
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> dict[str, object]:
         """Return all figures for JSON."""
         scores = self._stack_scores()
         means, worst = scores.mean(axis=0), scores[..., 0].min(axis=0)

@@ -136,7 +136,7 @@ def write_text(path: str | Path, text: str) -> None:
         file.write(text)
 
 
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
+def write_json(path: Path, content: Mapping[str, object]) -> None:
     """Write plain values as JSON. Raises InputError as `write_atomically` does."""
     write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
 

@@ -31,7 +31,7 @@ class Threads:
     def __init__(self, count: int) -> None:
         self._count = count
         self._work: queue.SimpleQueue[
-            tuple[Future[Any], Callable[..., Any], tuple[Any, ...]] | None
+            tuple[Future[Any], Callable[..., object], tuple[Any, ...]] | None
         ] = queue.SimpleQueue()
 
     def __enter__(self) -> Threads:

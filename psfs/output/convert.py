@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence as Items
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -38,7 +37,7 @@ def write_native(sequence: Sequence, folder: Path) -> None:
     write_toml(folder / "sequence.toml", _settings(sequence))
 
 
-def _settings(sequence: Sequence) -> dict[str, Any]:
+def _settings(sequence: Sequence) -> dict[str, object]:
     """Return the settings that the files do not state themselves."""
     values = {key: getattr(sequence.settings, key) for key in _COPIED_SETTINGS}
     media = sequence.footage.images or sequence.footage.masks or ()

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from apf.cli import track
 from apf.cli.commands import COMMANDS
@@ -39,7 +39,7 @@ class TakeJob:
     out: Path
     log: Path
     words: tuple[str, ...]
-    configs: Mapping[str, Any] = field(default_factory=dict)
+    configs: Mapping[str, object] = field(default_factory=dict)
     where: str = "apf batch"
     part_frames: int | None = None
     exports: tuple[str, ...] = ()
@@ -93,7 +93,7 @@ class TakeDone:
     """The result of a take: the rows of its tracks. kept: it was finished by an earlier run.
     seconds: duration of each stage. core_seconds: CPU time of the process."""
 
-    rows: tuple[Mapping[str, Any], ...]
+    rows: tuple[Mapping[str, object], ...]
     kept: bool
     seconds: Mapping[str, float] = field(default_factory=dict)
     core_seconds: Mapping[str, float] = field(default_factory=dict)
@@ -129,7 +129,7 @@ def write_take(
     progress: TaskProgress,
     job: TakeJob,
     write: Callable[[argparse.Namespace, Device | NumpyDevice], Take],
-    **facts: Any,
+    **facts: object,
 ) -> TakeDone:
     """Return the take that `write(args, device)` wrote into the folder `args.output`. The folder
     gets its final name when the record and all other files of the take are in it. facts: for
@@ -156,8 +156,8 @@ def write_take(
 
 
 def _write_rows(
-    job: TakeJob, args: argparse.Namespace, take: Take, facts: Mapping[str, Any]
-) -> list[dict[str, Any]]:
+    job: TakeJob, args: argparse.Namespace, take: Take, facts: Mapping[str, object]
+) -> list[dict[str, object]]:
     """Return the rows of the take's tracks, and write their thumbnails."""
     rows = []
     for found, folder in zip(take.tracks, _folders(args), strict=True):

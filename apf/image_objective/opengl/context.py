@@ -28,7 +28,7 @@ def egl_context() -> Any:
         raise InputError(
             "OpenGL needs moderngl, which is not installed; expected: pip install psfs-apf[opengl]"
         ) from None
-    options: dict[str, Any] = {"standalone": True, "backend": "egl", "require": 430}
+    options: dict[str, object] = {"standalone": True, "backend": "egl", "require": 430}
     options["libegl"] = "libEGL.so.1"
     for library in _LIBRARIES:
         try:
@@ -66,7 +66,9 @@ class Compute:
         self._context = context
         self._shader = context.compute_shader(source(name, **defines))
 
-    def __call__(self, groups: tuple[int, ...], buffers: dict[int, Any], **uniforms: Any) -> None:
+    def __call__(
+        self, groups: tuple[int, ...], buffers: dict[int, Any], **uniforms: object
+    ) -> None:
         """Enqueue so many work-groups; what follows sees what they wrote."""
         set_uniforms(self._shader, **uniforms)
         bind(buffers)
@@ -74,7 +76,7 @@ class Compute:
         self._context.memory_barrier()
 
 
-def set_uniforms(program: Any, **uniforms: Any) -> None:
+def set_uniforms(program: Any, **uniforms: object) -> None:
     """Set those of `uniforms` that the program has: compilers drop unused ones."""
     for name, value in uniforms.items():
         if name in program:

@@ -37,7 +37,7 @@ class Shape:
         """Enqueue the projection of the posed cones, a buffer (N, C, 16) float32."""
         raise NotImplementedError
 
-    def draw(self, frame: Any, count: int, regions: Any, **where: Any) -> None:
+    def draw(self, frame: Any, count: int, regions: Any, **where: object) -> None:
         """Enqueue the drawing of `count` tiles into `frame`; `where`: the uniforms of tiles.glsl,
         `regions`: its buffer."""
         raise NotImplementedError
@@ -67,7 +67,7 @@ class FlatShape(Shape):
         buffers = {0: self._cameras, 1: cones, 2: self._parts, 3: self._edged}
         self._place((-(-n // _GROUP), self.n_views), buffers, n_cones=n)
 
-    def draw(self, frame: Any, count: int, regions: Any, **where: Any) -> None:
+    def draw(self, frame: Any, count: int, regions: Any, **where: object) -> None:
         set_uniforms(self._drawing.program, **where)
         bind({0: regions, 1: self._parts})
         frame.use()
@@ -117,7 +117,7 @@ class MeshShape(Shape):
         groups = (-(-self._n_corners // _GROUP), self.n_hypotheses, self.n_views)
         self._project(groups, buffers, n_particles=self.n_hypotheses)
 
-    def draw(self, frame: Any, count: int, regions: Any, **where: Any) -> None:
+    def draw(self, frame: Any, count: int, regions: Any, **where: object) -> None:
         for numbers, (drawing, shape, n_vertices, mode) in zip(
             (True, False), self._passes, strict=True
         ):

@@ -61,7 +61,7 @@ def _camera(name: str, values: np.ndarray, size: Size) -> Camera:
     return Camera(name, K / K[2, 2], np.zeros(5), R, values[:, 6], size)
 
 
-def _read_variables(path: Path) -> dict[str, Any]:
+def _read_variables(path: Path) -> dict[str, object]:
     try:
         with open_input(path, "a MATLAB .mat file") as file:
             found = loadmat(file, struct_as_record=True)
@@ -89,7 +89,7 @@ def _list_matrices(value: Any) -> list[np.ndarray]:
     return [array.astype(float)] if array.ndim == 2 else []
 
 
-def _find_stack(found: dict[str, Any], keys: tuple[str, ...], shape: tuple[int, int]) -> Any:
+def _find_stack(found: dict[str, object], keys: tuple[str, ...], shape: tuple[int, int]) -> Any:
     """Return the first variable of `keys` that fits as (N, *shape); None if none fits."""
     for key in keys:
         fitting = [m for m in _list_matrices(found.get(key, [])) if m.size == shape[0] * shape[1]]
@@ -98,7 +98,7 @@ def _find_stack(found: dict[str, Any], keys: tuple[str, ...], shape: tuple[int, 
     return None
 
 
-def _find_projections(found: dict[str, Any]) -> np.ndarray:
+def _find_projections(found: dict[str, object]) -> np.ndarray:
     fitting = {
         name: [matrix for matrix in _list_matrices(value) if matrix.shape == (3, 4)]
         for name, value in found.items()
@@ -118,6 +118,6 @@ def _find_projections(found: dict[str, Any]) -> np.ndarray:
     return np.stack(fitting[best[0]])
 
 
-def _read_names(found: dict[str, Any]) -> list[str]:
+def _read_names(found: dict[str, object]) -> list[str]:
     cells = np.asarray(found.get("names", [])).ravel()
     return [str(np.asarray(cell).ravel()[0]) for cell in cells]

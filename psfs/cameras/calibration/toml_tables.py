@@ -8,7 +8,7 @@ camera_array.toml has tables [cameras.0], rotations as matrices, `ignore`, and v
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -76,7 +76,7 @@ def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) 
         return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")
 
 
-def _name_caliscope_cameras(content: dict[str, Any]) -> dict[str, Any]:
+def _name_caliscope_cameras(content: dict[str, object]) -> dict[str, object]:
     """Return the tables under `cameras` of Caliscope's file, named as its videos; those of other
     programs unchanged. Cameras that it ignores, or could not place, are left out."""
     cameras = content.get("cameras")
@@ -91,7 +91,7 @@ def _name_caliscope_cameras(content: dict[str, Any]) -> dict[str, Any]:
 
 def write_toml_tables(path: Path, rig: CameraRig) -> None:
     """Write a rig in Pose2Sim's convention: metres, Rodrigues vectors world -> camera."""
-    tables: dict[str, Any] = {}
+    tables: dict[str, object] = {}
     for camera in rig:
         used = 5 if camera.distortion[4] else 4
         tables[camera.name] = {
