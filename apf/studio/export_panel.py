@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from apf.formats import BODY_WRITERS, WRITERS
 from apf.report.names import PAGE
@@ -15,6 +15,9 @@ from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
 from cl import UserError
 
+if TYPE_CHECKING:
+    import viser
+
 #: Endings of the files that a track is written as, those of a moving body first.
 ENDINGS = (*BODY_WRITERS, *WRITERS, ".trc", ".npz")
 
@@ -22,11 +25,11 @@ ENDINGS = (*BODY_WRITERS, *WRITERS, ".trc", ".npz")
 class ExportPanel:
     """The panel. say: shows an error on the page."""
 
-    def __init__(self, gui: Any, say: Callable[[object], object]) -> None:
+    def __init__(self, gui: viser.GuiApi, say: Callable[[object], object]) -> None:
         self._say = say
         self._watch: Watch | None = None
         self._message = gui.add_html(make_text("Open a track to export it."))
-        self.person = gui.add_dropdown("person", ["-"], initial_value="-", visible=False)
+        self.person: Any = gui.add_dropdown("person", ["-"], initial_value="-", visible=False)
         self.ending = gui.add_dropdown("file", list(dict.fromkeys(ENDINGS)), initial_value=".bvh")
         self.smooth = gui.add_checkbox("smoothed", True, hint="as apf smooth does")
         self.button = gui.add_button("save", disabled=True)
@@ -64,7 +67,9 @@ class ExportPanel:
         folder = self._watch.opened.folder
         return f"{folder.name}.html", (folder / PAGE).read_bytes()
 
-    def _send(self, client: Any, make: Callable[[], tuple[str, bytes]]) -> None:
+    def _send(
+        self, client: viser.ClientHandle | None, make: Callable[[], tuple[str, bytes]]
+    ) -> None:
         if self._watch is None or client is None:
             return
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from apf.studio.correct_panel import CorrectPanel
 from apf.studio.export_panel import ExportPanel
@@ -17,6 +17,9 @@ from apf.studio.watch import Watch
 from apf.studio.words import make_lines, make_text
 from cl import InputError, UserError
 from psfs.sequence import Sequence
+
+if TYPE_CHECKING:
+    import viser
 
 #: Kinds of folders, as the list names them.
 _KINDS = {"take": "footage", "track": "track", "voxels": "voxels"}
@@ -125,7 +128,7 @@ class Page:
         """Show an error on the page."""
         self._message.content = make_lines([("warning", error)])
 
-    def _add_open(self, gui: Any) -> None:
+    def _add_open(self, gui: viser.GuiApi) -> None:
         self._folder = gui.add_dropdown(
             "open",
             [_NOTHING],

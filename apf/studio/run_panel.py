@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from apf.studio.work import Work, free_folder
 from cl import InputError
 from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.sequence import Sequence
+
+if TYPE_CHECKING:
+    import viser
 
 _OURS = "default"
 #: Time between two checks of a run, s; and the factor by which its track must have grown to be
@@ -31,7 +34,7 @@ class RunPanel:
 
     def __init__(
         self,
-        gui: Any,
+        gui: viser.GuiApi,
         results: Path,
         device: str,
         show: Callable[[Path], object],
@@ -56,7 +59,7 @@ class RunPanel:
         self.keypoints = gui.add_checkbox("use keypoints", False, visible=False)
         self.start_button = gui.add_button("track", disabled=True, hint="key: T")
         self.cancel_button = gui.add_button("cancel", visible=False)
-        self.progress = gui.add_progress_bar(0.0, visible=False)
+        self.progress: Any = gui.add_progress_bar(0.0, visible=False)
         self._status = gui.add_html("")
         self.settings = SettingsPanel(gui)
         self.start_button.on_click(lambda event: self.press_track())
