@@ -6,7 +6,6 @@ from collections import defaultdict
 from collections.abc import Callable
 from collections.abc import Sequence as Items
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -70,7 +69,7 @@ def compare_with_silhouettes(
     parts, drawn = find_parts(body), [i for i, cone in enumerate(body.cones) if cone.in_images]
     region, extents = volume_region(rig, grid), voxel_footprints(rig, grid.voxel_size)
     cones = posed_cones(body, track.poses[rows])
-    found = defaultdict[str, list[Any]](list)
+    found = defaultdict[str, list[object]](list)
     clouds = []
     indices = check_indices(session.sequence, track.frames[rows])
     for number, frame in enumerate(session.iterate_carved(grid, indices)):

@@ -91,7 +91,9 @@ def _serve_with_checks(gate: Gate) -> Iterator[None]:
 
     serve: Callable[..., object] = serving.serve
 
-    def serve_checked(*args: Any, process_request: Callable[..., object], **options: object) -> Any:
+    def serve_checked(
+        *args: object, process_request: Callable[..., object], **options: object
+    ) -> Any:
         def check(connection: Any, request: Any) -> Any:
             path = gate.strip_token(request.path, request.headers.get("Host", ""))
             if path is None:

@@ -115,7 +115,7 @@ def read_corrections(path: Path) -> Corrections:
     return Corrections(path.parent / found.track, points, found.bad, found.reach)
 
 
-def _tuples(values: Any) -> Any:
+def _tuples(values: object) -> Any:
     """Return lists of lists as tuples, which a frozen table holds."""
     if not isinstance(values, list):
         return values

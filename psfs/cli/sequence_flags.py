@@ -114,7 +114,7 @@ def volume_box(text: str) -> Any:
 
 
 #: How the texts of the flags are parsed that are more than a number, a text or a choice.
-PARSERS: Mapping[str, Callable[[str], Any]] = {
+PARSERS: Mapping[str, Callable[[str], object]] = {
     "calibration": path_or_name, "fps": frame_rate, "sync": parse_sync, "volume": volume_box,
     "cameras": _names,
 }  # fmt: skip

@@ -206,12 +206,12 @@ class SequenceSettings(Config):
 
     @field_validator("sync")
     @classmethod
-    def _is_sync(cls, value: Any) -> Any:
+    def _is_sync(cls, value: object) -> Any:
         return None if value is None else _check_sync(value)
 
     @field_validator("volume")
     @classmethod
-    def _is_box(cls, value: Any) -> Any:
+    def _is_box(cls, value: object) -> Any:
         return None if value is None else _check_volume(value)
 
     @classmethod
@@ -230,7 +230,7 @@ class SequenceSettings(Config):
         return other.replace(**{key: value for key, value in self if value is not None})
 
 
-def _check_sync(value: Any) -> Any:
+def _check_sync(value: object) -> Any:
     if value in ("auto", "audio"):
         return value
     if not isinstance(value, Mapping):
@@ -243,7 +243,7 @@ def _check_sync(value: Any) -> Any:
     return dict(value)
 
 
-def _check_volume(value: Any) -> Any:
+def _check_volume(value: object) -> Any:
     """Return (low, high), m with Z up; or {"own": (low, high)} in the file's axes and unit."""
     if isinstance(value, Mapping):
         if list(value) != ["own"]:
@@ -253,7 +253,7 @@ def _check_volume(value: Any) -> Any:
     return _check_corners(value, _MAX_COORDINATE)
 
 
-def _check_corners(value: Any, farthest: float) -> tuple[np.ndarray, np.ndarray]:
+def _check_corners(value: object, farthest: float) -> tuple[np.ndarray, np.ndarray]:
     import numpy as np
 
     try:

@@ -98,7 +98,7 @@ def _read_picture(path: Path) -> Any:
     return read_json(path, "OpenPose's JSON of a picture", _MOST_JSON_BYTES, nan=True)
 
 
-def _parse_persons(path: Path, content: Any) -> list[np.ndarray]:
+def _parse_persons(path: Path, content: object) -> list[np.ndarray]:
     """Parse the persons (K, 3) of a frame. Raises InputError."""
     persons = content.get("people") if isinstance(content, dict) else None
     if not isinstance(persons, list):
@@ -112,7 +112,7 @@ def _parse_persons(path: Path, content: Any) -> list[np.ndarray]:
     return [found for found in points if len(found)]
 
 
-def _parse_points(path: Path, number: int, person: Any) -> np.ndarray:
+def _parse_points(path: Path, number: int, person: object) -> np.ndarray:
     """Parse the points (K, 3) of a person. Raises InputError."""
     values = person.get(_POINTS) if isinstance(person, dict) else None
     if (

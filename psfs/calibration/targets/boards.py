@@ -182,7 +182,7 @@ def _make_charuco(
 
 def _choose_dictionary(name: str, markers: int) -> Any:
     """Return the smallest set of a family with so many markers, or its largest."""
-    found: Any = None
+    found: object = None
     for known in DICTIONARIES[name]:
         found = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, known))
         if len(found.bytesList) >= markers:

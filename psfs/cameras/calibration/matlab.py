@@ -74,7 +74,7 @@ def _read_variables(path: Path) -> dict[str, object]:
     return {name: value for name, value in found.items() if not name.startswith("__")}
 
 
-def _list_matrices(value: Any) -> list[np.ndarray]:
+def _list_matrices(value: object) -> list[np.ndarray]:
     """List the matrices in a variable, which is a cell or struct array, a stack, or one matrix."""
     array = np.asarray(value)
     if array.dtype.names:
