@@ -120,5 +120,5 @@ def _format_truth(clouds: list[CloudScore]) -> str:
     mean = {name: "-" if of is None else f"{of:.3f}" for name, of in mean_scores(clouds).items()}
     return (
         f"true masks of {len(clouds)} frames: IoU {mean['iou']}, with true silhouettes "
-        f"{mean['ceiling']}; share of ghosts {mean['ghosts']}"
+        f"{mean['ceiling']}; share of ghosts {mean['ghosts']}; IoU of voxels {mean['volume']}"
     )
