@@ -12,8 +12,8 @@ from pathlib import Path
 # OpenBLAS's waiting threads took four fifths of the twins' time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Readline sets these in the processes that pytest-xdist starts; commands would cut tables to them.
-for name in ("COLUMNS", "LINES"):
-    os.environ.pop(name, None)
+os.environ.pop("COLUMNS", None)
+os.environ.pop("LINES", None)
 
 import cv2
 import numpy as np

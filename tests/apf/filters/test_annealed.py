@@ -156,8 +156,9 @@ def test_streams_give_what_steps_do(device: Device, kind: str) -> None:
     and after a stream that ends early."""
     other = Device(device.handle)
     config = FilterConfig.create(n_particles=37, n_layers=3)
-    if kind == "gpu":  # without the refinement, which takes PoCL long to compile for work-groups
-        other.info, config = replace(device.info, kind="gpu"), config.with_changes(refinement_steps=0)
+    other.info = device.info if kind == "own" else replace(device.info, kind="gpu")
+    if kind == "gpu":  # PoCL takes long to compile the refinement for work-groups
+        config = config.with_changes(refinement_steps=0)
     world = World(other)
     expected = list(run(world, config, 4))
     tracker = AnnealedParticleFilter(world.scene(), config)
