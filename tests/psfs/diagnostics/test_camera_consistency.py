@@ -62,9 +62,9 @@ def walk() -> Sequence:
 
 @pytest.fixture(scope="module")
 def late_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Masks of a block that walks past six cameras, c2 ten frames late."""
+    """Masks of a block that walks past eight cameras, c2 ten frames late."""
     folder = tmp_path_factory.mktemp("late") / "walk"
-    rig = scenes.ring(6, size=(160, 120))
+    rig = scenes.ring(8, size=(160, 120))
     folder.mkdir(parents=True, exist_ok=True)
     write_toml_tables(folder / "calibration.toml", rig)
     corners = np.stack(np.meshgrid([-0.2, 0.2], [-0.15, 0.15], [0.1, 1.7]), -1).reshape(-1, 3)
@@ -102,7 +102,7 @@ def test_good_cameras_are_not_named(device, name: str) -> None:
 def test_a_late_camera_is_left_out_and_named(
     late_walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One of six masks stands 10 frames behind; `info` and `check` name it too."""
+    """One of eight masks stands 10 frames behind; `info` and `check` name it too."""
     folder = late_walk
     assert main(["info", str(folder)]) == 0
     assert "camera c2 disagrees" in capsys.readouterr().out
@@ -112,7 +112,7 @@ def test_a_late_camera_is_left_out_and_named(
         assert main(["reconstruct", str(folder), "-o", str(out), *some, flag]) == 0
         summary = json.loads((out / "summary.json").read_text())
         volumes[flag] = summary["frames"][0]["volume_m3"]
-        assert len(summary["sequence"]["cameras"]) == (6 if flag == "--all-cameras" else 5)
+        assert len(summary["sequence"]["cameras"]) == (8 if flag == "--all-cameras" else 7)
         capsys.readouterr()
         assert main(["check", str(out)]) == 0
         assert "camera c2 disagrees" in capsys.readouterr().out
