@@ -17,7 +17,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("track", type=Path, metavar="TRACK", help="folder that `apf track` wrote")
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT")
     parser.add_argument(
-        "--body", type=Path, metavar="B", help="body model (default: body.toml beside the track)"
+        "--body", type=Path, metavar="B", help="body model of a track that does not hold its own"
     )
     add_shape_flags(parser)
     parser.add_argument("--opengl", action="store_true", help="render by OpenGL instead of OpenCL")

@@ -13,5 +13,5 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_view_flags(parser)
     parser.add_argument("track", type=Path, metavar="TRACK", help="folder that `apf track` wrote")
     parser.add_argument(
-        "--body", type=Path, metavar="B", help="body model (default: body.toml beside the track)"
+        "--body", type=Path, metavar="B", help="body model of a track that does not hold its own"
     )
