@@ -103,7 +103,9 @@ class CommandParser(RecordingParser):
         return super().parse_known_args(args, namespace)
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
-        if not arg_string and action.nargs != argparse.PARSER:  # Path("") would be the current folder
+        if (
+            not arg_string and action.nargs != argparse.PARSER
+        ):  # Path("") would be the current folder
             raise argparse.ArgumentError(action, "is empty; expected a value")
         return super()._get_value(action, arg_string)
 
