@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 
 from apf.body.kinematics import posed_cones
-from apf.cli.takes.opened_track import opened_track
+from apf.cli.takes.opened_track import open_given_track
 from apf.report.overlay import overlay_picture
 from apf.report.viewer_layers import cone_layer, describe_frame, skeleton_layer
 from cl import InputError
@@ -17,7 +17,7 @@ from psfs.sequence import Frame
 
 
 def run(args: argparse.Namespace) -> None:
-    track = opened_track(args)
+    track = open_given_track(args)
     body = track.its_body
 
     def picture(frame: Frame, rig: CameraRig) -> np.ndarray:

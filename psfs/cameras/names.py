@@ -26,7 +26,7 @@ def contains_name(text: str, name: str) -> bool:
     return bool(inner) and any(outer[i : i + len(inner)] == inner for i in starts)
 
 
-def listed(names: Iterable[str]) -> str:
+def join_names(names: Iterable[str]) -> str:
     """Join names for a message: `a, b, c` or `none`."""
     return ", ".join(names) or "none"
 
@@ -59,10 +59,10 @@ def match_files_to_cameras(
         if crossed:
             raise InputError(
                 f"{where}: some are named after cameras and others after none, and in order they "
-                f"would be {guess}; expected the names of the cameras, {listed(cameras)}"
+                f"would be {guess}; expected the names of the cameras, {join_names(cameras)}"
             )
         return ordered, f"{where}: names differ from the cameras'; taken in order: {guess}"
     raise InputError(
-        f"{where}: {len(found)} of them ({listed(found)}) for {len(needed)} cameras "
-        f"({listed(needed)}); expected one per camera, or `cameras` to choose some"
+        f"{where}: {len(found)} of them ({join_names(found)}) for {len(needed)} cameras "
+        f"({join_names(needed)}); expected one per camera, or `cameras` to choose some"
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cl import InputError
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 from psfs.common.outputs import (
     MANIFEST,
     Manifest,
@@ -21,7 +21,7 @@ from psfs.common.outputs import (
 
 
 def write(path: Path, text: str = "ours") -> None:
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         temporary.write_text(text)
 
 
@@ -135,7 +135,7 @@ def test_a_copy_of_a_file_that_is_gone(tmp_path: Path) -> None:
     """The blame is the source's; a file in a folder's place is named, too."""
     with (
         pytest.raises(InputError, match=r"gone\.png: no such file"),
-        written_whole(tmp_path / "new.png") as temporary,
+        write_atomically(tmp_path / "new.png") as temporary,
     ):
         shutil.copyfile(tmp_path / "gone.png", temporary)
     (tmp_path / "a").write_text("mine")
