@@ -126,7 +126,7 @@ def test_pictures_that_come_unevenly(tmp_path: Path, monkeypatch: pytest.MonkeyP
         return 0, now + (when or 0.0), picture
 
     cameras = open_cameras(folder, {}, names, 0.0)
-    monkeypatch.setattr("apf.live.sources.Camera.next", next_picture)
+    monkeypatch.setattr("apf.live.sources.LiveCamera.next", next_picture)
     monkeypatch.setattr("apf.live.sources.time.perf_counter", lambda: now)
     shots, _ = acquired(cameras)
     assert [shot.frame.index for shot in shots] == [0, 1, 2, 3, 4]
