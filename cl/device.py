@@ -265,9 +265,9 @@ class Device:
             return self.programs.kernel(source, name, file, build_options(defines))
         except pyopencl.Error as error:
             log.info("%s", file, exc_info=True)
-            said = str(error).partition(">:")[2] or str(error)  # after the device's address
+            reason = str(error).partition(">:")[2] or str(error)  # after the device's address
             raise DeviceError(
-                f"{self.name} does not build {file} ({' '.join(said.split())}); expected a driver "
+                f"{self.name} does not build {file} ({' '.join(reason.split())}); expected a driver "
                 "that works, and room for its temporary files and its cache"
             ) from error
 

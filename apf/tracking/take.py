@@ -31,7 +31,7 @@ from psfs.voxels.grid import VoxelGrid
 #: None.
 Keep: TypeAlias = Callable[[BodyModel, np.ndarray, Items[Track]], "Items[Path] | None"]
 
-#: Distance, m, of a given first pose from the volume beyond which it is nobody's who is seen there.
+#: Largest distance, m, of a given first pose from the volume.
 _NEAR = 1.0
 
 
