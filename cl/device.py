@@ -267,8 +267,8 @@ class Device:
             log.info("%s", file, exc_info=True)
             reason = str(error).partition(">:")[2] or str(error)  # after the device's address
             raise DeviceError(
-                f"{self.name} does not build {file} ({' '.join(reason.split())}); expected a driver "
-                "that works, and room for its temporary files and its cache"
+                f"{self.name} does not build {file} ({' '.join(reason.split())}); expected a "
+                "driver that works, and room for its temporary files and its cache"
             ) from error
 
     def launch(

@@ -92,7 +92,7 @@ def track_take(
         given = start.body, start.pose
     body, pose = given
     if method.uses_voxels and start is None:
-        check_start_in(automatic_grid(session), body, pose, session.sequence.name)
+        check_first_pose(automatic_grid(session), body, pose, session.sequence.name)
     report("preparing")
     began = time.perf_counter()
     points = None if keypoint_fit is None else keypoint_fit.observations
@@ -115,7 +115,7 @@ def check_terms(sequence: Sequence, method: Method) -> None:
     )
 
 
-def check_start_in(grid: VoxelGrid, body: BodyModel, pose: np.ndarray, name: str) -> None:
+def check_first_pose(grid: VoxelGrid, body: BodyModel, pose: np.ndarray, name: str) -> None:
     """Raise InputError if no joint of a given first pose (D,) lies in the volume or near it."""
     joints = posed_joints(body, pose[None])[0]
     beyond = np.maximum(np.maximum(grid.low - joints, joints - grid.high), 0)
