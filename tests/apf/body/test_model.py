@@ -68,6 +68,10 @@ def test_song32_is_song31_with_a_trunk_that_bends_sideways() -> None:
     thorax = next(bone for bone in entries[1]["bone"] if bone["name"] == "thorax")
     assert [axis["axis"] for axis in thorax["axes"]] == ["ry", "rx", "rz"]
     del thorax["axes"][1]
+    for entry in entries:
+        for bone in entry["bone"]:
+            for axis in bone["axes"]:
+                axis.pop("posture_sigma", None)
     assert entries[0] == entries[1]
     bent = load_body("song32")
     assert bent.n_dof == 32
