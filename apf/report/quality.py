@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence as Items
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -223,7 +222,7 @@ class Quality:
         frames = self.track.frames
         return [(int(frames[run[0]]), int(frames[run[-1]])) for run in runs]
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, object]:
         """Return all figures in JSON types."""
         track, found = self.track, self.agreement
         return {
@@ -248,8 +247,8 @@ class Quality:
                     track.joint_names, np.median(self.deviations, axis=0), strict=True
                 )
             },
-            "body_iou": _by_camera(found.cameras, found.body_iou) if found else None,
-            "voxel_iou": _by_camera(found.cameras, found.voxel_iou) if found else None,
+            "body_iou": _name_cameras(found.cameras, found.body_iou) if found else None,
+            "voxel_iou": _name_cameras(found.cameras, found.voxel_iou) if found else None,
             "voxels_explained": _plain(np.nanmean(found.explained)) if found else None,
             "keypoints_near": _plain(np.nanmean(self.near)) if self.near is not None else None,
             "doubts": self._lasting_doubts,
@@ -263,7 +262,7 @@ def camera_means(scores: np.ndarray) -> np.ndarray:
     return means
 
 
-def _by_camera(cameras: Items[str], scores: np.ndarray) -> dict[str, float | None]:
+def _name_cameras(cameras: Items[str], scores: np.ndarray) -> dict[str, float | None]:
     means = camera_means(scores)
     return {name: _plain(value) for name, value in zip(cameras, means, strict=True)}
 

@@ -8,7 +8,7 @@ from psfs.common.config import Config, setting
 
 
 class PeopleConfig(Config):
-    """Settings of what counts as a person, and of following people from frame to frame."""
+    """Criteria for a person, and settings of following people from frame to frame."""
 
     SOURCE: ClassVar = "by hand, on `hard_duo_6cam` and single people in other rooms"
 
@@ -49,8 +49,8 @@ class PeopleConfig(Config):
     speed: float = setting(4.0, "Greatest speed of a person.", unit="m/s", above=0)
     likeness: float = setting(
         0.45,
-        "Least likeness (Bhattacharyya coefficient) of the colours of one who left and one who "
-        "comes, for both to be the same person.",
+        "Least similarity (Bhattacharyya coefficient) of the colours of two trajectories for them "
+        "to be one person who left and came back.",
         least=0,
         most=1,
     )

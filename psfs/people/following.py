@@ -25,7 +25,7 @@ _TORN = 0.4
 
 @dataclass(eq=False)
 class Trajectory:
-    """Somebody, or something, that is followed.
+    """Trajectory of a person or an object.
 
     voxels: flat indices, by frame. touching: frames in which another one shared the region.
     """
@@ -40,7 +40,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True, eq=False)
-class _Going:
+class _ActiveTrajectory:
     """A trajectory with its voxels' centres (N, 3) m in the last frame, and its velocity (2,) on
     the floor, m per frame."""
 
@@ -53,10 +53,10 @@ class _Going:
         """The points where they are expected in the next frame."""
         return self.points + np.append(self.speed, 0)
 
-    def at(self, points: np.ndarray, reach: float) -> _Going:
+    def advance(self, points: np.ndarray, reach: float) -> _ActiveTrajectory:
         """Return the trajectory with its `points` of the next frame."""
         step = np.clip(_middle(points) - _middle(self.points), -reach, reach)
-        return _Going(self.one, points, (1 - _BLEND) * self.speed + _BLEND * step)
+        return _ActiveTrajectory(self.one, points, (1 - _BLEND) * self.speed + _BLEND * step)
 
 
 def large(config: PeopleConfig) -> int:
@@ -70,26 +70,26 @@ def stands(points: np.ndarray, config: PeopleConfig) -> bool:
     return bool(high - low + config.voxel >= config.least_height and low <= config.lowest)
 
 
-class Follower:
+class PeopleFollower:
     """Assignment of the regions of one frame after the other to trajectories.
 
-    A trajectory takes the region that most of its voxels, moved by its velocity, lie in, else the
-    nearest one within reach. A region of several is split among them, see `_split`. What is left
-    is part of the nearest trajectory if it is near one and does not stand as a person does, such as
-    a leg that is torn off; else it begins a trajectory, if it is large.
+    A trajectory takes the region that contains most of its voxels, moved by its velocity, or else
+    the nearest region within reach. A region taken by several trajectories is split among them, see
+    `_split`. Of the remaining regions, one near a trajectory that does not stand as a person does,
+    such as a separate leg, is added to that trajectory; a large one begins a new trajectory.
     """
 
     def __init__(self, grid: VoxelGrid, config: PeopleConfig, fps: float) -> None:
         self.grid, self._config = grid, config
         self._reach = max(0.4, 1.5 * config.speed / fps)
         self.all: list[Trajectory] = []
-        self._going: list[_Going] = []
+        self._going: list[_ActiveTrajectory] = []
 
     def begin(self, trajectories: list[Trajectory], frame: int) -> None:
         """Go on from `frame` of these trajectories."""
         self.all = list(trajectories)
         self._going = [
-            _Going(one, self.grid.centres(one.voxels[frame]), np.zeros(2))
+            _ActiveTrajectory(one, self.grid.centres(one.voxels[frame]), np.zeros(2))
             for one in trajectories
             if frame in one.voxels
         ]
@@ -115,10 +115,10 @@ class Follower:
         for k, own in enumerate(rows):
             if len(own) >= _DEBRIS:
                 self._going[k].one.voxels[frame.index] = frame.voxels[own]
-                going.append(self._going[k].at(points[own], self._reach))
+                going.append(self._going[k].advance(points[own], self._reach))
         for own in new:
             self.all.append(Trajectory({frame.index: frame.voxels[own]}))
-            going.append(_Going(self.all[-1], points[own], np.zeros(2)))
+            going.append(_ActiveTrajectory(self.all[-1], points[own], np.zeros(2)))
         self._going = going
 
     def _rest(
@@ -219,8 +219,8 @@ def follow(
     """
     if not frames:
         return []
-    middle = _most([_count_standing(frame, grid, config) for frame in frames])
-    forward, back = Follower(grid, config, fps), Follower(grid, config, fps)
+    middle = _find_longest_maximum([_count_standing(frame, grid, config) for frame in frames])
+    forward, back = PeopleFollower(grid, config, fps), PeopleFollower(grid, config, fps)
     for frame in frames[middle:]:
         forward(frame)
     back.begin(forward.all, frames[middle].index)
@@ -237,7 +237,7 @@ def _count_standing(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -
     return sum(stands(points[frame.regions == r], config) for r in regions), min(1, len(regions))
 
 
-def _most(counts: list[tuple[int, int]]) -> int:
+def _find_longest_maximum(counts: list[tuple[int, int]]) -> int:
     """Return the middle of the longest run of the greatest count."""
     best = np.array([k for k, count in enumerate(counts) if count == max(counts)])
     runs = np.split(best, np.flatnonzero(np.diff(best) > 1) + 1)

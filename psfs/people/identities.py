@@ -1,4 +1,4 @@
-"""Who of those that were followed is the same person, and who is a person at all."""
+"""Decide which trajectories belong to one person, and which are people at all."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from psfs.voxels.grid import VoxelGrid
 
 T = TypeVar("T")
 
-#: By how much exchanged people must be more alike than unexchanged ones, for both pairs together.
+#: Least gain of likeness, summed over both pairs, for two trajectories to be exchanged.
 _SWAPPED = 0.1
-#: A person is in a frame that shows at least this share of his usual volume.
+#: Least share of the usual volume that a frame must show for the person to be in it.
 _PRESENT = 0.35
-#: Who touches another one in more than this share of the frames is a part of him.
+#: Share of frames with contact above which a trajectory is part of another person.
 _APART = 0.9
 
 
 @dataclass(eq=False)
-class Looks:
+class Appearance:
     """The appearance of a trajectory in some frames: its colours (BANDS, K) by frame, and the share
     of its silhouettes that nobody else explains (see `CoarseVoxels.unexplained`) by frame."""
 
     colours: dict[int, np.ndarray] = field(default_factory=dict)
     unexplained: dict[int, float] = field(default_factory=dict)
 
-    def between(self, first: float, last: float) -> np.ndarray:
+    def sum_colours(self, first: float, last: float) -> np.ndarray:
         """Return the sum of the colours in frames from `first` to `last`."""
         inside = [of for index, of in self.colours.items() if first <= index <= last]
         return sum(inside, np.zeros((BANDS, 1)))
 
 
-Seen = dict[Trajectory, Looks]
+Seen = dict[Trajectory, Appearance]
 
 
 def volume(one: Trajectory) -> float:
@@ -54,8 +54,8 @@ def undo_swaps(seen: Seen, window: float) -> None:
         for second in ones[k + 1 :]:
             for start, stop in _contacts(first.touching & second.touching, window / 4):
                 before, after = (start - window, start - 1), (stop + 1, stop + window)
-                a, b = (seen[one].between(*before) for one in (first, second))
-                c, d = (seen[one].between(*after) for one in (first, second))
+                a, b = (seen[one].sum_colours(*before) for one in (first, second))
+                c, d = (seen[one].sum_colours(*after) for one in (first, second))
                 if not all(of.any() for of in (a, b, c, d)):
                     continue
                 kept = likeness(a, c) + likeness(b, d)
@@ -127,7 +127,9 @@ def _cost(
     apart = float(np.linalg.norm(middles[0] - middles[1]))
     if apart > config.speed * seconds + 0.3:
         return 1e3
-    alike = likeness(seen[early].between(-np.inf, np.inf), seen[late].between(-np.inf, np.inf))
+    alike = likeness(
+        seen[early].sum_colours(-np.inf, np.inf), seen[late].sum_colours(-np.inf, np.inf)
+    )
     size = abs(np.log(volume(early) / volume(late)))
     at_once = seconds < 0.5 and apart < 0.5
     if not at_once and (alike < config.likeness or size > 0.7):
@@ -136,7 +138,7 @@ def _cost(
 
 
 def is_person(
-    one: Trajectory, looks: Looks, grid: VoxelGrid, largest: float, config: PeopleConfig
+    one: Trajectory, looks: Appearance, grid: VoxelGrid, largest: float, config: PeopleConfig
 ) -> bool:
     """Return whether a trajectory is a second person beside one of `largest` volume."""
     if volume(one) < config.least_share * largest:

@@ -14,7 +14,7 @@ from cl import InputError, MissingFileError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.footage.layouts.common import Footage, Found
 from psfs.footage.media import list_media, open_media
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 
 LAYOUT = "uncalibrated"
 #: Places of pictures, the most specific first; then names of folders that hold other things.
@@ -42,7 +42,7 @@ def list_pictures(folder: Path) -> Found:
     raise InputError(f"{folder}: no pictures; {wanted}")
 
 
-def read_uncalibrated(folder: Path, settings: Settings) -> Footage:
+def read_uncalibrated(folder: Path, settings: SequenceSettings) -> Footage:
     """Read the chosen cameras' pictures; of the rig only names and sizes are meaningful.
 
     Raises InputError as `list_pictures` does.
