@@ -151,9 +151,8 @@ def load_samples(pairs: list[str]) -> dict[str, Sample]:
         misfit = tracked.diagnostics["misfit"][np.isin(tracked.frames, found.frames)]
         growth = CALIBRATION.growth(misfit)[:, None]
         floors = CALIBRATION.floors(list(found.joint_names))
-        raw = found.covariance / growth[..., None, None] ** 2 - floors[:, None, None] ** 2 * np.eye(
-            3
-        )
+        raw = found.covariance / growth[..., None, None] ** 2
+        raw -= floors[:, None, None] ** 2 * np.eye(3)
         raw /= CALIBRATION.scale**2
         for place, name in enumerate(found.joint_names):
             known = np.isfinite(found.inside[:, place])

@@ -193,8 +193,8 @@ class ShapePrior(Config):
     )
     most_radius: float = setting(
         0.2,
-        "Greatest log of a part's radius beside size and girth, and the negative of the least: thighs "
-        "do not fill a skirt, nor does the head fill long hair.",
+        "Greatest log of a part's radius beside size and girth, and the negative of the least: "
+        "thighs do not fill a skirt, nor does the head fill long hair.",
         "people in tight clothes have about 0.1; hard_skirt_4cam 60.6 to 53.2 mm (seed 0)",
         above=0,
     )
