@@ -62,7 +62,7 @@ class ShapeModel:
             dict(zip(self.radii, radii, strict=True)),
         )
 
-    def bound(self, shape: np.ndarray) -> np.ndarray:
+    def limit_radii(self, shape: np.ndarray) -> np.ndarray:
         """Return `shape` (S,) with the parts' radii within `ShapePrior.most_radius`."""
         bounded = shape.copy()
         first = 2 + len(self.lengths)
