@@ -10,18 +10,11 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from psfs.people.coarse_voxels import BANDS, likeness
-from psfs.people.config import PeopleConfig
+from psfs.people.config import FollowingConfig, PeopleConfig
 from psfs.people.following import Trajectory
 from psfs.voxels.grid import VoxelGrid
 
 T = TypeVar("T")
-
-#: Least gain of likeness, summed over both pairs, for two trajectories to be exchanged.
-_SWAPPED = 0.1
-#: Least share of the usual volume that a frame must show for the person to be in it.
-_PRESENT = 0.35
-#: Share of frames with contact above which a trajectory is part of another person.
-_APART = 0.9
 
 
 @dataclass(eq=False)
@@ -46,7 +39,7 @@ def volume(one: Trajectory) -> float:
     return float(np.median([len(of) for of in one.voxels.values()])) if one.voxels else 0.0
 
 
-def undo_swaps(seen: Seen, window: float) -> None:
+def undo_swaps(seen: Seen, window: float, config: FollowingConfig) -> None:
     """Exchange two trajectories from a contact on, where their colours before and after it, within
     `window` frames, say that they were mistaken for one another."""
     ones = list(seen)
@@ -59,7 +52,7 @@ def undo_swaps(seen: Seen, window: float) -> None:
                 if not all(of.any() for of in (a, b, c, d)):
                     continue
                 kept = likeness(a, c) + likeness(b, d)
-                if likeness(a, d) + likeness(b, c) > kept + _SWAPPED:
+                if likeness(a, d) + likeness(b, c) > kept + config.swap_gain:
                     _exchange(first, second, seen, stop)
 
 
@@ -143,7 +136,7 @@ def is_person(
     """Return whether a trajectory is a second person beside one of `largest` volume."""
     if volume(one) < config.least_share * largest:
         return False
-    if len(one.touching) > _APART * len(one.voxels):
+    if len(one.touching) > config.following.contact * len(one.voxels):
         return False  # a part of somebody
     picked = one.frames[np.linspace(0, len(one.frames) - 1, 15).round().astype(int)]
     heights = np.array([grid.centres(one.voxels[int(index)])[:, 2] for index in picked],
@@ -155,7 +148,7 @@ def is_person(
     return not shares or float(np.median(shares)) >= config.unexplained
 
 
-def present(one: Trajectory) -> np.ndarray:
+def present(one: Trajectory, config: FollowingConfig) -> np.ndarray:
     """Return the frames (F,) in which enough of the person is seen."""
-    least = _PRESENT * volume(one)
+    least = config.present * volume(one)
     return np.array([index for index in one.frames if len(one.voxels[int(index)]) >= least], int)

@@ -124,11 +124,13 @@ class _Search:
         found = [one for one in found if len(one.voxels) >= max(2, lasting / 2)]
         found = found or follow(frames, grid, self.config, self.rate)
         if len(found) < 2:
-            persons = tuple(Person(present(one), one.voxels) for one in found)
+            persons = tuple(
+                Person(present(one, self.config.following), one.voxels) for one in found
+            )
             return People(self.frames, grid, persons)
         seen: Seen = {one: Appearance() for one in found}
         self._observe(seen)
-        undo_swaps(seen, 2 * fps)
+        undo_swaps(seen, 2 * fps, self.config.following)
         seen = join_returning(seen, grid, self.config, fps)
         ranked = sorted(seen, key=lambda one: volume(one) * len(one.voxels), reverse=True)
         largest = ranked[0]
@@ -139,7 +141,9 @@ class _Search:
         if self.number is not None:
             others = [one for one in rest if one not in chosen]
             chosen = [*chosen, *others][: self.number - 1]
-        persons = tuple(Person(present(one), one.voxels) for one in (largest, *chosen))
+        persons = tuple(
+            Person(present(one, self.config.following), one.voxels) for one in (largest, *chosen)
+        )
         return People(self.frames, grid, persons, len(rest) - len(chosen))
 
     def _read_frames(self, indices: range) -> Iterator[Frame]:

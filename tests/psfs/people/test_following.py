@@ -106,7 +106,7 @@ def test_who_comes_back_is_known_by_the_colours() -> None:
     joined = join_returning({**seen, late: Appearance({20: coloured(9)})}, GRID, CONFIG, FPS)
     assert set(joined) == {left, right}
     assert (len(left.voxels), len(right.voxels)) == (6, 12)
-    assert present(right).tolist() == [*range(6), *range(20, 26)]
+    assert present(right, CONFIG.following).tolist() == [*range(6), *range(20, 26)]
 
 
 def test_an_exchange_in_a_contact_is_undone_by_the_colours() -> None:
@@ -119,7 +119,7 @@ def test_an_exchange_in_a_contact_is_undone_by_the_colours() -> None:
         one: Appearance({n: coloured(codes[n >= 12]) for n in range(30)})
         for one, codes in colours.items()
     }
-    undo_swaps(seen, 20)
+    undo_swaps(seen, 20, CONFIG.following)
     assert [int(first.voxels[n][0]) for n in (0, 14, 15, 29)] == [0, 0, 1, 1]
     assert [int(second.voxels[n][0]) for n in (0, 14, 15, 29)] == [1, 1, 0, 0]
     early, late = seen[first].sum_colours(0, 5), seen[first].sum_colours(20, 29)
