@@ -191,13 +191,6 @@ class ShapePrior(Config):
     radius: float = setting(
         0.08, "Standard deviation of a part's radius beside size and girth.", above=0
     )
-    most_radius: float = setting(
-        0.2,
-        "Greatest log of a part's radius beside size and girth, and the negative of the least: "
-        "thighs do not fill a skirt, nor does the head fill long hair.",
-        "people in tight clothes have about 0.1; hard_skirt_4cam 60.6 to 53.2 mm (seed 0)",
-        above=0,
-    )
     stature: float = setting(
         0.005,
         "Standard deviation of a known stature.",

@@ -189,7 +189,6 @@ class _ShapeFit:
         change = -np.linalg.solve(matrix, vector)
         shape = shape.copy()
         shape[self._chosen] += change
-        shape = self._model.limit_radii(shape)
         moves = np.stack([s[:, :-1] @ change + s[:, -1] for s in solutions])
         return shape, np.clip(poses - moves, template.lower, template.upper)
 

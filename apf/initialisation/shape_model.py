@@ -21,7 +21,6 @@ class ShapeModel:
     def __init__(self, template: BodyModel, prior: ShapePrior | None = None) -> None:
         prior = prior or ShapePrior()
         self.template = template
-        self._most_radius = prior.most_radius
         self.lengths = template.scale_groups
         self.radii = template.radius_groups
         self.deviation = np.concatenate(
@@ -61,13 +60,6 @@ class ShapeModel:
             dict(zip(self.lengths, lengths, strict=True)),
             dict(zip(self.radii, radii, strict=True)),
         )
-
-    def limit_radii(self, shape: np.ndarray) -> np.ndarray:
-        """Return `shape` (S,) with the parts' radii within `ShapePrior.most_radius`."""
-        bounded = shape.copy()
-        first = 2 + len(self.lengths)
-        bounded[first:] = np.clip(shape[first:], -self._most_radius, self._most_radius)
-        return bounded
 
     def growths(self, body: BodyModel, poses: np.ndarray, cones: np.ndarray) -> np.ndarray:
         """Return the derivatives (M, S, C, 8) of the ends and radii of posed `cones` (M, C, 16)

@@ -89,23 +89,6 @@ def test_fit_finds_size_lengths_and_girth() -> None:
     assert girth[0] == pytest.approx(girth[1], rel=0.06)
 
 
-def test_thighs_do_not_fill_a_skirt() -> None:
-    """Thighs twice as thick as all else are fitted by a body whose own are at most a fifth thicker
-    than its girth."""
-    model, most = ShapeModel(SONG), ShapeFitConfig().prior.most_radius
-    thigh = 2 + len(model.lengths) + model.radii.index("thigh")
-    dressed = np.zeros(len(model.deviation))
-    dressed[thigh] = np.log(2.0)
-    poses = walking(SONG, 2)
-    clouds = [Cloud(surface(model.body(dressed), pose)) for pose in poses]
-    loose = ShapeFitConfig().replace(prior=ShapeFitConfig().prior.replace(most_radius=5.0))
-    fits = [
-        fit_shape(SONG, clouds, np.zeros(len(dressed)), poses, config=config)[0]
-        for config in (ShapeFitConfig(), loose)
-    ]
-    assert fits[0][thigh] == pytest.approx(most) and fits[1][thigh] > 0.4
-
-
 def test_crouching_frames_do_not_inform_the_shape() -> None:
     """Unless all do; a stride and raised arms are no crouch."""
     poses = np.tile(SONG.rest_pose, (6, 1))
