@@ -22,7 +22,7 @@ def add_start_flags(parser: argparse.ArgumentParser) -> None:
         "--body",
         type=path_or_name,
         metavar="B",
-        help="body model: a TOML file or a shipped name (default: song31, or the sequence's own)",
+        help="body model: a TOML file or a shipped name (default: song32, or the sequence's own)",
     )
     group.add_argument(
         "--init",
