@@ -15,6 +15,7 @@ from apf.keypoints.config import (
     SideConfig,
 )
 from apf.live.config import CaptureConfig, LiveConfig
+from apf.report.config import QualityConfig
 from apf.synthetic.config import SceneConfig
 from apf.tracking.config import (
     BatchConfig,
@@ -68,7 +69,8 @@ class Settings(of_psfs.Settings):
     triangulated: TriangulatedConfig = part(
         TriangulatedConfig, "A track from keypoints without a body."
     )
+    quality: QualityConfig = part(QualityConfig, "Limits of the verdict on a track.")
     live: LiveConfig = part(LiveConfig, "Live tracking.")
-    captures: CaptureConfig = part(CaptureConfig, "Live tracking.")
+    captures: CaptureConfig = part(CaptureConfig, "Cameras that are read live.")
     cluster: ClusterSettings = part(ClusterSettings, "Many takes, and long ones in chunks.")
     synthetic: SceneConfig = part(SceneConfig, "Synthetic sequences.")
