@@ -18,7 +18,7 @@ DEFINITION = (
     "iou: of the true masks with the cloud, whose surface voxels are drawn as discs of half their "
     "projected size; ceiling: the same for all voxels of the grid that lie in every true mask; "
     "ghosts: share of the cloud's voxels that are none of those, nor neighbours of one; volume: "
-    "iou of the voxels within the cloud's surface with those that lie in every true mask, of voxels "
+    "iou of the voxels within the cloud's surface with those that lie in every true mask, of those "
     "that all cameras with a true mask see"
 )
 
