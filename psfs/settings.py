@@ -19,6 +19,7 @@ from psfs.diagnostics.config import (
 from psfs.diagnostics.picture_config import PictureConfig
 from psfs.footage import settings as footage
 from psfs.people.config import PeopleConfig
+from psfs.self_calibration.config import PersonConfig
 from psfs.voxels.config import EdgeConfig, ReconstructionConfig
 
 
@@ -60,3 +61,4 @@ class Settings(Config):
     )
     people: PeopleConfig = part(PeopleConfig, "Who counts as a person, and is followed.")
     calibration: CalibrationConfig = part(CalibrationConfig, "How cameras are calibrated.")
+    person: PersonConfig = part(PersonConfig, "How cameras are calibrated by a person.")

@@ -41,6 +41,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import rotation_to_z_up
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.cli.flags.calibrate import CALIBRATION, PICTURES, REPORT, RIG
+from psfs.cli.person import calibrate_from_person
 from psfs.cli.refinement import refine
 from psfs.cli.settings import FILE, refuse_unused, write_settings
 from psfs.common.files import write_json
@@ -72,14 +73,20 @@ def run(args: argparse.Namespace) -> None:
         if args.refine:
             refuse_unused(args, _OF_TARGETS, "is of boards and wands; expected none with --refine")
             refine(args)
+        elif args.person:
+            unused = [flag for flag in _OF_TARGETS if flag != "intrinsics"]
+            refuse_unused(args, unused, "is of boards and wands; expected none with --person")
+            refuse_unused(args, ["calibration"], "is of given cameras; expected --refine with it")
+            calibrate_from_person(args)
         else:
+            refuse_unused(args, ["stature"], "is of a person; expected --person with it")
             refuse_unused(args, ["calibration"], "is of given cameras; expected --refine with it")
             _calibrate(args)
 
 
 def _print_board(args: argparse.Namespace) -> None:
     """Write the PDF of a ChArUco board."""
-    of_footage = {"folder", "output", "board", "wand", "c3d", "refine", *_OF_TARGETS}
+    of_footage = {"folder", "output", "board", "wand", "c3d", "refine", "person", *_OF_TARGETS}
     refuse_unused(
         args, of_footage.difference(_OF_BOARDS), "is of footage; expected none with --print-board"
     )
@@ -126,7 +133,9 @@ def _make_board_finder(args: argparse.Namespace) -> CharucoFinder | ChessboardFi
     """Return the detector of the board; None for a wand. Raises InputError for flags that exclude
     each other."""
     if args.board is None and args.wand is None and args.c3d is None:
-        raise InputError("no target is stated; expected --board, --wand, --c3d or --refine")
+        raise InputError(
+            "no target is stated; expected --board, --wand, --c3d, --person or --refine"
+        )
     if args.c3d is None:
         refuse_unused(args, _OF_C3D, "is of motion capture; expected --c3d with it")
     if args.floor is None:

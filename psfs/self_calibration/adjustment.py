@@ -7,8 +7,9 @@ degrees and frames, then of all frontier points.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -16,114 +17,178 @@ import numpy as np
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.config import AlignmentConfig
-from psfs.diagnostics.frontier import Contours, FrontierPoints, find_frontier_points
+from psfs.diagnostics.frontier import (
+    Contours,
+    FrontierPoints,
+    epipolar_residuals,
+    find_frontier_points,
+)
 from psfs.diagnostics.refinement import Corrections, RigFit
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.hulls import HullRays
 
 #: Least distance of the line between two cameras from the person, m.
 _NEAREST = 0.4
+#: Outermost planes count as frontier points up to so many times the gate.
+_OUTERMOST = 1.5
+#: Steps while the arrangement is uncertain, and when it is known: lenses are kept.
+WIDE = AlignmentConfig().replace(turn=0.1, shift=0.3, focal=1e-4, time=5.0)
+NARROW = WIDE.replace(turn=0.05, shift=0.2, noise=0.25)
+
+#: Find points in the cameras' pictures of shifted frames that agree to a number of pixels.
+_Find = Callable[[Sequence[Camera], np.ndarray, float], FrontierPoints]
 
 
 @dataclass(frozen=True, eq=False)
 class Adjusted:
-    """An adjusted rig. lags: (V,) frame t of the first camera shows the time of frame
-    t + lags[v] of camera v. last: the last step's corrections."""
+    """An adjusted rig. lags: (V,) frame t of the first camera shows the time of frame t + lags[v]
+    of camera v. last: the corrections of the last step, with their standard deviations."""
 
     rig: CameraRig
     lags: np.ndarray
     last: Corrections
 
 
-class Extremes:
-    """The outermost tangent planes of the silhouettes of all cameras."""
+class PersonPoints:
+    """The tangent points of the person's silhouettes [view][frame] of small `cameras`."""
 
-    def __init__(self, cameras: Sequence[Camera], outlines: Sequence[Sequence[Outline | None]]):
+    def __init__(
+        self, cameras: Sequence[Camera], outlines: Sequence[Sequence[Outline | None]]
+    ) -> None:
         self.hulls = [HullRays(c, own) for c, own in zip(cameras, outlines, strict=True)]
+        self._contours = [Contours(own) for own in outlines]
+        self.shortest = min(len(own) for own in outlines)
 
-    def find(
+    def find_extremes(
         self, cameras: Sequence[Camera], shifts: np.ndarray, every: int = 1
     ) -> FrontierPoints:
-        """Return the points in which the outermost planes touch both silhouettes."""
-        scene = intersect_axes_ahead(CameraRig(tuple(cameras)))
-        found = []
-        for a, b in combinations(range(len(cameras)), 2):
-            line = cameras[b].centre - cameras[a].centre
-            length = np.linalg.norm(line)
-            if length < 1e-3:
+        """Return the points in which the outermost planes touch both silhouettes, of every
+        `every`-th frame."""
+        scene, found = intersect_axes_ahead(CameraRig(tuple(cameras))), []
+        for pair in combinations(range(len(cameras)), 2):
+            axes = _plane_axes(cameras, pair, scene)
+            if axes is None:
                 continue
-            line = line / length
-            ahead = scene - cameras[a].centre
-            ahead = ahead - line * (ahead @ line)
-            if np.linalg.norm(ahead) < _NEAREST:
-                continue
-            ahead /= np.linalg.norm(ahead)
-            axes = np.stack([ahead, np.cross(line, ahead)], -1)
             sides = []
-            for view in (a, b):
-                hull = self.hulls[view]
-                flat = hull.rays @ (cameras[view].R @ axes)
+            for view in pair:
+                flat = self.hulls[view].rays @ (cameras[view].R @ axes)
                 angles = np.arctan2(flat[:, 1], flat[:, 0])
-                values, points = hull.extreme_points(angles)
-                sides.append((values, points, int(shifts[view])))
-            found.append(_match(a, b, sides, every))
-        if not found:
-            return FrontierPoints(np.zeros((0, 2), int), np.zeros(0, int), np.zeros((0, 2, 2)), np.zeros(0))
-        columns = zip(*[(p.views, p.frames, p.pixels, p.rates) for p in found], strict=True)
-        return FrontierPoints(*(np.concatenate(column) for column in columns))
+                sides.append((*self.hulls[view].extreme_points(angles), int(shifts[view])))
+            found.append(_match_extremes(pair, sides[0], sides[1], every))
+        return _join(found)
+
+    def find_all(
+        self, cameras: Sequence[Camera], shifts: np.ndarray, gate: float
+    ) -> FrontierPoints:
+        """Return the outermost points and the tips of contours that agree to `gate` px."""
+        outermost = self.find_extremes(cameras, shifts)
+        residuals, _ = epipolar_residuals(cameras, outermost, np.zeros(len(cameras)))
+        kept = np.abs(residuals) < _OUTERMOST * gate
+        columns = outermost.views, outermost.frames, outermost.pixels, outermost.rates
+        moved = []
+        for contours, shift in zip(self._contours, shifts, strict=True):
+            own = copy(contours)
+            own.frames = contours.frames - int(shift)
+            moved.append(own)
+        scene = intersect_axes_ahead(CameraRig(tuple(cameras)))
+        tips = find_frontier_points(cameras, moved, scene, gate)
+        return _join([FrontierPoints(*(column[kept] for column in columns)), tips])
 
 
-def _match(a, b, sides, every=1) -> FrontierPoints:
-    (va, pa, sa), (vb, pb, sb) = sides
-    first, end = max(-sa, -sb), min(len(va) - sa, len(vb) - sb)
-    if end - first < 3:
-        empty = np.zeros((0, 2), int), np.zeros(0, int), np.zeros((0, 2, 2)), np.zeros(0)
-        return FrontierPoints(*empty)
-    va, pa = va[first + sa : end + sa], pa[first + sa : end + sa]
-    vb, pb = vb[first + sb : end + sb], pb[first + sb : end + sb]
-    rate = 0.25 * ((va[2:] - va[:-2]) + (vb[2:] - vb[:-2]))
-    good = np.isfinite(rate) & np.isfinite(va[1:-1]) & np.isfinite(vb[1:-1])
-    good[(np.arange(len(good)) + first) % every != 0] = False
-    frame, side = np.nonzero(good)
-    pixels = np.stack([pa[1:-1][frame, side], pb[1:-1][frame, side]], 1)
-    views = np.tile((a, b), (len(frame), 1))
-    return FrontierPoints(views, frame + first + 1, pixels, rate[frame, side])
+def _plane_axes(
+    cameras: Sequence[Camera], pair: tuple[int, int], scene: np.ndarray
+) -> np.ndarray | None:
+    """Return two directions (3, 2) across the line between two cameras, the first towards the
+    scene; None if the line passes too near to it."""
+    a, b = (cameras[view].centre for view in pair)
+    length = float(np.linalg.norm(b - a))
+    if length < 1e-3:
+        return None
+    line = (b - a) / length
+    ahead = scene - a - line * (line @ (scene - a))
+    distance = float(np.linalg.norm(ahead))
+    if distance < _NEAREST:
+        return None
+    return np.stack([ahead / distance, np.cross(line, ahead / distance)], -1)
+
+
+def _match_extremes(
+    pair: tuple[int, int],
+    first: tuple[np.ndarray, np.ndarray, int],
+    second: tuple[np.ndarray, np.ndarray, int],
+    every: int,
+) -> FrontierPoints:
+    """Return the points of two cameras whose angles and pixels [frame][side] and shifts are
+    given."""
+    begin = max(-first[2], -second[2])
+    end = min(len(first[0]) - first[2], len(second[0]) - second[2])
+    if end - begin < 3:
+        return _join([])
+    angles = [of[0][begin + of[2] : end + of[2]] for of in (first, second)]
+    pixels = [of[1][begin + of[2] : end + of[2]][1:-1] for of in (first, second)]
+    rates = 0.25 * sum(of[2:] - of[:-2] for of in angles)
+    known = np.isfinite(rates) & np.isfinite(angles[0][1:-1]) & np.isfinite(angles[1][1:-1])
+    known[(np.arange(len(known)) + begin) % every != 0] = False
+    frames, sides = np.nonzero(known)
+    both = np.stack([of[frames, sides] for of in pixels], 1)
+    views = np.tile(pair, (len(frames), 1))
+    return FrontierPoints(views, frames + begin + 1, both, rates[frames, sides])
+
+
+def _join(found: Sequence[FrontierPoints]) -> FrontierPoints:
+    empty = np.zeros((0, 2), int), np.zeros(0, int), np.zeros((0, 2, 2)), np.zeros(0)
+    columns = [empty, *((p.views, p.frames, p.pixels, p.rates) for p in found)]
+    return FrontierPoints(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
 def adjust_extremes(
-    rig: CameraRig, lags: np.ndarray, extremes: Extremes, config: AlignmentConfig, rounds: int, every=1
+    rig: CameraRig, lags: np.ndarray, points: PersonPoints, rounds: int, every: int = 1
 ) -> Adjusted | None:
-    return _adjust(rig, lags, lambda r, shifts, gate: extremes.find(r, shifts, every), config, rounds)
+    """Adjust the rig to the outermost planes; None if there are too few."""
+    return _adjust(
+        rig, lags, lambda cameras, shifts, gate: points.find_extremes(cameras, shifts, every),
+        WIDE, [WIDE.gate] * rounds,
+    )  # fmt: skip
 
 
 def adjust_frontier(
-    rig: CameraRig, lags: np.ndarray, contours: Sequence[Contours], config: AlignmentConfig, gates
+    rig: CameraRig, lags: np.ndarray, points: PersonPoints, gates: Sequence[float]
 ) -> Adjusted | None:
-    def find(cameras, shifts, gate):
-        own = []
-        for contour, shift in zip(contours, shifts, strict=True):
-            moved = object.__new__(Contours)
-            vars(moved).update(vars(contour))
-            moved.frames = contour.frames - shift
-            own.append(moved)
-        scene = intersect_axes_ahead(CameraRig(tuple(cameras)))
-        return find_frontier_points(cameras, own, scene, gate)
-
-    return _adjust(rig, lags, find, config, len(gates), gates)
+    """Adjust the rig to all frontier points, in a round per gate, px; None if there are too few."""
+    return _adjust(rig, lags, points.find_all, NARROW, gates)
 
 
-def _adjust(rig, lags, find, config, rounds, gates=None) -> Adjusted | None:
+def _adjust(
+    rig: CameraRig, lags: np.ndarray, find: _Find, config: AlignmentConfig, gates: Sequence[float]
+) -> Adjusted | None:
     found = None
-    for k in range(rounds):
+    for gate in gates:
         shifts = np.round(lags).astype(int)
-        gate = gates[k] if gates is not None else config.gate
-        fit = RigFit(rig, [], config.replace(gate=gate), lambda r, g: find(r, shifts, g))
+
+        def search(
+            cameras: Sequence[Camera], gate: float, shifts: np.ndarray = shifts
+        ) -> FrontierPoints:
+            return find(cameras, shifts, gate)
+
+        fit = RigFit(rig, [], config.replace(gate=gate), search)
         start = np.zeros((len(rig), 8))
         start[:, 7] = shifts - lags
         found = fit.solve(start=start, rounds=1)
         if found is None:
             return None
-        rig = found.apply(rig)
-        lags = shifts - found.offsets
+        rig, lags = found.apply(rig), shifts - found.offsets
         lags = lags - lags[0]
-    return Adjusted(rig, lags, found)
+    return None if found is None else Adjusted(rig, lags, found)
+
+
+def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int, cap: float = 8.0) -> float:
+    """Return the mean distance, px, at most `cap`, of the outermost points from the epipolar
+    lines. Half the cap counts for points that the shorter recording would have and that lags leave
+    out."""
+    shifts = np.round(adjusted.lags).astype(int)
+    found = points.find_extremes(adjusted.rig.cameras, shifts, every)
+    n = len(adjusted.rig)
+    wanted = 0.5 * n * (n - 1) * points.shortest / every
+    residuals, _ = epipolar_residuals(adjusted.rig.cameras, found, shifts - adjusted.lags)
+    total = np.minimum(np.abs(residuals), cap).sum() + 0.5 * cap * max(0.0, wanted - len(found))
+    return float(total / max(wanted, len(found), 1))

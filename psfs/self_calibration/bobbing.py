@@ -36,7 +36,10 @@ def compare_bobbing(a: np.ndarray, b: np.ndarray, most: int, step: int) -> np.nd
     around it."""
     reach = most * step + step // 2
     lags = np.arange(-reach, reach + 1)
-    costs = np.concatenate([differing_shares(a[:, None], b[:, None], lags[k : k + 1], _NOISE) for k in range(len(lags))])
+    one, other = a[:, None], b[:, None]
+    costs = np.concatenate(
+        [differing_shares(one, other, lags[k : k + 1], _NOISE) for k in range(len(lags))]
+    )
     costs = np.where(np.isfinite(costs), costs, 1.0)
     around = np.lib.stride_tricks.sliding_window_view(costs, 2 * (step // 2) + 1)
     return around[::step].min(axis=1)

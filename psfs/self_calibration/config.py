@@ -10,7 +10,7 @@ from psfs.common.config import Config, setting
 class PersonConfig(Config):
     """Settings of the calibration of cameras by a person who walks about."""
 
-    SOURCE: ClassVar = "by hand on synth_walk_4cam, synth_run_6cam and synth_box_4cam"
+    SOURCE: ClassVar = "by hand on `synth_walk_4cam`, `synth_run_6cam` and `synth_box_4cam`"
 
     stature: float = setting(
         1.7,
@@ -32,11 +32,11 @@ class PersonConfig(Config):
         300, "Number of frames of a camera that are used, the first ones.", least=20
     )
     table_rate: float = setting(
-        30.0, "Frames per second at which lags are searched first.", unit="1/s", above=0
+        15.0, "Frames per second at which lags are searched first.", unit="1/s", above=0
     )
-    angles: int = setting(72, "Number of angles around the vertical that are tried.", least=8)
+    angles: int = setting(36, "Number of angles around the vertical that are tried.", least=8)
     candidates: int = setting(
-        12, "Number of arrangements from the search that are adjusted.", least=1
+        40, "Number of arrangements from the search that are adjusted.", least=1
     )
     finalists: int = setting(3, "Number of these that are adjusted to frontier points.", least=1)
     least_frames: int = setting(

@@ -8,14 +8,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from cl import Device, InputError, NumpyDevice
+from cl import Device, NumpyDevice
 from psfs.backend import make_evidence_function
-from psfs.background.gaussian import Background, estimate_background, median_moments
 from psfs.background.estimation_config import BackgroundModelConfig
+from psfs.background.gaussian import Background, estimate_background, median_moments
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.small_views import Outline, Shrink, extract_outline
 from psfs.footage.layouts.common import Footage
-from psfs.footage.media import Media
 from psfs.sequence import Frame
 from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
 
@@ -33,10 +32,7 @@ def extract_outlines(
 ) -> list[Outline | None]:
     """Return the outlines of the person in the first `most` pictures of a camera, each silhouette
     by itself. small: the camera, scaled to the pictures that are used."""
-    found = []
-    for mask in _silhouettes(footage, view, small, device, most):
-        found.append(outline_person(mask))
-    return found
+    return [outline_person(mask) for mask in _silhouettes(footage, view, small, device, most)]
 
 
 def _silhouettes(
@@ -44,9 +40,9 @@ def _silhouettes(
 ) -> Iterator[np.ndarray]:
     """Yield the silhouettes (h, w) bool of a camera."""
     if footage.masks is not None:
-        media = footage.masks[view]
-        for mask in media.frames(range(min(most, media.count))):
-            grey = mask.max(axis=-1) if mask.ndim == 3 else mask
+        masks = footage.masks[view]
+        for mask in masks.frames(range(min(most, masks.count))):
+            grey = mask.max(axis=-1)
             yield cv2.resize(grey, small.size, interpolation=cv2.INTER_AREA) > 127
         return
     assert footage.images is not None
@@ -84,16 +80,14 @@ def outline_person(mask: np.ndarray) -> Outline | None:
         return None
     groups = cv2.connectedComponents(cv2.dilate(closed, _disc(_NEAR * longest)))[1]
     x, y = whole.contour[0].astype(int)
-    count, labels, facts, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
+    _, labels, facts, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
     large = np.nonzero(facts[:, cv2.CC_STAT_AREA] >= _PART * whole.area)[0]
     own = np.isin(labels, large[large > 0]) & (groups == groups[y, x])
     rows, columns = np.nonzero(own)
     hull = cv2.convexHull(np.stack([columns, rows], -1).astype(np.int32)).reshape(-1, 2)
     points = hull.astype(float)
     last = np.array(mask.shape[::-1]) - 2
-    return replace(
-        whole, points=points, at_border=((points <= 1) | (points >= last)).any(axis=1)
-    )
+    return replace(whole, points=points, at_border=((points <= 1) | (points >= last)).any(axis=1))
 
 
 def _disc(diameter: float) -> np.ndarray:

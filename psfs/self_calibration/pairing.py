@@ -3,7 +3,8 @@
 With up and the person's places known from each camera alone (see `upright`), the pose of one camera
 relative to another is an angle around the vertical. At the right angle and lag the planes through
 both cameras that touch the silhouettes move alike (see `psfs.diagnostics.tangency`), and so does
-the person on the floor. Steady differences do not count, since tilts are known to some degrees only.
+the person on the floor. Steady differences do not count, since tilts are known to some degrees
+only.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import minimize
 
 from psfs.cameras.camera import Camera
 from psfs.diagnostics.small_views import Outline
@@ -24,9 +24,11 @@ _HEAD, _FEET = 0.12, 0.2
 _ELEVATION, _AZIMUTH = 0.02, 0.04
 #: Independent measurements per frame.
 _INFORMATION = 0.1
-#: Priors' standard deviations: of the roll, rad; of the tilt, rad; of the camera's height around
-#: the second number, statures.
-_ROLL, _TILT, _HEIGHT, _USUAL = 0.06, 0.5, 0.35, 0.9
+#: Standard deviations of usual cameras' roll, rad; of their tilt around the third number, rad; of
+#: their height around the fifth, statures.
+_ROLL, _TILT, _LOOKING, _HEIGHT, _USUAL = 0.06, 0.5, -0.1, 0.35, 0.9
+#: Fewest frames that must show the whole person.
+_FEWEST = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,27 +57,39 @@ def floor_axes(tilt: float, roll: float) -> np.ndarray:
 def fit_upright(
     camera: Camera, outlines: Sequence[Outline | None], tilts: Sequence[float] = (0.0,)
 ) -> list[UprightView] | None:
-    """Fit the camera's tilt, roll and height to its outlines [frame]; None if too few frames show
-    the whole person."""
-    hulls = HullRays(camera, outlines)
-    ends = _Ends(camera, outlines)
-    values = np.array([-0.1, 0.0, _USUAL])
-    for _ in range(3):
+    """Fit the camera's tilt, roll and height to its outlines [frame].
+
+    Returns a view for each of `tilts`, rad, added to the fitted tilt; None if too few frames show
+    the whole person.
+    """
+    hulls, ends = HullRays(camera, outlines), _Ends(camera, outlines)
+    values = np.array([_LOOKING, 0.0, _USUAL])
+    for _ in range(2):
         seen = _measure(hulls, ends, floor_axes(values[0], values[1]))
-        if np.isfinite(seen).all(1).sum() < 8:
+        if np.isfinite(seen).all(axis=1).sum() < _FEWEST:
             return None
-        weight = np.sqrt(_INFORMATION)
-
-        def misfits(x: np.ndarray) -> np.ndarray:
-            elevation, azimuth = _misfits(hulls, ends, x)
-            own = np.concatenate([elevation / _ELEVATION, azimuth / _AZIMUTH])
-            own = own[np.isfinite(own)]
-            robust = weight * np.sign(own) * np.sqrt(2 * (np.sqrt(1 + own**2) - 1))
-            prior = [(x[0] + 0.1) / _TILT, x[1] / _ROLL, (x[2] - _USUAL) / _HEIGHT]
-            return np.concatenate([robust, prior])
-
-        values = _minimise(misfits, values)
+        found = minimize(
+            lambda x: _cost(hulls, ends, x),
+            values,
+            method="Nelder-Mead",
+            options={
+                "initial_simplex": values + np.vstack([np.zeros(3), np.diag([0.1, 0.05, 0.2])]),
+                "xatol": 1e-3,
+                "fatol": 1e-3,
+                "maxfev": 120,
+            },
+        )
+        values = found.x
     return [_describe(hulls, ends, values[0] + more, values[1]) for more in tilts]
+
+
+def _cost(hulls: HullRays, ends: _Ends, x: np.ndarray) -> float:
+    """Return the robust sum of squares of the misfits and of the deviations from usual cameras."""
+    elevation, azimuth = _misfits(hulls, ends, x)
+    own = np.concatenate([elevation / _ELEVATION, azimuth / _AZIMUTH])
+    robust = 2 * _INFORMATION * (np.sqrt(1 + own[np.isfinite(own)] ** 2) - 1).sum()
+    prior = [(x[0] - _LOOKING) / _TILT, x[1] / _ROLL, (x[2] - _USUAL) / _HEIGHT]
+    return float(robust + np.square(prior).sum())
 
 
 def _describe(hulls: HullRays, ends: _Ends, tilt: float, roll: float) -> UprightView:
@@ -87,15 +101,6 @@ def _describe(hulls: HullRays, ends: _Ends, tilt: float, roll: float) -> Upright
     azimuth = 0.5 * (head + feet)
     places = distance[:, None] * np.stack([np.sin(azimuth), np.cos(azimuth)], -1)
     return UprightView(axes, float(np.nanmedian(b * distance)), places)
-
-
-def _minimise(misfits, start):
-    """Gauss-Newton by numerical derivatives, lengths of the residuals may change."""
-    from scipy.optimize import minimize
-
-    found = minimize(lambda x: float((misfits(x) ** 2).sum()), start, method="Nelder-Mead",
-                     options={"initial_simplex": start + np.vstack([np.zeros(3), np.diag([0.1, 0.05, 0.2])]), "xatol": 1e-4, "fatol": 1e-4, "maxfev": 200})
-    return found.x
 
 
 class _Ends:
@@ -110,6 +115,7 @@ class _Ends:
         self.seen = np.array([n for n, _ in found], int)
 
     def middle(self, azimuth: np.ndarray, inside: np.ndarray, n: int) -> np.ndarray:
+        """Return the middle (n,) of the azimuths (N,) of the points `inside` in every frame."""
         out = np.full(n, np.nan)
         low = np.minimum.reduceat(np.where(inside, azimuth, np.inf), self.starts)
         high = np.maximum.reduceat(np.where(inside, azimuth, -np.inf), self.starts)
