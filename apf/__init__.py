@@ -12,8 +12,8 @@
 losing track. The parts below it: a `Method` is a search (`AnnealedParticleFilter`, `ParticleSwarm`,
 `SirParticleFilter`), an objective and their settings (`FilterConfig` and others); a search in a
 `Scene` (device, rig, grid, body) gives an `Estimate` per frame of voxels; `initialise` finds the
-first pose. Angles are radians, lengths metres. What a user can mend raises `InputError`,
-`MissingFileError` or `DeviceError`, all of them `UserError`.
+first pose. Angles are radians, lengths metres. Errors that the user can fix are `InputError`,
+`MissingFileError` or `DeviceError`, subclasses of `UserError`.
 """
 
 from __future__ import annotations

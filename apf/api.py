@@ -28,7 +28,7 @@ from cl import MissingFileError as MissingFileError
 from cl import NumpyDevice as NumpyDevice
 from cl import UserError as UserError
 from cl import select_device as select_device
-from psfs.api import check_sequence, chosen_device, exclude_inconsistent_cameras
+from psfs.api import check_sequence, exclude_inconsistent_cameras, resolve_device
 from psfs.common.ranges import check_kind, check_number
 from psfs.people.people import count_people, follow_people
 from psfs.people.separation import separate
@@ -67,9 +67,9 @@ def track(
     by default. height: stature of the person, m, if it is known. voxel_size: edge of a voxel, m.
     all_cameras: keep cameras that disagree with the others, see `psfs.reconstruct`. progress:
     called with the name of each stage, and with "tracking" after each frame. keypoints: of a pose
-    network, or the path of some (see `Keypoints.open`), used beside the voxels; alone with
-    `Method.create(objective="keypoints")`, which needs no background. reconstruction: settings of
-    silhouettes and voxels.
+    network, or their path (see `Keypoints.open`). They are used together with the voxels, or alone
+    with `Method.create(objective="keypoints")`, which needs no background. reconstruction: settings
+    of silhouettes and voxels.
 
     A KeyboardInterrupt ends the track after the last complete frame. Doubts about the start are
     logged as warnings. Raises InputError if nobody is found or a file is invalid, DeviceError if
@@ -82,7 +82,7 @@ def track(
         reconstruction or ReconstructionConfig(), frames or slice(None), voxel_size
     )
     session = _select_cameras(
-        Session(sequence, chosen_device(device), settings), method, all_cameras
+        Session(sequence, resolve_device(device), settings), method, all_cameras
     )
     sequence = session.sequence
     template, keep_shape = load_template(body)
@@ -91,8 +91,8 @@ def track(
         template=template,
         keep_shape=keep_shape,
         height=height,
-        given=given_start(sequence.folder, session.frames[0], body, init),
-        keypoints=_opened(keypoints, sequence),
+        given=read_given_start(sequence.folder, session.frames[0], body, init),
+        keypoints=_open_keypoints(keypoints, sequence),
     )
     return _whole_track(track_take(session, take_settings, progress))
 
@@ -127,7 +127,7 @@ def track_people(
         reconstruction or ReconstructionConfig(), frames or slice(None), voxel_size
     )
     session = _select_cameras(
-        Session(sequence, chosen_device(device), settings), method, all_cameras
+        Session(sequence, resolve_device(device), settings), method, all_cameras
     )
     template, keep_shape = load_template(body)
     if keep_shape:
@@ -184,7 +184,9 @@ def _check_arguments(height: float | None, **arguments: object) -> None:
         check_kind(name, value, kinds[name], hint)
 
 
-def _opened(keypoints: Keypoints | str | Path | None, sequence: Sequence) -> Keypoints | None:
+def _open_keypoints(
+    keypoints: Keypoints | str | Path | None, sequence: Sequence
+) -> Keypoints | None:
     if keypoints is None or isinstance(keypoints, Keypoints):
         return keypoints
     found = Keypoints.open(keypoints, sequence)
@@ -201,7 +203,7 @@ def load_template(body: BodyModel | str | Path | None) -> tuple[BodyModel, bool]
     return load_body(body or DEFAULT_BODY), body is not None and Path(body).suffix == ".toml"
 
 
-def given_start(
+def read_given_start(
     folder: Path,
     frame: int,
     body: BodyModel | str | Path | None = None,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pkgutil import resolve_name
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -40,7 +40,7 @@ from psfs.voxels.grid import VoxelGrid
 AnyFeatures: TypeAlias = Features | NumpyFeatures
 
 
-class Footage(Protocol):
+class FrameSource(Protocol):
     """The properties of a `psfs.sequence.Sequence` that describe its frames."""
 
     @property
@@ -85,7 +85,7 @@ def make_device_tracker(
         )
     search, objective = SEARCHES[method.search], OBJECTIVES[method.objective]
     likelihood = resolve_name(objective.likelihood)(scene, method, len(seeds or [0]))
-    settings = _own_settings(method)
+    settings = _search_settings(method)
     if search.shares_launches:
         settings["seeds"] = seeds
     tracker: DeviceTracker = resolve_name(search.tracker)(
@@ -114,12 +114,12 @@ def _make_numpy_tracker(scene: Scene, method: Method) -> NumpyTracker:
     search, objective = SEARCHES[method.search], OBJECTIVES[method.objective]
     likelihood = resolve_name(objective.twin)(scene, method, 1)
     tracker: NumpyTracker = resolve_name(search.twin)(
-        scene, likelihood=likelihood, config=method.filter, **_own_settings(method)
+        scene, likelihood=likelihood, config=method.filter, **_search_settings(method)
     )
     return tracker
 
 
-def _own_settings(method: Method) -> dict[str, Any]:
+def _search_settings(method: Method) -> dict[str, object]:
     """Return the settings that only the search of `method` has, by name."""
     return {name: getattr(method, name) for name in SEARCHES[method.search].settings}
 
@@ -139,7 +139,7 @@ def make_feature_extractor(
 
 def make_observer(
     device: Device | NumpyDevice,
-    footage: Footage,
+    footage: FrameSource,
     grid: VoxelGrid | None,
     method: Method,
     reconstruction: ReconstructionConfig | None = None,

@@ -1,4 +1,4 @@
-"""What stays the same while somebody is tracked: device, cameras, voxel grid, body."""
+"""Device, cameras, voxel grid and body, which do not change while a person is tracked."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from psfs.voxels.grid import VoxelGrid
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The four things that likelihoods, objectives and filters all need.
+    """Common input of likelihoods, objectives and filters.
 
     device: that computes, or a NumpyDevice for the twins. rig: V calibrated cameras. grid: that
     voxels are reconstructed in; None for image objectives, which use no voxels. body: that is
@@ -26,14 +26,14 @@ class Scene:
 
     @property
     def opencl(self) -> Device:
-        """The device, for what runs kernels on it. Raises DeviceError if it is a NumpyDevice."""
+        """The device for running kernels. Raises DeviceError if it is a NumpyDevice."""
         if not isinstance(self.device, Device):
             raise DeviceError(f"the device is {self.device.name}; expected an OpenCL device")
         return self.device
 
     @property
     def voxel_grid(self) -> VoxelGrid:
-        """The grid, for what needs one. Raises InputError if there is none."""
+        """The voxel grid. Raises InputError if the scene has none."""
         if self.grid is None:
-            raise InputError("a scene without a voxel grid; expected one to look at voxels in")
+            raise InputError("the scene has no voxel grid; expected one")
         return self.grid

@@ -15,6 +15,7 @@ from apf.keypoints.config import (
     SideConfig,
 )
 from apf.live.config import CaptureConfig, LiveConfig
+from apf.report.config import QualityConfig
 from apf.synthetic.config import SceneConfig
 from apf.tracking.config import (
     BatchConfig,
@@ -29,24 +30,26 @@ from psfs.common.config import Config, part
 
 
 class KeypointSettings(Config):
-    """Keypoints in the pictures: found, chosen, compared."""
+    """Detection, choice and comparison of keypoints."""
 
-    crop: CropConfig = part(CropConfig, "How pictures are cropped before a network sees them.")
-    persons: PersonConfig = part(PersonConfig, "Which of the persons is followed.")
+    crop: CropConfig = part(CropConfig, "Cropping of pictures for the network.")
+    persons: PersonConfig = part(PersonConfig, "Choice of the person to follow.")
     association: AssociationConfig = part(
-        AssociationConfig, "Which persons of the cameras are the same, if several are followed."
+        AssociationConfig, "Assignment of the persons in the pictures to several people."
     )
-    agreement: AgreementConfig = part(AgreementConfig, "When the cameras' keypoints disagree.")
-    lags: LagConfig = part(LagConfig, "When keypoints are late.")
-    sides: SideConfig = part(SideConfig, "When left and right of the keypoints are exchanged.")
+    agreement: AgreementConfig = part(
+        AgreementConfig, "Limits beyond which the cameras' keypoints disagree."
+    )
+    lags: LagConfig = part(LagConfig, "Limits beyond which keypoints count as late.")
+    sides: SideConfig = part(SideConfig, "Limits beyond which left and right count as exchanged.")
 
 
 class ClusterSettings(Config):
     """Many takes, and long ones in chunks."""
 
-    at_once: BatchConfig = part(BatchConfig, "How many takes a process works on at a time.")
-    chunks: ChunksConfig = part(ChunksConfig, "How chunks of a long take overlap.")
-    workers: WorkerConfig = part(WorkerConfig, "How many workers there are.")
+    at_once: BatchConfig = part(BatchConfig, "Number of takes that a process tracks at a time.")
+    chunks: ChunksConfig = part(ChunksConfig, "Overlap of the chunks of a long take.")
+    workers: WorkerConfig = part(WorkerConfig, "Number of workers.")
 
 
 class Settings(of_psfs.Settings):
@@ -56,15 +59,18 @@ class Settings(of_psfs.Settings):
     start: StartConfig = part(StartConfig, "The automatic start.")
     joint_start: JointFitConfig = part(JointFitConfig, "The start from 3-D joints.")
     keypoint_start: KeypointStartConfig = part(KeypointStartConfig, "The start from keypoints.")
-    recovery: RecoveryConfig = part(RecoveryConfig, "When a person is lost, and found again.")
-    two_way: TwoWayConfig = part(TwoWayConfig, "How passes forward and backward are made one.")
-    smoothing: SmoothingConfig = part(SmoothingConfig, "How a track is smoothed.")
-    gait: GaitConfig = part(GaitConfig, "What counts as walking.")
+    recovery: RecoveryConfig = part(
+        RecoveryConfig, "Detection of a lost track, and the new search."
+    )
+    two_way: TwoWayConfig = part(TwoWayConfig, "Fusion of the forward and backward passes.")
+    smoothing: SmoothingConfig = part(SmoothingConfig, "Smoothing of a track.")
+    gait: GaitConfig = part(GaitConfig, "Definition of walking.")
     keypoints: KeypointSettings = part(KeypointSettings, "Keypoints in the pictures.")
     triangulated: TriangulatedConfig = part(
         TriangulatedConfig, "A track from keypoints without a body."
     )
+    quality: QualityConfig = part(QualityConfig, "Limits of the verdict on a track.")
     live: LiveConfig = part(LiveConfig, "Live tracking.")
-    captures: CaptureConfig = part(CaptureConfig, "Cameras that are read as they come.")
+    captures: CaptureConfig = part(CaptureConfig, "Cameras that are read live.")
     cluster: ClusterSettings = part(ClusterSettings, "Many takes, and long ones in chunks.")
     synthetic: SceneConfig = part(SceneConfig, "Synthetic sequences.")

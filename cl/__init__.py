@@ -6,8 +6,8 @@
     array = device.to_device(values)
 
 A `Device` is made by the caller and passed on, never global. Knows no cameras and no bodies: `psfs`
-and `apf` stand on it. What a user can mend raises `InputError`, `MissingFileError` or
-`DeviceError`, all of them `UserError`.
+and `apf` stand on it. Errors that the user can fix are `InputError`, `MissingFileError` or
+`DeviceError`, subclasses of `UserError`.
 """
 
 import lazy_loader as _lazy

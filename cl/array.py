@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pyopencl
 
-from cl.errors import failing_as_device
+from cl.errors import raise_device_errors
 from cl.profile import Profile
 
 
@@ -65,7 +65,7 @@ class Array:
         host = np.ascontiguousarray(host)
         if host.dtype != self.dtype or host.size != self.size:
             raise ValueError(f"expected {self.shape} {self.dtype}, got {host.shape} {host.dtype}")
-        with failing_as_device(self.device.name, "an upload"):
+        with raise_device_errors(self.device.name, "an upload"):
             event = pyopencl.enqueue_copy(self.device.queue, self.buffer, host, is_blocking=False)
         # The event keeps `host` alive until the copy is done.
         self.device.record("upload", event, upload=self.nbytes)
@@ -75,7 +75,7 @@ class Array:
         shape = self.shape if count is None else (count, *self.shape[1:])
         host = np.empty(shape, self.dtype)
         if host.size:
-            with failing_as_device(self.device.name, "a download"):
+            with raise_device_errors(self.device.name, "a download"):
                 event = pyopencl.enqueue_copy(self.device.queue, host, self.buffer)
             self.device.record("download", event, download=host.nbytes)
         return host

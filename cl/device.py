@@ -17,7 +17,7 @@ import numpy.typing as npt
 import pyopencl
 
 from cl.array import Array
-from cl.errors import DeviceError, failing_as_device
+from cl.errors import DeviceError, raise_device_errors
 from cl.fill import Fills
 from cl.launch import Kernel, Launch
 from cl.listing import (
@@ -37,7 +37,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class NumpyDevice:
-    """Stands for the NumPy twins, so that `numpy` can be chosen like any other."""
+    """The NumPy twins as a device, so that `numpy` can be chosen like any other."""
 
     name: str = "numpy"
 
@@ -156,7 +156,7 @@ class Device:
         """Make the device's own queue wait, from now on, for all that `queue` holds."""
         _behind(self.queue, queue)
 
-    def hold_up(self, queue: Any) -> None:
+    def make_wait(self, queue: Any) -> None:
         """Make `queue` wait, from now on, for all that the device's own queue holds."""
         _behind(queue, self.queue)
 
@@ -167,7 +167,7 @@ class Device:
         They wait for all commands that the own queue holds on entry. Later commands of the own
         queue do not wait for them."""
         own = self.queue
-        self.hold_up(queue)
+        self.make_wait(queue)
         self.queue = queue
         try:
             yield own
@@ -254,9 +254,9 @@ class Device:
         `Device`s of the same handle that there are.
         Raises DeviceError if it has no such kernel.
         """
-        return self.compiled(kernel_source(stage), name, f"{stage}.cl", **defines)
+        return self.compile_kernel(kernel_source(stage), name, f"{stage}.cl", **defines)
 
-    def compiled(self, source: str, name: str, file: str, /, **defines: Define) -> Kernel:
+    def compile_kernel(self, source: str, name: str, file: str, /, **defines: Define) -> Kernel:
         """Return the kernel `name` of a text; `file` names the text in errors."""
         return self.programs.kernel(source, name, file, build_options(defines))
 
@@ -288,7 +288,7 @@ class Device:
             self.profiler.add(name, event)
 
     def finish(self) -> None:
-        with failing_as_device(self.name, "its work"):
+        with raise_device_errors(self.name, "its work"):
             self.queue.finish()
 
 

@@ -1,4 +1,4 @@
-"""Errors that a user can mend: a file, a setting, a device.
+"""Errors that a user can fix: a file, a setting, a device.
 
 The message is one line that names what was found and what was expected.
 """
@@ -14,25 +14,25 @@ if TYPE_CHECKING:
 
 
 class UserError(Exception):
-    """Something the user can mend; commands end with its line and exit code 2."""
+    """Error that the user can fix; a command prints its line and ends with exit code 2."""
 
 
 class InputError(UserError, ValueError):
-    """A file, a setting or an argument is not what it should be."""
+    """Error of an invalid file, setting or argument."""
 
 
 class MissingFileError(InputError, FileNotFoundError):
-    """A file or folder that should be there is not."""
+    """Error of a file or folder that does not exist."""
 
 
 class DeviceError(UserError, RuntimeError):
-    """An OpenCL device is missing, or too small for what is asked of it."""
+    """Error of an OpenCL device that is missing, broken or too small."""
 
 
 @contextmanager
-def failing_as_device(device: str, what: str) -> Iterator[None]:
-    """Turn the errors of OpenCL inside, of a device that was lost or whose memory does not suffice,
-    into DeviceError that names the `device` and `what` it was doing."""
+def raise_device_errors(device: str, what: str) -> Iterator[None]:
+    """Convert OpenCL errors in the `with` block, such as a lost device or too little memory, to
+    DeviceError that names the `device` and `what` it was doing."""
     import pyopencl  # takes a while to load
 
     try:
@@ -42,8 +42,8 @@ def failing_as_device(device: str, what: str) -> Iterator[None]:
 
 
 def device_failure(device: str, what: str, error: pyopencl.Error) -> DeviceError:
-    """Return OpenCL's `error` as `failing_as_device` raises it: where a context manager's 3 us are
-    too many."""
+    """Return OpenCL's `error` as `raise_device_errors` raises it: where a context manager's 3 us
+    are too many."""
     reason = " ".join(str(error).split())[:200]
     return DeviceError(
         f"{device}: {what} failed ({reason}); expected a device that stays and has the memory"

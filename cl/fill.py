@@ -9,7 +9,7 @@ import numpy as np
 import pyopencl
 
 from cl.array import Array, Commands
-from cl.errors import failing_as_device
+from cl.errors import raise_device_errors
 from cl.launch import Kernel, Launch
 
 #: Least bytes and cores for a fill by kernel: two cores are no faster than OpenCL's command.
@@ -42,7 +42,7 @@ class Fills:
             done = self._fill_by_kernel(device, array, pattern)
         if done == array.nbytes:
             return
-        with failing_as_device(device.name, "a fill"):
+        with raise_device_errors(device.name, "a fill"):
             event = pyopencl.enqueue_fill_buffer(
                 device.queue, array.buffer, pattern, done, array.nbytes - done
             )

@@ -87,7 +87,7 @@ class Launch:
         self.device = device
         self.name = kernel.name
         self.local_size = tuple(local_size) if local_size else None
-        self.global_size = _padded(tuple(global_size), self.local_size)
+        self.global_size = _pad(tuple(global_size), self.local_size)
         missing = [name for name in kernel.parameters if name not in arguments]
         if missing:
             raise TypeError(f"{kernel}: missing {', '.join(missing)}")
@@ -113,7 +113,7 @@ class Launch:
                 known = ", ".join(self.kernel.parameters)
                 raise TypeError(f"{self.kernel}: no argument {name}; expected {known}")
             try:
-                bound = parameter.bound(value)
+                bound = parameter.convert(value)
             except (TypeError, ValueError) as error:
                 raise type(error)(f"{self.kernel}, argument {name}: {error}") from None
             self._bound.set_arg(self._places[name], bound)
@@ -145,7 +145,7 @@ def _raw_sizes(
     return ctypes.c_void_p(kernel.int_ptr), dimensions, None, *shape, none, None, None
 
 
-def _padded(global_size: tuple[int, ...], local_size: tuple[int, ...] | None) -> tuple[int, ...]:
+def _pad(global_size: tuple[int, ...], local_size: tuple[int, ...] | None) -> tuple[int, ...]:
     if local_size is None:
         return global_size
     return tuple(-(-g // n) * n for g, n in zip(global_size, local_size, strict=True))

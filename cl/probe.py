@@ -1,4 +1,4 @@
-"""Whether an OpenCL device works, found out by trying it in a process of its own.
+"""Test whether an OpenCL device works, by running a small kernel in a process of its own.
 
 A driver may list a device that it cannot use: its compiler does not know the processor, its
 kernels compute nonsense, or it ends the process. So each device builds, runs and checks a small
@@ -75,15 +75,15 @@ def probe(handle: Any, afresh: bool = False) -> Probe:
     known = {} if afresh else read_cache()
     found = known.get(key)
     if found is None:
-        found = _tried(handle)
+        found = _try(handle)
         write_cache({**read_cache(), key: found})
     if found.target is not None:
         pocl_wheel.set_target(handle, found.target)
     return found
 
 
-def _tried(handle: Any) -> Probe:
-    """Try `handle` in another process; PoCL's wheel also with the processor that fits."""
+def _try(handle: Any) -> Probe:
+    """Probe `handle`; PoCL's wheel, if it fails, again with the processor name that fits."""
     found = try_apart(handle, None)
     if found.fault is None or not pocl_wheel.is_wheel(handle):
         return found
@@ -100,7 +100,7 @@ def _tried(handle: Any) -> Probe:
 
 
 def try_apart(handle: Any, target: str | None) -> Probe:
-    """Return what a process of its own finds of `handle`, compiled for `target`."""
+    """Probe `handle` in a process of its own, with kernels compiled for `target`."""
     numbers = [str(number) for number in position(handle)]
     command = [sys.executable, "-m", "cl.probe", *numbers, *([] if target is None else [target])]
     path = os.pathsep.join(filter(None, sys.path))
@@ -133,7 +133,7 @@ def position(handle: Any) -> tuple[int, int]:
 
 
 def _main() -> None:
-    """Try the device that the arguments name, and print what was found as JSON."""
+    """Probe the device that the arguments name, and print the result as JSON."""
     parser = argparse.ArgumentParser(prog="cl.probe", description=__doc__)
     parser.add_argument("platform", type=int)
     parser.add_argument("device", type=int)
@@ -181,7 +181,7 @@ def _wrong_values(queue: Any, program: Any) -> str | None:
 
 
 def expected_sums(values: np.ndarray) -> np.ndarray:
-    """Return what the kernel `check` computes of `values` (n,): (n / GROUP,) float64."""
+    """Return the expected result (n / GROUP,) float64 of the kernel `check` for `values` (n,)."""
     x = values.astype(np.float64)[:, None] * np.arange(1, 17)
     return (np.exp(-x) + np.sin(x)).reshape(-1, _GROUP * 16).sum(1)
 
@@ -209,7 +209,7 @@ def _buffer(queue: Any, host: np.ndarray) -> Any:
 
 
 def _seconds(queue: Any, kernel: Any, n: int, repeats: int = 5) -> float:
-    """Return the least time of some launches of `n` items, after one that counts for nothing."""
+    """Return the least time of some launches of `n` items, after one to warm up."""
     times = []
     for _ in range(repeats + 1):
         queue.finish()
@@ -231,7 +231,7 @@ def _one_line(error: Exception) -> str:
 
 
 def cache_key(handle: Any) -> str:
-    """Return what a result holds for: this driver, device and processor."""
+    """Return the key of a result in the cache: driver, device and processor."""
     parts = [
         handle.platform.name, handle.platform.version, handle.name, handle.driver_version,
         pyopencl.VERSION_TEXT, _processor(), _VERSION,
@@ -247,7 +247,7 @@ def _processor() -> str:
 
 
 def read_cache() -> dict[str, Probe]:
-    """Return what is known of devices; nothing if the file is damaged or of another version."""
+    """Return the cached results by key; empty if the file is damaged or of another version."""
     try:
         stored = json.loads((cache_folder() / "devices.json").read_text(encoding="utf-8"))
         known = {key: Probe(**value) for key, value in stored.items()}
@@ -262,7 +262,7 @@ def write_cache(known: dict[str, Probe]) -> None:
     try:
         write_whole(cache_folder() / "devices.json", text)
     except OSError as error:
-        log.info("what was found of the devices cannot be kept: %s", error)
+        log.info("the results of trying the devices cannot be cached: %s", error)
 
 
 if __name__ == "__main__":

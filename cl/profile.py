@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cl.errors import failing_as_device
+from cl.errors import raise_device_errors
 
 #: At twice this number of events the older half is converted to numbers, to bound memory.
 _KEPT_EVENTS = 512
@@ -36,7 +36,7 @@ class Profile:
 
     def _measure(self, count: int) -> None:
         for name, event in self._events[:count]:
-            with failing_as_device("the device", name):
+            with raise_device_errors("the device", name):
                 event.wait()
                 self._ms[name].append((event.profile.end - event.profile.start) * 1e-6)
         del self._events[:count]

@@ -44,10 +44,10 @@ def kernel_source(stage: str) -> str:
     `cl/kernels`. Headers are inlined because a driver's binary cache may not notice that one
     changed; `#line` marks keep the compiler's messages pointing at the files.
     """
-    return _inlined(f"{stage}.cl", set())
+    return _inline(f"{stage}.cl", set())
 
 
-def _inlined(filename: str, seen: set[str]) -> str:
+def _inline(filename: str, seen: set[str]) -> str:
     seen.add(filename)
     package, _, name = filename.rpartition(":")
     folder = resources.files(package) if package else resources.files("cl") / "kernels"
@@ -58,7 +58,7 @@ def _inlined(filename: str, seen: set[str]) -> str:
         if not include:
             lines.append(line)
         elif include[1] not in seen:
-            lines += [_inlined(include[1], seen), f'#line {number + 1} "{filename}"']
+            lines += [_inline(include[1], seen), f'#line {number + 1} "{filename}"']
         else:
             lines.append("")
     return "\n".join(lines)

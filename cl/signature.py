@@ -19,7 +19,7 @@ import pyopencl
 from cl.array import Array
 from cl.errors import DeviceError
 
-#: What an argument of a kernel may be: see `Launch.set`.
+#: Types of an argument of a kernel, see `Launch.set`.
 Argument: TypeAlias = (
     Array | pyopencl.LocalMemory | np.ndarray | np.generic | float | Sequence[float] | None
 )
@@ -51,12 +51,12 @@ class Parameter:
     dtype: np.dtype | None
     width: int
 
-    def bound(self, value: Argument) -> Any:
+    def convert(self, value: Argument) -> Any:
         """Return `value` as pyopencl takes it. Raises TypeError or ValueError, whose text says
         what was expected and found, for a value that the kernel would misread."""
         if self.space == "local":
             if not isinstance(value, pyopencl.LocalMemory):
-                raise TypeError(f"expected pyopencl.LocalMemory, got {_described(value)}")
+                raise TypeError(f"expected pyopencl.LocalMemory, got {_describe(value)}")
             return value
         if self.space:
             return self._buffer(value)
@@ -67,9 +67,9 @@ class Parameter:
             return None
         if not isinstance(value, Array) or self.dtype not in (None, value.dtype):
             expected = f"of {self.dtype}" if self.dtype else f"for {self.type}"
-            raise TypeError(f"expected an Array {expected}, got {_described(value)}")
+            raise TypeError(f"expected an Array {expected}, got {_describe(value)}")
         if self.width != 3 and value.size % self.width:
-            raise TypeError(f"expected an Array of {self.type}, got {_described(value)}")
+            raise TypeError(f"expected an Array of {self.type}, got {_describe(value)}")
         return value.buffer
 
     def _number(self, value: Any) -> Any:
@@ -77,7 +77,7 @@ class Parameter:
             raise TypeError(f"the type {self.type} cannot be passed by value")
         real = self.dtype.kind == "f"
         if not isinstance(value, (Real if real else Integral, np.bool_)):
-            raise TypeError(f"expected a number for {self.type}, got {_described(value)}")
+            raise TypeError(f"expected a number for {self.type}, got {_describe(value)}")
         if not real:
             limits, whole = np.iinfo(self.dtype), int(value)  # type: ignore[arg-type]
             if not limits.min <= whole <= limits.max:
@@ -126,7 +126,7 @@ def _parameter(text: str, kernel: str, file: str) -> Parameter:
     return Parameter(name, type_, space or "", dtype, int(vector[2] or 1))
 
 
-def _described(value: object) -> str:
+def _describe(value: object) -> str:
     if isinstance(value, Array):
         return f"one of {value.dtype} {value.shape}"
     return f"{type(value).__name__} {value!r}"

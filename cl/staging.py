@@ -12,14 +12,14 @@ import pyopencl
 
 from cl import Array, Device
 from cl.array import Commands
-from cl.errors import failing_as_device
+from cl.errors import raise_device_errors
 
 
 class Uploads:
     """Copies host arrays into `target` on a queue of its own: `start(host)`, later `finish()`.
 
     Two buffers alternate, so that an upload need not wait until the one before it is used. An
-    upload from `pinned` memory leaves the host free.
+    upload from `allocate_pinned` memory leaves the host free.
     """
 
     def __init__(self, device: Device, target: Array) -> None:
@@ -71,18 +71,18 @@ class Download:
 
     def __init__(self, source: Array) -> None:
         self._source = source
-        self._hosts = [pinned(source.device, source.shape, source.dtype) for _ in range(2)]
+        self._hosts = [allocate_pinned(source.device, source.shape, source.dtype) for _ in range(2)]
         self._next = 0
 
     def fetch(self) -> Callable[[], np.ndarray]:
         source, device, host = self._source, self._source.device, self._hosts[self._next]
         self._next = 1 - self._next
-        with failing_as_device(device.name, "a download"):
+        with raise_device_errors(device.name, "a download"):
             event = pyopencl.enqueue_copy(device.queue, host, source.buffer, is_blocking=False)
         device.record("download", event, download=host.nbytes)
 
         def fetched() -> np.ndarray:
-            with failing_as_device(device.name, "a download"):
+            with raise_device_errors(device.name, "a download"):
                 event.wait()
             return host
 
@@ -98,21 +98,23 @@ class Upload:
 
     def __init__(self, target: Array) -> None:
         self._target, self._next = target, 0
-        self._hosts = [pinned(target.device, (target.size,), target.dtype) for _ in range(2)]
+        self._hosts = [
+            allocate_pinned(target.device, (target.size,), target.dtype) for _ in range(2)
+        ]
         self._done: list[Any] = [None, None]
 
     def room(self) -> np.ndarray:
         """Return a flat host array like the target, of what an earlier upload left in it."""
         done = self._done[self._next]
         if done is not None:
-            with failing_as_device(self._target.device.name, "an upload"):
+            with raise_device_errors(self._target.device.name, "an upload"):
                 done.wait()
         return self._hosts[self._next]
 
     def start(self, n: int) -> None:
         """Enqueue the copy of the first `n` numbers of what `room` gave last."""
         device, host = self._target.device, self._hosts[self._next][:n]
-        with failing_as_device(device.name, "an upload"):
+        with raise_device_errors(device.name, "an upload"):
             event = pyopencl.enqueue_copy(
                 device.queue, self._target.buffer, host, is_blocking=False
             )
@@ -154,14 +156,16 @@ class Ahead:
         if self.read is self.written:
             return
         source, target = self._whole
-        with failing_as_device(self._device.name, "a copy"):
+        with raise_device_errors(self._device.name, "a copy"):
             event = pyopencl.enqueue_copy(
                 self._device.queue, target.buffer, source.buffer, byte_count=source.nbytes
             )
         self._device.record("copy", event)
 
 
-def pinned(device: Commands, shape: tuple[int, ...], dtype: npt.DTypeLike = np.uint8) -> np.ndarray:
+def allocate_pinned(
+    device: Commands, shape: tuple[int, ...], dtype: npt.DTypeLike = np.uint8
+) -> np.ndarray:
     """Return a host array in memory that the device reads at full speed: page-locked, if it has
     such."""
     nbytes = int(np.prod(shape)) * np.dtype(dtype).itemsize

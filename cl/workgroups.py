@@ -1,4 +1,4 @@
-"""Work-group shapes, and how many numbers a work-item works on at once."""
+"""Shapes of work-groups, and the number of values that a work-item processes at once."""
 
 from __future__ import annotations
 

@@ -8,8 +8,8 @@
 
 `open_sequence` and `reconstruct` do what `psfs reconstruct` does. The parts below them keep the
 data on the device: `Reconstructor(device, rig, grid, background)` makes voxels of a `Frame`.
-Lengths are metres, the world is right-handed, Z is up. What a user can mend raises `InputError`,
-`MissingFileError` or `DeviceError`, all of them `UserError`.
+Lengths are metres, the world is right-handed, Z is up. Errors that the user can fix are
+`InputError`, `MissingFileError` or `DeviceError`, subclasses of `UserError`.
 """
 
 from __future__ import annotations

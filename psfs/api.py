@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from cl import select_device as select_device
 from psfs.backend import make_reconstructor
 from psfs.common.ranges import check_kind, check_number
 from psfs.diagnostics.examination import examine
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import Volume, automatic_grid, find_volume
@@ -31,12 +30,12 @@ from psfs.voxels.limits import DEBRIS_SHARE, VOXEL_EDGES
 log = logging.getLogger(__name__)
 
 
-def open_sequence(folder: str | Path, **settings: Any) -> Sequence:
+def open_sequence(folder: str | Path, **settings: object) -> Sequence:
     """Open the calibrated, synchronised views in `folder`.
 
-    settings: the keys of `sequence.toml`, see `psfs.footage.settings.Settings`; they win over the
-    file, which wins over what the folder's layout says. Raises InputError if settings, files and
-    calibration do not fit together, MissingFileError for a missing file.
+    settings: the keys of `sequence.toml`, see `psfs.footage.settings.SequenceSettings`; they win
+    over the file, which wins over what the folder's layout says. Raises InputError if settings,
+    files and calibration do not fit together, MissingFileError for a missing file.
     """
     return Sequence.open(folder, **settings)
 
@@ -75,9 +74,9 @@ def reconstruct(
     if voxel_size is not None:
         check_number("voxel_size, m,", voxel_size, *VOXEL_EDGES)
     if volume is not None:
-        low, high = Settings(volume=volume).volume
+        low, high = SequenceSettings(volume=volume).volume
     settings = SessionSettings(config or ReconstructionConfig(), frames or slice(None), voxel_size)
-    session = Session(sequence, chosen_device(device), settings)
+    session = Session(sequence, resolve_device(device), settings)
     session = exclude_inconsistent_cameras(session, all_cameras)
     if volume is not None:
         session.replace_result(find_volume, Volume(low, high))
@@ -115,7 +114,7 @@ def exclude_inconsistent_cameras(session: Session, all_cameras: bool = False) ->
     return examination.session
 
 
-def chosen_device(device: Device | NumpyDevice | str | None) -> Device | NumpyDevice:
+def resolve_device(device: Device | NumpyDevice | str | None) -> Device | NumpyDevice:
     """Return `device`, or the device of that name, or the fastest one for None. Raises
     DeviceError."""
     check_kind("device", device, (Device, NumpyDevice, str))

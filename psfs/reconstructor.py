@@ -17,7 +17,7 @@ from psfs.voxels.bricks import Bricks
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.moving_grid import Follower
+from psfs.voxels.moving_grid import GridFollower
 from psfs.voxels.occupancy import Occupancy
 from psfs.voxels.sparse import SparseSurface
 from psfs.voxels.surface import Surface
@@ -32,7 +32,7 @@ class Reconstructor:
     sparse: compute only the bricks that can be occupied. This gives the same voxels in much less
     time and memory on large grids (see `SparseSurface`). follow: move the grid with the person
     along x and y, by whole voxels. This copies 16 bytes to the host per frame, and the grid needs
-    to be only as large as the person, not the room (see `Follower`).
+    to be only as large as the person, not the room (see `GridFollower`).
 
     The appearance model of the silhouettes is fitted to every frame for the next one (see
     `Foreground`), unless `AppearanceConfig.learn` is off. The first frame is reconstructed again,
@@ -66,7 +66,7 @@ class Reconstructor:
             self.surface = Surface(device, grid.shape, occupancy.probability, config.occupancy)
             self._stages = [occupancy, self.surface]
         self.voxels = Voxels(grid, self.silhouette, self.surface, config.colour)
-        self._follower = Follower(device, grid, self.surface.list) if follow else None
+        self._follower = GridFollower(device, grid, self.surface.list) if follow else None
         self._uploads: Uploads | None = None
         self._ahead: Frame | None = None
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise, product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -32,7 +31,7 @@ from psfs.footage.media import Decoder, Media, pad_pictures
 from psfs.footage.memory import FRAME_MEMORY, frame_memory_limit
 from psfs.footage.numbering import pair_by_number
 from psfs.footage.prefetch import prefetch
-from psfs.footage.settings import MIXTURES, Settings
+from psfs.footage.settings import MIXTURES, SequenceSettings
 from psfs.footage.sound import apply_sound
 from psfs.footage.threads import TIMEOUT_S, HangingError, Threads
 from psfs.footage.timestamps import pair_by_timestamps
@@ -75,7 +74,9 @@ class Sequence:
     open files: each iteration decodes by itself, unless `keep_frames` was called.
     """
 
-    def __init__(self, folder: Path, layout: str, footage: Footage, settings: Settings) -> None:
+    def __init__(
+        self, folder: Path, layout: str, footage: Footage, settings: SequenceSettings
+    ) -> None:
         self.folder = folder
         self.name = resolve_path(folder).name
         self.layout = layout
@@ -106,21 +107,21 @@ class Sequence:
         self._n_kept = 0
 
     @classmethod
-    def open(cls, folder: str | Path, **overrides: Any) -> Sequence:
+    def open(cls, folder: str | Path, **overrides: object) -> Sequence:
         """Recognise the folder's layout and read its calibration.
 
-        overrides: the keys of `sequence.toml` (see `Settings`); they win over the file, which wins
-        over the layout's own defaults. Raises InputError if the settings, files and calibration do
-        not fit together.
+        overrides: the keys of `sequence.toml` (see `SequenceSettings`); they win over the file,
+        which wins over the layout's own defaults. Raises InputError if the settings, files and
+        calibration do not fit together.
         """
         check_kind("folder", folder, (str, os.PathLike), needed=True)
         folder = Path(folder)
-        stated = Settings.from_dict({k: v for k, v in overrides.items() if v is not None})
+        stated = SequenceSettings.from_dict({k: v for k, v in overrides.items() if v is not None})
         if stated.calibration is not None:  # a flag's path is the caller's, not the folder's
             stated = stated.replace(calibration=str(resolve_path(stated.calibration)))
-        settings = stated.over(Settings.read(folder / "sequence.toml"))
+        settings = stated.fill_from(SequenceSettings.read(folder / "sequence.toml"))
         layout = find_layout(folder, settings)
-        settings = settings.over(layout.defaults)
+        settings = settings.fill_from(layout.defaults)
         try:
             sequence = cls(folder, layout.name, layout.read(folder, settings), settings)
             _refuse_unused(stated, sequence)
@@ -156,7 +157,7 @@ class Sequence:
         shifts = {name: by for name, by in both.items() if by}
         return self._again(self.settings.replace(sync=shifts))
 
-    def _again(self, settings: Settings) -> Sequence:
+    def _again(self, settings: SequenceSettings) -> Sequence:
         """Open the same folder with other settings."""
         layout = find_layout(self.folder, settings)
         return Sequence(self.folder, layout.name, layout.read(self.folder, settings), settings)
@@ -343,11 +344,8 @@ class Sequence:
         shape = (len(self.rig), self.rig.height, self.rig.width)
         keeps, images, masks = self._kept is not None and index == self._n_kept, None, None
         if self.has_images:
-            if keeps:
-                assert self._kept is not None
-                images = self._kept[index]
-            else:
-                images = np.empty((*shape, 3), np.uint8)
+            kept = self._kept if keeps else None
+            images = np.empty((*shape, 3), np.uint8) if kept is None else kept[index]
         pictures = self._pictures(index, decoders, pool, images)
         seen = pictures[: len(self.rig)]
         if given is not None:
@@ -389,12 +387,12 @@ class Sequence:
             ) from None
 
 
-def _refuse_unused(stated: Settings, sequence: Sequence) -> None:
+def _refuse_unused(stated: SequenceSettings, sequence: Sequence) -> None:
     """Raise InputError for a key that the caller states and a sequence does not use."""
     kind = sequence.background_kind
     owners = {"key": "chroma", **dict.fromkeys(("threshold", "dilate", "erode"), "threshold")}
     for key, owner in owners.items():
         if getattr(stated, key) is not None and kind != owner:
-            raise InputError(f"`{key}` is of the background {owner}; this one is {kind}")
+            raise InputError(f"`{key}` applies only to the background {owner}; this one is {kind}")
     if stated.take is not None and sequence.layout != "HumanEva":
-        raise InputError("`take` is of a folder with several takes, as HumanEva's; this has one")
+        raise InputError("`take` applies only to folders with several takes (HumanEva's)")

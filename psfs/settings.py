@@ -27,38 +27,39 @@ class BackgroundSettings(Config):
     """The estimation of the background from pictures of the empty scene."""
 
     model: BackgroundModelConfig = part(
-        BackgroundModelConfig, "The empty scene as a density per pixel."
+        BackgroundModelConfig, "Density of the empty scene at each pixel."
     )
-    screen: ScreenConfig = part(ScreenConfig, "The screen of one colour.")
-    take: TakeConfig = part(TakeConfig, "The empty scene, when only the take itself shows it.")
+    screen: ScreenConfig = part(ScreenConfig, "Search for the screen of a chroma key.")
+    take: TakeConfig = part(TakeConfig, "Estimation of the empty scene from the take itself.")
 
 
 class DiagnosticsSettings(Config):
     """Limits beyond which footage and cameras count as faulty."""
 
-    consistency: ConsistencyConfig = part(ConsistencyConfig, "Cameras that disagree.")
-    faults: FaultConfig = part(FaultConfig, "Cameras that are late, exchanged or turned.")
-    pictures: PictureConfig = part(PictureConfig, "Faults of one camera's pictures.")
-    alignment: AlignmentConfig = part(AlignmentConfig, "Rigs that are a little off.")
-    occluders: OccluderConfig = part(OccluderConfig, "Furniture before the person.")
+    consistency: ConsistencyConfig = part(ConsistencyConfig, "Search for cameras that disagree.")
+    faults: FaultConfig = part(FaultConfig, "Search for late, exchanged or turned cameras.")
+    pictures: PictureConfig = part(PictureConfig, "Search for faults of one camera's pictures.")
+    alignment: AlignmentConfig = part(AlignmentConfig, "Correction of a slightly wrong rig.")
+    occluders: OccluderConfig = part(OccluderConfig, "Search for furniture that hides the person.")
 
 
 class Settings(Config):
     """The settings of every room of psfs."""
 
-    capture: footage.Settings = part(
-        footage.Settings, "What the files of a sequence do not say: the keys of sequence.toml."
+    capture: footage.SequenceSettings = part(
+        footage.SequenceSettings,
+        "Facts of a sequence that its files do not state: the keys of sequence.toml.",
     )
     background: BackgroundSettings = part(
-        BackgroundSettings, "How the background is estimated from pictures."
+        BackgroundSettings, "Estimation of the background from pictures."
     )
     reconstruction: ReconstructionConfig = part(
-        ReconstructionConfig, "From pictures to silhouettes and voxels."
+        ReconstructionConfig, "Reconstruction from pictures to silhouettes and voxels."
     )
     edges: EdgeConfig = part(EdgeConfig, "The edges of the voxels' silhouettes.")
     diagnostics: DiagnosticsSettings = part(
-        DiagnosticsSettings, "When footage and cameras count as faulty."
+        DiagnosticsSettings, "Limits beyond which footage and cameras count as faulty."
     )
-    people: PeopleConfig = part(PeopleConfig, "Who counts as a person, and is followed.")
-    calibration: CalibrationConfig = part(CalibrationConfig, "How cameras are calibrated.")
-    person: PersonConfig = part(PersonConfig, "How cameras are calibrated by a person.")
+    people: PeopleConfig = part(PeopleConfig, "Counting and following of people.")
+    calibration: CalibrationConfig = part(CalibrationConfig, "Calibration of cameras.")
+    person: PersonConfig = part(PersonConfig, "Calibration of cameras by a person.")

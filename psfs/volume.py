@@ -8,6 +8,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.camera import CameraRig
+from psfs.common.numbers import pick_evenly
 from psfs.common.ranges import LARGEST
 from psfs.sequence import Sequence
 from psfs.session import Session, check_frames
@@ -79,7 +80,7 @@ def _find_box(session: Session) -> Volume:
     frames = check_frames(session)
     config = session.reconstruction
     n_samples = config.volume.samples
-    picked = np.unique(np.linspace(0, len(frames) - 1, n_samples).round().astype(int))
+    picked = pick_evenly(len(frames), n_samples)
     evidence = session.evidence([frames[int(i)] for i in picked])
     search = BoxSearch(
         session.rig,

@@ -23,7 +23,7 @@ from rich.table import Table
 from apf.body.model import sideless
 from apf.evaluation.evaluate import LOST_LIMB, evaluate, load_truth
 from apf.tracking.track import Track
-from apf.tracking.uncertainty import CALIBRATION, Calibration, is_inside_ellipsoid
+from apf.tracking.uncertainty import CALIBRATION, DeviationCalibration, is_inside_ellipsoid
 from cl import InputError
 from psfs.cli.commandline import add_message_flags, stdout
 from psfs.cli.program import run_command
@@ -160,13 +160,13 @@ def load_samples(pairs: list[str]) -> dict[str, Sample]:
     }
 
 
-def fitted(samples: dict[str, Sample]) -> Calibration:
+def fitted(samples: dict[str, Sample]) -> DeviationCalibration:
     """Return a calibration with which enough offsets of every joint are inside.
 
     Of those whose ellipsoids are about as small as the smallest, see `_SLACK`, it has the largest
     scale.
     """
-    radii: list[tuple[float, Calibration]] = []
+    radii: list[tuple[float, DeviationCalibration]] = []
     for scale in _SCALES:
         floors = {name: sample.floor(scale) for name, sample in samples.items()}
         volumes = [
@@ -174,7 +174,7 @@ def fitted(samples: dict[str, Sample]) -> Calibration:
             for name, sample in samples.items()
         ]
         radius = float(np.exp(np.concatenate(volumes).mean() / 6))
-        radii.append((radius, Calibration(scale, floors)))
+        radii.append((radius, DeviationCalibration(scale, floors)))
     least = min(radius for radius, _ in radii)
     return [found for radius, found in radii if radius <= _SLACK * least][-1]
 
@@ -183,7 +183,9 @@ def _kept(samples: dict[str, Sample]) -> dict[str, Sample]:
     return {name: sample.kept() for name, sample in samples.items()}
 
 
-def _share(samples: dict[str, Sample], used: Calibration, names: list[str]) -> float | None:
+def _share(
+    samples: dict[str, Sample], used: DeviationCalibration, names: list[str]
+) -> float | None:
     shares, counts = [], []
     for name in names:
         if name in samples:

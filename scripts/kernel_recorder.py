@@ -49,7 +49,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 def _recorded() -> Iterator[None]:
     """Write the programs and the launches of the session to the file."""
     programs: set[tuple[str, str, str]] = set()
-    compiled = Device.compiled
+    compiled = Device.compile_kernel
 
     def recording(device: Device, source: str, name: str, file: str, /, **defines: Any) -> Any:
         programs.add((file, source, build_options(defines)))

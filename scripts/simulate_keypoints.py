@@ -23,7 +23,7 @@ from apf.keypoints.config import TriangulationConfig
 from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import add_message_flags, stdout
 from psfs.cli.program import run_command
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 from psfs.sequence import Sequence
 
 #: True joints nearest to a network's points; each of the second row has a left and a right one.
@@ -69,7 +69,7 @@ def _run(args: argparse.Namespace) -> None:
     known = [measure_errors(folder) for folder in args.like]
     points, names, cameras = simulate(args.sequence, known, random)
     found = {"keypoints": points, "keypoint_names": names, "camera_names": cameras}
-    with written_whole(args.output) as temporary, temporary.open("wb") as file:
+    with write_atomically(args.output) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **found)
     stdout.print(f"wrote {args.output}", soft_wrap=True)
 

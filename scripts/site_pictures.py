@@ -77,7 +77,7 @@ def draw_picture(demo: Demo, frame: Frame, row: int, body: bool) -> np.ndarray:
 
 def view_person(joints: np.ndarray, azimuth: float) -> View:
     """Return a view from `azimuth`, degrees, with the person of joints (J, 3) m in its middle."""
-    around = View.around(joints, 0.0, azimuth, 12.0, PANEL)
+    around = View.fit(joints, 0.0, azimuth, 12.0, PANEL)
     centre = np.array([*np.median(joints[:, :2], axis=0), 0.47 * _TALL])
     return View(around.axes, centre, PANEL[1] / _TALL, np.array(PANEL) / 2)
 

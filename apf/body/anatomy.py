@@ -16,7 +16,6 @@ from apf.body.model import AXES, BodyModel
 
 #: For each limb the joints that begin its two segments, the joint that ends it, and whether the
 #: distal segment swings forward when it bends, as a forearm does.
-#: far segment swings forward when it bends, as a forearm does.
 _LIMBS = {
     "thigh": ("hip", "knee", "ankle", False),
     "upper_arm": ("shoulder", "elbow", "wrist", True),

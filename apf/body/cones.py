@@ -13,7 +13,6 @@ from psfs.cameras.camera import Camera
 
 #: Corners further out than this, px, count as unseen: float interpolation would displace the lines
 #: between them by more than a hundredth of a pixel, and at 1e9 px by whole pictures.
-#: would be off by more than a hundredth of a pixel, at 1e9 px by whole pictures.
 FAR_OUT = 1e5
 
 

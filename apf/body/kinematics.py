@@ -14,7 +14,6 @@ from apf.body.model import AXES, BodyModel, Joint
 
 #: Floats of a posed cone: A (3), radius at A, B (3), radius at B, X / sx (3), 0, Y / sy (3), 0,
 #: where A, B are the end centres in the world and X, Y the unit axes of the elliptic section.
-#: where A, B are the end centres in the world and X, Y the unit axes of the elliptic section.
 CONE_FLOATS = 16
 
 

@@ -15,7 +15,6 @@ from cl.workgroups import pack_defines, pack_size
 
 #: Floats of a bone and of a free axis in the body's table, of a posed bone, and of the additional
 #: values for distances to a cone; see kinematics.h and packed_cones.h.
-#: to a cone need beside it; see kinematics.h and packed_cones.h.
 BONE_FLOATS, AXIS_FLOATS, FRAME_FLOATS, SPAN_FLOATS = 16, 4, 12, 8
 #: Index in a cone's row of the bone that it is fixed to.
 _CONE_BONE = 11

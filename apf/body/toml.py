@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tomli_w
@@ -14,9 +13,9 @@ from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel, Bone, Cone, FreeAxis, Joint
 from apf.body.schema import MOST, AxisEntry, BodyEntry, BoneEntry, ConeEntry
 from cl import InputError, MissingFileError
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.common.files import write_text
-from psfs.common.schema import checked
+from psfs.common.schema import parse_values
 from psfs.common.toml import parse_toml, read_toml
 
 #: Largest extent of a body, m: no person is taller with arms raised.
@@ -34,7 +33,7 @@ def load_body(name_or_path: str | Path) -> BodyModel:
     shipped = {file.stem: file for file in sorted(_BODIES.glob("*.toml"))}
     path = shipped.get(str(name_or_path), path)
     if not path.exists():
-        wanted = f"a TOML file or one of {listed(shipped)}"
+        wanted = f"a TOML file or one of {join_names(shipped)}"
         raise MissingFileError(f"{path}: no body model; expected {wanted}")
     return _validate(read_toml(path), path)
 
@@ -45,8 +44,8 @@ def parse_body(text: str, source: str | Path) -> BodyModel:
     return _validate(parse_toml(text, source), source)
 
 
-def _validate(data: dict[str, Any], source: str | Path) -> BodyModel:
-    entry = checked(BodyEntry, data, source)
+def _validate(data: dict[str, object], source: str | Path) -> BodyModel:
+    entry = parse_values(BodyEntry, data, source)
     try:
         body = _parse(entry)
         _check_extent(body)
@@ -138,7 +137,7 @@ def _find_parent(entry: BoneEntry, names: Sequence[str], index: int) -> int:
     before = list(names[:index])
     if entry.parent in before:
         return before.index(entry.parent)
-    known = listed(before) or "none"
+    known = join_names(before) or "none"
     raise ValueError(
         f"bone {entry.name}: its parent is {entry.parent!r}; expected a bone before it: {known}"
     )
@@ -182,7 +181,7 @@ def _parse_pairs(
 
 def _find_index(names: Sequence[str], name: str, what: str) -> int:
     if name not in names:
-        raise ValueError(f"no {what} named {name!r}; expected one of {listed(names) or 'none'}")
+        raise ValueError(f"no {what} named {name!r}; expected one of {join_names(names) or 'none'}")
     return list(names).index(name)
 
 
@@ -234,7 +233,7 @@ def format_body(body: BodyModel) -> str:
     return tomli_w.dumps(data)
 
 
-def _axis_entry(body: BodyModel, axis: FreeAxis) -> dict[str, Any]:
+def _axis_entry(body: BodyModel, axis: FreeAxis) -> dict[str, object]:
     lower, upper = float(body.lower[axis.dof]), float(body.upper[axis.dof])
     return {
         "axis": ("-" if axis.sign < 0 else "") + axis.kind,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from psfs.cli.starting import started
+from psfs.cli.starting import start_program
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -16,4 +16,4 @@ def main(argv: list[str] | None = None) -> int:
         description = "A skeleton per frame from synchronised calibrated views."
         return run_program("apf", description, COMMANDS, argv)
 
-    return started("apf", run)
+    return start_program("apf", run)

@@ -80,13 +80,15 @@ def run(args: argparse.Namespace) -> None:
     folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
     title = f"{resolve_path(args.track).name} against {args.truth[0].name}"
     with output_folder(folder, args.parser.prog, addition=True, replaces=True):
-        written = _written(folder, evaluation, _wanted(args), title)
+        written = _write_files(folder, evaluation, _select_files(args), title)
     stdout.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
 
 
 def _run_people(args: argparse.Namespace) -> None:
     """Compare the tracks of several people."""
-    refuse_unused(args, ["markers"], f"is of one person; expected {args.track / 'person1'}")
+    refuse_unused(
+        args, ["markers"], f"applies only to one person; expected {args.track / 'person1'}"
+    )
     tracks = PeopleTracks.open(args.track)
     truth = _truth_of_people(args, tracks[0].fps)
     try:
@@ -95,7 +97,7 @@ def _run_people(args: argparse.Namespace) -> None:
         stated = " ".join(map(str, args.truth))
         raise InputError(f"{args.track} against {stated}: {error}") from None
     print_people_evaluation(evaluation)
-    folder, wanted, written = args.output or args.track, _wanted(args), []
+    folder, wanted, written = args.output or args.track, _select_files(args), []
     with output_folder(folder, args.parser.prog, addition=True, replaces=True):
         for name, number, errors in zip(
             evaluation.names, evaluation.tracks, evaluation.errors, strict=True
@@ -103,7 +105,7 @@ def _run_people(args: argparse.Namespace) -> None:
             if errors is not None:
                 own = person_folder(folder, int(number) + 1)
                 own.mkdir(parents=True, exist_ok=True)
-                written += _written(own, errors, wanted, f"{own.name} against {name}")
+                written += _write_files(own, errors, wanted, f"{own.name} against {name}")
         if "json" in wanted:
             written.append(folder / "evaluation.json")
             evaluation.write_json(written[-1])
@@ -123,7 +125,7 @@ def _truth_of_people(args: argparse.Namespace, fps: float) -> dict[str, JointSer
     return {name: _truth(args, path, fps)[0] for name, path in zip(names, args.truth, strict=True)}
 
 
-def _wanted(args: argparse.Namespace) -> list[str]:
+def _select_files(args: argparse.Namespace) -> list[str]:
     """Return the kinds of files that the flags ask for, all without such flags."""
     return [kind for kind in FILES if getattr(args, kind)] or list(FILES)
 
@@ -135,7 +137,7 @@ def _truth(args: argparse.Namespace, path: Path, fps: float) -> tuple[JointSerie
         truth = read_c3d(path, args.convention)
         return truth.resample(fps, args.truth_start), args.convention or "z-up"
     if kind != ".trc":
-        refuse_unused(args, ["convention"], f"is of a TRC or C3D; {path} has Z up")
+        refuse_unused(args, ["convention"], f"applies only to a TRC or C3D; {path} has Z up")
     # An npz is in world axes.
     convention = (args.convention or "y-up") if kind == ".trc" else "z-up"
     truth = load_truth(path, convention)
@@ -144,7 +146,7 @@ def _truth(args: argparse.Namespace, path: Path, fps: float) -> tuple[JointSerie
     return truth, convention
 
 
-def _written(folder: Path, evaluation: Evaluation, wanted: list[str], title: str) -> list[Path]:
+def _write_files(folder: Path, evaluation: Evaluation, wanted: list[str], title: str) -> list[Path]:
     """Write the `wanted` files into `folder` and return them."""
     written = []
     if "csv" in wanted:

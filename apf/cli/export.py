@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from apf.body.limbs import limb_names
-from apf.cli.takes.opened_track import opened_track
+from apf.cli.takes.opened_track import open_given_track
 from apf.tracking.config import SmoothingConfig
 from apf.tracking.motion_files import Export, export
 from apf.tracking.people import PeopleTracks, holds_people, person_folder
@@ -19,16 +19,16 @@ from psfs.common.outputs import output_folder
 
 def run(args: argparse.Namespace) -> None:
     if args.raw:
-        refuse_unused(args, ["cutoff"], "is of the smoothing; expected none with --raw")
+        refuse_unused(args, ["cutoff"], "applies only to the smoothing; expected none with --raw")
     if args.to is not None and "trc" not in args.to:
-        refuse_unused(args, ["axes"], "is of the TRC; expected --to trc with it")
+        refuse_unused(args, ["axes"], "applies only to the TRC; expected --to trc with it")
     config = with_flags(SmoothingConfig(), args)
     folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
     with output_folder(folder, args.parser.prog, addition=True):
         if not holds_people(args.track):
             _export(args, folder, config)
             return
-        refuse_unused(args, ["body"], "is of one person; expected none with several")
+        refuse_unused(args, ["body"], "applies only to one person; expected none with several")
         for number in range(1, len(PeopleTracks.open(args.track)) + 1):
             own, into = (person_folder(of, number) for of in (args.track, folder))
             into.mkdir(parents=True, exist_ok=True)
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
 
 def _export(args: argparse.Namespace, folder: Path, config: SmoothingConfig) -> None:
     """Write one person's files into `folder`, and print what they contain."""
-    track = opened_track(args)
+    track = open_given_track(args)
     written = export(track, folder, args.to, axes=args.axes, smoothing=config, raw=args.raw)
     print_export(written, args.to is None or "gait" in args.to)
 

@@ -22,21 +22,23 @@ from psfs.session import Session
 def check_start(args: argparse.Namespace) -> None:
     """Raise InputError for an impossible --height, and for flags that have no effect."""
     if args.init is not None:
-        refuse_unused(args, ["height"], "is of a start that is found; expected none with --init")
+        refuse_unused(
+            args, ["height"], "applies only to an automatic start; expected none with --init"
+        )
     joints = [path for path in (args.init, getattr(args, "truth", None)) if path is not None]
     if not any(path.suffix.lower() == ".trc" for path in joints):
-        refuse_unused(args, ["convention"], "is of a TRC; expected one as --init with it")
+        refuse_unused(args, ["convention"], "applies only to a TRC; expected one as --init with it")
     if args.height is not None:
         check_number("--height, m,", args.height, 0.5, 2.5)
 
 
-def found_start(
+def find_first_pose(
     session: Session, args: argparse.Namespace, seed: int, progress: Callable[[], object] | None
 ) -> tuple[BodyModel, np.ndarray]:
     """Return the body and its first pose (D,) found in the voxels; a body from a file keeps its
     shape."""
     template, keep_shape = load_template(args.body)
-    with naming_init(session.sequence):
+    with explain_failed_start(session.sequence):
         found = initialise(
             session, template, height=args.height, keep_shape=keep_shape, seed=seed,
             progress=progress,
@@ -46,7 +48,7 @@ def found_start(
 
 
 @contextmanager
-def naming_init(sequence: Sequence) -> Iterator[None]:
+def explain_failed_start(sequence: Sequence) -> Iterator[None]:
     """Add to the error of a failed start the name of the sequence, and the flags that help."""
     try:
         yield

@@ -12,20 +12,20 @@ from typing import Any
 
 import numpy as np
 
-from apf.api import given_start
+from apf.api import read_given_start
 from apf.backend import check_renderer
 from apf.body.model import BodyModel
-from apf.cli.first_pose import check_start, found_start
-from apf.cli.method_flags import METHOD_FLAGS, chosen_method
+from apf.cli.first_pose import check_start, find_first_pose
+from apf.cli.method_flags import METHOD_FLAGS, select_method
 from apf.cli.track import RESULTS, write_files
 from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
-from apf.live.budget import sizes
+from apf.live.budget import list_sizes
 from apf.live.captures import box_around, open_cameras
 from apf.live.config import LiveConfig
 from apf.live.error import live_errors
-from apf.live.pace import Pace, Progress
+from apf.live.pace import Pace, PaceReporter
 from apf.live.pictures import fitting_factor
 from apf.live.session import Live, LiveResult, LiveStart
 from apf.live.sources import Replay, Source
@@ -34,9 +34,9 @@ from apf.tracking.track import Track
 from cl import Device, InputError, select_device
 from psfs.cli.commandline import stderr, stdout, warn
 from psfs.cli.sequence_flags import (
+    collect_overrides,
     open_sequence,
-    selected_frames,
-    stated,
+    select_common_frames,
 )
 from psfs.cli.settings import refuse_unused, write_settings
 from psfs.common.files import write_json
@@ -50,7 +50,7 @@ from psfs.voxels.occupied_box import default_voxel_size
 def run(args: argparse.Namespace) -> None:
     check_start(args)
     _check_ranges(args)
-    method = chosen_method(args)
+    method = select_method(args)
     # The frames are not evenly spaced, and `Live` predicts the motion itself.
     config = args.configs.get("live") or LiveConfig()
     noise = method.filter.search.noise
@@ -78,7 +78,9 @@ def _live(
     source, start = _captures(args, method) if args.captures else _replay(args, method, device)
     grid, body = start.grid, start.body
     sized_by_hand = args.n_particles is not None or args.n_layers is not None
-    searches = [method] if sized_by_hand and args.budget is None else sizes(method, config.sizes)
+    searches = (
+        [method] if sized_by_hand and args.budget is None else list_sizes(method, config.sizes)
+    )
     follow = bool(args.captures) and args.volume is None
     scale = args.scale
     if scale is None:
@@ -125,9 +127,9 @@ def _run(args: argparse.Namespace, live: Live, start: LiveStart, pace: Pace) -> 
     with ExitStack() as stack:
         if stderr.console.is_terminal:
             waiting = stderr.console.status("waiting for the first frame; Ctrl-C ends")
-            progress = Progress(pace.wanted, stack.enter_context(waiting).update, None, late)
+            progress = PaceReporter(pace.wanted, stack.enter_context(waiting).update, None, late)
         else:
-            progress = Progress(pace.wanted, None, partial(stderr.print, soft_wrap=True), late)
+            progress = PaceReporter(pace.wanted, None, partial(stderr.print, soft_wrap=True), late)
         if not args.studio:
             return live.run(progress)
         from apf.studio.live import LivePage  # imports an extra
@@ -146,9 +148,11 @@ def _check_ranges(args: argparse.Namespace) -> None:
     if args.scale is not None and not 0.05 <= args.scale <= 1:
         raise InputError(f"--scale is {args.scale}; expected 0.05 to 1")
     if args.captures:
-        refuse_unused(args, ["frames"], "is of a recording; expected none with --captures")
+        refuse_unused(
+            args, ["frames"], "applies only to a recording; expected none with --captures"
+        )
     else:
-        refuse_unused(args, ["empty"], "is of --captures; expected them with it")
+        refuse_unused(args, ["empty"], "applies only to --captures; expected them with it")
     if args.budget is not None and not 0.1 <= args.budget <= 1000:
         raise InputError(f"--fps is {args.budget}; expected 0.1 to 1000 poses per second")
     if not 0 <= args.empty <= 600:
@@ -158,25 +162,25 @@ def _check_ranges(args: argparse.Namespace) -> None:
 def _replay(args: argparse.Namespace, method: Method, device: Device) -> tuple[Source, LiveStart]:
     """Return a recorded sequence, its grid if voxels are needed, body and first pose."""
     sequence = open_sequence(args)
-    frames = selected_frames(args, sequence)
+    frames = select_common_frames(args, sequence)
     settings = SessionSettings(selection=args.frames or slice(None), voxel_size=args.voxel_size)
     session = Session(sequence, device, settings)
-    given = given_start(sequence.folder, frames[0], args.body, args.init, args.convention)
+    given = read_given_start(sequence.folder, frames[0], args.body, args.init, args.convention)
     grid = None
     if method.uses_voxels or given is None:
         grid = automatic_grid(session)
     if given is None:
-        given = found_start(session, args, method.filter.search.seed, None)
+        given = find_first_pose(session, args, method.filter.search.seed, None)
     return Replay(sequence, frames), LiveStart(grid, *given)
 
 
 def _captures(args: argparse.Namespace, method: Method) -> tuple[Source, LiveStart]:
     """Return cameras, the grid of --volume or one around the first pose if voxels are needed, body
     and first pose."""
-    start = given_start(Path(args.folder), 0, args.body, args.init, args.convention)
+    start = read_given_start(Path(args.folder), 0, args.body, args.init, args.convention)
     if start is None:
         raise InputError("cameras have no first pose; expected --init with a pose file or joints")
-    source = open_cameras(Path(args.folder), stated(args), args.captures, args.empty)
+    source = open_cameras(Path(args.folder), collect_overrides(args), args.captures, args.empty)
     grid = None
     if method.uses_voxels:
         low, high = np.array(args.volume) if args.volume else box_around(*start)

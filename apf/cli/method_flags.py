@@ -14,11 +14,11 @@ from apf.filters.term_weights import TERMS, USUAL_TERMS, likelihood_weights
 from apf.image_objective.config import ObjectiveConfig
 from apf.settings import Settings
 from cl import InputError
-from psfs.cli.setting_flags import add_setting_flags, flagged, with_flags
+from psfs.cli.setting_flags import add_setting_flags, find_flagged_settings, with_flags
 from psfs.cli.settings import add_configs, refuse_unused
 
 #: The destinations of the flags of single settings, by the path of the setting.
-_FLAGS = {path: path[-1] for path, _ in flagged(Method)}
+_FLAGS = {path: path[-1] for path, _ in find_flagged_settings(Method)}
 #: Weights that both the voxels' likelihood and the image objectives have.
 _WEIGHTS = ("edge_weight", "silhouette_weight")
 #: Flags that apply to one method only.
@@ -51,7 +51,7 @@ def add_method_flags(
     """Add --method and --objective with their defaults, and the flags of their settings. more:
     further methods of the command, for --help."""
     add_configs(parser, Settings, "method")
-    group = parser.add_argument_group("search", "what is searched with, and by what it is judged")
+    group = parser.add_argument_group("search", "search and objective")
     group.add_argument(
         "--method",
         default=method,
@@ -85,7 +85,7 @@ def _default(path: tuple[str, ...], field: FieldInfo) -> str:
     return ", ".join([str(field.default), *others])
 
 
-def chosen_method(args: argparse.Namespace) -> Method:
+def select_method(args: argparse.Namespace) -> Method:
     """Return the method that --config and the flags of `add_method_flags` select. Raises
     InputError."""
     method = _base(args)
@@ -104,14 +104,16 @@ def _refuse_others(args: argparse.Namespace, base: Method) -> None:
     """Raise InputError for a flag that does not apply to the method."""
     for flags, owner in _OWNERS.items():
         if base.search != owner:
-            refuse_unused(args, flags, f"is of --method {owner}; this one is {base.search}")
+            refuse_unused(
+                args, flags, f"applies only to --method {owner}; this one is {base.search}"
+            )
     none = f"expected none with --objective {base.objective}"
     if not base.uses_images:
-        refuse_unused(args, _OF_IMAGES, f"is the image objectives'; {none}")
+        refuse_unused(args, _OF_IMAGES, f"applies only to image objectives; {none}")
     if not base.uses_voxels:
-        refuse_unused(args, _OF_VOXELS, f"is the voxels'; {none}")
+        refuse_unused(args, _OF_VOXELS, f"applies only to the voxels; {none}")
     if base.objective == "keypoints":
-        refuse_unused(args, _OF_PICTURES, f"is of pictures; {none}")
+        refuse_unused(args, _OF_PICTURES, f"applies only to pictures; {none}")
 
 
 def _terms(text: str) -> dict[str, float]:

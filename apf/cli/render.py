@@ -20,7 +20,7 @@ from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, select_device
 from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import progress_bar, stdout
-from psfs.cli.sequence_flags import open_sequence, selected_frames
+from psfs.cli.sequence_flags import open_sequence, select_common_frames
 from psfs.cli.setting_flags import with_flags
 from psfs.cli.settings import FILE, refuse_unused, write_settings
 from psfs.common.files import write_picture
@@ -47,7 +47,7 @@ def _render(args: argparse.Namespace, out: OutputFolder, look: ObjectiveConfig) 
     device = None if args.opengl else select_device(args.device)
     sequence = open_sequence(args)
     out.check_inputs(sequence.inputs)
-    chosen = selected_frames(args, sequence)
+    chosen = select_common_frames(args, sequence)
     track = Track.open(args.track)
     folder = args.track if args.track.is_dir() else args.track.parent
     body = load_body(args.body or folder / "body.toml")
@@ -62,7 +62,7 @@ def _render(args: argparse.Namespace, out: OutputFolder, look: ObjectiveConfig) 
     with progress_bar() as bar:
         for row in bar.track(rows, description="rendering"):
             frame = sequence.read(int(track.frames[row]))
-            drawn = _drawn(device, body, sequence.rig, track.poses[row], mesh, look.round_ends)
+            drawn = _draw(device, body, sequence.rig, track.poses[row], mesh, look.round_ends)
             for view, camera in enumerate(sequence.rig):
                 width, height = camera.size
                 parts, edges = np.moveaxis(drawn[view, :height, :width], -1, 0)
@@ -71,7 +71,7 @@ def _render(args: argparse.Namespace, out: OutputFolder, look: ObjectiveConfig) 
                 pictures = (
                     silhouette,
                     edges,
-                    tinted(crop_view(frame, view, camera), parts, edges),
+                    tint_parts(crop_view(frame, view, camera), parts, edges),
                 )
                 for kind, picture in zip(KINDS, pictures, strict=True):
                     write_picture(args.output / kind / name, picture)
@@ -79,7 +79,7 @@ def _render(args: argparse.Namespace, out: OutputFolder, look: ObjectiveConfig) 
     stdout.print(f"{len(rows)} frames x {len(sequence.rig)} cameras drawn: {args.output}")
 
 
-def _drawn(
+def _draw(
     device: Device | NumpyDevice | None,
     body: BodyModel,
     rig: CameraRig,
@@ -93,7 +93,7 @@ def _drawn(
     return draw_poses(Scene(device, rig, None, body), pose[None], mesh, round_ends)[0]
 
 
-def tinted(picture: np.ndarray, parts: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def tint_parts(picture: np.ndarray, parts: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Return a copy of `picture` (h, w, 3) with a colour for each part, and white edges."""
     hues = [colorsys.hsv_to_rgb((0.13 + 0.381966 * k) % 1, 0.75, 1.0) for k in range(256)]
     colours = np.rint(255 * np.array(hues)).astype(np.uint8)[parts]

@@ -41,12 +41,12 @@ def _default(path: Names, field: FieldInfo) -> str:
 
 def shape_settings(args: argparse.Namespace) -> dict[str, Any]:
     """Return the settings of an ObjectiveConfig that --shape sets. Raises InputError if another
-    flag is of a mesh and --shape names none."""
+    flag applies only to a mesh and --shape names none."""
     if args.shape is not None and not args.shape.isdigit():
         return {"mesh_file": args.shape}
     for name, flag in (("mesh_weights", "--shape-weights"), ("mesh_pose", "--shape-pose")):
         if getattr(args, name) is not None:
-            raise InputError(f"{flag} is of a mesh; expected --shape FILE with it")
+            raise InputError(f"{flag} applies only to a mesh; expected --shape FILE with it")
     if args.shape is None:
         return {}
     return {"vertices_per_part": int(args.shape), "mesh_file": ""}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from apf.cli.takes.opened_track import opened_track
+from apf.cli.takes.opened_track import open_given_track
 from apf.cli.track import RESULTS, write_files
 from apf.tracking.config import SmoothingConfig
 from apf.tracking.smoothing import smooth_track
@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _smooth(args: argparse.Namespace, config: SmoothingConfig) -> None:
-    track = opened_track(args)
+    track = open_given_track(args)
     try:
         track = smooth_track(track, config)
     except InputError as error:

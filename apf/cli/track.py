@@ -11,17 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.api import given_start, load_template
+from apf.api import load_template, read_given_start
 from apf.backend import check_renderer
 from apf.body import BodyModel, save_body
-from apf.cli.first_pose import check_start, naming_init, warn_of_doubts
+from apf.cli.first_pose import check_start, explain_failed_start, warn_of_doubts
 from apf.cli.keypoints.flags import read_keypoints
 from apf.cli.keypoints.triangulate import TRIANGULATE, run_triangulate
-from apf.cli.method_flags import METHOD_FLAGS, chosen_method
-from apf.cli.takes.corrected import CorrectedTrack, read_corrected, track_corrected
-from apf.cli.takes.job import TrackJob, chosen_seeds, take_names
+from apf.cli.method_flags import METHOD_FLAGS, select_method
+from apf.cli.takes.corrected import CorrectedTrack, read_corrections_flag, track_with_corrections
+from apf.cli.takes.job import TrackJob, list_seeds, take_names
 from apf.cli.takes.kept_parts import Keeper, remove_parts
-from apf.cli.takes.people import chosen_people, find_persons, write_together
+from apf.cli.takes.people import find_persons, read_people_flag, write_together
 from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport, was_interrupted
 from apf.evaluation.evaluate import evaluate, load_truth
 from apf.filters.method import Method
@@ -45,11 +45,11 @@ from apf.tracking.track import PARTS, PEOPLE, Track, spans
 from cl import Device, InputError, NumpyDevice, UserError, select_device
 from psfs.cli.commandline import progress_bar, stderr, stdout
 from psfs.cli.sequence_flags import (
-    chosen_frames,
+    collect_overrides,
     examine_footage,
     open_sequence,
-    selected_frames,
-    stated,
+    select_common_frames,
+    select_frames,
 )
 from psfs.cli.settings import refuse_unused, write_settings
 from psfs.common.outputs import OutputFolder, output_folder
@@ -67,16 +67,16 @@ def run(args: argparse.Namespace) -> None:
     if args.method == TRIANGULATE:
         run_triangulate(args, take_names([Path(folder) for folder in args.folders]))
         return
-    method = chosen_method(args)
-    chosen_seeds(args, method)
-    chosen_people(args, method)
+    method = select_method(args)
+    list_seeds(args, method)
+    read_people_flag(args, method)
     check_start(args)
     if args.at_once is not None and args.at_once < 1:
         raise InputError(f"--at-once is {args.at_once}; expected at least 1")
     if len(args.folders) == 1:
-        refuse_unused(args, ["at_once"], "is of several takes; expected more than one")
+        refuse_unused(args, ["at_once"], "applies only to several takes; expected more than one")
     if len(args.folders) > 1:
-        refuse_unused(args, ["corrections"], "is of one take; expected none with several")
+        refuse_unused(args, ["corrections"], "applies only to one take; expected none with several")
         _run_many(args, method)
         return
     device = select_device(args.device)
@@ -121,7 +121,7 @@ def track_one(
     job = TrackJob.from_arguments(args, device, folder=args.folders[0])
     with output_folder(args.output, args.parser.prog, job.inputs, RESULTS) as out:
         try:
-            everybody = _tracked_and_judged(out, job, line)
+            everybody = _track_and_judge(out, job, line)
         finally:
             before_words()
         for done in everybody:
@@ -155,10 +155,10 @@ def _run_many(args: argparse.Namespace, method: Method) -> None:
             closing(TakeLine(bar, name, check)) as line,
             output_folder(job.args.output, args.parser.prog, job.inputs, RESULTS) as out,
         ):
-            for done in _tracked_and_judged(out, job, line):
+            for done in _track_and_judge(out, job, line):
                 _raise_error(done.take, done.n_frames, done.folder)
                 spread = describe_spread(done.take)
-                report.tracked(name, done.take, done.n_frames, done.judgements, spread)
+                report.add_take(name, done.take, done.n_frames, done.judgements, spread)
                 if done.interrupted:
                     raise KeyboardInterrupt
 
@@ -172,7 +172,7 @@ def _run_many(args: argparse.Namespace, method: Method) -> None:
             outer.begin()  # remove the results of an earlier single take
             for number, outcome in outcomes:
                 if isinstance(outcome, UserError):
-                    report.failed(names[number], outcome)
+                    report.add_failure(names[number], outcome)
                 stderr.print(report.line(names[number]), soft_wrap=True)
                 bar.advance(overall)
     finally:
@@ -182,29 +182,29 @@ def _run_many(args: argparse.Namespace, method: Method) -> None:
         raise InputError(f"{len(report.errors)} of {len(names)} takes failed: {failed}")
 
 
-def _tracked_and_judged(out: OutputFolder, job: TrackJob, line: Line) -> list[FinishedTake]:
+def _track_and_judge(out: OutputFolder, job: TrackJob, line: Line) -> list[FinishedTake]:
     """Run all stages of a take and write its files: of the only person, or of each of several."""
-    args, opened = job.args, _opened(out, job)
-    first = chosen_frames(args, opened)[0]
-    given = given_start(opened.folder, first, args.body, args.init, args.convention)
-    corrected = read_corrected(args)
+    args, opened = job.args, _open_sequence(out, job)
+    first = select_frames(args, opened)[0]
+    given = read_given_start(opened.folder, first, args.body, args.init, args.convention)
+    corrected = read_corrections_flag(args)
     if job.method.uses_voxels:
         check_cameras(opened)
     # All files that flags name are read by now, before the diagnosis, which takes seconds.
     examination = _examine(job, opened)
     del opened  # free its frames: the examined sequence may have other cameras
     session = examination.session
-    line.n_frames = len(selected_frames(args, session.sequence))
+    line.n_frames = len(select_common_frames(args, session.sequence))
     if corrected is not None:
         line.n_frames = len(corrected.track)
-        return [_one_tracked(job, examination, None, line, corrected)]
+        return [_track_person(job, examination, None, line, corrected)]
     persons = find_persons(job, session, given, line) if line.n_frames else None
     if persons is None:
-        return [_one_tracked(job, examination, given, line)]
+        return [_track_person(job, examination, given, line)]
     done = []
     for own_job, own in persons.jobs(job):
         line.n_frames = len(own.frames)
-        done.append(_one_tracked(own_job, replace(examination, session=own), None, line))
+        done.append(_track_person(own_job, replace(examination, session=own), None, line))
         if done[-1].interrupted or done[-1].take.error is not None:
             break
     verdicts = [one.judgements[0].quality.verdict for one in done]
@@ -214,7 +214,7 @@ def _tracked_and_judged(out: OutputFolder, job: TrackJob, line: Line) -> list[Fi
     return done
 
 
-def _one_tracked(
+def _track_person(
     job: TrackJob,
     examination: Examination,
     given: tuple[BodyModel, np.ndarray] | None,
@@ -226,15 +226,15 @@ def _one_tracked(
     if job.method.uses_voxels and not job.args.no_report:
         keep_judged_frames(session)
     if corrected is not None:
-        take = track_corrected(job, session, corrected, line)
+        take = track_with_corrections(job, session, corrected, line)
     else:
-        take = _tracked(job, examination, given, line)
+        take = _track(job, examination, given, line)
     _write_tracks(job, take)
     judgements = finish_take(job, examination, take, line)
     return FinishedTake(take, judgements, line.n_frames, job.args.output)
 
 
-def _opened(out: OutputFolder, job: TrackJob) -> Sequence:
+def _open_sequence(out: OutputFolder, job: TrackJob) -> Sequence:
     """Return the take's sequence, which keeps its frames in memory if they fit."""
     if job.method.uses_images:
         job.method.image.mesh(load_template(job.args.body)[0])  # check the mesh files early
@@ -254,7 +254,7 @@ def _examine(job: TrackJob, opened: Sequence) -> Examination:
     return examine_footage(args, session, person=True)
 
 
-def _tracked(
+def _track(
     job: TrackJob, examination: Examination, given: tuple[BodyModel, np.ndarray] | None, line: Line
 ) -> Take:
     """Track a take."""
@@ -270,7 +270,7 @@ def _tracked(
         given=given,
         keypoints=read_keypoints(args, sequence, examination.diagnosis),
     )
-    with naming_init(sequence):
+    with explain_failed_start(sequence):
         take = track_take(session, settings, line, Keeper(job.folders))
     if take.start is not None:
         warn_of_doubts(sequence, take.start)
@@ -307,7 +307,7 @@ def finish_take(job: TrackJob, examination: Examination, take: Take, line: Line)
     warnings = [*getattr(args, "remarks", ()), *of_start]  # keypoints alone are not examined
     doubts = (*examination.remaining, *of_keypoints, *of_start)
     keypoints = getattr(args, "opened_keypoints", None)
-    sequence = sequence_facts(take.sequence, job.folders[0], stated(args), reasons)
+    sequence = sequence_facts(take.sequence, job.folders[0], collect_overrides(args), reasons)
     facts = run_facts(
         job.device, sequence, _config(args), (n_done, line.n_frames), warnings, take.seconds
     ) | dict(job.of_people)
@@ -372,7 +372,7 @@ def describe_spread(take: Take) -> list[str]:
     away = 1000 * np.linalg.norm(joints - joints.mean(0), axis=-1)
     lines = [f"{len(tracks)} runs: joints lie {away.mean():.1f} mm from the runs' mean"]
     path = take.sequence.folder / "truth.npz"
-    with suppress(InputError):  # there is none, or it is of several people
+    with suppress(InputError):  # there is none, or it applies only to several people
         truth = load_truth(path)
         errors = [1000 * evaluate(track, truth).mean_error for track in tracks]
         spread = f"{np.mean(errors):.1f} ± {np.std(errors, ddof=1):.1f} mm"

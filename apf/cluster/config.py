@@ -39,7 +39,7 @@ class WorkerConfig(Config):
     beside_gpu: float = setting(
         2.0,
         "Number of cores for each worker of a GPU.",
-        "what its take keeps busy, decoding and waiting",
+        "number of cores that one take keeps busy with decoding and waiting",
         above=0,
     )
     cores: int = setting(

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 from apf.cluster.workers import Share, make_setup_plugin
 from cl import InputError
 from psfs.common.files import read_json
-from psfs.common.schema import Table, checked
+from psfs.common.schema import Table, parse_values
 from psfs.common.system import is_alive
 from psfs.common.versions import versions
 
@@ -111,7 +111,7 @@ def connect_cluster(address: str, shared: Path, patience: float = 10.0) -> Itera
     where = address
     if Path(address).exists():
         what = "the file that a `dask scheduler` wrote"
-        where = checked(_SchedulerFile, read_json(Path(address), what), address).address
+        where = parse_values(_SchedulerFile, read_json(Path(address), what), address).address
     try:
         _check_answer(where, patience)
         client = distributed.Client(where, timeout=patience)

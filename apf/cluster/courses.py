@@ -12,7 +12,6 @@ from apf.cluster.pool import Pool, Task
 #: A generator of workflow steps: it yields tasks that may run in parallel, receives their results
 #: in that order, and returns the final result. If one of them fails, its exception is raised at the
 #: `yield`.
-#: Where one of them fails its exception is raised at the `yield`.
 Workflow = Generator[list[Task], list[Any], Any]
 
 
@@ -20,7 +19,7 @@ Workflow = Generator[list[Task], list[Any], Any]
 class _UnderWay:
     course: Workflow
     tasks: list[str] = field(default_factory=list)
-    outcomes: dict[str, Any] = field(default_factory=dict)
+    outcomes: dict[str, object] = field(default_factory=dict)
 
 
 def run_workflows(

@@ -7,7 +7,6 @@ import html
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 from apf.cluster.record import RECORD, TakeRecord
@@ -135,7 +134,7 @@ def _format_row(out: Path, row: TakeRow) -> str:
 
 
 def _format_cell(row: TakeRow, name: str) -> str:
-    value: Any = getattr(row, name)
+    value: object = getattr(row, name)
     text = "" if value is None else html.escape(str(value))
     style = "" if name in _TEXT else ' class="number"'
     if value and name in ("lost_frames", "limbs"):

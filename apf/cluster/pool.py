@@ -27,8 +27,8 @@ class Task:
     """
 
     name: str
-    work: Callable[..., Any]
-    arguments: tuple[Any, ...] = ()
+    work: Callable[..., object]
+    arguments: tuple[object, ...] = ()
 
 
 class Pool:
@@ -50,7 +50,7 @@ class Pool:
         """Add a task; also possible while iterating over `outcomes`."""
         self._waiting.append(task)
 
-    def outcomes(self, tasks: Iterable[Task] = ()) -> Generator[tuple[Task, Any], None, None]:
+    def outcomes(self, tasks: Iterable[Task] = ()) -> Generator[tuple[Task, object], None, None]:
         """Yield every task with its result, or its exception, as they finish.
 
         tasks: further ones, each requested when a worker is free. Closing the generator, or an

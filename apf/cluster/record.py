@@ -58,15 +58,15 @@ class TakeRecord:
     """
 
     version: str
-    settings: Mapping[str, Any]
+    settings: Mapping[str, object]
     inputs: Mapping[str, FileFacts]
     files: Mapping[str, FileFacts]
     outputs: Mapping[str, FileFacts] = field(default_factory=dict)
-    rows: tuple[Mapping[str, Any], ...] = ()
+    rows: tuple[Mapping[str, object], ...] = ()
 
     @classmethod
     def describe_take(
-        cls, folder: Path, settings: Mapping[str, Any], known: TakeRecord | None = None
+        cls, folder: Path, settings: Mapping[str, object], known: TakeRecord | None = None
     ) -> TakeRecord:
         """Describe a take that is to be tracked.
 
@@ -141,14 +141,14 @@ def _contents(facts: Mapping[str, FileFacts]) -> dict[str, tuple[int, str]]:
     return {name: fact.content for name, fact in facts.items()}
 
 
-def _to_json_types(value: Any) -> Any:
+def _to_json_types(value: object) -> Any:
     """Convert a flag's value to JSON types, as they are read back."""
     if isinstance(value, slice):
         return [value.start, value.stop, value.step]
     return json.loads(json.dumps(value, default=str))
 
 
-def _named_files(value: Any) -> Iterable[Path]:
+def _named_files(value: object) -> Iterable[Path]:
     """Yield the file that a setting names; text without a folder or an ending is not a path."""
     if isinstance(value, str) and ("/" in value or "." in value) and Path(value).is_file():
         yield Path(value)

@@ -99,7 +99,9 @@ class TaskProgress:
             get_worker().log_event(self._batch, asdict(message))
 
 
-def run_task(name: str, batch: str, work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+def run_task(
+    name: str, batch: str, work: Callable[..., object], arguments: tuple[object, ...]
+) -> Any:
     """Run a task on a worker.
 
     Raises what it raises, but TaskStopped instead of KeyboardInterrupt, which would end the worker.

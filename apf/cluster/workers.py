@@ -129,7 +129,7 @@ def make_setup_plugin(embedded: bool) -> Any:
     class TakeWorker(WorkerPlugin):
         name = "apf-take-worker"
 
-        def setup(self, worker: Any) -> None:
+        def setup(self, worker: object) -> None:
             set_up_worker(ignore_interrupts=embedded)
 
     return TakeWorker()

@@ -183,7 +183,7 @@ def mean_error(errors: Sequence[AngleError]) -> tuple[float, float]:
     return float(rms), float(free)
 
 
-def summarise_angles(errors: Sequence[AngleError]) -> dict[str, Any]:
+def summarise_angles(errors: Sequence[AngleError]) -> dict[str, object]:
     """Return the figures for JSON; empty without errors."""
     if not errors:
         return {}

@@ -21,6 +21,7 @@ from apf.tracking.uncertainty import is_inside_ellipsoid
 from cl import InputError
 from psfs.common.files import open_text, write_json
 from psfs.common.npz import Values, get_scalar, read_npz
+from psfs.common.numbers import json_number
 
 #: A joint farther than this from the truth, m, counts as lost in that frame.
 LOST_JOINT = 0.150
@@ -157,7 +158,7 @@ class Evaluation:
         }
         return [
             {"joint": name}
-            | {key: _millimetres(column[j]) for key, column in columns.items()}
+            | {key: json_number(1000 * column[j], 2) for key, column in columns.items()}
             | {"inside_95": _mean_share(self.inside[:, j])}
             for j, name in enumerate(self.joint_names)
         ]
@@ -166,20 +167,20 @@ class Evaluation:
         """Return all figures, ready for JSON; errors in mm, None where not known."""
         constant, rest = self.constant_and_rest
         return {
-            "mean_error_mm": _millimetres(self.mean_error),
-            "median_error_mm": _millimetres(np.nanmedian(self.errors)),
-            "max_error_mm": _millimetres(np.nanmax(self.errors)),
-            "constant_mm": _millimetres(constant.mean()),
-            "rest_mm": _millimetres(rest.mean()),
+            "mean_error_mm": json_number(1000 * self.mean_error, 2),
+            "median_error_mm": json_number(1000 * np.nanmedian(self.errors), 2),
+            "max_error_mm": json_number(1000 * np.nanmax(self.errors), 2),
+            "constant_mm": json_number(1000 * constant.mean(), 2),
+            "rest_mm": json_number(1000 * rest.mean(), 2),
             "lost_joint_share": round(self.lost_share, 5),
             "lost_limbs": [limb for limb, lost in self.lost_limbs.items() if lost],
             "limbs_said_to_be_lost": {
                 n: round(share, 5) for n, share in self.predicted_lost_fraction.items()
             },
-            "limbs_beyond_200_mm_flagged": _rounded(self.flags.found),
-            "limbs_within_150_mm_flagged": _rounded(self.flags.falsely),
+            "limbs_beyond_200_mm_flagged": json_number(self.flags.found),
+            "limbs_within_150_mm_flagged": json_number(self.flags.falsely),
             "inside_95": _mean_share(self.inside),
-            "inside_95_unflagged": _rounded(self.inside_unflagged),
+            "inside_95_unflagged": json_number(self.inside_unflagged),
             "lost_frames": self.frames[self.lost].tolist(),
             "n_frames": len(self.frames),
             "n_joints": len(self.joint_names),
@@ -249,7 +250,7 @@ def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
     frames, rows, true_rows = common_frames(track, truth)
     columns = [EVALUATED_JOINTS.index(name) for name in names]
     offsets = ours[rows][:, columns] - true[true_rows][:, columns]
-    stated = _stated(track, tuple(names))[rows]
+    stated = _reported_covariance(track, tuple(names))[rows]
     axes = _body_frames(true[true_rows])
     common = frames, rows
     found = evaluate_points(track, truth, common, tuple(names), offsets, axes, covariance=stated)
@@ -305,7 +306,7 @@ def evaluate_points(
         offsets=offsets[compared][:, with_truth],
         body_frames=axes[compared] if axes.ndim == 3 else axes[compared][:, with_truth],
         covariance=covariance[compared][:, with_truth],
-        lost=_lost(track)[rows][compared],
+        lost=_lost_frames(track)[rows][compared],
         unmatched_track=(),
         unmatched_truth=(),
         n_ignored=int(missing.sum()),
@@ -315,7 +316,7 @@ def evaluate_points(
     )
 
 
-def _stated(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
+def _reported_covariance(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
     """Return the covariance (F, J, 3, 3), m^2, that the track reports for these joints."""
     columns = match_joints(track.joint_names)
     found = np.full((len(track.frames), len(names), 3, 3), np.nan)
@@ -326,7 +327,7 @@ def _stated(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
     return found
 
 
-def _lost(track: Track | JointSeries) -> np.ndarray:
+def _lost_frames(track: Track | JointSeries) -> np.ndarray:
     """Return the frames (F,) that the track reports as lost."""
     return track.lost if isinstance(track, Track) else np.zeros(len(track.frames), bool)
 
@@ -374,11 +375,3 @@ def _span(frames: np.ndarray) -> str:
 def _mean_share(values: np.ndarray) -> float | None:
     known = values[np.isfinite(values)]
     return round(float(known.mean()), 4) if known.size else None
-
-
-def _rounded(share: float) -> float | None:
-    return round(share, 5) if np.isfinite(share) else None
-
-
-def _millimetres(metres: float) -> float | None:
-    return round(1000 * float(metres), 2) if np.isfinite(metres) else None

@@ -9,7 +9,7 @@ import numpy as np
 
 from apf.body.model import find_side, sideless
 from apf.evaluation.evaluate import LOST_JOINT, Evaluation
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,7 +46,7 @@ def write_plot(path: str | Path, evaluation: Evaluation, title: str = "") -> Non
         _plot_joints(per_joint, evaluation)
         if title:
             figure.suptitle(title, x=0.012, ha="left", fontsize=12.5, fontweight="bold")
-        with written_whole(path) as temporary:
+        with write_atomically(path) as temporary:
             figure.savefig(temporary, dpi=130)
 
 

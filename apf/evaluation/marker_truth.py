@@ -15,15 +15,14 @@ from apf.formats.trc import JointSeries
 from apf.keypoints.landmarks import Landmark, locate_points, parse_landmarks
 from apf.tracking.track import Track
 from cl import InputError
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.common.ranges import check_number
 from psfs.common.toml import read_toml
 
 
 @dataclass(frozen=True, eq=False)
 class MarkerSet:
-    """Points of the body that carry markers. stature: m, of the person whose offsets the set
-    holds."""
+    """Points of the body with markers. stature: m, of the person that the offsets refer to."""
 
     name: str
     markers: tuple[Landmark, ...]
@@ -35,12 +34,12 @@ def load_markers(source: str | Path) -> MarkerSet:
     keys are those of `landmarks.toml`, and optionally `stature`. Raises InputError."""
     path = FOLDER / f"{source}.toml" if str(source) in SHIPPED else Path(source)
     if path.suffix.lower() != ".toml":
-        raise InputError(f"markers {source}: expected a TOML file or one of {listed(SHIPPED)}")
+        raise InputError(f"markers {source}: expected a TOML file or one of {join_names(SHIPPED)}")
     values = read_toml(path)
     stature = values.pop("stature", 1.75)
     entries = values.pop("marker", [])
     if values or not isinstance(entries, list) or not isinstance(stature, int | float):
-        found = listed(values) if values else "another kind of value"
+        found = join_names(values) if values else "another kind of value"
         raise InputError(f"{path}: {found}; expected [[marker]] tables, and perhaps stature, m")
     check_number(f"{path}: stature, m,", float(stature), 0.3, 3)
     # The spread of a marker is not needed here, because nothing is fitted to it.
@@ -61,9 +60,9 @@ def evaluate_markers(track: Track, markers: MarkerSet, truth: JointSeries) -> Ev
     try:
         points = locate_points(body, labels, markers.markers, markers.stature)
     except InputError:
-        wanted = listed(marker.name for marker in markers.markers)
+        wanted = join_names(marker.name for marker in markers.markers)
         raise InputError(
-            f"no marker in common: the truth has {listed(truth.joint_names)}; the set "
+            f"no marker in common: the truth has {join_names(truth.joint_names)}; the set "
             f"{markers.name} has {wanted} on joints that {body.name} may lack"
         ) from None
     rotations, origins = bone_matrices(body, track.poses)

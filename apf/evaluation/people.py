@@ -166,7 +166,7 @@ def evaluate_people(tracks: PeopleTracks, truth: dict[str, JointSeries]) -> Peop
     rows, columns = linear_sum_assignment(-votes)
     chosen[rows] = np.where(votes[rows, columns] > 0, columns, -1)
     errors = tuple(
-        None if k < 0 else evaluate(tracks.seen_part(int(k)), series)
+        None if k < 0 else evaluate(tracks.select_seen(int(k)), series)
         for k, series in zip(chosen, truth.values(), strict=True)
     )
     return PeopleEvaluation(

@@ -177,7 +177,7 @@ class DeviceTracker(Tracker):
             show = self.likelihood.prepare(observation)
             with self.device.enqueue_on(queue) as own:
                 show()
-                self.device.hold_up(own)  # the next observation overwrites this one
+                self.device.make_wait(own)  # the next observation overwrites this one
                 following = self._begin_search()
             self._streaming = queue
             if under_way is not None:

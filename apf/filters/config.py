@@ -56,7 +56,7 @@ class SearchConfig(Config):
     last_survival: float = setting(
         0.05,
         "The same share of the last layer; linear in between.",
-        "by hand: the mean is of the best particles",
+        "by hand: the mean is that of the best particles",
         above=0,
         below=1,
     )
@@ -322,7 +322,7 @@ class FilterConfig(Config):
             for of in parts:
                 table = table.setdefault(of, {})
             table[last] = value
-        return self.overlaid(values)
+        return self.overlay(values)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -343,7 +343,7 @@ class FilterConfig(Config):
         """Whether the limb search runs before an estimate is final."""
         return self.limb_search.reach > 0 and self.refinement.steps > 0
 
-    def at_rate(self, fps: float) -> FilterConfig:
+    def scale_to_rate(self, fps: float) -> FilterConfig:
         """Return the settings for `fps` frames/s: deviations that are stated for 60 frames/s grow
         with the time between frames."""
         longer, settings = SIGMA_FPS / fps, self.settings

@@ -97,10 +97,10 @@ class Method(Config):
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], where: str = "") -> Method:
         """Return the method that `to_dict` wrote as `values`; missing settings get the defaults of
-        the search. For arguments and errors see `overlaid`."""
+        the search. For arguments and errors see `overlay`."""
         search = values.get("search", "")
         base = cls.create(search) if search in SEARCHES else cls()
-        return base.overlaid(values, where)
+        return base.overlay(values, where)
 
     @property
     def uses_voxels(self) -> bool:

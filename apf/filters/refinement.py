@@ -112,7 +112,7 @@ class Refinement:
     ) -> list[Launch]:
         """Return the launches that step from `poses` to the next ones and build the linear system
         there."""
-        taken = self._taken(results, poses, step) | {
+        taken = self._step_arguments(results, poses, step) | {
             "first": step == 0,
             "limits": self._limits,
             "next": self._poses[step % 2],
@@ -138,7 +138,7 @@ class Refinement:
             "refine_end",
             (self._defines["GROUP"] * self.n_poses,),
             n_parts=self._n_parts,
-            **self._taken(results, poses, step),
+            **self._step_arguments(results, poses, step),
             information=self.information,
         )
 
@@ -168,7 +168,7 @@ class Refinement:
         strength = self.config.strength / max(1, self._n_points)
         return strength, strength / self.config.scale**2
 
-    def _taken(self, results: Array, poses: Array, step: int) -> dict[str, Argument]:
+    def _step_arguments(self, results: Array, poses: Array, step: int) -> dict[str, Argument]:
         """Return the kernels' arguments for a step, by name."""
         strength, weight = self._voxel_weights
         return {

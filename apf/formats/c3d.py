@@ -19,7 +19,7 @@ import numpy as np
 
 from apf.formats.trc import CONVENTIONS, METRES, JointSeries
 from cl import InputError
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 from psfs.common.reading import open_input, parsing
 
 #: The format's header counts frames in 16 bits; ezc3d drops those that follow.
@@ -127,7 +127,7 @@ def write_c3d(path: str | Path, series: JointSeries, events: Sequence[C3dEvent] 
     _add_events(file, events)
     file["data"]["points"] = points
     file["data"]["meta_points"]["residuals"] = residuals
-    with written_whole(path) as temporary, TemporaryDirectory() as folder:
+    with write_atomically(path) as temporary, TemporaryDirectory() as folder:
         plain = Path(folder) / "motion.c3d"  # ezc3d accepts only paths in UTF-8
         file.write(str(plain))
         shutil.copyfile(plain, temporary)

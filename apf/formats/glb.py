@@ -18,7 +18,7 @@ from apf.body.model import find_side
 from apf.formats.bvh import is_translating
 from apf.formats.motion import BodyMotion
 from apf.formats.skeleton import Skeleton, build_skeleton
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 
 #: Colours of the left side, the right side and the rest, linear RGBA.
 _COLOURS = {
@@ -45,7 +45,7 @@ def write_glb(path: str | Path, motion: BodyMotion) -> None:
     _add_mesh(file, skeleton, bones, mesh)
     if len(motion.poses):
         _add_animation(file, skeleton, motion)
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         temporary.write_bytes(file.content())
 
 

@@ -170,20 +170,22 @@ class FeatureConfig(Config):
     )
     cell_pixels: int = setting(
         16,
-        "Number of pixels of silhouette that a cell holds to count; at most `cell` squared.",
+        "Least number of silhouette pixels in a cell of the region; at most `cell` squared.",
         "by hand: specks of noise are smaller",
         "px",
         least=1,
     )
     blobs: int = setting(
         0,
-        "Number of the largest connected parts of the silhouette that make the region, four in "
-        "Rymut 2016, 5.5; 0 for all that are no specks.",
-        "by hand: what is carved into more pieces keeps its hands",
+        "Number of largest connected parts of the silhouette that make up the region; four in "
+        "Rymut 2016, 5.5; 0 for all parts except specks.",
+        "by hand: a silhouette in more pieces keeps its hands",
         least=0,
         most=100,
     )
-    proximity: ProximityConfig = part(ProximityConfig, "How near to an edge is near.")
+    proximity: ProximityConfig = part(
+        ProximityConfig, "Conversion of the distance to the nearest edge into a proximity."
+    )
 
     @model_validator(mode="after")
     def _fit(self) -> FeatureConfig:

@@ -55,7 +55,6 @@ class ImageObjective(Likelihood):
         return self._renderer.counts
 
     def observe(self, observation: FeatureMaps[Array]) -> None:
-        """Enqueue the preparation of a frame's features."""
         arrays = (observation.maps, observation.roi)
         if not self._observed or any(
             new is not old for new, old in zip(arrays, self._observed, strict=True)
@@ -66,7 +65,6 @@ class ImageObjective(Likelihood):
             launch()
 
     def launcher(self, poses: Array) -> list[Launch]:
-        """Return the launches that score `poses` (N, D) float32 into `errors`."""
         config, n = self.config, self.n_hypotheses
         weights = (config.balance, config.silhouette_weight, config.edge_weight, 0.0)
         score = self.device.launch(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -19,12 +18,13 @@ from apf.initialisation.pose_search import PoseSearch, SearchTask
 from apf.initialisation.shape_fit import Cloud, find_unfolded, fit_shape
 from apf.initialisation.shape_model import ShapeModel
 from apf.initialisation.start import Start, StartError, check_startable
+from apf.likelihood.observations import AnyVoxels
 from apf.scene import Scene
 
 
 def find_start(
     scene: Scene,
-    voxels: Sequence[Any],
+    voxels: Sequence[AnyVoxels],
     noise: float,
     *,
     height: float | None = None,
@@ -85,8 +85,8 @@ def _build_start(
 
 
 def _select_observations(
-    scene: Scene, voxels: Sequence[Any], every: int, config: StartConfig
-) -> tuple[Sequence[Any], list[Cloud]]:
+    scene: Scene, voxels: Sequence[AnyVoxels], every: int, config: StartConfig
+) -> tuple[Sequence[AnyVoxels], list[Cloud]]:
     """Return the voxels for the trackers, up to the frame in which the person leaves, and the
     person's points in every `every`-th of them; both restricted to the part of the person that the
     scene's body models."""
@@ -126,7 +126,7 @@ class _Fitting:
     def __init__(
         self,
         search: PoseSearch,
-        voxels: Sequence[Any],
+        voxels: Sequence[AnyVoxels],
         every: int,
         clouds: Sequence[Cloud],
         tracking: FilterConfig,
@@ -139,12 +139,12 @@ class _Fitting:
     def limbs(self, hypothesis: Hypothesis, anchor: int) -> Hypothesis:
         """Return the hypothesis with its limbs searched for in frame `anchor`."""
         self._progress()
-        return self.search.with_limbs(self.fitted[anchor], self.clouds[anchor], hypothesis)
+        return self.search.search_limbs(self.fitted[anchor], self.clouds[anchor], hypothesis)
 
     def __call__(self, found: Hypothesis, anchor: int) -> Fit:
         search = self.search
         poses = self._track_both_ways(search.model.body(found.shape), found.pose, anchor)
-        return self._near(*self._fit_shape(found.shape, poses))
+        return self._search_near(*self._fit_shape(found.shape, poses))
 
     def _fit_shape(self, shape: np.ndarray, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the shape, fitted to the frames in which the body is unfolded, and all poses
@@ -161,12 +161,12 @@ class _Fitting:
                 )  # fmt: skip
         return shape, poses
 
-    def _near(self, shape: np.ndarray, poses: np.ndarray) -> Fit:
+    def _search_near(self, shape: np.ndarray, poses: np.ndarray) -> Fit:
         """Return poses near these, and their costs."""
         search, found = self.search, []
         for pose, voxels, cloud in zip(poses, self.fitted, self.clouds, strict=True):
             self._progress()
-            found.append(search.near(voxels, cloud, shape, pose))
+            found.append(search.search_near(voxels, cloud, shape, pose))
         found_poses = np.array([h.pose for h in found])
         ahead = search.walking_factor(search.model.body(shape), found_poses)
         return Fit(found, float(np.mean([h.cost for h in found])) * ahead)
@@ -211,7 +211,7 @@ def run_attempt(fitting: _Fitting) -> Attempt:
     return Attempt(min(again, fits[0], key=lambda fit: fit.cost), rival)
 
 
-def _find_people(voxels: Sequence[Any], config: StartConfig) -> list[np.ndarray]:
+def _find_people(voxels: Sequence[AnyVoxels], config: StartConfig) -> list[np.ndarray]:
     """Return the person's points (N, 3) m in each frame, up to the first frame without a person.
     Raises StartError if that is the first one."""
     least = config.frames.min_voxels
@@ -227,7 +227,7 @@ def _find_people(voxels: Sequence[Any], config: StartConfig) -> list[np.ndarray]
 
 
 def _find_best_frame(
-    search: PoseSearch, voxels: Sequence[Any], clouds: Sequence[Cloud]
+    search: PoseSearch, voxels: Sequence[AnyVoxels], clouds: Sequence[Cloud]
 ) -> tuple[int, list[Hypothesis]]:
     """Return the frame in which the search fits best, and its hypotheses."""
     n_searched = search.config.frames.n_searched

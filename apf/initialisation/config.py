@@ -157,10 +157,14 @@ class CostConfig(Config):
     bend: float = setting(
         0.003, "Unexplained share that counts as much as one joint bent by `bend_range`.", least=0
     )
-    bend_range: float = setting(0.25, "Share of an axis's range.", above=0)
+    bend_range: float = setting(
+        0.25,
+        "Deviation from rest, as a share of the range of an axis, that `bend` refers to.",
+        above=0,
+    )
     overlap: float = setting(
         0.1,
-        "Unexplained share that counts as much as parts that lie wholly inside each other.",
+        "Unexplained share that counts as much as two parts of which one lies inside the other.",
         least=0,
     )
 
@@ -338,7 +342,7 @@ class StartConfig(Config):
             contour_weight=4.0,
             part_colour_weight=0.0,  # the colours of the parts are not estimated yet
         ),
-        description="Search and likelihood. Hulls of few cameras are thicker than the person, and "
-        "a body turned or bent wrongly fills them as well; what it covers in the pictures, and "
-        "their edges, tell more than in tracking.",
+        description="Search and likelihood. A visual hull of few cameras is thicker than the "
+        "person, so that a wrongly turned or bent body fills it as well. Silhouettes and edges "
+        "therefore have more weight than in tracking.",
     )

@@ -15,7 +15,7 @@ from apf.body.toml import TALLEST
 from apf.formats.pose import FARTHEST
 from apf.initialisation.fit_config import JointFitConfig
 from cl import InputError
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 
 #: Step of the forward differences, rad, m or log of a scale: about the square root of float64's
 #: resolution.
@@ -131,7 +131,7 @@ def _select_given_joints(
     names = [n for n in body.joint_names if n in joints and np.isfinite(joints[n]).all()]
     if len(names) < least:
         raise InputError(
-            f"{len(names)} known joints to start from ({listed(names)}); "
+            f"{len(names)} known joints to start from ({join_names(names)}); "
             f"expected at least {least} of: {', '.join(body.joint_names)}"
         )
     return names

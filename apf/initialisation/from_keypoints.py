@@ -18,6 +18,7 @@ from apf.keypoints.triangulation import triangulate
 from apf.likelihood.keypoint_model import KeypointModel
 from apf.likelihood.observations import PointObservations
 from psfs.cameras.camera import CameraRig
+from psfs.common.numbers import pick_evenly
 
 #: Median length of a 2-D vector with independent standard normal coordinates (Rayleigh).
 _RAYLEIGH = 1.1774
@@ -78,15 +79,15 @@ def start_from_keypoints(
             f"no frame has {config.least_points} keypoints that two cameras see at one place; "
             "expected a person there, and the cameras' calibration to be that of the keypoints"
         )
-    chosen = enough[_space_evenly(len(enough), config.n_frames)]
+    chosen = enough[pick_evenly(len(enough), config.n_frames)]
     seen, found = seen[:, chosen], found[chosen]
     seen = correct_swapped_sides(rig, seen, found, points, config.outlier * pixel)
     views = _make_views(seen, found, points, config.error * pixel)
     fitter = PointFitter(template, rig, views, config.fit, keep_shape)
-    fit = fitter.refined(fitter.begun())
+    fit = fitter.refine(fitter.start_fit())
     views, model = _calibrate_errors(fitter, fit, seen, points, config, pixel)
     fitter = PointFitter(template, rig, views, config.fit, keep_shape)
-    fit = fitter.refined(fitter.refit_suspect_frames(fit))
+    fit = fitter.refine(fitter.refit_suspect_frames(fit))
     if height is not None and not keep_shape:
         fit, fitter = _scale_to_height(fitter, fit, height, rig)
     views, model = _calibrate_errors(fitter, fit, seen, points, config, pixel)
@@ -124,10 +125,10 @@ def fit_pose_to_points(
         np.nan_to_num(seen[..., :2]), inverse, found,
     )  # fmt: skip
     fitter = PointFitter(body, rig, views, config.fit, keep_shape=True)
-    near = fitter.begun()
+    near = fitter.start_fit()
     tried = [
-        fitter.refined(fitter.fit_to_triangulated(replace(near, poses=poses)), poses_alone=True)
-        for poses in (near.poses, fitter.turned(near.poses))
+        fitter.refine(fitter.fit_to_triangulated(replace(near, poses=poses)), poses_alone=True)
+        for poses in (near.poses, fitter.turn_around(near.poses))
     ]
     pose: np.ndarray = min(tried, key=lambda fit: float(fitter.missed_share(fit)[0])).poses[0]
     return pose
@@ -162,11 +163,6 @@ def _choose_anchor(fitter: PointFitter, fit: PointFit) -> int:
     sound = missed <= fitter.config.suspect * np.median(missed)
     sound &= seen >= 0.75 * np.median(seen)
     return int(np.argmax(sound)) if sound.any() else int(np.argmin(missed))
-
-
-def _space_evenly(n: int, most: int) -> np.ndarray:
-    """Return at most `most` of n indices, evenly spaced, with the first among them."""
-    return np.unique(np.round(np.linspace(0, n - 1, min(n, most))).astype(int))
 
 
 def _make_views(
@@ -237,4 +233,4 @@ def _scale_to_height(
     """Return the fit with the body scaled to a known stature, and the rest fitted to that body."""
     factor = np.log(height / stature(fitter.body(fit.log_lengths)))
     fitter = PointFitter(fitter.template, rig, fitter.views, fitter.config, keep_shape=True)
-    return fitter.refined(replace(fit, log_lengths=fit.log_lengths + factor)), fitter
+    return fitter.refine(replace(fit, log_lengths=fit.log_lengths + factor)), fitter

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from apf.initialisation.config import FrameChoice
+from apf.likelihood.observations import AnyVoxels
 from cl import Array, Device, Launch, NumpyDevice
 from cl.staging import Upload
 from psfs.common.regions import bounding_box, find_connected_regions
@@ -47,9 +48,7 @@ class StoredVoxels:
         return self._cloud
 
 
-def store_voxels(
-    device: Device | NumpyDevice, voxels: Voxels | HostVoxels
-) -> StoredVoxels | HostVoxels:
+def store_voxels(device: Device | NumpyDevice, voxels: AnyVoxels) -> StoredVoxels | HostVoxels:
     """Return a copy of `voxels` that stays valid when their reconstructor goes on to the next
     frame."""
     if isinstance(device, NumpyDevice):
@@ -180,12 +179,12 @@ class RestoredVoxels:
 
 
 def cut_by_height(
-    device: Device | NumpyDevice, voxels: StoredVoxels | HostVoxels, low: float, high: float
+    device: Device | NumpyDevice, voxels: AnyVoxels, low: float, high: float
 ) -> StoredVoxels | HostVoxels:
     """Return the surface voxels with z between `low` and `high`, m."""
     cloud = voxels.cloud()
     kept = (cloud.centres[:, 2] >= low) & (cloud.centres[:, 2] <= high)
-    if not isinstance(voxels, StoredVoxels):
+    if isinstance(voxels, HostVoxels):
         return replace(voxels, surface=voxels.surface[kept])
     assert isinstance(device, Device)
     parts = replace(cloud, indices=cloud.indices[kept], probability=cloud.probability[kept])

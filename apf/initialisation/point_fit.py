@@ -43,7 +43,7 @@ class PointViews:
     inverse_scale: np.ndarray
     triangulated: np.ndarray
 
-    def of_frames(self, chosen: np.ndarray) -> PointViews:
+    def select_frames(self, chosen: np.ndarray) -> PointViews:
         """Return the views of the frames numbered `chosen`."""
         return replace(
             self, pixels=self.pixels[:, chosen], inverse_scale=self.inverse_scale[:, chosen],
@@ -115,11 +115,11 @@ class PointFitter:
 
     def residuals(self, fit: PointFit) -> np.ndarray:
         """Return the reprojection residuals (V, M, P, 2), px."""
-        pixels, _ = self._projected(self.points(fit.log_lengths, fit.offset, fit.poses))
+        pixels, _ = self._project(self.points(fit.log_lengths, fit.offset, fit.poses))
         difference: np.ndarray = pixels - self.views.pixels
         return difference
 
-    def begun(self) -> PointFit:
+    def start_fit(self) -> PointFit:
         """Return the initial fit: a body of about the right size, and its poses at the triangulated
         points."""
         size = 0.0 if self.keep_shape else self._first_size()
@@ -129,7 +129,7 @@ class PointFitter:
             PointFit(lengths, offset, self._first_poses(lengths, offset))
         )
 
-    def refined(self, fit: PointFit, poses_alone: bool = False) -> PointFit:
+    def refine(self, fit: PointFit, poses_alone: bool = False) -> PointFit:
         """Return the fit after Gauss-Newton steps on the reprojection error; over the poses alone
         if `poses_alone`."""
         config = self.config
@@ -146,16 +146,20 @@ class PointFitter:
         if not suspect.size or not sound.size:
             return fit
         part = PointFitter(
-            self.template, self._rig, self.views.of_frames(suspect), self.config, self.keep_shape
+            self.template,
+            self._rig,
+            self.views.select_frames(suspect),
+            self.config,
+            self.keep_shape,
         )
         after = sound[np.minimum(np.searchsorted(sound, suspect), len(sound) - 1)]
         before = sound[np.maximum(np.searchsorted(sound, suspect) - 1, 0)]
         best = replace(fit, poses=fit.poses[suspect])
         least = missed[suspect]
-        for poses in (fit.poses[before], fit.poses[after], self.turned(best.poses)):
+        for poses in (fit.poses[before], fit.poses[after], self.turn_around(best.poses)):
             for near in (True, False):
                 tried = replace(fit, poses=poses)
-                tried = part.refined(
+                tried = part.refine(
                     part.fit_to_triangulated(tried) if near else tried, poses_alone=True
                 )
                 cost = part.missed_share(tried)
@@ -175,7 +179,7 @@ class PointFitter:
         mean: np.ndarray = share.sum((0, 2)) / seen
         return mean
 
-    def turned(self, poses: np.ndarray) -> np.ndarray:
+    def turn_around(self, poses: np.ndarray) -> np.ndarray:
         """Return poses (M, D) with the root turned by half a turn."""
         out = poses.copy()
         for axis in self.template.bones[0].axes:
@@ -190,7 +194,7 @@ class PointFitter:
         damping = np.full(len(poses), 1e-2)
         gap, cost = self._gaps(fit, poses)
         for _ in range(config.n_near_steps):
-            weight = self._near_weights(gap)
+            weight = self._gap_weights(gap)
             by_pose = bone_point_jacobian(
                 self.body(fit.log_lengths), poses, self.views.bone,
                 self.points(fit.log_lengths, fit.offset, poses),
@@ -271,12 +275,12 @@ class PointFitter:
         away = poses - self.template.rest_pose
         return gap, cost + np.sum(self._pose_prior * away**2, 1)
 
-    def _near_weights(self, gap: np.ndarray) -> np.ndarray:
+    def _gap_weights(self, gap: np.ndarray) -> np.ndarray:
         square = np.sum(gap**2, -1) / self.config.stray**2
         known = np.isfinite(self.views.triangulated).all(-1)
         return np.where(known, self.config.noise**-2 / (1 + square) ** 2, 0.0)
 
-    def _projected(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Project points (M, P, 3) m. Return pixels (V, M, P, 2) and their derivatives (V, M, P, 2,
         3)."""
         seen = np.einsum("vij,mpj->vmpi", self._R, points) + self._t[:, None, None]
@@ -293,7 +297,7 @@ class PointFitter:
         which the weight of a point falls to a quarter."""
         views, config = self.views, self.config
         points = self.points(fit.log_lengths, fit.offset, fit.poses)
-        pixels, slopes = self._projected(points)
+        pixels, slopes = self._project(points)
         seen = views.inverse_scale > 0
         off = np.where(seen[..., None], pixels - views.pixels, 0.0)
         scaled = np.sum(off**2, -1) * views.inverse_scale**2
@@ -312,7 +316,7 @@ class PointFitter:
         if poses_alone:
             moved = fit.poses - np.linalg.solve(own, gradient[..., None])[..., 0]
             return replace(fit, poses=np.clip(moved, self.template.lower, self.template.upper))
-        shared = self._by_shared(fit, points)
+        shared = self._shared_derivatives(fit, points)
         shared_rows, shared_weighted = _rows(shared), _rows(shared @ matrix)
         mixed = weighted @ shared_rows.swapaxes(1, 2)
         solved = np.linalg.solve(own, np.concatenate([mixed, gradient[..., None]], 2))
@@ -331,7 +335,7 @@ class PointFitter:
             np.clip(moved, self.template.lower, self.template.upper),
         )
 
-    def _by_shared(self, fit: PointFit, points: np.ndarray) -> np.ndarray:
+    def _shared_derivatives(self, fit: PointFit, points: np.ndarray) -> np.ndarray:
         """Return the derivatives (M, P, S, 3) of the points with respect to the logs of lengths,
         then the coordinates of positions."""
         views, n = self.views, len(self.groups)
@@ -369,7 +373,7 @@ def _rows(slopes: np.ndarray) -> np.ndarray:
 
 def _heading(points: np.ndarray, turned: np.ndarray) -> float:
     """Return the angle, rad, of the rotation about z that best maps points (K, 3) to the points
-    `turned` (K, 3)."""
+    `turn_around` (K, 3)."""
     a, b = (p[:, :2] - p[:, :2].mean(0) for p in (points, turned))
     return float(np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b)))
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from apf.body.limbs import swinging_bones
 from apf.body.model import BodyModel
 from apf.body.stature import stature
+from apf.filters.base import Tracker
 from apf.initialisation.config import StartConfig
 from apf.initialisation.hypotheses import (
     Hypothesis,
@@ -23,6 +23,7 @@ from apf.initialisation.hypotheses import (
 from apf.initialisation.shape_fit import Cloud, fit_shape
 from apf.initialisation.shape_model import ShapeModel
 from apf.initialisation.trackers import Trackers
+from apf.likelihood.observations import AnyVoxels
 from apf.scene import Scene
 
 
@@ -55,7 +56,7 @@ class PoseSearch:
         )  # fmt: skip
         self._near: tuple[np.ndarray, BodyModel] | None = None  # the last shape and its body
 
-    def __call__(self, voxels: Any, cloud: Cloud) -> list[Hypothesis]:
+    def __call__(self, voxels: AnyVoxels, cloud: Cloud) -> list[Hypothesis]:
         """Return the best hypotheses with different headings, best first.
 
         voxels: the observation for a tracker. cloud: the person's points in them.
@@ -79,10 +80,10 @@ class PoseSearch:
         ]
         return self.distinct([self._penalise_backwards(h) for h in kept], headings.n_kept)
 
-    def with_limbs(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
+    def search_limbs(self, voxels: AnyVoxels, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
         """Search again for one limb after the other, anywhere within its limits."""
         body = self.model.body(hypothesis.shape)
-        best = self.near(voxels, cloud, hypothesis.shape, hypothesis.pose)
+        best = self.search_near(voxels, cloud, hypothesis.shape, hypothesis.pose)
         for limb in swinging_bones(body):
             loose = search_body(body, limb, self.config.spread)
             # The tracker's own limb search would try the same starts.
@@ -90,14 +91,16 @@ class PoseSearch:
                 loose, self.config.search.n_particles_limb, limb_search_reach=0.0
             )
             found = [
-                self.near(voxels, cloud, best.shape, _run_search(tracker, start, voxels)[0])
+                self.search_near(voxels, cloud, best.shape, _run_search(tracker, start, voxels)[0])
                 for start in self._limb_starts(best.pose, loose.sigma > 0)
             ]
             # A limb in the air costs little in the images; the voxels show better where it is.
             best = min([best, *found], key=lambda h: h.cost * h.registration_error)
         return self._fit_size(voxels, cloud, best)
 
-    def near(self, voxels: Any, cloud: Cloud, shape: np.ndarray, pose: np.ndarray) -> Hypothesis:
+    def search_near(
+        self, voxels: AnyVoxels, cloud: Cloud, shape: np.ndarray, pose: np.ndarray
+    ) -> Hypothesis:
         """Return the best hypothesis with this shape near this pose."""
         if self._near is None or np.any(self._near[0] != shape):
             self._near = shape, self.model.body(shape)
@@ -131,17 +134,17 @@ class PoseSearch:
         cost = self.config.cost.combine(error, found.registration_error)
         return replace(found, error=error, cost=cost)
 
-    def _fit_size(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
+    def _fit_size(self, voxels: AnyVoxels, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
         """Fit size and girth to the cloud; return the hypothesis with them if that lowers its
         cost."""
         shape, poses = fit_shape(
             self.template, [cloud], hypothesis.shape, hypothesis.pose[None], self.task.height,
             config=self.config.shape, n_steps=self.config.search.n_size_steps, free=self.free,
         )  # fmt: skip
-        other = self.near(voxels, cloud, shape, poses[0])
+        other = self.search_near(voxels, cloud, shape, poses[0])
         return min(hypothesis, other, key=lambda h: h.cost)
 
-    def _searcher(self, body: BodyModel, n_particles: int, **settings: float) -> Any:
+    def _searcher(self, body: BodyModel, n_particles: int, **settings: float) -> Tracker:
         search = self.config.search
         config = self.config.filter.with_changes(
             n_particles=n_particles, noise=search.noise, noise_decay=search.noise_decay,
@@ -165,7 +168,7 @@ class PoseSearch:
         return starts
 
 
-def _run_search(tracker: Any, start: np.ndarray, voxels: Any) -> tuple[np.ndarray, float]:
+def _run_search(tracker: Tracker, start: np.ndarray, voxels: AnyVoxels) -> tuple[np.ndarray, float]:
     """Return the pose (D,) that `tracker` finds from `start`, and the error of the best
     particle."""
     tracker.start(start)

@@ -95,7 +95,7 @@ def _find(
     grid = automatic_grid(session)
     reconstruct = session.reconstructor(grid)
     frames, every = frames_to_fit(chosen, sequence.fps, config.frames)
-    noise = FilterConfig().at_rate(sequence.fps / frames.step).search.noise
+    noise = FilterConfig().scale_to_rate(sequence.fps / frames.step).search.noise
 
     def shown(frames: range) -> list[StoredVoxels | HostVoxels]:
         wanted = sequence.frames(slice(frames.start, frames.stop, frames.step))

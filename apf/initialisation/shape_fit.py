@@ -237,7 +237,7 @@ class _ShapeFit:
         here = place_points(cones[found.cone], found.coordinates)
         gap = dot(found.normal, here - found.target)
         by_pose = point_jacobian(body, pose, found.cone, here, found.normal)
-        rows = np.concatenate([by_pose, _grown(cones, growth, found, here)])
+        rows = np.concatenate([by_pose, _displacements(cones, growth, found, here)])
         config = self._config
         weighted = rows * (found.weight * config.n_distances / len(self._clouds) / config.noise**2)
         return weighted @ rows.T, weighted @ gap
@@ -254,7 +254,9 @@ class _ShapeFit:
         return np.linalg.solve(own, right)
 
 
-def _grown(cones: np.ndarray, growth: np.ndarray, found: Contacts, here: np.ndarray) -> np.ndarray:
+def _displacements(
+    cones: np.ndarray, growth: np.ndarray, found: Contacts, here: np.ndarray
+) -> np.ndarray:
     """Return the displacement (S', K) of the contacts at `here` (K, 3) along their normals per unit
     of each scale.
 

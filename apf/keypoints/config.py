@@ -1,4 +1,4 @@
-"""Settings of the keypoints: found, chosen, compared, triangulated."""
+"""Settings of the detection, choice, comparison and triangulation of keypoints."""
 
 from __future__ import annotations
 
@@ -51,17 +51,18 @@ class CropConfig(Config):
 
 
 class PersonConfig(Config):
-    """Costs that make a person the one that is followed, beside confidence and size, which give 0
-    to 1 in every frame."""
+    """Costs in the choice of the person to follow; confidence and size add a score from 0 to 1 in
+    every frame."""
 
     SOURCE: ClassVar = "by hand"
 
     motion: float = setting(
-        2.0, "Cost of a step as large as the person himself; larger ones cost no more.", least=0
+        2.0, "Cost of a step as long as the person's own size; longer steps cost no more.", least=0
     )
     agreement: float = setting(
         3.0,
-        "Cost of a distance, from where the other cameras see the person, of the person's size.",
+        "Cost of lying as far as the person's own size from where the other cameras see the "
+        "person.",
         least=0,
     )
     rounds: int = setting(
@@ -98,7 +99,7 @@ class AssociationConfig(Config):
         0.5, "Time for which somebody who is not seen is still followed.", unit="s", least=0
     )
     speed: float = setting(
-        4.0, "Greatest speed of who was lost and comes back.", unit="m/s", above=0
+        4.0, "Greatest speed of a lost person who comes back.", unit="m/s", above=0
     )
     least_seconds: float = setting(
         0.5, "Time for which somebody must be seen to count.", unit="s", least=0

@@ -13,7 +13,7 @@ from apf.keypoints.opening import Cameras, match_keypoints, match_persons, read_
 from apf.keypoints.readers.raw import check_view
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.sequence import Sequence as Footage
 
 
@@ -46,7 +46,7 @@ class Keypoints:
                 f"{expected[1]} names, 3: x, y, confidence)"
             )
         if len(set(self.names)) < len(self.names):
-            raise InputError(f"keypoint names must differ; found {listed(self.names)}")
+            raise InputError(f"keypoint names must differ; found {join_names(self.names)}")
         points = points.astype(np.float32)
         check_view("keypoints", points)
         points[np.isnan(points).any(-1) | (points[..., 2] == 0)] = np.nan
@@ -89,8 +89,8 @@ class Keypoints:
         unknown = [name for name in names if name not in self.camera_names]
         if unknown:
             raise InputError(
-                f"no keypoints of camera {listed(unknown)}; there are some of "
-                f"{listed(self.camera_names)}"
+                f"no keypoints of camera {join_names(unknown)}; there are some of "
+                f"{join_names(self.camera_names)}"
             )
         rows = [self.camera_names.index(name) for name in names]
         return replace(self, points=self.points[rows], camera_names=tuple(names))
@@ -104,8 +104,8 @@ class Keypoints:
         found = tuple(camera.name for camera in cameras)
         if found != self.camera_names:
             raise InputError(
-                f"cameras are {listed(found)}; expected those of the keypoints, "
-                f"{listed(self.camera_names)}"
+                f"cameras are {join_names(found)}; expected those of the keypoints, "
+                f"{join_names(self.camera_names)}"
             )
         points = self.points.copy()
         for view, camera in zip(points, cameras, strict=True):

@@ -20,7 +20,7 @@ from apf.body.kinematics import bone_matrices
 from apf.body.model import BodyModel
 from apf.body.stature import stature
 from cl import InputError
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.common.toml import read_toml
 
 #: The table that is shipped.
@@ -108,7 +108,9 @@ def _parse(entry: dict[str, Any]) -> list[Landmark]:
     """Parse a table's entry into landmarks. KeyError, TypeError or ValueError say what is wrong."""
     name = entry["name"]
     if unknown := sorted(set(entry) - _KEYS):
-        raise ValueError(f"landmark {name}: unknown {listed(unknown)}; known: {listed(_KEYS)}")
+        raise ValueError(
+            f"landmark {name}: unknown {join_names(unknown)}; known: {join_names(_KEYS)}"
+        )
     offset = np.asarray(entry.get("offset", (0, 0, 0)), np.float64)
     if offset.shape != (3,) or not np.isfinite(offset).all():
         raise ValueError(f"landmark {name}: offset is {entry['offset']!r}; expected 3 numbers, m")
@@ -181,7 +183,7 @@ def locate_points(
     columns = [index for index, landmark in found.items() if landmark.joint in body.joint_names]
     if not columns:
         raise InputError(
-            f"none of the keypoints {listed(names)} is a point on the body {body.name}; "
+            f"none of the keypoints {join_names(names)} is a point on the body {body.name}; "
             "expected names such as left_shoulder or LShoulder"
         )
     chosen = [found[index] for index in columns]

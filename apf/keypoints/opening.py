@@ -19,7 +19,7 @@ from apf.keypoints.readers.people import OPENCAP, read_opencap, read_openpose
 from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError, MissingFileError
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.names import contains_name, listed, name_tokens, natural_key
+from psfs.cameras.names import contains_name, join_names, name_tokens, natural_key
 from psfs.common.reading import parsing
 from psfs.sequence import Sequence as Footage
 
@@ -75,7 +75,7 @@ def _read_folder(base: Path, roots: Sequence[Path]) -> RawKeypoints:
         return read_keypoints_npz(base / "keypoints.npz")
     freemocap = found(FREEMOCAP)
     if len(freemocap) > 1:
-        listing = listed(str(path.relative_to(base)) for path in freemocap)
+        listing = join_names(str(path.relative_to(base)) for path in freemocap)
         raise InputError(f"{base}: {len(freemocap)} recordings: {listing}; expected one: name it")
     if freemocap:
         return read_array(freemocap[0])
@@ -170,8 +170,8 @@ def match_cameras(raw: RawKeypoints, cameras: Sequence[str]) -> tuple[dict[str, 
         found = same or [name for name in raw.views if contains_name(name, camera)]
         if len(found) > 1:
             raise InputError(
-                f"{raw.path}: {listed(found)} could all be camera {camera}; expected one of them: "
-                "name those of one take, such as Videos/Cam*/OutputPkl*/jump"
+                f"{raw.path}: {join_names(found)} could all be camera {camera}; expected one of "
+                "them: name those of one take, such as Videos/Cam*/OutputPkl*/jump"
             )
         if found:
             of[camera] = found[0]
@@ -180,15 +180,15 @@ def match_cameras(raw: RawKeypoints, cameras: Sequence[str]) -> tuple[dict[str, 
         missing = [camera for camera in cameras if camera not in of]
         if not missing:
             return of, None
-        return of, f"{raw.path}: no keypoints of camera {listed(missing)}"
+        return of, f"{raw.path}: no keypoints of camera {join_names(missing)}"
     if len(raw.views) == len(cameras):
         ordered = sorted(raw.views, key=natural_key)
         of = dict(zip(sorted(cameras, key=natural_key), ordered, strict=True))
         pairs = ", ".join(f"{name} for {camera}" for camera, name in of.items())
         return of, f"{raw.path}: cameras are not named; taken in order: {pairs}"
     raise InputError(
-        f"{raw.path}: keypoints of {len(raw.views)} cameras ({listed(raw.views)}); expected those "
-        f"of {listed(cameras)}"
+        f"{raw.path}: keypoints of {len(raw.views)} cameras ({join_names(raw.views)}); expected "
+        f"those of {join_names(cameras)}"
     )
 
 
@@ -201,7 +201,7 @@ def _count_frames(raw: RawKeypoints, of: Mapping[str, str], cameras: Cameras | N
     counts = {camera: len(raw.views[name]) for camera, name in of.items()}
     if not isinstance(cameras, Footage):
         if len(set(counts.values())) > 1:
-            found = listed(f"{camera} {count}" for camera, count in counts.items())
+            found = join_names(f"{camera} {count}" for camera, count in counts.items())
             raise InputError(f"{raw.path}: the cameras' numbers of frames differ: {found}")
         return next(iter(counts.values()))
     media = cameras.footage.images or cameras.footage.masks or ()
@@ -213,8 +213,8 @@ def _count_frames(raw: RawKeypoints, of: Mapping[str, str], cameras: Cameras | N
     ]
     if wrong:
         raise InputError(
-            f"{raw.path}: numbers of frames differ from those of {cameras.name}: {listed(wrong)}; "
-            f"expected {len(cameras)}"
+            f"{raw.path}: numbers of frames differ from those of {cameras.name}: "
+            f"{join_names(wrong)}; expected {len(cameras)}"
         )
     return len(cameras)
 

@@ -9,6 +9,7 @@ from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import find_landmarks
 from apf.keypoints.triangulation import triangulate
 from psfs.cameras.camera import CameraRig
+from psfs.common.numbers import pick_evenly
 
 
 def faces_backward(keypoints: Keypoints, rig: CameraRig, config: SideConfig | None = None) -> bool:
@@ -43,8 +44,8 @@ def faces_backward(keypoints: Keypoints, rig: CameraRig, config: SideConfig | No
 
 def _triangulate(keypoints: Keypoints, rig: CameraRig, config: SideConfig) -> dict[str, np.ndarray]:
     """Return the points (F, 3) m of some frames by their landmarks' names; NaN where unknown."""
-    rows = np.linspace(0, keypoints.n_frames - 1, min(config.n_frames, keypoints.n_frames))
-    seen = keypoints.undistort(rig).points[:, rows.round().astype(int)]
+    rows = pick_evenly(keypoints.n_frames, config.n_frames)
+    seen = keypoints.undistort(rig).points[:, rows]
     limits = TriangulationConfig(max_error=config.error * rig.height)
     landmarks = find_landmarks(keypoints.names)
     places = triangulate(rig, seen[:, :, list(landmarks)], limits).points

@@ -170,7 +170,7 @@ class LikelihoodConfig(Config):
             np.float32,
         )
 
-    def of_term(self, name: str) -> TermSettings:
+    def term_settings(self, name: str) -> TermSettings:
         """Return the settings of a registered term."""
         settings: TermSettings = getattr(self, name)
         return settings
@@ -178,7 +178,7 @@ class LikelihoodConfig(Config):
     @property
     def terms(self) -> dict[str, TermSettings]:
         """Settings of the registered terms with a positive weight, by name."""
-        every = {name: self.of_term(name) for name in TERMS}
+        every = {name: self.term_settings(name) for name in TERMS}
         return {name: settings for name, settings in every.items() if settings.weight > 0}
 
     @property

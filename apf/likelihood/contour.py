@@ -14,7 +14,7 @@ from apf.likelihood.terms.contour import ContourConfig
 from cl import Array, Launch
 from cl.signature import Argument
 from cl.workgroups import row_group
-from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.device_voxels import CarvedVoxels
 
 #: Directions along which contours are found: (1, 0), (1, 1), (0, 1) and (-1, 1).
 N_NORMALS = 4
@@ -61,7 +61,7 @@ class Contours(Term):
         self._pictures: Array | None = None
         self._launches: list[Launch] = []
 
-    def observe(self, voxels: Voxels, pictures: Array | None) -> None:
+    def observe(self, voxels: CarvedVoxels, pictures: Array | None) -> None:
         """Enqueue the contours of a frame's pictures (V, H, W, 3), whose maps are made."""
         self.known = pictures is not None and self._has_room
         if pictures is None or not self._has_room:

@@ -62,7 +62,6 @@ class KeypointLikelihood(Likelihood):
         self._is_taken = base is not None and base.take_points(self._seen, config)
 
     def observe(self, observation: Observation) -> None:
-        """Enqueue the preparation of a frame."""
         self.prepare(observation)()
 
     def prepare(self, observation: Observation) -> Callable[[], None]:
@@ -78,7 +77,6 @@ class KeypointLikelihood(Likelihood):
         return finished
 
     def launcher(self, poses: Array) -> list[Step]:
-        """Return the launches that score `poses` (N, D) float32 into `errors`."""
         launches = self.base.launcher(poses) if self.base is not None else []
         return [*launches, *self._score(poses, self.errors)]
 
@@ -90,8 +88,6 @@ class KeypointLikelihood(Likelihood):
         least_recall: float = 0.0,
         misfits: Array | None = None,
     ) -> list[Launch]:
-        """Return the launches that score `poses` (n, D) into `errors` (n,) by the same samples, see
-        `Likelihood`."""
         launches = []
         if self.base is not None:
             launches = self.base.rescoring_launcher(poses, errors, stride, least_recall, misfits)
@@ -107,12 +103,9 @@ class KeypointLikelihood(Likelihood):
         return [self._launch(size, poses, self.misfits, adds=False, per_seen=True, weight=1.0)]
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
-        """Return the launches of `base` that update its learned models after a frame, whose
-        estimate is the first row of `pose`."""
         return self.base.learning_launcher(pose) if self.base is not None else []
 
     def change_body(self, body: BodyModel) -> None:
-        """Score poses of `body`, which differs from the scene's in numbers alone, from now on."""
         self.body = body
         self._table.set(pack_body(body))
         self._posture.set(posture_prior(body))
@@ -120,7 +113,6 @@ class KeypointLikelihood(Likelihood):
             self.base.change_body(body)
 
     def forget(self, run: int | None = None) -> None:
-        """Reset the learned models of one run, or of all runs, before a new track."""
         if self.base is not None:
             self.base.forget(run)
 

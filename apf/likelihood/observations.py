@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
+from typing import NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from apf.scene import Scene
 from cl import Array, InputError
 from cl.staging import Upload
 from psfs.cameras.camera import CameraRig
-from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.host_voxels import HostVoxels
 
 #: Numbers of a row of the packed table, see observed.h.
@@ -140,15 +140,17 @@ class FeatureMaps(Protocol[A]):
         not counted."""
 
 
+#: Voxels as trackers take them.
+AnyVoxels: TypeAlias = CarvedVoxels | HostVoxels
 #: Observation that is computed from a frame's pictures; None if a tracker uses keypoints alone.
-Shown: TypeAlias = Voxels | HostVoxels | FeatureMaps[Array] | FeatureMaps[np.ndarray] | None
+Shown: TypeAlias = AnyVoxels | FeatureMaps[Array] | FeatureMaps[np.ndarray] | None
 
 
 class Observed(NamedTuple):
     """Observation of a tracker with keypoints: voxels or image features (None if it uses keypoints
     alone), and observed points of the body (None if there are none)."""
 
-    shown: Any
+    shown: Shown
     points: PointObservations | None
 
 
@@ -156,9 +158,9 @@ class Observed(NamedTuple):
 Observation: TypeAlias = Shown | Observed
 
 
-def with_points(observation: Any, points: PointObservations | None) -> Any:
-    """Add `points`, if they are not None, to an observation."""
-    return observation if points is None else Observed(observation, points)
+def with_points(observation: Observation, points: PointObservations | None) -> Observation:
+    """Add `points`, if they are not None, to an observation, in place of its own."""
+    return observation if points is None else Observed(split_observation(observation).shown, points)
 
 
 def split_observation(observation: Observation) -> Observed:

@@ -20,7 +20,7 @@ from apf.likelihood.terms.part_colour import PartColourConfig
 from cl import Array, Launch
 from cl.signature import Argument
 from cl.workgroups import pack_defines
-from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.device_voxels import CarvedVoxels
 
 #: Work-items of a GPU per camera: cameras are few, so each gets a multiprocessor to itself.
 _GROUP = 512
@@ -160,13 +160,12 @@ class PartColours(Term):
         self._rows.set(list_histogram_parts(body))
 
     def forget(self, run: int | None = None) -> None:
-        """Reset the colour models of one run, or of all runs, before a new track."""
         for array in (self.histograms, self.ratios):
             kept = array.get()
             kept[slice(None) if run is None else run] = 0
             array.set(kept)
 
-    def observe(self, voxels: Voxels, pictures: Array | None) -> None:
+    def observe(self, voxels: CarvedVoxels, pictures: Array | None) -> None:
         """Enqueue the coding of a frame's pictures (V, H, W, 3); its maps must be made before. Make
         the palette when a person is first visible, which waits for the device."""
         if pictures is None:
@@ -199,8 +198,6 @@ class PartColours(Term):
         )
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
-        """Return the launches that update the histograms after a frame; the runs' estimates are the
-        first R rows of `pose` (.., D)."""
         settings = self.settings
         return [
             self.launch(

@@ -14,7 +14,7 @@ from apf.scene import Scene
 from cl import Array, Launch
 from cl.signature import Argument
 from cl.stage import Stage
-from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.host_voxels import HostVoxels
 
 
@@ -47,7 +47,7 @@ class Term(Stage):
 
     uses_pictures = False
 
-    def observe(self, voxels: Voxels, pictures: Array | None) -> None:
+    def observe(self, voxels: CarvedVoxels, pictures: Array | None) -> None:
         """Enqueue the term's preparation of a frame; its maps are made before.
 
         pictures: (V, H, W, 3) uint8 BGR; None if no term uses them or the frame has none."""

@@ -24,8 +24,8 @@ from cl.signature import Argument
 from cl.staging import Ahead
 from cl.workgroups import pack_defines, pack_size, stated_group
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.names import listed
-from psfs.voxels.device_voxels import Voxels
+from psfs.cameras.names import join_names
+from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection
 
@@ -107,14 +107,14 @@ class VoxelLikelihood(Likelihood):
     ) -> None:
         if n_runs > 1 and config.track_terms:
             raise InputError(
-                f"{n_runs} runs at once: the likelihood's term {listed(config.track_terms)} "
+                f"{n_runs} runs at once: the likelihood's term {join_names(config.track_terms)} "
                 "depends on the track so far; expected none"
             )
         device, body, rig = scene.opencl, scene.body, scene.rig
         self.device, self.rig, self.config, self._scene = device, rig, config, scene
         self.unit = float(len(rig))
         self._grid: VoxelGrid | None = None
-        self._voxels: Voxels | None = None
+        self._voxels: CarvedVoxels | None = None
         self._ahead = Ahead(device, _frame_array_shapes(rig, config), "what is seen of a frame")
         maps, contours, codes, points, self._pixels = zip(
             self._ahead.written, self._ahead.read, strict=True
@@ -157,7 +157,6 @@ class VoxelLikelihood(Likelihood):
         self._weighed: list[Launch] = []
 
     def change_body(self, body: BodyModel) -> None:
-        """Score poses of `body`, which differs from the scene's in numbers alone, from now on."""
         self._scene = replace(self._scene, body=body)
         self._body.set(pack_body(body))
         self._posture.set(posture_prior(body))
@@ -170,16 +169,13 @@ class VoxelLikelihood(Likelihood):
             term.change_body(body)
 
     def forget(self, run: int | None = None) -> None:
-        """Reset the terms' learned models of one run, or of all runs, before a new track."""
         for term in self.terms.values():
             term.forget(run)
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
-        """Return the launches that update the terms' learned models after a frame, whose estimate
-        is the first row of `pose` (.., D)."""
         return [launch for term in self.terms.values() for launch in term.learning_launcher(pose)]
 
-    def observe(self, voxels: Voxels) -> None:
+    def observe(self, voxels: CarvedVoxels) -> None:
         """Enqueue the maps of `voxels` and the sampling of the surface voxels."""
         self.prepare(voxels)()
 
@@ -187,7 +183,7 @@ class VoxelLikelihood(Likelihood):
         """Score poses against the prepared frame from now on."""
         self._ahead.show()
 
-    def prepare(self, voxels: Voxels) -> Callable[[], None]:
+    def prepare(self, voxels: CarvedVoxels) -> Callable[[], None]:
         """Enqueue all of `observe` except `show`; return `show`."""
         if voxels is self._voxels and voxels.stays:
             return self.show
@@ -355,7 +351,7 @@ class VoxelLikelihood(Likelihood):
             )
         return defines | {"VIEWS": min(views, len(self.rig), defines["GROUP"])}
 
-    def _surface_launch(self, voxels: Voxels) -> Launch:
+    def _surface_launch(self, voxels: CarvedVoxels) -> Launch:
         return self.device.launch(
             self._kernel("sample_surface"),
             (self.config.samples.n_points,),

@@ -11,7 +11,7 @@ from apf.filters.method import Method
 from apf.live.config import GovernorConfig, SizeConfig
 
 
-def sized(method: Method, evaluations: float, config: SizeConfig | None = None) -> Method:
+def resize_search(method: Method, evaluations: float, config: SizeConfig | None = None) -> Method:
     """Return `method` with particles and layers for about `evaluations` per frame.
 
     Ten layers for a thousand evaluations, fewer below, more above: a swarm with fewer than six does
@@ -30,11 +30,11 @@ def sized(method: Method, evaluations: float, config: SizeConfig | None = None) 
     return method.replace(filter=method.filter.with_changes(**size))
 
 
-def sizes(method: Method, config: SizeConfig | None = None) -> list[Method]:
+def list_sizes(method: Method, config: SizeConfig | None = None) -> list[Method]:
     """Return `method` in all sizes to choose from, ascending."""
     config = config or SizeConfig()
     counts = np.geomspace(config.fewest, config.most, config.n_sizes)
-    return [sized(method, count, config) for count in counts]
+    return [resize_search(method, count, config) for count in counts]
 
 
 def evaluations(method: Method) -> int:
@@ -65,20 +65,20 @@ class Governor:
         self.period, self.costs = period, np.maximum.accumulate(costs)
         self._overlaps, self._generous = overlaps, generous
         self._slower: deque[float] = deque(maxlen=self._config.window)
-        self.chosen = self._largest(self.allowed(processing), 1.0)
+        self.chosen = self._largest(self.search_time(processing), 1.0)
 
-    def allowed(self, processing: float) -> float:
+    def search_time(self, processing: float) -> float:
         """Return the time, s, available for a search if the processing takes `processing` s."""
         left = self._config.share * self.period - (0.0 if self._overlaps else processing)
         return max(left, processing) if self._generous else left
 
-    def revised(self, processing: float, seconds: float) -> bool:
+    def update(self, processing: float, seconds: float) -> bool:
         """Update the selection after a frame that was processed in about `processing` s and
         searched in `seconds`; return whether the selection changed."""
         self._slower.append(seconds / self.costs[self.chosen])
         if len(self._slower) < self._config.window:
             return False
-        slower, allowed = float(np.median(self._slower)), self.allowed(processing)
+        slower, allowed = float(np.median(self._slower)), self.search_time(processing)
         before, taken = self.chosen, slower * self.costs[self.chosen]
         if taken > self._config.too_long * allowed:
             self.chosen = self._largest(allowed, slower)

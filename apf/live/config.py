@@ -141,14 +141,14 @@ class LiveConfig(Config):
         least=0,
     )
     smoothing: float = setting(
-        0.2, "Weight of the newest in the running means of durations.", above=0, most=1
+        0.2, "Weight of the newest duration in the running means.", above=0, most=1
     )
     sizes: SizeConfig = part(SizeConfig, "The sizes of search.")
-    governor: GovernorConfig = part(GovernorConfig, "When the search is made larger or smaller.")
+    governor: GovernorConfig = part(GovernorConfig, "Rules for enlarging and reducing the search.")
     recovery: RecoveryConfig = part(
         RecoveryConfig,
-        "When the person is lost. Far from the frame before, few particles find no better than "
-        "0.6; only beyond it nothing fits.",
+        "Detection of a lost person. Far from the pose of the frame before, a few particles reach "
+        "a misfit of about 0.6; only above that nothing fits.",
         ratio=3.0,
         least=0.6,
         unknown=0.6,

@@ -10,6 +10,7 @@ import numpy as np
 from apf.evaluation.evaluate import evaluate
 from apf.formats.trc import JointSeries
 from apf.tracking.track import Track
+from psfs.common.numbers import json_number
 
 
 def live_errors(track: Track, truth: JointSeries, latencies: np.ndarray) -> dict[str, float | None]:
@@ -23,10 +24,7 @@ def live_errors(track: Track, truth: JointSeries, latencies: np.ndarray) -> dict
     later = truth_later(truth, track.frames, latencies)
     if np.isfinite(later.joints).any():
         errors["error_when_known_mm"] = evaluate(track, later).mean_error
-    return {
-        name: round(1000 * error, 2) if np.isfinite(error) else None
-        for name, error in errors.items()
-    }
+    return {name: json_number(1000 * error, 2) for name, error in errors.items()}
 
 
 def truth_later(truth: JointSeries, frames: np.ndarray, seconds: np.ndarray) -> JointSeries:

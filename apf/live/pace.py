@@ -51,7 +51,7 @@ class Pace:
         return f"faster with {', '.join(first)}, fewer cameras or a GPU; frames are dropped"
 
 
-class Progress:
+class PaceReporter:
     """Reports the progress of a run: `progress(result, timeline)`, as `Live.run` calls it.
 
     show: receives a line at every call, which replaces the one before. say: receives a line to
@@ -76,19 +76,19 @@ class Progress:
         now = self._clock()
         due = now - self._last_line >= self._every
         if self._show is not None:
-            self._show(described(result, timeline))
+            self._show(describe_run(result, timeline))
         if not due:
             return
         self._last_line = now
         if self._say is not None:
-            self._say(f"{now - self._began:.0f} s: {described(result, timeline)}")
+            self._say(f"{now - self._began:.0f} s: {describe_run(result, timeline)}")
         rate = _rate(timeline)
         if self._warn is not None and rate < _SLOW * self._wanted:
             self._warn(f"{rate:.1f} poses per second are found of the {self._wanted:g} wanted")
             self._warn = None
 
 
-def described(result: LiveResult, timeline: Timeline) -> str:
+def describe_run(result: LiveResult, timeline: Timeline) -> str:
     """Return one line on the progress of a run."""
     if not result.frames:
         return "no pose yet"

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import cv2
 import numpy as np
 
-from apf.backend import Footage
+from apf.backend import FrameSource
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.sequence import Frame
@@ -18,7 +18,7 @@ from psfs.voxels.occupied_box import finest_pixel
 class Smaller:
     """`footage` with images resized by `factor`, at most 1; a call resizes a frame."""
 
-    def __init__(self, footage: Footage, factor: float) -> None:
+    def __init__(self, footage: FrameSource, factor: float) -> None:
         self.has_images = footage.has_images
         self._whole = footage.rig
         self.rig = footage.rig.scaled(factor) if factor < 1 else footage.rig
@@ -28,7 +28,7 @@ class Smaller:
         if self.rig is self._whole:
             return frame
         parts = (frame.images, frame.masks)
-        images, masks = (None if part is None else self._resized(part) for part in parts)
+        images, masks = (None if part is None else self._resize(part) for part in parts)
         return replace(frame, images=images, masks=masks)
 
     def _scene(self, background: Background | None) -> Background | None:
@@ -37,9 +37,9 @@ class Smaller:
             return background
         arrays = {of.name: getattr(background, of.name) for of in fields(background)}
         pixels = {name: array for name, array in arrays.items() if array.ndim > 2}
-        return replace(background, **{name: self._resized(a) for name, a in pixels.items()})
+        return replace(background, **{name: self._resize(a) for name, a in pixels.items()})
 
-    def _resized(self, pictures: np.ndarray) -> np.ndarray:
+    def _resize(self, pictures: np.ndarray) -> np.ndarray:
         """Return images (V, H, W, ...) in the size of the smaller rig, averaged over each pixel's
         area."""
         shape = (len(self.rig), self.rig.height, self.rig.width, *pictures.shape[3:])

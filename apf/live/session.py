@@ -6,15 +6,15 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from apf.backend import make_device_tracker, make_observer
 from apf.body.model import BodyModel
-from apf.filters.base import Estimate
+from apf.filters.base import DeviceTracker, Estimate
 from apf.filters.config import SIGMA_FPS
 from apf.filters.method import Method
+from apf.likelihood.observations import Shown
 from apf.live.budget import Governor
 from apf.live.config import LiveConfig
 from apf.live.pictures import Smaller
@@ -33,12 +33,12 @@ STAGES = (ACQUISITION, PROCESSING, TRACKING)
 
 
 @dataclass(frozen=True, eq=False)
-class Observed:
+class ObservedFrame:
     """A frame as the trackers observe it, and the centre (3,) m of its voxels; None without
     voxels."""
 
     shot: Shot
-    observation: Any
+    observation: Shown
     centre: np.ndarray | None
 
 
@@ -107,17 +107,19 @@ class Live:
         self._pictures = Smaller(source, scale)
         self.observe = self._observer(follow)
         self._translation, self._moved = translation(body), np.zeros(body.n_dof)
-        self._shots = Newest(lambda shot: self.timeline.drop(PROCESSING, shot.frame.index))
-        self._ready = Newest(lambda seen: self.timeline.drop(TRACKING, seen.shot.frame.index))
+        self._shots = Newest[Shot](lambda shot: self.timeline.drop(PROCESSING, shot.frame.index))
+        self._ready = Newest[ObservedFrame](
+            lambda seen: self.timeline.drop(TRACKING, seen.shot.frame.index)
+        )
         self._free, self._stop = threading.Event(), threading.Event()
         self._free.set()
         self._errors: list[BaseException] = []
         self._free_at, self._processing_time = 0.0, 0.0
         scene = Scene(device, self._pictures.rig, grid, body)
         self._trackers = [make_device_tracker(scene, method) for method in searches]
-        self.governor = self._prepared(budget)
+        self.governor = self._prepare(budget)
         self._tracking_time = float(self.governor.costs[self.governor.chosen])
-        self.tracker = self.chosen()
+        self.tracker = self.start_selected()
 
     @property
     def expected_rate(self) -> float:
@@ -139,7 +141,7 @@ class Live:
         """
         work = (self._acquire, self._process, self._track)
         threads = [
-            threading.Thread(target=self._guarded, args=(part,), name=stage, daemon=True)
+            threading.Thread(target=self._run_part, args=(part,), name=stage, daemon=True)
             for part, stage in zip(work, STAGES, strict=True)
         ]
         self.timeline = Timeline(STAGES)
@@ -169,7 +171,7 @@ class Live:
 
     # Threads --------------------------------------------------------------------------------
 
-    def _guarded(self, part: Callable[[], None]) -> None:
+    def _run_part(self, part: Callable[[], None]) -> None:
         try:
             part()
         except BaseException as error:  # handed to the caller of `run`, whatever it is
@@ -192,9 +194,9 @@ class Live:
             self._free.clear()
             start = self.timeline.now()
             with self.timeline.span(PROCESSING, shot.frame.index):
-                observed = Observed(shot, *self.observe(shot.frame))
+                observed = ObservedFrame(shot, *self.observe(shot.frame))
                 self.processor.finish()
-            self._processing_time = self._smoothed(
+            self._processing_time = self._update_mean(
                 self._processing_time, self.timeline.now() - start
             )
             self._ready.put(observed)
@@ -216,11 +218,11 @@ class Live:
             seconds = self.timeline.now() - start
             self._free.set()
             self.keep(observed, estimate, latency)
-            self._tracking_time = self._smoothed(self._tracking_time, seconds)
-            if self.governor.revised(self._processing_time, seconds):
-                self.tracker = self.chosen()
+            self._tracking_time = self._update_mean(self._tracking_time, seconds)
+            if self.governor.update(self._processing_time, seconds):
+                self.tracker = self.start_selected()
 
-    def expect(self, observed: Observed) -> None:
+    def expect(self, observed: ObservedFrame) -> None:
         """Set the search region: around the last good pose, moved with the voxels, and wider the
         more time has passed since then."""
         when, where = self._seen
@@ -231,7 +233,7 @@ class Live:
             self._moved = self._translation @ (observed.centre - where)
             self.tracker.push(self._moved)
 
-    def keep(self, observed: Observed, estimate: Estimate, latency: float) -> None:
+    def keep(self, observed: ObservedFrame, estimate: Estimate, latency: float) -> None:
         """Add the estimate to the result. A lost estimate gets the last good pose, moved with the
         voxels, so that the track does not drift."""
         estimate = self._judge.judge(estimate)
@@ -254,7 +256,7 @@ class Live:
 
     # Preparation ----------------------------------------------------------------------------
 
-    def _observer(self, follow: bool) -> Callable[[Frame], tuple[Any, np.ndarray | None]]:
+    def _observer(self, follow: bool) -> Callable[[Frame], tuple[Shown, np.ndarray | None]]:
         """Return the function that converts a frame to the trackers' observation and the centre of
         its voxels."""
         method, smaller, device = self._searches[0], self._pictures, self.processor
@@ -275,14 +277,14 @@ class Live:
             device, self._grid.shape, reconstruct.voxels.surface, reconstruct.voxels.count
         )
 
-        def observe(frame: Frame) -> tuple[Any, np.ndarray | None]:
+        def observe(frame: Frame) -> tuple[Shown, np.ndarray | None]:
             voxels, mean = reconstruct(smaller(frame)), mean_of()
             grid = voxels.grid
             return voxels, None if mean is None else grid.origin + mean * grid.voxel_size
 
         return observe
 
-    def _prepared(self, budget: float | None) -> Governor:
+    def _prepare(self, budget: float | None) -> Governor:
         """Compile and time everything in the first frame; return the governor."""
         frame = self.source.first()
         for _ in range(2):
@@ -300,10 +302,10 @@ class Live:
             config=self._config.governor,
         )
 
-    def _smoothed(self, mean: float, value: float) -> float:
+    def _update_mean(self, mean: float, value: float) -> float:
         return mean + self._config.smoothing * (value - mean)
 
-    def _measure_cost(self, tracker: Any, observation: Any) -> float:
+    def _measure_cost(self, tracker: DeviceTracker, observation: Shown) -> float:
         """Return the least time, s, of a search."""
         tracker.start(self._pose)
         seconds = []
@@ -313,7 +315,7 @@ class Live:
             seconds.append(time.perf_counter() - start)
         return min(seconds[1:])
 
-    def chosen(self) -> Any:
+    def start_selected(self) -> DeviceTracker:
         """Return the tracker of the size that the governor selected, started."""
         chosen = self.governor.chosen
         frame = self.result.frames[-1] if self.result.frames else -1

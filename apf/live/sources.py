@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Generic, Protocol, TypeVar
 
 import cv2
 import numpy as np
 
-from apf.backend import Footage
+from apf.backend import FrameSource
 from apf.live.config import CaptureConfig
 from apf.live.timeline import Span, Timeline
 from cl import InputError
@@ -35,23 +35,26 @@ class Shot:
     time: float
 
 
-class Newest:
+T = TypeVar("T")
+
+
+class Newest(Generic[T]):
     """Passes the newest item from one thread to another; older ones are dropped."""
 
-    def __init__(self, dropped: Callable[[Any], None]) -> None:
+    def __init__(self, dropped: Callable[[T], None]) -> None:
         self._condition = threading.Condition()
-        self._item: Any = None
+        self._item: T | None = None
         self._closed = False
         self._dropped = dropped
 
-    def put(self, item: Any) -> None:
+    def put(self, item: T) -> None:
         with self._condition:
             if self._item is not None:
                 self._dropped(self._item)
             self._item = item
             self._condition.notify_all()
 
-    def take(self) -> Any:
+    def take(self) -> T | None:
         """Wait for the newest item and return it; None after the last one."""
         with self._condition:
             self._condition.wait_for(lambda: self._item is not None or self._closed)
@@ -65,7 +68,7 @@ class Newest:
             self._condition.notify_all()
 
 
-class Source(Footage, Protocol):
+class Source(FrameSource, Protocol):
     """The input of live tracking. fps: frames per second."""
 
     fps: float
@@ -73,7 +76,7 @@ class Source(Footage, Protocol):
     def first(self) -> Frame:
         """Return a frame for the preparation."""
 
-    def run(self, shots: Newest, timeline: Timeline, stop: threading.Event) -> None:
+    def run(self, shots: Newest[Shot], timeline: Timeline, stop: threading.Event) -> None:
         """Put shots until the end or `stop`. Raises InputError."""
 
 
@@ -97,7 +100,7 @@ class Replay:
     def first(self) -> Frame:
         return self.sequence.read(self.frames[0])
 
-    def run(self, shots: Newest, timeline: Timeline, stop: threading.Event) -> None:
+    def run(self, shots: Newest[Shot], timeline: Timeline, stop: threading.Event) -> None:
         with self.sequence.reader() as read:
             begin = timeline.now()
             for number, index in enumerate(self.frames):
@@ -112,7 +115,7 @@ class Replay:
                 shots.put(Shot(frame, due))
 
 
-class Camera:
+class LiveCamera:
     """Reads the newest picture of an OpenCV capture, grabbed in a thread of its own.
 
     name: a USB number, a URL or a video file. A file is read on demand until `play`, and from then
@@ -193,7 +196,7 @@ class Camera:
             time.sleep(max(0.0, due - time.perf_counter()))
 
 
-class Cameras:
+class LiveCameras:
     """Cameras of `rig`, in its order, whose newest pictures form a frame.
 
     A frame appears when its oldest picture was grabbed. Its index counts steps of 1 / fps s. The
@@ -217,10 +220,10 @@ class Cameras:
                 f"for the cameras {', '.join(rig.names)}"
             )
         self.rig, self._known, self._empty = rig, background, empty
-        self._cameras: list[Camera] = []
+        self._cameras: list[LiveCamera] = []
         with ExitStack() as stack:  # close the opened captures if the next cannot be opened
             for name in names:
-                self._cameras.append(Camera(name, config))
+                self._cameras.append(LiveCamera(name, config))
                 stack.callback(self._cameras[-1].close)
             stack.pop_all()
         self.fps = min(camera.fps for camera in self._cameras)
@@ -243,7 +246,7 @@ class Cameras:
     def first(self) -> Frame:
         return Frame(0, self._first_images(), None)
 
-    def run(self, shots: Newest, timeline: Timeline, stop: threading.Event) -> None:
+    def run(self, shots: Newest[Shot], timeline: Timeline, stop: threading.Event) -> None:
         with self._closing():
             origin = time.perf_counter() - timeline.now()
             for camera in self._cameras:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 
 #: Number of spans and drops that are kept: some minutes.
 _KEPT = 50_000
@@ -163,7 +163,7 @@ class Timeline:
             yticklabels=list(lanes), title=self._title(),
         )  # fmt: skip
         figure.tight_layout()
-        with written_whole(path) as temporary:
+        with write_atomically(path) as temporary:
             figure.savefig(temporary, dpi=110, format="png")
 
     def _title(self) -> str:

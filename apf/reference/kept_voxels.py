@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def uncropped(part: np.ndarray, corner: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+def uncrop(part: np.ndarray, corner: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
     """Return the picture (H, W, ..) of `shape` = (H, W) whose crop `part` (h, w, ..) begins at
     `corner`, row and column; repeat the crop's border outside."""
     rows, columns = (

@@ -6,14 +6,13 @@ from collections import defaultdict
 from collections.abc import Callable
 from collections.abc import Sequence as Items
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 
 from apf.body.cones import cone_distances, project_outlines
 from apf.body.kinematics import posed_cones
-from apf.report.overlay import checked_indices
+from apf.report.overlay import check_indices
 from apf.report.parts import Part, find_parts
 from apf.tracking.track import Track
 from psfs.cameras.camera import Camera, CameraRig
@@ -70,9 +69,9 @@ def compare_with_silhouettes(
     parts, drawn = find_parts(body), [i for i, cone in enumerate(body.cones) if cone.in_images]
     region, extents = volume_region(rig, grid), voxel_footprints(rig, grid.voxel_size)
     cones = posed_cones(body, track.poses[rows])
-    found = defaultdict[str, list[Any]](list)
+    found = defaultdict[str, list[object]](list)
     clouds = []
-    indices = checked_indices(session.sequence, track.frames[rows])
+    indices = check_indices(session.sequence, track.frames[rows])
     for number, frame in enumerate(session.iterate_carved(grid, indices)):
         shown, cloud = whole_silhouettes(frame.silhouettes, region), frame.cloud
         scores = np.array([

@@ -10,6 +10,7 @@ import numpy as np
 from apf.body.model import find_side, plain_name, sideless
 from apf.report.quality import Quality
 from apf.tracking.track import Track
+from psfs.common.numbers import json_number
 
 
 def angle_curves(track: Track) -> list[dict[str, Any]]:
@@ -59,4 +60,4 @@ def agreement_curves(quality: Quality) -> dict[str, Any] | None:
 
 def round_for_json(values: np.ndarray, digits: int) -> list[float | None]:
     """Round values (n,) for JSON: None for NaN."""
-    return [None if np.isnan(v) else round(float(v), digits) for v in np.asarray(values, float)]
+    return [json_number(value, digits) for value in values]

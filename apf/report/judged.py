@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from collections.abc import Sequence as Items
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -66,7 +65,7 @@ def keep_judged_frames(session: Session) -> None:
 
 
 def write_report(
-    folder: Path, name: str, quality: Quality, facts: Mapping[str, Any], page: bool = True
+    folder: Path, name: str, quality: Quality, facts: Mapping[str, object], page: bool = True
 ) -> list[str]:
     """Write summary.json, and the `page`, into the `folder` of a track.
 
@@ -92,12 +91,12 @@ def write_report(
 
 def run_facts(
     device: Device | NumpyDevice,
-    sequence: Mapping[str, Any],
+    sequence: Mapping[str, object],
     config: ReconstructionConfig,
     n_frames: tuple[int, int],
     warnings: list[str],
     seconds: float,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Describe how a track was made.
 
     sequence: from `sequence_facts`. n_frames: tracked and requested frames. seconds: run time.

@@ -49,7 +49,7 @@ def draw_overlay(
     thickness = max(1, round(min(camera.size) / 320))
     distance = np.linalg.norm((cones[:, 0:3] + cones[:, 4:7]) / 2 - camera.centre, axis=-1)
     visible = [
-        (_fixed(corners[i]), colour or COLOURS[find_side(cone_names[i])])
+        (_to_fixed_point(corners[i]), colour or COLOURS[find_side(cone_names[i])])
         for i in np.argsort(-distance)  # near ones are drawn over far ones
         if np.isfinite(corners[i]).all()
     ]
@@ -68,7 +68,7 @@ def _draw_skeleton(
     image: np.ndarray, pixels: np.ndarray, depth: np.ndarray, edges: np.ndarray, thickness: int
 ) -> None:
     seen = depth > 0
-    points = _fixed(pixels)
+    points = _to_fixed_point(pixels)
     for a, b in edges:
         if seen[a] and seen[b]:
             cv2.line(image, points[a], points[b], _JOINT, 1, cv2.LINE_AA, _BITS)
@@ -78,7 +78,7 @@ def _draw_skeleton(
         cv2.circle(image, point, radius, _JOINT, -1, cv2.LINE_AA, _BITS)
 
 
-def _fixed(pixels: np.ndarray) -> np.ndarray:
+def _to_fixed_point(pixels: np.ndarray) -> np.ndarray:
     """Return pixels (..., 2) as the integers with `_BITS` fractional bits that OpenCV draws."""
     return np.rint(np.clip(pixels, -_FAR, _FAR) * 2**_BITS).astype(np.int32)
 
@@ -177,7 +177,7 @@ def write_overlay(
     views = [names.index(name) for name in cameras or names]
     cones, cone_names = posed_shown_cones(body, track)
     with write_video(path, frame_rate(track)) as video:
-        indices = checked_indices(sequence, track.frames)
+        indices = check_indices(sequence, track.frames)
         for row, frame in enumerate(sequence.select_frames(indices)):
             picture = overlay_picture(
                 frame,
@@ -202,7 +202,7 @@ def posed_shown_cones(body: BodyModel | None, track: Track) -> tuple[np.ndarray,
     return posed_cones(body, track.poses)[:, shown], [body.cone_names[i] for i in shown]
 
 
-def checked_indices(sequence: Sequence, indices: np.ndarray) -> list[int]:
+def check_indices(sequence: Sequence, indices: np.ndarray) -> list[int]:
     """Return frame numbers (F,) of a track as a list. Raises InputError if there is none, or one
     that the sequence does not have."""
     if not indices.size:

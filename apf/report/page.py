@@ -7,7 +7,6 @@ import html
 import json
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 from apf.report.curves import agreement_curves, angle_curves, confidence_curves
 from apf.report.film import encode_page_video
@@ -17,7 +16,7 @@ from psfs.common.files import open_text
 
 
 def write_page(
-    path: Path, name: str, quality: Quality, summary: dict[str, Any], settings: str, video: Path
+    path: Path, name: str, quality: Quality, summary: dict[str, object], settings: str, video: Path
 ) -> None:
     """Write the page of a track.
 
@@ -46,7 +45,7 @@ def write_page(
     write_filled_page(path, name, "page", content)
 
 
-def write_filled_page(path: Path, name: str, kind: str, content: dict[str, Any]) -> None:
+def write_filled_page(path: Path, name: str, kind: str, content: dict[str, object]) -> None:
     """Write a page of the kind `page` or `people`, titled `name`, with its `content`. Raises
     InputError if it cannot be written."""
     from plotly.offline import get_plotlyjs  # slow to import
@@ -67,7 +66,7 @@ def _text(name: str) -> str:
     return (resources.files(__package__) / name).read_text(encoding="utf-8")
 
 
-def _escape_for_script(content: dict[str, Any]) -> str:
+def _escape_for_script(content: dict[str, object]) -> str:
     """Return JSON that cannot end the script element that contains it."""
     text = json.dumps(content, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")

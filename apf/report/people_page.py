@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from apf.body.stature import stature
 from apf.report.film import encode_page_video
 from apf.report.names import PAGE
 from apf.report.overlay import (
-    checked_indices,
+    check_indices,
     compose_mosaic,
     draw_overlay,
     frame_rate,
@@ -77,9 +76,9 @@ def _lines(tracks: PeopleTracks) -> list[str]:
     return lines
 
 
-def _person(folder: Path, tracks: PeopleTracks, number: int) -> dict[str, Any]:
+def _person(folder: Path, tracks: PeopleTracks, number: int) -> dict[str, object]:
     """Return what the page shows of one person: joints (F, J, 3) m, NaN where not seen, packed."""
-    track, seen = tracks.seen_part(number), np.isin(tracks.frames, tracks.seen[number])
+    track, seen = tracks.select_seen(number), np.isin(tracks.frames, tracks.seen[number])
     joints = np.full((len(tracks.frames), *track.joints.shape[1:]), np.nan)
     joints[np.isin(tracks.frames, track.frames)] = track.joints
     own = person_folder(folder, number + 1)
@@ -118,7 +117,7 @@ class _Drawn:
     edges: np.ndarray
     colour: tuple[int, int, int]
 
-    def over(self, image: np.ndarray, camera: Camera) -> np.ndarray:
+    def draw_over(self, image: np.ndarray, camera: Camera) -> np.ndarray:
         """Return a copy of the image with the person."""
         return draw_overlay(
             image, camera, self.cones, self.names, self.joints, self.edges, colour=self.colour
@@ -136,11 +135,11 @@ def write_people_overlay(
     progress: called after each frame. Raises InputError if a frame is not in the sequence or the
     video cannot be written.
     """
-    shown = [tracks.seen_part(number) for number in range(len(tracks))]
+    shown = [tracks.select_seen(number) for number in range(len(tracks))]
     cones = [posed_shown_cones(track.body, track) for track in shown]
     rows = [{int(frame): row for row, frame in enumerate(track.frames)} for track in shown]
     with write_video(path, frame_rate(tracks[0])) as video:
-        for frame in sequence.select_frames(checked_indices(sequence, tracks.frames)):
+        for frame in sequence.select_frames(check_indices(sequence, tracks.frames)):
             people = [
                 _Drawn(
                     cones[number][0][row := rows[number][frame.index]],
@@ -162,7 +161,7 @@ def _draw(people: list[_Drawn], image: np.ndarray, camera: Camera) -> np.ndarray
     """Return a copy of the image with all people, the farthest first."""
     away = [-float(np.linalg.norm(np.nanmean(p.joints, 0) - camera.centre)) for p in people]
     for k in np.argsort(away):
-        image = people[k].over(image, camera)
+        image = people[k].draw_over(image, camera)
     return image
 
 

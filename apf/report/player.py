@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ _MOST_VOXELS, _MOST_OF_A_FRAME = 400_000, 4_000
 _GREY = 150
 
 
-def player_scene(quality: Quality) -> dict[str, Any]:
+def player_scene(quality: Quality) -> dict[str, object]:
     """Return the skeleton in all frames and, if there are any, the voxels in the judged ones.
 
     Arrays are base64 of little-endian numbers: joints float32 (F, J, 3) m; voxel cells uint8 or
@@ -28,7 +27,7 @@ def player_scene(quality: Quality) -> dict[str, Any]:
     joints = track.joints.reshape(-1, 3)
     names = [track.joint_names[b] for _, b in track.edges]
     low, high = joints.min(axis=0), joints.max(axis=0)
-    scene: dict[str, Any] = {
+    scene: dict[str, object] = {
         "joint_names": list(track.joint_names),
         "edges": track.edges.tolist(),
         "edge_colours": ["rgb({}, {}, {})".format(*COLOURS[find_side(n)][::-1]) for n in names],
@@ -42,7 +41,7 @@ def player_scene(quality: Quality) -> dict[str, Any]:
     return scene
 
 
-def _pack_voxels(quality: Quality) -> dict[str, Any]:
+def _pack_voxels(quality: Quality) -> dict[str, object]:
     assert quality.agreement is not None
     clouds = quality.agreement.clouds
     most = min(_MOST_OF_A_FRAME, _MOST_VOXELS // max(1, len(clouds)))

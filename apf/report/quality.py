@@ -9,42 +9,22 @@ lies inside by 0.2 to 0.5, a wrong forearm by 0.65, correct ones by 0.87 and mor
 from __future__ import annotations
 
 from collections.abc import Sequence as Items
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from apf.body.limbs import limb_names
 from apf.body.model import plain_name
 from apf.report.agreement import Agreement, choose_rows
+from apf.report.config import QualityConfig
 from apf.report.parts import find_parts
 from apf.tracking.correction import list_corrections
 from apf.tracking.limb_confidence import LOST, REGRESSION
 from apf.tracking.track import Track, spans
 
-#: Share inside the silhouettes at which a part is as likely right as wrong.
-_INSIDE = 0.7
-_POWER = np.log(0.5) / np.log(_INSIDE)
-#: Deviation of a limb's end, m, that halves its confidence; `apf evaluate` counts a limb as lost at
-#: twice this.
-_HALVED, _STEEPNESS = 0.1, 4
 #: A part with less confidence should be checked; a limb counts as lost below it, too.
 DOUBTFUL = LOST
-#: A frame with a smaller share of surface voxels near the body should be checked: something as
-#: large as an arm is unexplained. Hulls of few cameras leave up to 0.06 unexplained without a
-#: fault.
-_EXPLAINED = 0.9
-#: A frame with a smaller share of keypoints near their points on the body should be checked. Sound
-#: keypoints: 0.92 and more; those with left and right exchanged in one camera of five: 0.86.
-_NEAR = 0.88
-#: A track is good up to the first share of doubtful frames, and can be bad from the second on.
-_GOOD, _BAD = 0.02, 0.25
-#: It is bad only if the doubts are confirmed by other evidence, for a limb may be right though runs
-#: disagree on it: this share of the parts is doubtful and the body overlaps with the silhouettes by
-#: less than this share of what the voxels do (right tracks: 0.80 and more, and in a skirt 0.75);
-#: half of the frames have voxels away from the body; or this share of the keypoints fits it.
-_DOUBTFUL_PARTS, _OVERLAP, _AWAY, _FITTING = 0.1, 0.76, 0.5, 0.25
 #: Most frame ranges that a line lists; the page shows all.
 _NAMED = 4
 
@@ -64,6 +44,7 @@ class Quality:
     near: np.ndarray | None = None
     doubts: tuple[str, ...] = ()
     seen: np.ndarray | None = None
+    config: QualityConfig = field(default_factory=QualityConfig)
 
     @cached_property
     def there(self) -> np.ndarray:
@@ -91,9 +72,11 @@ class Quality:
     def confidence(self) -> np.ndarray:
         """Confidence (S, P) in [0, 1] of each part; 0 where the person was lost."""
         ends = [part.end for part in find_parts(self.track.its_body)]
-        certain = 1 / (1 + (self.deviations[self.rows][:, ends] / _HALVED) ** _STEEPNESS)
+        config, deviations = self.config, self.deviations[self.rows][:, ends]
+        certain = 1 / (1 + (deviations / config.halved) ** config.steepness)
         inside = 1.0 if self.agreement is None else self.agreement.inside
-        confidence: np.ndarray = np.nan_to_num(certain * inside**_POWER, nan=0.0)
+        power = np.log(0.5) / np.log(config.inside)
+        confidence: np.ndarray = np.nan_to_num(certain * inside**power, nan=0.0)
         names = limb_names(self.track.its_body)
         for limb, stated in enumerate(self.track.limb_confidence[self.rows].T):
             if names[limb] in self.parts and np.isfinite(stated).all():
@@ -118,10 +101,10 @@ class Quality:
         for number, part in enumerate(self.parts):
             found[part] = self.rows[(self.confidence[:, number] < DOUBTFUL) & held]
         if self.agreement is not None:
-            unexplained = (self.agreement.explained < _EXPLAINED) & held
+            unexplained = (self.agreement.explained < self.config.explained) & held
             found["voxels away from the body"] = self.rows[unexplained]
         if self.near is not None:
-            apart = (self.near[self.rows] < _NEAR) & held
+            apart = (self.near[self.rows] < self.config.near) & held
             found["keypoints away from the body"] = self.rows[apart]
         return {what: rows for what, rows in found.items() if rows.size}
 
@@ -139,8 +122,8 @@ class Quality:
         rows = {row for rows in self.doubtful.values() for row in rows.tolist()}
         judged = {*self.rows[self.there[self.rows]].tolist(), *np.flatnonzero(self.lost).tolist()}
         share = len(rows) / max(1, len(judged))
-        if share > _GOOD:
-            return "bad" if share >= _BAD and self._is_confirmed else "doubtful"
+        if share > self.config.good:
+            return "bad" if share >= self.config.bad and self._is_confirmed else "doubtful"
         if self.doubts:
             return "doubtful"
         return "good" if self._compared and self._lasts else "unknown"
@@ -157,23 +140,29 @@ class Quality:
     @property
     def _is_confirmed(self) -> bool:
         """Whether more than doubtful limbs shows that the track is wrong."""
-        if self.lost.sum() >= _BAD * max(1, self.there.sum()):
+        if self.lost.sum() >= self.config.bad * max(1, self.there.sum()):
             return True
-        if self.near is not None and np.nanmean(self.near) < _FITTING:
+        if self.near is not None and np.nanmean(self.near) < self.config.fitting:
             return True
         found, parts = self.agreement, float((self.confidence < DOUBTFUL).mean())
         if found is None:
-            return self.near is None and parts >= _DOUBTFUL_PARTS
+            return self.near is None and parts >= self.config.doubtful_parts
         with np.errstate(invalid="ignore"):
             overlap = np.nanmean(found.body_iou) / np.nanmean(found.voxel_iou)
-        away = float((found.explained < _EXPLAINED).mean())
-        return away >= _AWAY or bool(parts >= _DOUBTFUL_PARTS and overlap < _OVERLAP)
+        away = float((found.explained < self.config.explained).mean())
+        return away >= self.config.away or bool(
+            parts >= self.config.doubtful_parts and overlap < self.config.overlap
+        )
 
     @property
     def _lasting_doubts(self) -> list[str]:
         """The doubts, also for `apf report`, which has no keypoints."""
         near = np.nan if self.near is None else float(np.nanmean(self.near))
-        far = [f"only {near:.0%} of the keypoints are near the body"] if near < _NEAR else []
+        far = (
+            [f"only {near:.0%} of the keypoints are near the body"]
+            if near < self.config.near
+            else []
+        )
         return [*self.doubts, *(text for text in far if text not in self.doubts)]
 
     def lines(self) -> list[str]:
@@ -223,7 +212,7 @@ class Quality:
         frames = self.track.frames
         return [(int(frames[run[0]]), int(frames[run[-1]])) for run in runs]
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, object]:
         """Return all figures in JSON types."""
         track, found = self.track, self.agreement
         return {
@@ -248,8 +237,8 @@ class Quality:
                     track.joint_names, np.median(self.deviations, axis=0), strict=True
                 )
             },
-            "body_iou": _by_camera(found.cameras, found.body_iou) if found else None,
-            "voxel_iou": _by_camera(found.cameras, found.voxel_iou) if found else None,
+            "body_iou": _name_cameras(found.cameras, found.body_iou) if found else None,
+            "voxel_iou": _name_cameras(found.cameras, found.voxel_iou) if found else None,
             "voxels_explained": _plain(np.nanmean(found.explained)) if found else None,
             "keypoints_near": _plain(np.nanmean(self.near)) if self.near is not None else None,
             "doubts": self._lasting_doubts,
@@ -263,7 +252,7 @@ def camera_means(scores: np.ndarray) -> np.ndarray:
     return means
 
 
-def _by_camera(cameras: Items[str], scores: np.ndarray) -> dict[str, float | None]:
+def _name_cameras(cameras: Items[str], scores: np.ndarray) -> dict[str, float | None]:
     means = camera_means(scores)
     return {name: _plain(value) for name, value in zip(cameras, means, strict=True)}
 

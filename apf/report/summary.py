@@ -16,7 +16,7 @@ from apf.body.stature import stature
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.files import read_json
-from psfs.common.schema import Positive, Table, Vector, checked
+from psfs.common.schema import Positive, Table, Vector, parse_values
 from psfs.output.reconstruction_folder import SequenceFacts, reopen_sequence
 from psfs.sequence import Sequence
 from psfs.voxels.config import ReconstructionConfig
@@ -58,7 +58,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
     path, what = folder / SUMMARY, "the summary of an `apf track`"
     summary: dict[str, Any] = read_json(path, what)
     try:
-        checked(_Summary, summary)
+        parse_values(_Summary, summary)
     except InputError as error:
         raise InputError(f"{path}: not {what}: {error}") from None
     return summary
@@ -95,7 +95,7 @@ def read_tracked_grid(track: Track) -> VoxelGrid | None:
     if stated is None:
         return None
     try:
-        found = checked(_Grid, stated)
+        found = parse_values(_Grid, stated)
         nx, ny, nz = found.shape
         grid = VoxelGrid(np.array(found.origin), found.voxel_size, (nx, ny, nz))
         check_size(grid)

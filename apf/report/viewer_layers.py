@@ -1,4 +1,4 @@
-"""A track as a viewer of psfs draws it, on top of the voxels: its skeleton and its cones."""
+"""Layers of a track for the viewer of psfs, on top of the voxels: skeleton and cones."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from apf.body.mesh import cone_mesh
 from apf.body.model import BodyModel, find_side
 from apf.report.overlay import COLOURS
 from apf.tracking.track import Track
-from psfs.mesh.drawing import Layer, Lines, Surface
+from psfs.mesh.drawing import Layer, Lines, SurfaceDrawing
 
 #: RGB of the skeleton, and of the skeleton of a lost person.
 _BONE, _LOST = (20, 20, 20), (220, 30, 30)
@@ -51,18 +51,18 @@ def cone_layer(track: Track, body: BodyModel) -> Layer:
     colours = np.repeat(of_cone, _VERTICES_PER_CONE, axis=0)[corners]
 
     @lru_cache(_KEPT)
-    def drawing(frame: int) -> Surface | None:
+    def drawing(frame: int) -> SurfaceDrawing | None:
         if frame not in rows:
             return None
         vertices = mesh.posed(body, track.poses[rows[frame]][None])[0][0]
         normals = trimesh.Trimesh(vertices, mesh.faces, process=False).vertex_normals
-        return Surface(vertices[corners], faces, normals[corners], colours, _OPACITY)
+        return SurfaceDrawing(vertices[corners], faces, normals[corners], colours, _OPACITY)
 
     return Layer("cones", lambda frame, _colouring: drawing(frame))
 
 
 def describe_frame(track: Track, frame: int) -> str:
-    """Return what the tracker says of a frame, for a caption."""
+    """Return the caption of a frame: the tracker's state."""
     found = np.flatnonzero(track.frames == frame)
     if not len(found):
         return "not tracked"

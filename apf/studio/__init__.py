@@ -1,1 +1,2 @@
-"""The page in the browser: see, run, watch, correct and take home. Needs the extra `studio`."""
+"""The page in the browser: look at footage, track it, watch, correct and export. Needs the extra
+`studio`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from apf.studio.watch import Watch
 from apf.studio.words import make_lines, make_text
 from apf.tracking.correction import REACH, Correction, Corrections, correct_pose, write_corrections
 from cl import InputError, UserError
+
+if TYPE_CHECKING:
+    import viser
 
 #: The file of corrections, beside the track that they correct.
 FILE = "corrections.toml"
@@ -29,7 +32,7 @@ class CorrectPanel:
 
     def __init__(
         self,
-        server: Any,
+        server: viser.ViserServer,
         start: Callable[[list[str], int], object],
         say: Callable[[object], object],
     ) -> None:
@@ -39,7 +42,7 @@ class CorrectPanel:
         self.corrections: Corrections | None = None
         gui = server.gui
         self._message = gui.add_html(make_text("Open a track to correct it."))
-        self.joint = gui.add_dropdown("joint", ["-"], initial_value="-")
+        self.joint: Any = gui.add_dropdown("joint", ["-"], initial_value="-")
         self.place = gui.add_button("put it right in this frame", hint="key: C", disabled=True)
         self.reach = gui.add_number(
             "reach, s", REACH, min=0.0, max=10.0, step=0.1,

@@ -1,11 +1,11 @@
-"""The panel that takes results home: files of motion, smoothed or as tracked, and the report."""
+"""The panel that exports results: files of motion, smoothed or as tracked, and the report."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from apf.formats import BODY_WRITERS, WRITERS
 from apf.report.names import PAGE
@@ -15,6 +15,9 @@ from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
 from cl import UserError
 
+if TYPE_CHECKING:
+    import viser
+
 #: Endings of the files that a track is written as, those of a moving body first.
 ENDINGS = (*BODY_WRITERS, *WRITERS, ".trc", ".npz")
 
@@ -22,11 +25,11 @@ ENDINGS = (*BODY_WRITERS, *WRITERS, ".trc", ".npz")
 class ExportPanel:
     """The panel. say: shows an error on the page."""
 
-    def __init__(self, gui: Any, say: Callable[[object], object]) -> None:
+    def __init__(self, gui: viser.GuiApi, say: Callable[[object], object]) -> None:
         self._say = say
         self._watch: Watch | None = None
-        self._message = gui.add_html(make_text("Open a track to take it home."))
-        self.person = gui.add_dropdown("person", ["-"], initial_value="-", visible=False)
+        self._message = gui.add_html(make_text("Open a track to export it."))
+        self.person: Any = gui.add_dropdown("person", ["-"], initial_value="-", visible=False)
         self.ending = gui.add_dropdown("file", list(dict.fromkeys(ENDINGS)), initial_value=".bvh")
         self.smooth = gui.add_checkbox("smoothed", True, hint="as apf smooth does")
         self.button = gui.add_button("save", disabled=True)
@@ -43,7 +46,7 @@ class ExportPanel:
         self.person.options = tracks or ["-"]
         self.person.value = tracks[0] if tracks else "-"
         self.report.disabled = watch is None or not (watch.opened.folder / PAGE).is_file()
-        words = f"Choose a file of {tracks[0]}." if tracks else "Open a track to take it home."
+        words = f"Choose a file of {tracks[0]}." if tracks else "Open a track to export it."
         self._message.content = make_text(words)
 
     def make_file(self) -> tuple[str, bytes]:
@@ -64,7 +67,9 @@ class ExportPanel:
         folder = self._watch.opened.folder
         return f"{folder.name}.html", (folder / PAGE).read_bytes()
 
-    def _send(self, client: Any, make: Callable[[], tuple[str, bytes]]) -> None:
+    def _send(
+        self, client: viser.ClientHandle | None, make: Callable[[], tuple[str, bytes]]
+    ) -> None:
         if self._watch is None or client is None:
             return
         try:

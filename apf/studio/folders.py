@@ -10,7 +10,7 @@ from apf.report.summary import SUMMARY
 from apf.tracking.track import PARTS
 from cl import InputError, MissingFileError, UserError
 from psfs.footage.layouts import LAYOUTS
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 
 #: Levels below a given folder that are searched, and the most folders that are listed.
 _DEPTH, _MOST = 3, 500
@@ -86,7 +86,7 @@ def list_people(folder: Path) -> list[Path]:
 def _is_take(folder: Path) -> bool:
     """Return whether a folder has the layout of a take."""
     try:
-        return any(layout.matches(folder, Settings()) for layout in LAYOUTS)
+        return any(layout.matches(folder, SequenceSettings()) for layout in LAYOUTS)
     except UserError:  # a calibration that cannot be read
         return True
 

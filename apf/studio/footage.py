@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -21,17 +21,24 @@ from psfs.session import Session
 from psfs.volume import find_volume
 from psfs.voxels.grid import VoxelGrid
 
-#: RGB of the silhouettes, which no room has much of.
+if TYPE_CHECKING:
+    import viser
+
+#: RGB of the silhouettes, a colour that is rare in rooms.
 _SILHOUETTE = np.array([255, 0, 200])
 _FLOOR_VOXEL = 0.05  # m; the floor is drawn under a grid
 
 
-class Footage:
+class FootageView:
     """A take on the page, shown until `close`. The arguments are those of `Watch`; make_device:
     makes the device that silhouettes, faults and the volume are computed on."""
 
     def __init__(
-        self, server: Any, sequence: Sequence, panels: tuple[Any, Any], make_device: MakeDevice
+        self,
+        server: viser.ViserServer,
+        sequence: Sequence,
+        panels: tuple[Any, Any],
+        make_device: MakeDevice,
     ) -> None:
         self._server, self.sequence, self._make_device = server, sequence, make_device
         self._closed, self._lock = threading.Event(), threading.Lock()
@@ -84,7 +91,7 @@ class Footage:
             part.remove()
         self._server.scene.reset()
 
-    def _add_controls(self, gui: Any) -> None:
+    def _add_controls(self, gui: viser.GuiApi) -> None:
         count, fps = len(self.sequence), self.sequence.fps
         self._status = gui.add_html("")
         self.time_line = TimeLine(gui, np.arange(max(1, count)), fps, self._show)
@@ -92,16 +99,16 @@ class Footage:
         self._own_box = gui.add_checkbox(
             "use this volume", False, hint="else it is found around what moves"
         )
-        self._low = gui.add_vector3("lowest, m", tuple(low.tolist()), step=0.05)
-        self._high = gui.add_vector3("highest, m", tuple(high.tolist()), step=0.05)
+        self._low: Any = gui.add_vector3("lowest, m", tuple(low.tolist()), step=0.05)
+        self._high: Any = gui.add_vector3("highest, m", tuple(high.tolist()), step=0.05)
         for corner in (self._low, self._high, self._own_box):
             corner.on_update(lambda event: self._draw_box())
         self._notes: list[tuple[str, object]] = [("note", "examining the footage ...")]
         self._remarks = gui.add_html(self._describe())
-        self._parts = [self._status, self._own_box, self._low, self._high, self._remarks]
+        self._parts: list[Any] = [self._status, self._own_box, self._low, self._high, self._remarks]
 
-    def _add_pictures(self, gui: Any) -> None:
-        self._opacity = gui.add_slider(
+    def _add_pictures(self, gui: viser.GuiApi) -> None:
+        self._opacity: Any = gui.add_slider(
             "silhouettes", 0.0, 1.0, 0.05, 0.0, hint="what is taken for the person"
         )
         self._opacity.on_update(lambda event: self._draw_again())
@@ -114,7 +121,7 @@ class Footage:
         low, high = stated if stated is not None else (centre - 1.0, centre + 1.0)
         return np.round(low, 2), np.round(high, 2)
 
-    def _place(self, server: Any) -> None:
+    def _place(self, server: viser.ViserServer) -> None:
         """Draw the floor, and set the point of view outside of the rig."""
         low, high = self._first_box()
         add_floor(server.scene, VoxelGrid.covering(low, high, _FLOOR_VOXEL))
@@ -156,13 +163,13 @@ class Footage:
     def _silhouettes(self, frame: Frame) -> list[np.ndarray]:
         """Return each camera's silhouette (h, w) bool without the rig's padding."""
         with self._lock:
-            evidence = self._its_session().evidence([frame.index])[0]
+            evidence = self._make_session().evidence([frame.index])[0]
         sizes = [camera.size for camera in self.sequence.rig]
         return [
             of[:height, :width] > 0 for of, (width, height) in zip(evidence, sizes, strict=True)
         ]
 
-    def _its_session(self) -> Session:
+    def _make_session(self) -> Session:
         if self._session is None:
             self._session = Session(self.sequence, self._make_device())
         return self._session
@@ -171,7 +178,7 @@ class Footage:
         """Find the faults of the footage, and the volume."""
         try:
             with self._lock:
-                examination = examine(self._its_session())
+                examination = examine(self._make_session())
                 warnings = list(examination.warnings)
                 faults = [str(fault) for fault in examination.faults if not fault.serious]
                 if self._closed.is_set():

@@ -62,7 +62,7 @@ def start_server(port: int, gate: Gate) -> viser.ViserServer:
     the next free one. Raises InputError."""
     viser = import_viser()
     # viser prints the address without the token.
-    with _ONE_AT_A_TIME, _checked_serving(gate), redirect_stdout(io.StringIO()):
+    with _ONE_AT_A_TIME, _serve_with_checks(gate), redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=HOST, port=port, verbose=False)
     if _status(server.get_port(), "/") != http.client.FORBIDDEN:
         stop_server(server)
@@ -74,7 +74,7 @@ def start_server(port: int, gate: Gate) -> viser.ViserServer:
 
 
 def stop_server(server: viser.ViserServer) -> None:
-    """Stop a server without viser's words about it."""
+    """Stop a server without viser's messages."""
     with _ONE_AT_A_TIME, redirect_stdout(io.StringIO()):
         server.stop()
 
@@ -85,13 +85,15 @@ def page_address(server: viser.ViserServer, gate: Gate) -> str:
 
 
 @contextmanager
-def _checked_serving(gate: Gate) -> Iterator[None]:
+def _serve_with_checks(gate: Gate) -> Iterator[None]:
     """Have all servers that websockets starts inside check their requests by `gate`."""
     from websockets.asyncio import server as serving
 
-    serve: Callable[..., Any] = serving.serve
+    serve: Callable[..., object] = serving.serve
 
-    def serve_checked(*args: Any, process_request: Callable[..., Any], **options: Any) -> Any:
+    def serve_checked(
+        *args: object, process_request: Callable[..., object], **options: object
+    ) -> Any:
         def check(connection: Any, request: Any) -> Any:
             path = gate.strip_token(request.path, request.headers.get("Host", ""))
             if path is None:

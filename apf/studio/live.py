@@ -9,7 +9,7 @@ import numpy as np
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
-from apf.live.pace import described
+from apf.live.pace import describe_run
 from apf.live.session import LiveResult
 from apf.live.timeline import Timeline
 from apf.studio.gate import Gate, page_address, start_server, stop_server
@@ -105,7 +105,7 @@ class LivePage:
         kind, words = "good", f"confidence {estimate.confidence:.2f}"
         if estimate.lost:
             kind, words = "warning", "the person is lost"
-        self._status.content = make_lines([(kind, words), ("note", described(result, timeline))])
+        self._status.content = make_lines([(kind, words), ("note", describe_run(result, timeline))])
 
 
 def _still_track(body: BodyModel, pose: np.ndarray) -> Track:

@@ -1,8 +1,8 @@
-"""What the page's 3-D view shows: bodies, voxels, cameras, the floor; one class each."""
+"""Nodes of the page's 3-D view: bodies, voxels, cameras, the floor; one class each."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import trimesh
@@ -18,9 +18,12 @@ from psfs.cameras.camera import CameraRig
 from psfs.mesh.drawing import draw_floor
 from psfs.voxels.grid import VoxelGrid
 
+if TYPE_CHECKING:
+    import viser
+
 #: RGB of a side of the body: blue, orange and green, which colour-blind people distinguish; and of
 #: what is lost.
-SIDES = {side: tuple(int(c) for c in bgr[::-1]) for side, bgr in COLOURS.items()}
+SIDES = {side: (int(r), int(g), int(b)) for side, (b, g, r) in COLOURS.items()}
 LOST = (200, 0, 90)
 _VERTICES_PER_CONE = 18
 _BONE_WIDTH, _TRAIL_WIDTH = 4.0, 2.0  # px
@@ -34,7 +37,7 @@ class BodyNodes:
     scene: viser's. name: of the node that holds all others.
     """
 
-    def __init__(self, scene: Any, name: str, track: Track) -> None:
+    def __init__(self, scene: viser.SceneApi, name: str, track: Track) -> None:
         self._track, body = track, track.its_body
         self._limb_bones, self.ends = limb_bones(body), limb_ends(body)
         self._lost, self._lost_limbs = track.lost, track.lost_limbs  # computed at each call
@@ -129,7 +132,7 @@ class BodyNodes:
 class VoxelNode:
     """The surface voxels of one frame as points of the voxels' size."""
 
-    def __init__(self, scene: Any, grid: VoxelGrid) -> None:
+    def __init__(self, scene: viser.SceneApi, grid: VoxelGrid) -> None:
         self._node = scene.add_point_cloud(
             "/voxels", np.zeros((1, 3), np.float16), np.zeros((1, 3), np.uint8),
             point_size=grid.voxel_size, point_shape="square", point_shading="flat",
@@ -150,7 +153,7 @@ class VoxelNode:
 class CameraNodes:
     """The cameras as frusta, with their pictures inside and their names above them."""
 
-    def __init__(self, scene: Any, rig: CameraRig) -> None:
+    def __init__(self, scene: viser.SceneApi, rig: CameraRig) -> None:
         depth = 0.12 * float(np.linalg.norm(rig.centres - rig.centres.mean(0), axis=1).mean() or 1)
         self._nodes: list[Any] = []
         self._names: list[Any] = []
@@ -177,7 +180,7 @@ class CameraNodes:
             node.visible = shown
 
 
-def add_floor(scene: Any, grid: VoxelGrid) -> None:
+def add_floor(scene: viser.SceneApi, grid: VoxelGrid) -> None:
     """Add the floor z = 0 under a grid, in squares of 1, 0.1, ... m, with the world's axes."""
     floor = draw_floor(grid)
     scene.add_line_segments(
@@ -186,7 +189,7 @@ def add_floor(scene: Any, grid: VoxelGrid) -> None:
     )  # fmt: skip
 
 
-def add_box(scene: Any, name: str, low: np.ndarray, high: np.ndarray) -> Any:
+def add_box(scene: viser.SceneApi, name: str, low: np.ndarray, high: np.ndarray) -> Any:
     """Add the edges of a box between two corners (3,) m, and return its node."""
     corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3)
     pairs = [

@@ -1,4 +1,4 @@
-"""A folder that is opened for watching: a track, or voxels, with its footage if that is there."""
+"""A run that is opened for watching: a track, or voxels, with its footage if that exists."""
 
 from __future__ import annotations
 

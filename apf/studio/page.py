@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import threading
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from apf.studio.correct_panel import CorrectPanel
 from apf.studio.export_panel import ExportPanel
 from apf.studio.folders import Found, Roots, find_kind
-from apf.studio.footage import Footage
+from apf.studio.footage import FootageView
 from apf.studio.gate import Gate, page_address, start_server, stop_server
 from apf.studio.opened import MakeDevice, open_track, open_voxels
 from apf.studio.run_panel import RunPanel
@@ -17,6 +17,9 @@ from apf.studio.watch import Watch
 from apf.studio.words import make_lines, make_text
 from cl import InputError, UserError
 from psfs.sequence import Sequence
+
+if TYPE_CHECKING:
+    import viser
 
 #: Kinds of folders, as the list names them.
 _KINDS = {"take": "footage", "track": "track", "voxels": "voxels"}
@@ -42,7 +45,7 @@ class Page:
         self.server = start_server(port, self.gate)
         self._lock = threading.RLock()
         self.watch: Watch | None = None
-        self.footage: Footage | None = None
+        self.footage: FootageView | None = None
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         gui.set_panel_label("psfs-apf studio")
@@ -90,7 +93,7 @@ class Page:
                 self.watch = Watch(server, open_voxels(path), *panels)
             elif kind == "take":
                 sequence = Sequence.open(path)
-                self.footage = footage = Footage(server, sequence, panels, self._make_device)
+                self.footage = footage = FootageView(server, sequence, panels, self._make_device)
                 self.run.offer(sequence, lambda: footage.volume)
             else:
                 raise InputError(
@@ -125,7 +128,7 @@ class Page:
         """Show an error on the page."""
         self._message.content = make_lines([("warning", error)])
 
-    def _add_open(self, gui: Any) -> None:
+    def _add_open(self, gui: viser.GuiApi) -> None:
         self._folder = gui.add_dropdown(
             "open",
             [_NOTHING],

@@ -1,4 +1,4 @@
-"""Pictures of the frame that is shown, decoded by a thread that works on the latest wish only."""
+"""Pictures of the frame that is shown, decoded by a thread that serves the latest request only."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _FRUSTUM_WIDTH, _WIDTH = 320, 720
 
 
 class PictureReader:
-    """Decodes the frames that are asked for, and hands each to `show`; wishes that come while it
-    works replace each other. fail: receives the text of an error, after which it ends."""
+    """Decoder of requested frames, each passed to `show`; a request that comes while it works
+    replaces the one before. fail: receives the text of an error, after which it ends."""
 
     def __init__(
         self, sequence: Sequence, show: Callable[[Frame], object], fail: Callable[[str], object]

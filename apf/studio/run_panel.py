@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,8 +19,12 @@ from cl import InputError
 from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.sequence import Sequence
 
+if TYPE_CHECKING:
+    import viser
+
 _OURS = "default"
-#: Time between two looks at a run, s; and how much longer a track must be to be shown again.
+#: Time between two checks of a run, s; and the factor by which its track must have grown to be
+#: shown again.
 _INTERVAL, _LONGER = 1.0, 1.5
 
 
@@ -30,7 +34,7 @@ class RunPanel:
 
     def __init__(
         self,
-        gui: Any,
+        gui: viser.GuiApi,
         results: Path,
         device: str,
         show: Callable[[Path], object],
@@ -55,7 +59,7 @@ class RunPanel:
         self.keypoints = gui.add_checkbox("use keypoints", False, visible=False)
         self.start_button = gui.add_button("track", disabled=True, hint="key: T")
         self.cancel_button = gui.add_button("cancel", visible=False)
-        self.progress = gui.add_progress_bar(0.0, visible=False)
+        self.progress: Any = gui.add_progress_bar(0.0, visible=False)
         self._status = gui.add_html("")
         self.settings = SettingsPanel(gui)
         self.start_button.on_click(lambda event: self.press_track())
@@ -109,7 +113,9 @@ class RunPanel:
             flags.append("--volume=" + ",".join(f"{number:g}" for number in numbers))
         return flags
 
-    def start(self, flags: list[str], n_frames: int, tables: dict[str, Any] | None = None) -> Work:
+    def start(
+        self, flags: list[str], n_frames: int, tables: dict[str, object] | None = None
+    ) -> Work:
         """Start a run into a new folder of the results. Raises InputError while another goes on."""
         if self.work is not None and not self.work.ended:
             raise InputError("a run goes on; expected one at a time (cancel it first)")

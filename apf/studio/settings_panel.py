@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from types import NoneType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic.fields import FieldInfo
 
@@ -21,6 +21,9 @@ from psfs.common.config import (
     fields_below,
     part_kind,
 )
+
+if TYPE_CHECKING:
+    import viser
 
 #: The nodes of the tree that `apf track` takes tables of.
 _NODES = ("method", "reconstruction")
@@ -59,7 +62,7 @@ class ChosenSettings:
             tried.pop(path)
         tables = _nest(tried)
         for node, config in self._defaults.items():
-            config.overlaid(tables.get(node, {}), node)
+            config.overlay(tables.get(node, {}), node)
         self.values = tried
 
     @property
@@ -71,7 +74,7 @@ class ChosenSettings:
 class SettingsPanel:
     """The fields of one group of settings at a time, in the current folder of `gui`."""
 
-    def __init__(self, gui: Any) -> None:
+    def __init__(self, gui: viser.GuiApi) -> None:
         self.chosen, self._gui = ChosenSettings(), gui
         self._groups: dict[str, list[tuple[str, ...]]] = {}
         for path in self.chosen.fields:
@@ -105,7 +108,7 @@ class SettingsPanel:
         )
         kinds, choices = field_kinds(field), field_choices(field)
         if kinds == (bool,):
-            shown = self._gui.add_checkbox(path[-1], bool(value), hint=hint)
+            shown: Any = self._gui.add_checkbox(path[-1], bool(value), hint=hint)
         elif choices:
             names = [str(choice) for choice in choices]
             shown = self._gui.add_dropdown(path[-1], names, initial_value=str(value), hint=hint)

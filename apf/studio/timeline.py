@@ -1,15 +1,18 @@
-"""The time line: a slider, buttons and keys that move a clock, and a thread that plays."""
+"""The time line: a slider, buttons and keys that move a clock, and a thread for playback."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from psfs.mesh.playback import SPEEDS, Playback
+
+if TYPE_CHECKING:
+    import viser
 
 #: Most frames per second that are sent to the page, and that the slider follows while playing.
 _MOST_RATE, _SLIDER_RATE = 60.0, 5.0
@@ -26,7 +29,7 @@ class TimeLine:
 
     def __init__(
         self,
-        gui: Any,
+        gui: viser.GuiApi,
         frames: np.ndarray,
         fps: float,
         show: Callable[[int], object],
@@ -37,7 +40,7 @@ class TimeLine:
         self._lock, self._ended, self._changed = threading.RLock(), threading.Event(), False
         self._wake = threading.Event()
         self.n_shown = 0
-        self.slider = gui.add_slider(
+        self.slider: Any = gui.add_slider(
             "frame", 0, max(1, len(frames) - 1), 1, 0,
             hint="which frame is shown, counted from the first one of the run",
         )  # fmt: skip
@@ -45,7 +48,7 @@ class TimeLine:
             "play", (_FIRST, _BACK, _PLAY, _AHEAD, _LAST),
             hint="keys: Home, left, space, right, End; N and P: next and previous frame to check",
         )  # fmt: skip
-        self.speed = gui.add_dropdown(
+        self.speed: Any = gui.add_dropdown(
             "speed", [f"{speed:g}" for speed in SPEEDS], initial_value="1",
             hint="times as fast as the recording; keys: up, down",
         )  # fmt: skip
@@ -71,7 +74,7 @@ class TimeLine:
         ]
 
     @staticmethod
-    def _add_key(gui: Any, label: str, key: str, do: Callable[[], None]) -> Any:
+    def _add_key(gui: viser.GuiApi, label: str, key: Any, do: Callable[[], None]) -> Any:
         command = gui.add_command(label, hotkey=key)
         command.on_trigger(lambda event: do())
         return command

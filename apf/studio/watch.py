@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from cl import UserError
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelGrid
 
+if TYPE_CHECKING:
+    import viser
+
 _ALL = "all cameras"
 _TRAIL_SECONDS = 1.0
 #: A 3-D view without voxels gets a floor of this many metres around the person.
@@ -32,7 +35,7 @@ class Watch:
     beside: the tab of pictures and curves.
     """
 
-    def __init__(self, server: Any, opened: Opened, panel: Any, beside: Any) -> None:
+    def __init__(self, server: viser.ViserServer, opened: Opened, panel: Any, beside: Any) -> None:
         self._server, self.opened = server, opened
         self._closed, self._reader = threading.Event(), None
         self._position = -1
@@ -59,7 +62,7 @@ class Watch:
         self.time_line.refresh()
         self._want_voxels()
 
-    def _add_controls(self, gui: Any) -> None:
+    def _add_controls(self, gui: viser.GuiApi) -> None:
         opened = self.opened
         self._status = gui.add_html("")
         frames = opened.frames.tolist()
@@ -79,9 +82,9 @@ class Watch:
             box.visible = name in ("voxels", "cameras") or bool(self.bodies)
             box.on_update(lambda event: self._choose_layers())
         self._remarks = gui.add_html(self._describe())
-        self._parts = [self._status, self._remarks, *self._shown.values()]
+        self._parts: list[Any] = [self._status, self._remarks, *self._shown.values()]
 
-    def _add_pictures(self, gui: Any) -> None:
+    def _add_pictures(self, gui: viser.GuiApi) -> None:
         opened, track = self.opened, self.opened.track
         if opened.sequence is not None:
             names = [_ALL, *opened.sequence.rig.names]

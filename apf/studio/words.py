@@ -1,4 +1,4 @@
-"""Small pieces of HTML for the page's panels, from texts that may hold anything."""
+"""Pieces of HTML for the page's panels, from texts that are escaped."""
 
 from __future__ import annotations
 

@@ -12,7 +12,6 @@ import tempfile
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import tomli_w
 
@@ -45,7 +44,7 @@ class Work:
         flags: Sequence[str],
         output: Path,
         n_frames: int,
-        tables: Mapping[str, Any] | None = None,
+        tables: Mapping[str, object] | None = None,
     ) -> None:
         self.output, self.n_frames = output, n_frames
         self._files = tempfile.TemporaryDirectory(prefix="apf-studio-")

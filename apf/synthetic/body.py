@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from apf.synthetic.skeleton import Motion, Skeleton
+from apf.synthetic.skeleton import Motion, SyntheticSkeleton
 
 #: Floats per packed primitive; `scene_person.h` states this number and the largest blend, too.
 PRIMITIVE_FLOATS = 32
@@ -134,7 +134,7 @@ def make_person() -> list[Primitive]:
 class PersonSurface:
     """A person's primitives, to be posed by a skeleton's motion."""
 
-    def __init__(self, skeleton: Skeleton) -> None:
+    def __init__(self, skeleton: SyntheticSkeleton) -> None:
         self.primitives = make_person()
         self._bones = np.array([skeleton.index(p.bone) for p in self.primitives])
         scale = skeleton.height / TABLE_HEIGHT
@@ -151,7 +151,7 @@ class PersonSurface:
     def __len__(self) -> int:
         return len(self.primitives)
 
-    def _constant_columns(self, skeleton: Skeleton, scale: float) -> np.ndarray:
+    def _constant_columns(self, skeleton: SyntheticSkeleton, scale: float) -> np.ndarray:
         """Return columns 12-31 of the packed primitives, which do not depend on the pose."""
         rest = skeleton.forward(np.zeros((1, 3)), {}).positions[0, self._bones, 2]
         out = np.zeros((len(self), PRIMITIVE_FLOATS), np.float64)

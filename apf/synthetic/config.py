@@ -93,7 +93,7 @@ class SceneConfig(Config):
     def walk(self) -> Walk:
         from apf.synthetic.walk import Walk
 
-        return Walk.varied(self.seed, self.height, self._heading)
+        return Walk.sample(self.seed, self.height, self._heading)
 
     @property
     def first_bearing(self) -> float:

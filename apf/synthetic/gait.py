@@ -19,14 +19,13 @@ from apf.synthetic.skeleton import (
     SHIN,
     THIGH,
     Motion,
-    Skeleton,
+    SyntheticSkeleton,
     rotation,
 )
 from apf.synthetic.walk import Path, Walk
 
 #: Share of the stride that a foot is on the floor, and the phase at which its ankle is below the
 #: hip (phase 0 is the foot's heel strike).
-#: the hip (phase 0 is the foot's heel strike).
 STANCE, MIDSTANCE = 0.62, 0.245
 #: Pitch of the sole over one stride: (phase, degrees); positive = toes up.
 _PITCH = (
@@ -39,12 +38,12 @@ _LANDING = 0.7
 _REACH = 0.995
 
 
-class Gait:
+class GaitModel:
     """A walker whose `motion(times)` returns the bones at any times (s)."""
 
     def __init__(self, walk: Walk) -> None:
         self.walk = walk
-        self.skeleton = Skeleton(walk.height)
+        self.skeleton = SyntheticSkeleton(walk.height)
         self.path = Path(walk)
         self._pitch = PchipInterpolator(*np.array(_PITCH).T * [[1.0], [np.pi / 180]])
         laps = np.linspace(0.0, self.path.length / walk.speed, 600)

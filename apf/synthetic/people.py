@@ -1,4 +1,4 @@
-"""Several walkers in one room: their walks, which do not meet, and when each is there."""
+"""Several walkers in one room: walks that do not meet, and the frames in which each is there."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def make_walks(config: SceneConfig) -> list[Walk]:
         turn = 2 * np.pi * (number // 2 / on_course) + config.seed
         radius = _OUTER if outer else _INNER
         course = Course(radius, _WOBBLE, turn, clockwise=not outer)
-        own = Walk.varied(int(rng.integers(2**31)), height)
+        own = Walk.sample(int(rng.integers(2**31)), height)
         pace = 1.0 if outer else _INNER_PACE
         # All on one course walk at one speed, and so stay apart.
         walks.append(replace(own, course=course, speed=1.15 * pace, stride=own.stride * pace))

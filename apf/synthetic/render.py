@@ -9,7 +9,7 @@ import numpy as np
 
 from apf.synthetic.body import PRIMITIVE_FLOATS, PersonSurface
 from apf.synthetic.config import SceneConfig
-from apf.synthetic.gait import Gait
+from apf.synthetic.gait import GaitModel
 from apf.synthetic.people import make_walks, presence
 from apf.synthetic.scene import ROOM, Furniture, make_furniture, make_palettes, make_rig
 from apf.synthetic.skeleton import Motion
@@ -23,7 +23,6 @@ SHADOW_SIZE, SHADOW_STEP = 128, 0.04
 TILE = 16
 #: Sphere tracing: a ray has hit a surface nearer than HIT, m, and takes at most MARCH_STEPS; FAR,
 #: m, is larger than any distance.
-#: anything.
 HIT, MARCH_STEPS, FAR = 5e-4, 64, 1e6
 #: Margin of the stored noise field, px, within which each frame's offset is drawn.
 _NOISE_MARGIN = 64
@@ -33,7 +32,7 @@ _STAGE = "synthetic/scene"
 _GROUP = (16, 4, 1)
 
 
-class Renderer:
+class SceneRenderer:
     """Renders a posed body in a room for every camera of a rig (all of one picture size).
 
     shadow: strength of its shadow on the floor, 0 to 1.
@@ -256,7 +255,7 @@ class SyntheticScene:
         self._sensor = Sensor(config)
         shapes = [walker.posed(0) for walker in self._walkers]
         self._n_balls = max(len(balls) for _, balls, _ in shapes)
-        self.renderer = Renderer(
+        self.renderer = SceneRenderer(
             device, self.rig, make_furniture(config.seed), config.seed, len(shapes[0][0]),
             self._n_balls, shadow=config.shadow,
         )  # fmt: skip
@@ -303,7 +302,7 @@ class _Walker:
     """One person: the surface and the motion. joints: (F, J, 3) m."""
 
     def __init__(self, walk: Walk, config: SceneConfig) -> None:
-        gait = Gait(walk)
+        gait = GaitModel(walk)
         motion = gait.motion(np.arange(config.frames) / config.fps)
         self._motion = motion if config.people > 1 else _centre_motion(motion)
         self.joints = gait.skeleton.joints(self._motion)

@@ -62,7 +62,7 @@ class Motion:
     positions: np.ndarray
 
 
-class Skeleton:
+class SyntheticSkeleton:
     """Bones of a person of the given stature (m), parents before children.
 
     bones: names. parents: (B,) int, -1 for the root. offsets: (B, 3) m. joint_names: names of the

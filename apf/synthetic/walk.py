@@ -57,7 +57,7 @@ class Walk:
     """Amplitude of the head's rotation, degrees."""
 
     @classmethod
-    def varied(cls, seed: int, height: float, heading: float | None = None) -> Walk:
+    def sample(cls, seed: int, height: float, heading: float | None = None) -> Walk:
         """Return a person of the given stature with a random walk, straight in the direction
         `heading`, rad, if it is given."""
         rng = np.random.default_rng([seed, 1])

@@ -1,4 +1,4 @@
-"""Corrections of a track by hand: joints put where they belong, and frames marked as bad."""
+"""Corrections of a track by hand: positions of joints, and frames marked as bad."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from apf.likelihood.observations import PointObservations
 from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cameras.camera import CameraRig
-from psfs.common.schema import Name, PathText, Table, Vector, checked
+from psfs.common.schema import Name, PathText, Table, Vector, parse_values
 from psfs.common.toml import read_toml, write_toml
 
 #: Time before and after a corrected frame that is tracked again, s, and error of a joint that is
@@ -106,7 +106,7 @@ def read_corrections(path: Path) -> Corrections:
     """Read a file of `write_corrections`. Raises InputError, or MissingFileError."""
     table = read_toml(path)
     table = {k: _tuples(v) if k in ("bad", "point") else v for k, v in table.items()}
-    found = checked(_File, table, path)
+    found = parse_values(_File, table, path)
     points = tuple(
         Correction(point.frame, point.joint, (x, y, z), point.error)
         for point in found.point
@@ -115,7 +115,7 @@ def read_corrections(path: Path) -> Corrections:
     return Corrections(path.parent / found.track, points, found.bad, found.reach)
 
 
-def _tuples(values: Any) -> Any:
+def _tuples(values: object) -> Any:
     """Return lists of lists as tuples, which a frozen table holds."""
     if not isinstance(values, list):
         return values
@@ -124,7 +124,7 @@ def _tuples(values: Any) -> Any:
 
 def write_corrections(path: Path, corrections: Corrections) -> None:
     """Write corrections as TOML; the track's folder as it is."""
-    table: dict[str, Any] = {
+    table: dict[str, object] = {
         "track": str(corrections.track),
         "reach": corrections.reach,
         "bad": [list(ends) for ends in corrections.bad],

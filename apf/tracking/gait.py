@@ -10,7 +10,6 @@ heels and toes.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -51,7 +50,7 @@ class Gait:
     step_length: float
     speed: float
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return all figures as plain values with units in their names, for JSON."""
         return {
             "n_steps": self.n_steps,

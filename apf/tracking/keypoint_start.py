@@ -45,7 +45,7 @@ def _first_pose(session: Session, start: KeypointStart, method: Method) -> np.nd
     back = frames[: frames.index(anchor)][::-1]
     alone = Method.create(objective="keypoints", seed=method.filter.search.seed)
     alone = alone.with_keypoints(method.filter.keypoints.room)
-    scaled = alone.replace(filter=alone.filter.at_rate(session.rate))
+    scaled = alone.replace(filter=alone.filter.scale_to_rate(session.rate))
     tracker = make_tracker(Scene(session.device, session.rig, None, start.body), scaled)
     tracker.start(pose)
     for frame in back:

@@ -14,7 +14,7 @@ from apf.tracking.gait import Gait, measure_gait
 from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
 from cl import InputError
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.common.files import write_json
 
 _LABELS = {"strike": "Foot Strike", "off": "Foot Off"}
@@ -51,11 +51,11 @@ def export(
     chosen = dict.fromkeys(to or (EXPORTS if has_body else OF_POINTS))
     for kind in chosen:
         if kind not in EXPORTS:
-            raise InputError(f"a track is not exported as {kind!r}; expected {listed(EXPORTS)}")
+            raise InputError(f"a track is not exported as {kind!r}; expected {join_names(EXPORTS)}")
         if not has_body and kind not in OF_POINTS:
             raise InputError(
                 f"a track of points, without a body, is not exported as {kind!r}; expected "
-                f"{listed(OF_POINTS)}"
+                f"{join_names(OF_POINTS)}"
             )
     if has_body and not raw and track.smoothing is None:
         track = smooth_track(track, smoothing)

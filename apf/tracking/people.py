@@ -13,7 +13,7 @@ from pydantic import Field
 from apf.tracking.track import PEOPLE, Track, spans
 from cl import InputError
 from psfs.common.files import read_json, write_json
-from psfs.common.schema import Table, checked
+from psfs.common.schema import Table, parse_values
 
 #: Greatest number of people.
 MOST_PEOPLE = 20
@@ -63,7 +63,7 @@ class PeopleTracks(Sequence[Track]):
         """Number (F,) of people in each of `frames`."""
         return np.sum([np.isin(self.frames, seen) for seen in self.seen], axis=0, dtype=int)
 
-    def seen_part(self, number: int) -> Track:
+    def select_seen(self, number: int) -> Track:
         """Return a person's track in the frames alone that show the person."""
         track = self.tracks[number]
         rows = np.isin(track.frames, self.seen[number])
@@ -113,7 +113,7 @@ class PeopleTracks(Sequence[Track]):
         `people.json` or a track is missing or invalid."""
         folder = Path(folder)
         path, what = folder / PEOPLE, "the people of an `apf track`"
-        listed = checked(_Listed, read_json(path, what), path)
+        listed = parse_values(_Listed, read_json(path, what), path)
         tracks = tuple(Track.open(folder / person.folder) for person in listed.persons)
         seen = tuple(parse_spans(person.seen) for person in listed.persons)
         verdicts = tuple(person.verdict for person in listed.persons)

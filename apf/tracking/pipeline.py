@@ -10,7 +10,7 @@ from collections.abc import Sequence as Items
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Any, Protocol, TypeAlias, TypeVar, cast
 
 import numpy as np
 
@@ -32,7 +32,9 @@ from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame
 from psfs.session import Session
 from psfs.volume import automatic_grid
+from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.host_voxels import HostVoxels
 
 R = TypeVar("R")
 R_co = TypeVar("R_co", covariant=True)
@@ -94,7 +96,7 @@ def track_frames(
     sequence, method = session.sequence, task.method
     check_rate(sequence, session.frames.step)
     grid = automatic_grid(session) if method.uses_voxels else None
-    scaled = method.replace(filter=method.filter.at_rate(session.rate))
+    scaled = method.replace(filter=method.filter.scale_to_rate(session.rate))
     scene = Scene(session.device, session.rig, grid, task.body)
     seen = observations(session, task)
     runs = [run_seeds(seed, method.n_runs) for seed in task.seeds]
@@ -122,7 +124,7 @@ def observations(session: Session, task: TrackingTask) -> Iterator[tuple[int, Ob
     """Yield number and observation of every frame of the session, with keypoints. Frames that the
     session is asked to keep are kept while they are carved."""
     method, keypoints = task.method, task.keypoints
-    seen: Iterator[tuple[int, Observation]]
+    seen: Iterator[tuple[int, Shown]]
     if method.objective == "keypoints":
         seen = ((index, None) for index in session.frames)
     else:
@@ -134,17 +136,17 @@ def observations(session: Session, task: TrackingTask) -> Iterator[tuple[int, Ob
         seen = observe_frames(observe, session.sequence.frames(session.settings.selection))
         if method.uses_voxels:
             seen = _keep_in_session(session, seen)
-    if keypoints is not None:
-        seen = ((index, Observed(shown, keypoints(index))) for index, shown in seen)
-    return seen
+    if keypoints is None:
+        return seen
+    return ((index, Observed(shown, keypoints(index))) for index, shown in seen)
 
 
 def _keep_in_session(
-    session: Session, seen: Iterable[tuple[int, Any]]
-) -> Iterator[tuple[int, Any]]:
+    session: Session, seen: Iterable[tuple[int, Shown]]
+) -> Iterator[tuple[int, Shown]]:
     """Yield the items of `seen`, after the session has kept those that it is asked to keep."""
     for index, voxels in seen:
-        session.record_carved(index, voxels)
+        session.record_carved(index, cast("Voxels | HostVoxels", voxels))
         yield index, voxels
 
 

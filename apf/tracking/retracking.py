@@ -117,7 +117,7 @@ def _follow(
         return seen.get(number, nothing)
 
     method = task.method.with_keypoints(max(len(of) for of in seen.values()))
-    scaled = method.replace(filter=method.filter.at_rate(session.rate))
+    scaled = method.replace(filter=method.filter.scale_to_rate(session.rate))
     seed = method.filter.search.seed
     scene = Scene(session.device, rig, task.grid, body)
     tracker = make_recovering_runs(scene, scaled, [seed])

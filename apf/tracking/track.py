@@ -22,8 +22,8 @@ from apf.formats.trc import CONVENTIONS, write_trc
 from apf.tracking.foot_contact import detect_flat_feet, find_ankles
 from apf.tracking.limb_confidence import LOST, limb_confidence
 from cl import InputError
-from psfs.cameras.names import listed
-from psfs.common.files import written_whole
+from psfs.cameras.names import join_names
+from psfs.common.files import write_atomically
 from psfs.common.npz import Values, get_scalar, read_npz
 from psfs.common.ranges import check_number
 
@@ -298,7 +298,7 @@ class Track:
         else:
             raise InputError(
                 f"{path}: a track is not written as {ending or 'a file without an ending'}; "
-                f"expected {listed(('.npz', *WRITERS, *BODY_WRITERS))}"
+                f"expected {join_names(('.npz', *WRITERS, *BODY_WRITERS))}"
             )
 
     def _write_npz(self, path: str | Path) -> None:
@@ -316,7 +316,7 @@ class Track:
         if self.body is not None:
             arrays["body"] = format_body(self.body)
         arrays |= {_DIAGNOSTIC + name: values for name, values in self.diagnostics.items()}
-        with written_whole(path) as temporary:
+        with write_atomically(path) as temporary:
             np.savez_compressed(temporary, **arrays)
 
     @classmethod

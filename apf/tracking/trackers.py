@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from apf.backend import make_device_tracker, make_tracker, shares_launches
@@ -11,7 +13,7 @@ from apf.initialisation import StartConfig, StartError, find_start
 from apf.initialisation.config import AcceptanceConfig
 from apf.initialisation.from_keypoints import fit_pose_to_points
 from apf.initialisation.kept_voxels import store_voxels
-from apf.likelihood.observations import Observation, split_observation
+from apf.likelihood.observations import AnyVoxels, Observation, split_observation
 from apf.scene import Scene
 from apf.tracking.config import RecoveryConfig
 from apf.tracking.recovery import RecoveringRuns, RecoveringTracker, SeparateRuns
@@ -76,7 +78,7 @@ def make_recovering_tracker(
                 return [by_points]
         if not method.uses_voxels:
             return []
-        voxels = store_voxels(scene.device, shown)
+        voxels = store_voxels(scene.device, cast(AnyVoxels, shown))
         try:
             found = find_start(
                 scene, [voxels], search.noise, keep_shape=True,

@@ -18,7 +18,7 @@ from apf.keypoints.series import fill_gaps, low_pass
 from apf.tracking.config import TriangulatedConfig
 from apf.tracking.track import Track
 from cl import InputError
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.sequence import Sequence
 
 #: The body name of such a track.
@@ -44,7 +44,7 @@ def triangulate_track(
     landmarks = find_landmarks(keypoints.names)
     if not landmarks:
         raise InputError(
-            f"none of the keypoints {listed(keypoints.names)} is a point on the body; expected "
+            f"none of the keypoints {join_names(keypoints.names)} is a point on the body; expected "
             "names such as left_shoulder or LShoulder"
         )
     straight = keypoints.undistort(sequence.rig).points[:, frames][:, :, list(landmarks)]

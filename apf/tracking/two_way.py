@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -25,16 +26,24 @@ from apf.body.limbs import limb_ends, limb_joints, limb_masks, solve_inverse_kin
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, crop_voxels
-from apf.likelihood.observations import Observation, split_observation, with_points
+from apf.likelihood.observations import (
+    Observation,
+    PointObservations,
+    Shown,
+    split_observation,
+    with_points,
+)
 from apf.tracking.config import TwoWayConfig
 from apf.tracking.foot_contact import find_stances
 from apf.tracking.limb_confidence import REGRESSION
 from apf.tracking.recovery import RecoveringRuns, SeparateRuns
 from apf.tracking.smoothing import unwrap_angles
 from cl import Device, NumpyDevice, UserError
+from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.host_voxels import HostVoxels
 
 #: One frame of a window: its number, its observation, and for each track the estimates of its runs.
-Seen = tuple[int, Observation, list[list[Estimate]]]
+Seen = tuple[int, "_Kept", list[list[Estimate]]]
 
 
 def track_both_ways(
@@ -60,14 +69,14 @@ def track_both_ways(
     ended: BaseException | None = None
     whole = False
     while True:
-        n_bytes = sum(_n_bytes(kept) for _, kept, _ in window)
+        n_bytes = sum(kept.nbytes for _, kept, _ in window)
         try:
             for index, shown in frames:
                 runs = forward.step(shown)
                 n_runs = len(runs) // len(back)
                 by_track = [runs[n_runs * of : n_runs * (of + 1)] for of in range(len(back))]
                 window.append((index, _keep(device, shown), by_track))
-                n_bytes += _n_bytes(window[-1][1])
+                n_bytes += window[-1][1].nbytes
                 progress("tracking")
                 if config.full(len(window), n_bytes):
                     break
@@ -91,28 +100,36 @@ def track_both_ways(
         del window[:n_final]
 
 
-def _keep(device: Device | NumpyDevice, observation: Observation) -> Observation:
-    """Return a copy of an observation that stays valid when the next one is made."""
+class _Kept(NamedTuple):
+    """An observation whose voxels stay valid when the next one is made."""
+
+    shown: CroppedVoxels | Shown
+    points: PointObservations | None
+
+    @property
+    def nbytes(self) -> int:
+        return self.shown.nbytes if isinstance(self.shown, CroppedVoxels) else 0
+
+
+def _keep(device: Device | NumpyDevice, observation: Observation) -> _Kept:
     shown, points = split_observation(observation)
-    return with_points(None if shown is None else crop_voxels(device, shown), points)
-
-
-def _n_bytes(kept: Observation) -> int:
-    shown = split_observation(kept).shown
-    return shown.nbytes if isinstance(shown, CroppedVoxels) else 0
+    own = cast("Voxels | HostVoxels | None", shown)  # image features are tracked one way
+    return _Kept(None if own is None else crop_voxels(device, own), points)
 
 
 def _reverse_observations(
     device: Device | NumpyDevice, window: list[Seen]
 ) -> Iterator[Observation]:
     """Yield the observations of a window in reverse order; each overwrites the one before."""
-    parts = [split_observation(kept) for _, kept, _ in reversed(window)]
+    parts = [kept for _, kept, _ in reversed(window)]
     crops = [shown for shown, _ in parts if isinstance(shown, CroppedVoxels)]
     restored = RestoredVoxels(device, crops) if crops and isinstance(device, Device) else None
     for shown, points in parts:
-        if restored is not None and isinstance(shown, CroppedVoxels):
-            shown = restored.show(shown)
-        yield with_points(shown, points)
+        if isinstance(shown, CroppedVoxels):
+            assert restored is not None
+            yield with_points(restored.show(shown), points)
+        else:
+            yield with_points(shown, points)
 
 
 def _fuse_window(

@@ -26,7 +26,7 @@ _STEP = 1e-4
 
 
 @dataclass(frozen=True)
-class Calibration:
+class DeviationCalibration:
     """Calibration of the stated deviations; see `CALIBRATION` for the values used."""
 
     scale: float = 1.0
@@ -44,7 +44,7 @@ class Calibration:
 #: Estimated by scripts/calibrate_uncertainty.py from one track of each of the suite's sequences but
 #: the walk with eight cameras, plus a tenth. In cross-validation, leaving out one sequence, the 95
 #: % ellipsoids hold 83 to 98 % of the true joints.
-CALIBRATION = Calibration(
+CALIBRATION = DeviationCalibration(
     scale=2.0,
     floor={
         "pelvis": 0.011,
@@ -65,7 +65,7 @@ def joint_covariance(
     poses: np.ndarray,
     information: np.ndarray,
     deviation: np.ndarray,
-    calibration: Calibration = CALIBRATION,
+    calibration: DeviationCalibration = CALIBRATION,
 ) -> np.ndarray:
     """Return the covariance (F, J, 3, 3), m^2, of the joints of poses (F, D).
 

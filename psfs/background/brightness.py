@@ -5,10 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 
 
-def find_bright(image: np.ndarray, settings: Settings) -> np.ndarray:
+def find_bright(image: np.ndarray, settings: SequenceSettings) -> np.ndarray:
     """Return the mask (h, w) uint8 of pixels brighter than the threshold, closed with a square
     (dilated, then eroded)."""
     assert settings.threshold is not None

@@ -60,7 +60,7 @@ def key_from_media(
     `empty`: the pictures show the screen without a person; then pixels beside the screen give no
     evidence. Raises InputError for a camera that sees no screen.
     """
-    stated = None if colour is None else _stated(colour, config)
+    stated = None if colour is None else _parse_key(colour, config)
     shape = (len(rig), rig.height, rig.width)
     screen = np.zeros(shape, np.uint8)
     means, keys, spreads, lights = [], [], [], []
@@ -69,7 +69,7 @@ def key_from_media(
         seen = frames[:, :: config.stride, :: config.stride]
         key, spread, mean = _estimate_screen(seen, stated, item, colour, config)
         rows, columns = frames.shape[1:3]
-        screen[view, :rows, :columns] = _seen(frames, key, config) if empty else 1
+        screen[view, :rows, :columns] = _find_screen(frames, key, config) if empty else 1
         keys.append(key)
         spreads.append(spread)
         means.append(mean)
@@ -79,7 +79,7 @@ def key_from_media(
     return ChromaKey(mean, std, np.array(keys), np.array(spreads), np.array(lights), screen)
 
 
-def _stated(colour: str, config: ScreenConfig) -> np.ndarray:
+def _parse_key(colour: str, config: ScreenConfig) -> np.ndarray:
     """Return the chromaticity (2,) of `#rrggbb`. Raises InputError for what is nearly grey."""
     stated = chromaticity(parse_colour(colour))
     if np.linalg.norm(stated) < config.saturation:
@@ -101,7 +101,7 @@ def _estimate_screen(
     shown = chromaticity(pixels)
     saturated = np.linalg.norm(shown, axis=1) > config.saturation
     pixels, shown = pixels[saturated], shown[saturated]
-    key = _most_common(shown) if stated is None else stated
+    key = _find_mode(shown) if stated is None else stated
     near = np.zeros(0, bool)
     for _ in range(4):
         near = np.linalg.norm(shown - key, axis=1) < config.near
@@ -120,7 +120,7 @@ def _estimate_screen(
     return key, spread, np.median(pixels[near], axis=0)
 
 
-def _most_common(shown: np.ndarray) -> np.ndarray:
+def _find_mode(shown: np.ndarray) -> np.ndarray:
     """Return the mode (2,) of chromaticities (N, 2); the origin if N is 0."""
     if not len(shown):
         return np.zeros(2)
@@ -131,7 +131,7 @@ def _most_common(shown: np.ndarray) -> np.ndarray:
     return np.asarray((edges[[row, column]] + edges[[row + 1, column + 1]]) / 2)
 
 
-def _seen(frames: np.ndarray, key: np.ndarray, config: ScreenConfig) -> np.ndarray:
+def _find_screen(frames: np.ndarray, key: np.ndarray, config: ScreenConfig) -> np.ndarray:
     """Return (h, w) uint8: 1 where the empty pictures show the screen, small gaps closed."""
     typical = np.median(frames, axis=0)
     shown = np.linalg.norm(chromaticity(typical) - key, axis=-1) < config.near

@@ -90,7 +90,11 @@ class LightConfig(Config):
         least=1,
     )
     independent: float = setting(
-        0.02, "Share of the samples that count as independent beside the widths.", above=0, most=1
+        0.02,
+        "Share of the samples that count as independent measurements; the rest repeats its "
+        "neighbours, so that the priors below keep their weight.",
+        above=0,
+        most=1,
     )
     gain_width: float = setting(0.3, "Standard deviation of a channel's gain around 1.", above=0)
     offset_width: float = setting(
@@ -185,7 +189,7 @@ class ScreenConfig(Config):
     closing: int = setting(9, "Edge of gaps in the screen that are closed.", unit="px", least=1)
     std: float = setting(
         2.0,
-        "Standard deviation that is stated for the screen's colour.",
+        "Standard deviation of the screen's colour where that is stated, not measured.",
         unit="grey levels",
         above=0,
     )
@@ -248,9 +252,9 @@ class EvidenceConfig(Config):
     )
     unknown_mask: int | None = setting(
         None,
-        "Value of pixels of ready masks that say nothing, as where something hides the person; "
-        "none if all say something.",
-        "those of one of several people have some",
+        "Value of mask pixels that are unknown, for example where furniture hides the person; "
+        "none if all pixels are known.",
+        "masks of one of several people have unknown pixels",
         least=0,
         most=255,
     )

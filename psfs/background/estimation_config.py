@@ -111,17 +111,21 @@ class TakeConfig(Config):
     )
     median_blur: float = setting(
         1.5,
-        "Standard deviation of the blur of the map that says where the median is background.",
+        "Standard deviation of the Gaussian that blurs the map of pixels whose median is "
+        "background.",
         unit="px",
         above=0,
     )
     colour_limit: float = setting(
-        4.0, "Most that a pixel's colour may say for or against the person.", unit="nats", above=0
+        4.0,
+        "Bound of the log ratio of a single pixel's colour, person over background.",
+        unit="nats",
+        above=0,
     )
     least_evidence: float = setting(
         -1.0,
-        "Mean over 3 x 3 pixels of what their colours say for the person, from which on a pixel "
-        "may be the person's.",
+        "Mean log ratio over 3 x 3 pixels, person over background, above which a pixel may belong "
+        "to the person.",
         unit="nats",
     )
     voxels: int = setting(

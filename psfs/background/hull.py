@@ -24,15 +24,15 @@ class CoarseHull:
         self._needed = required_views(rig)
         box = find_seen_box(rig, self._needed) or (np.full(3, -1.0), np.full(3, 1.0))
         for _ in range(2):  # the second grid bounds the hull of the first
-            self._take(*box, voxels)
-            inside = self.occupied(regions)
+            self._use_box(*box, voxels)
+            inside = self.find_occupied(regions)
             if not inside.any():
                 break
             found = self._centres[inside]
             box = found.min(0) - self.edge, found.max(0) + self.edge
         self.inside = inside
 
-    def _take(self, low: np.ndarray, high: np.ndarray, voxels: int) -> None:
+    def _use_box(self, low: np.ndarray, high: np.ndarray, voxels: int) -> None:
         self.edge = float(np.cbrt(np.prod(high - low) / voxels))
         axes = [np.arange(a, b, self.edge) + self.edge / 2 for a, b in zip(low, high, strict=True)]
         self._centres = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
@@ -47,7 +47,7 @@ class CoarseHull:
             self._seeing[seen] += 1
         self.inside = self._seeing >= self._needed
 
-    def occupied(self, masks: np.ndarray, denials: int = 0) -> np.ndarray:
+    def find_occupied(self, masks: np.ndarray, denials: int = 0) -> np.ndarray:
         """Return (voxels,) bool: the voxels that at most `denials` cameras deny; of three cameras,
         none may."""
         denials = denials if len(self.rig) > 3 else 0
@@ -57,14 +57,14 @@ class CoarseHull:
         occupied: np.ndarray = self.inside & (shown >= self._seeing - denials)
         return occupied
 
-    def total(self, maps: Sequence[np.ndarray]) -> np.ndarray:
+    def sum_maps(self, maps: Sequence[np.ndarray]) -> np.ndarray:
         """Return (voxels,) float32: the sum of the maps (h, w) of all views where a voxel falls."""
         total = np.zeros(len(self._centres), np.float32)
         for own, (seen, pixels) in zip(maps, self._at, strict=True):
             total[seen] += own.ravel()[pixels]
         return total
 
-    def reprojected(self, occupied: np.ndarray, margin: int) -> np.ndarray:
+    def reproject(self, occupied: np.ndarray, margin: int) -> np.ndarray:
         """Return (V, h, w) bool: the projection of the occupied voxels, dilated by `margin` px."""
         masks = np.zeros((len(self.rig), self.rig.height, self.rig.width), np.uint8)
         for mask, across, (seen, pixels) in zip(masks, self._across, self._at, strict=True):

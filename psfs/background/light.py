@@ -101,7 +101,7 @@ def _slope_change(
     return np.linalg.solve(matrix, product @ place - slope * config.field_width**-2)
 
 
-def unlit_picture(image: np.ndarray, light: np.ndarray) -> np.ndarray:
+def relight_picture(image: np.ndarray, light: np.ndarray) -> np.ndarray:
     """Return a picture (h, w, 3) uint8 relit by the background's light, in whole grey levels from 0
     to 255."""
     height, width = image.shape[:2]

@@ -65,12 +65,12 @@ class PersonSearch:
         self._shape = frames.shape[:3]
         self._shown = frames[:, region].astype(np.float32)
         self._colours = colour_bins(self._shown)
-        self._around = _around(cv2.blur(mean, (3, 3)), region)
-        self._unseen = self._extrapolated(self._shown)
+        self._around = _find_surroundings(cv2.blur(mean, (3, 3)), region)
+        self._unseen = self._surrounding_density(self._shown)
         self._median = mean[region], std[region]
         self.learn(mean, std, np.ones_like(region))
 
-    def unexplained(self, person: np.ndarray) -> np.ndarray:
+    def count_unexplained(self, person: np.ndarray) -> np.ndarray:
         """Return the histogram (N_COLOURS,) of the pixels that the colours `person` (N_COLOURS,)
         explain better than the extrapolated background."""
         density = person[self._colours]
@@ -86,7 +86,7 @@ class PersonSearch:
         """Take the median for background as far as it does not look like the person's colours
         (N_COLOURS,)."""
         mean, std = self._median
-        unseen = self._extrapolated(mean[None])[0]
+        unseen = self._surrounding_density(mean[None])[0]
         share = self._picture((unseen / (unseen + person[colour_bins(mean)]))[None], 0.0)[0]
         share = cv2.GaussianBlur(share, (0, 0), self._config.median_blur)[self.region]
         trust = (1 - _UNSURE) * np.clip(4 * share - 1.5, 0, 1)
@@ -108,14 +108,14 @@ class PersonSearch:
         pictures = self._picture(np.clip(ratios, -limit, limit), -limit)
         return np.stack([cv2.blur(picture, (3, 3)) for picture in pictures])
 
-    def extrapolated(self, person: np.ndarray) -> np.ndarray:
+    def extrapolate(self, person: np.ndarray) -> np.ndarray:
         """Return the extrapolated background's mean and standard deviation (h, w, 4) float32, NaN
         outside of the region and where it may look like the person's colours (N_COLOURS,)."""
         colours, shares = (np.stack(of) for of in zip(*self._around, strict=True))
         mean = np.einsum("kp,kpc->pc", shares, colours)
         variance = np.einsum("kp,kpc->p", shares, (colours - mean) ** 2) / 3
         std = np.sqrt(variance + self._config.extrapolated_std**2)
-        ratio = np.log(person[colour_bins(mean)] / self._extrapolated(mean[None])[0])
+        ratio = np.log(person[colour_bins(mean)] / self._surrounding_density(mean[None])[0])
         std[ratio > self._config.least_extrapolated_evidence] = np.nan
         picture = np.full((*self._shape[1:], 4), np.nan, np.float32)
         picture[self.region] = np.concatenate([mean, std[:, None]], -1)
@@ -130,7 +130,7 @@ class PersonSearch:
         pictures[:, self.region] = values
         return pictures
 
-    def _extrapolated(self, shown: np.ndarray) -> np.ndarray:
+    def _surrounding_density(self, shown: np.ndarray) -> np.ndarray:
         """Return the density (n, pixels) of the colours `shown` (n, pixels, 3) if the background
         looks as it does around the region."""
         std = np.float32(self._config.extrapolated_std)
@@ -174,7 +174,9 @@ def person_colours(histograms: list[np.ndarray]) -> np.ndarray:
     return np.asarray((1 - _UNEXPLAINED) * N_COLOURS / total * cube.ravel() + _UNEXPLAINED)
 
 
-def _around(picture: np.ndarray, region: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+def _find_surroundings(
+    picture: np.ndarray, region: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return colours (pixels, 3) and shares (pixels,) of the nearest pixels of a picture (h, w, 3)
     outside of the region (h, w), to the left, to the right, above and below each of its pixels."""
     height, width = region.shape

@@ -12,9 +12,9 @@ import numpy as np
 
 from psfs.background.config import BackgroundConfig, LightConfig
 from psfs.background.estimation_config import BackgroundModelConfig, TakeConfig
-from psfs.background.gaussian import Background, median_moments, sorted_stack, with_prior
+from psfs.background.gaussian import Background, median_moments, sort_stack, with_prior
 from psfs.background.hull import CoarseHull
-from psfs.background.light import GRID, fit_light, unlit_picture
+from psfs.background.light import GRID, fit_light, relight_picture
 from psfs.background.person_search import (
     N_COLOURS,
     PersonSearch,
@@ -61,26 +61,28 @@ def estimate_background_from_take(
     small = rig.scaled(min(1.0, config.longest_side / max(rig.width, rig.height)))
     with ThreadPoolExecutor(min(_VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
         sizes = [camera.size for camera in small]
-        views = list(pool.map(lambda own, size: _sampled(own, size, model), media, sizes))
-        hidden, unseen = _hidden(small, views, pool, model, config)
+        views = list(pool.map(lambda own, size: _read_samples(own, size, model), media, sizes))
+        hidden, unseen = _find_hidden(small, views, pool, model, config)
         shape = (len(rig), rig.height, rig.width, 3)
         mean, std = np.zeros(shape, np.float32), np.full(shape, model.std_floor, np.float32)
 
         def learn(view: int) -> None:
             width, height = media[view].size
-            own = _relearnt(media[view], views[view], hidden[view], unseen[view], model, config)
+            own = _estimate_again(
+                media[view], views[view], hidden[view], unseen[view], model, config
+            )
             mean[view, :height, :width], std[view, :height, :width] = own
 
         list(pool.map(learn, range(len(media))))  # raises the threads' errors
     return Background(mean, std)
 
 
-def _sampled(media: Media, size: tuple[int, int], model: BackgroundModelConfig) -> _View:
+def _read_samples(media: Media, size: tuple[int, int], model: BackgroundModelConfig) -> _View:
     numbers = media.spread(model.samples)
     frames = np.stack(list(media.frames(numbers)))
     median, _ = median_moments(frames, model)
     light = np.stack([_estimate_frame_light(frame, median) for frame in frames])
-    own = [unlit_picture(frame, of) for frame, of in zip(frames, light, strict=True)]
+    own = [relight_picture(frame, of) for frame, of in zip(frames, light, strict=True)]
     small = [cv2.resize(picture, size, interpolation=cv2.INTER_AREA) for picture in own]
     return _View(numbers, light, np.stack(small))
 
@@ -101,7 +103,7 @@ def _estimate_frame_light(frame: np.ndarray, median: np.ndarray) -> np.ndarray:
     return fit_light(shown, scene, (width, height), LightConfig())
 
 
-def _hidden(
+def _find_hidden(
     rig: CameraRig,
     views: list[_View],
     pool: ThreadPoolExecutor,
@@ -110,10 +112,10 @@ def _hidden(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the pixels that the person may cover in each sample (V, n, h, w) bool, and the
     extrapolated background's mean and standard deviation (V, h, w, 4), in small pictures."""
-    frames = _stacked([view.small for view in views], rig)
+    frames = _stack([view.small for view in views], rig)
     regions = np.stack(list(pool.map(lambda own: moving_region(own, config), frames)))
     hull = CoarseHull(rig, regions, config.voxels)
-    regions &= hull.reprojected(hull.inside, config.margin)
+    regions &= hull.reproject(hull.inside, config.margin)
     hidden = np.zeros(frames.shape[:-1], bool)
 
     def search(own: np.ndarray, region: np.ndarray) -> PersonSearch:
@@ -121,14 +123,14 @@ def _hidden(
 
     searches = list(pool.map(search, frames, regions))
     colours = np.ones(N_COLOURS)
-    if _explained(hull, searches, config) < config.explained:
+    if _measure_explained(hull, searches, config) < config.explained:
         for _ in range(config.rounds):
-            colours = person_colours([of.unexplained(colours) for of in searches])
+            colours = person_colours([of.count_unexplained(colours) for of in searches])
         for of in searches:
             of.trust_median(colours)
     for _ in range(config.rounds):
         before = hidden
-        hidden = _covered(hull, [of.evidence(colours) for of in searches], config)
+        hidden = _cover_with_hull(hull, [of.evidence(colours) for of in searches], config)
         if (hidden != before).mean() < config.converged_share:
             break
 
@@ -138,32 +140,36 @@ def _hidden(
         list(pool.map(learn, range(len(searches))))
         shown = [of.colours(colours, own) for of, own in zip(searches, hidden, strict=True)]
         colours = person_colours(shown)
-    return hidden, np.stack([of.extrapolated(colours) for of in searches])
+    return hidden, np.stack([of.extrapolate(colours) for of in searches])
 
 
-def _explained(hull: CoarseHull, searches: list[PersonSearch], config: TakeConfig) -> float:
+def _measure_explained(hull: CoarseHull, searches: list[PersonSearch], config: TakeConfig) -> float:
     """Return the share of the silhouettes against the medians that their common hull covers; it is
     low if the medians show a person."""
     evidence = [of.evidence(np.ones(N_COLOURS))[:: config.explained_stride] for of in searches]
     person = np.stack(evidence) > 0
-    covered = [hull.reprojected(hull.occupied(own), 0) for own in np.moveaxis(person, 1, 0)]
+    covered = [hull.reproject(hull.find_occupied(own), 0) for own in np.moveaxis(person, 1, 0)]
     shown = person & np.stack(covered, axis=1)
     return float((shown.sum((0, 2, 3)) / np.maximum(person.sum((0, 2, 3)), 1)).mean())
 
 
-def _covered(hull: CoarseHull, evidence: list[np.ndarray], config: TakeConfig) -> np.ndarray:
+def _cover_with_hull(
+    hull: CoarseHull, evidence: list[np.ndarray], config: TakeConfig
+) -> np.ndarray:
     """Return (V, n, h, w) bool: the pixels where the common hull of the evidence (n, h, w) of each
     view appears and which do not look like background themselves."""
     shown = []
     for maps in zip(*evidence, strict=True):
         person = np.stack(maps) > config.least_evidence
-        occupied = hull.occupied(person, config.contradicting_cameras) & (hull.total(maps) > 0)
+        occupied = hull.find_occupied(person, config.contradicting_cameras) & (
+            hull.sum_maps(maps) > 0
+        )
         near = np.stack([cv2.dilate(own, _NEAR) for own in person.view(np.uint8)]) > 0
-        shown.append(hull.reprojected(occupied, config.margin) & near)
+        shown.append(hull.reproject(occupied, config.margin) & near)
     return np.stack(shown, axis=1)
 
 
-def _stacked(pictures: list[np.ndarray], rig: CameraRig) -> np.ndarray:
+def _stack(pictures: list[np.ndarray], rig: CameraRig) -> np.ndarray:
     """Return the pictures (n, h, w, 3) of all views stacked, (V, n, H, W, 3), zero padded."""
     count = min(map(len, pictures))
     stack = np.zeros((len(rig), count, rig.height, rig.width, 3), np.uint8)
@@ -197,12 +203,12 @@ def masked_moments(
 def _upper_median(values: np.ndarray, number: np.ndarray) -> np.ndarray:
     """Return the upper median (h, w, c) of the `number` (h, w, 1) lowest of values (n, h, w, c).
     The values are sorted in place."""
-    ordered = sorted_stack(values)
+    ordered = sort_stack(values)
     middle = np.broadcast_to(number // 2, values.shape[1:])[None]
     return np.take_along_axis(ordered, middle, axis=0)[0]
 
 
-def _relearnt(
+def _estimate_again(
     media: Media,
     view: _View,
     hidden: np.ndarray,
@@ -216,7 +222,7 @@ def _relearnt(
     width, height = media.size
     seen = media.frames(view.numbers)
     frames = np.stack(
-        [unlit_picture(frame, of) for frame, of in zip(seen, view.light, strict=True)]
+        [relight_picture(frame, of) for frame, of in zip(seen, view.light, strict=True)]
     )
     rows, columns = view.small.shape[1:3]
 

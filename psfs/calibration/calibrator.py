@@ -33,7 +33,7 @@ from psfs.calibration.start.placing import check_linked, count_shared_frames, fi
 from psfs.calibration.start.wand import estimate_focal_lengths, place_cameras_by_wand
 from psfs.calibration.targets.target import Sighting, Target, group_by_frame, group_by_view
 from psfs.cameras.camera import Camera
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 
 #: Share of a camera's sightings that may be false detections; with more, the camera disagrees.
 _MAX_FALSE_SHARE = 0.1
@@ -126,8 +126,8 @@ def _initialise(
     blind = [name for name, count in zip(names, np.diag(shared), strict=True) if not count]
     if blind:
         raise InputError(
-            f"{listed(blind)}: the {target.name} is in none of the pictures; expected it in all "
-            "cameras' (or --cameras without these)"
+            f"{join_names(blind)}: the {target.name} is in none of the pictures; expected it in "
+            "all cameras' (or --cameras without these)"
         )
     own = group_by_view(sightings, len(cameras))
     if not lenses_known and target.planar:

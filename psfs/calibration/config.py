@@ -1,4 +1,4 @@
-"""How cameras are calibrated."""
+"""Settings of the calibration of cameras."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from psfs.common.config import Config, setting
 
 
 class CalibrationConfig(Config):
-    """Settings of a calibration. The sigmas hold what the footage does not tell."""
+    """Settings of a calibration. The standard deviations are priors for parameters that the footage
+    does not determine."""
 
     SOURCE: ClassVar = "by hand"
 
@@ -94,8 +95,8 @@ class CalibrationConfig(Config):
     )
     inconsistent: float = setting(
         2.0,
-        "Factor by which a camera must fit the others' targets worse than is usual among the "
-        "cameras to be named.",
+        "Ratio of a camera's error on the others' targets to the usual error above which the "
+        "camera is reported as inconsistent.",
         above=1,
         below=100,
     )

@@ -13,6 +13,7 @@ from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.scene import CalibrationScene, all_reprojection_errors, rms
 from psfs.calibration.targets.target import Sighting, Target, group_by_frame
 from psfs.cameras.camera import Camera
+from psfs.common.numbers import pick_evenly
 
 #: Fewest cameras among which an outlier can be found, and most frames to compare them in.
 _FEWEST, _MOST_FRAMES = 3, 80
@@ -49,7 +50,7 @@ def compare_cameras(
 ) -> list[CameraComparison]:
     """Compare each of the cameras `views` with the others, where they share enough frames."""
     frames = sorted({sighting.frame for sighting in sightings})
-    picked = {frames[k] for k in np.linspace(0, len(frames) - 1, _MOST_FRAMES).round().astype(int)}
+    picked = {frames[k] for k in pick_evenly(len(frames), _MOST_FRAMES)}
     used = [s for s in sightings if s.frame in picked and s.view in views]
     found = [_compare_camera(scene, target, used, view, views, config) for view in views]
     return [trial for trial in found if trial is not None]
@@ -109,7 +110,7 @@ def explain_disagreement(
     """
     view, scene = trial.view, trial.scene
     every = [s for s in every if s.view == view and s.frame in scene.poses]
-    picked = np.unique(np.linspace(0, len(every) - 1, _MOST_OWN).round().astype(int))
+    picked = pick_evenly(len(every), _MOST_OWN)
     every = [every[k] for k in picked]
     guesses = [
         _test_moved(scene, target, every, config),

@@ -10,7 +10,7 @@ import numpy as np
 
 from psfs.calibration.calibrator import CalibrationResult
 from psfs.calibration.report import CELLS, ViewReport
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,7 +91,7 @@ def _write(path: Path, size: tuple[float, float], draw: Any) -> None:
         figure = Figure(figsize=size)  # a layout engine would draw everything three times
         FigureCanvasAgg(figure)
         draw(figure)
-        with written_whole(path) as temporary:
+        with write_atomically(path) as temporary:
             figure.savefig(temporary, dpi=100)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -123,8 +122,11 @@ def judge_calibration(views: list[ViewReport]) -> str:
 
 
 def calibration_summary(
-    result: CalibrationResult, views: list[ViewReport], what: Mapping[str, Any], warnings: list[str]
-) -> dict[str, Any]:
+    result: CalibrationResult,
+    views: list[ViewReport],
+    what: Mapping[str, object],
+    warnings: list[str],
+) -> dict[str, object]:
     """Return the content of `calibration.json`; what: further entries, such as the command."""
     names = [view.camera.name for view in views]
     return {
@@ -144,7 +146,7 @@ def calibration_summary(
     }
 
 
-def _view_summary(view: ViewReport) -> dict[str, Any]:
+def _view_summary(view: ViewReport) -> dict[str, object]:
     camera = view.camera
     return {
         "frames": view.frames,

@@ -26,7 +26,7 @@ def contains_name(text: str, name: str) -> bool:
     return bool(inner) and any(outer[i : i + len(inner)] == inner for i in starts)
 
 
-def listed(names: Iterable[str]) -> str:
+def join_names(names: Iterable[str]) -> str:
     """Join names for a message: `a, b, c` or `none`."""
     return ", ".join(names) or "none"
 
@@ -56,6 +56,6 @@ def match_files_to_cameras(
         guess = ", ".join(f"{name} for {camera}" for camera, name in ordered.items())
         return ordered, f"{where}: names differ from the cameras'; taken in order: {guess}"
     raise InputError(
-        f"{where}: {len(found)} of them ({listed(found)}) for {len(needed)} cameras "
-        f"({listed(needed)}); expected one per camera, or `cameras` to choose some"
+        f"{where}: {len(found)} of them ({join_names(found)}) for {len(needed)} cameras "
+        f"({join_names(needed)}); expected one per camera, or `cameras` to choose some"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from psfs.cli.starting import started
+from psfs.cli.starting import start_program
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -15,4 +15,4 @@ def main(argv: list[str] | None = None) -> int:
         description = "Probabilistic shape from silhouette: calibrated views to voxels."
         return run_program("psfs", description, COMMANDS, argv)
 
-    return started("psfs", run)
+    return start_program("psfs", run)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -48,7 +47,7 @@ from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_number
 from psfs.common.versions import versions
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 from psfs.sequence import Sequence
 
 #: The keys of `sequence.toml` that a calibration needs.
@@ -71,16 +70,24 @@ def run(args: argparse.Namespace) -> None:
     expected = (CALIBRATION, REPORT, RIG, FILE, f"{PICTURES}/*.png")
     with output_folder(args.output, args.parser.prog, inputs, expected):
         if args.refine:
-            refuse_unused(args, _OF_TARGETS, "is of boards and wands; expected none with --refine")
+            refuse_unused(
+                args, _OF_TARGETS, "applies only to boards and wands; expected none with --refine"
+            )
             refine(args)
         elif args.person:
             unused = [flag for flag in _OF_TARGETS if flag != "intrinsics"]
-            refuse_unused(args, unused, "is of boards and wands; expected none with --person")
-            refuse_unused(args, ["calibration"], "is of given cameras; expected --refine with it")
+            refuse_unused(
+                args, unused, "applies only to boards and wands; expected none with --person"
+            )
+            refuse_unused(
+                args, ["calibration"], "applies only to given cameras; expected --refine with it"
+            )
             calibrate_from_person(args)
         else:
-            refuse_unused(args, ["stature"], "is of a person; expected --person with it")
-            refuse_unused(args, ["calibration"], "is of given cameras; expected --refine with it")
+            refuse_unused(args, ["stature"], "applies only to a person; expected --person with it")
+            refuse_unused(
+                args, ["calibration"], "applies only to given cameras; expected --refine with it"
+            )
             _calibrate(args)
 
 
@@ -88,7 +95,9 @@ def _print_board(args: argparse.Namespace) -> None:
     """Write the PDF of a ChArUco board."""
     of_footage = {"folder", "output", "board", "wand", "c3d", "refine", "person", *_OF_TARGETS}
     refuse_unused(
-        args, of_footage.difference(_OF_BOARDS), "is of footage; expected none with --print-board"
+        args,
+        of_footage.difference(_OF_BOARDS),
+        "applies only to footage; expected none with --print-board",
     )
     path: Path = args.print_board
     if path.suffix.lower() != ".pdf":
@@ -111,8 +120,8 @@ def _calibrate(args: argparse.Namespace) -> None:
     config: CalibrationConfig = args.configs.get("calibration", CalibrationConfig())
     board = _make_board_finder(args)
     stated = {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}
-    views = open_uncalibrated(Path(args.folder), Settings.from_dict(stated))
-    chosen, floor = _chosen(args, views, config)
+    views = open_uncalibrated(Path(args.folder), SequenceSettings.from_dict(stated))
+    chosen, floor = _choose_frames(args, views, config)
     finder = board or _marker_finder(args, views, chosen)
     known = args.intrinsics is not None
     cameras = read_intrinsics(args.intrinsics, views.rig, board) if known else list(views.rig)
@@ -123,9 +132,9 @@ def _calibrate(args: argparse.Namespace) -> None:
         ):
             sightings += found
     if not sightings:
-        raise InputError(_none_found(views, chosen, finder))
+        raise InputError(_describe_failure(views, chosen, finder))
     result = calibrate_cameras(cameras, finder.target, sightings, known, config)
-    result, warnings = _in_world(args, result, floor)
+    result, warnings = _align_to_world(args, result, floor)
     _write(args, views, result, config, warnings)
 
 
@@ -137,13 +146,17 @@ def _make_board_finder(args: argparse.Namespace) -> CharucoFinder | ChessboardFi
             "no target is stated; expected --board, --wand, --c3d, --person or --refine"
         )
     if args.c3d is None:
-        refuse_unused(args, _OF_C3D, "is of motion capture; expected --c3d with it")
+        refuse_unused(args, _OF_C3D, "applies only to motion capture; expected --c3d with it")
     if args.floor is None:
-        refuse_unused(args, ["height"], "is of what lies on the floor; expected --floor with it")
+        refuse_unused(
+            args, ["height"], "applies only to a target on the floor; expected --floor with it"
+        )
     if args.board != "charuco":
-        refuse_unused(args, _OF_CHARUCO, "is of ChArUco boards; expected --board charuco with it")
+        refuse_unused(
+            args, _OF_CHARUCO, "applies only to ChArUco boards; expected --board charuco with it"
+        )
     if args.board is None:
-        refuse_unused(args, _OF_BOARDS, "is of boards; expected --board with it")
+        refuse_unused(args, _OF_BOARDS, "applies only to boards; expected --board with it")
         return None
     if args.squares is None or args.square is None:
         raise InputError("--board needs --squares CxR and --square M")
@@ -161,7 +174,7 @@ def _marker_finder(args: argparse.Namespace, views: Sequence, chosen: list[int])
     return MarkerFinder(target, median_pictures(views, chosen))
 
 
-def _chosen(
+def _choose_frames(
     args: argparse.Namespace, views: Sequence, config: CalibrationConfig
 ) -> tuple[list[int], list[int]]:
     """Return the frames in which to detect the target, and those of them in which it lies on the
@@ -179,7 +192,7 @@ def _chosen(
     return sorted({*chosen, *floor}), floor
 
 
-def _none_found(views: Sequence, chosen: list[int], finder: Finder) -> str:
+def _describe_failure(views: Sequence, chosen: list[int], finder: Finder) -> str:
     """Return the error message for footage in which no picture shows the target."""
     where = f"{len(chosen)} frames of {len(views.rig)} cameras"
     what = f"{views.folder}: no {finder.target.name} in {where}"
@@ -191,7 +204,7 @@ def _none_found(views: Sequence, chosen: list[int], finder: Finder) -> str:
     return f"{what}; expected it flat, sharp, lit evenly, and with a white rim"
 
 
-def _in_world(
+def _align_to_world(
     args: argparse.Namespace, result: CalibrationResult, floor: list[int]
 ) -> tuple[CalibrationResult, list[str]]:
     """Return the result in a world with Z up, and the warnings."""
@@ -218,7 +231,7 @@ def _write(
 ) -> None:
     out: Path = args.output
     found = summarise_views(result, args.intrinsics is not None, config)
-    what: dict[str, Any] = {
+    what: dict[str, object] = {
         "folder": str(views.folder),
         "intrinsics": "found" if args.intrinsics is None else str(args.intrinsics),
         "floor": "stated" if args.floor is not None else "C3D" if args.c3d else "cameras",

@@ -10,8 +10,9 @@ import numpy as np
 
 from cl import InputError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
-from psfs.cli.iou import iou_table, plain
+from psfs.cli.iou import iou_table
 from psfs.common.files import write_json
+from psfs.common.numbers import json_number
 from psfs.common.outputs import output_folder
 from psfs.diagnostics.camera_consistency import (
     InconsistentCamera,
@@ -89,22 +90,22 @@ def _report(
     masked = np.ma.masked_invalid(scores)
     stdout.print(iou_table("IoU with the frames' silhouettes", names, masked))
     if clouds:
-        stdout.print(_beside_truth(clouds))
+        stdout.print(_format_truth(clouds))
     left_out: dict[str, str] = run.summary["sequence"].get("left_out", {})
     disagreeing = left_out | {suspect.camera: str(suspect) for suspect in bad}
     for text in (*disagreeing.values(), *comments):
         warn(text, stdout)
     report: dict[str, Any] = {
         "definition": DEFINITION,
-        "mean_iou": plain(masked.mean()),
+        "mean_iou": json_number(masked.mean()),
         "cameras": {
-            name: {"mean_iou": plain(column.mean()), "worst_iou": plain(column.min())}
+            name: {"mean_iou": json_number(column.mean()), "worst_iou": json_number(column.min())}
             for name, column in zip(names, masked.T, strict=True)
         },
         "disagreeing": disagreeing,
         "comments": comments,
         "frames": {
-            str(index): [plain(score) for score in row]
+            str(index): [json_number(score) for score in row]
             for index, row in zip(run.indices, scores, strict=True)
         },
     }
@@ -114,7 +115,7 @@ def _report(
     write_json(run.out / "check.json", report)
 
 
-def _beside_truth(clouds: list[CloudScore]) -> str:
+def _format_truth(clouds: list[CloudScore]) -> str:
     """Return a line with the clouds' scores."""
     mean = {name: "-" if of is None else f"{of:.3f}" for name, of in mean_scores(clouds).items()}
     return (

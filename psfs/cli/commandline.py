@@ -124,7 +124,7 @@ def messages(args: argparse.Namespace) -> Iterator[None]:
         if args.log_file is not None:
             from psfs.cli.console import make_log_console
 
-            file = stack.enter_context(_opened(args.log_file))
+            file = stack.enter_context(_open_log(args.log_file))
             log = make_log_console(file)
             handlers.append(logging.StreamHandler(file))
             handlers[-1].setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
@@ -160,7 +160,7 @@ def log_line(text: str) -> None:
         _state.log.print(f"{now} {text}", soft_wrap=True)
 
 
-def _opened(path: Path) -> TextIO:
+def _open_log(path: Path) -> TextIO:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists() and not (path.is_file() and _is_log(path)):
@@ -207,6 +207,25 @@ def add_message_flags(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="append all messages to FILE, with the times and the traceback of an error",
     )
+
+
+def add_output_flag(
+    parser: argparse.ArgumentParser,
+    what: str | None = None,
+    *,
+    metavar: str = "OUT",
+    required: bool = True,
+    default: Path | None = None,
+) -> None:
+    """Add -o, the path of the results; what: its help."""
+    parser.add_argument(
+        "-o", "--output", required=required, type=Path, default=default, metavar=metavar, help=what
+    )
+
+
+def add_run_folder(parser: argparse.ArgumentParser) -> None:
+    """Add the positional OUT of commands that read a run of `psfs reconstruct`."""
+    parser.add_argument("out", metavar="OUT", type=Path, help="output folder of psfs reconstruct")
 
 
 def add_overwrite_flag(parser: argparse.ArgumentParser) -> None:

@@ -43,7 +43,7 @@ def make_log_console(file: TextIO) -> Console:
 
 class _Bar(Progress):
     def stop(self) -> None:
-        """Leave no bar behind if nothing was done before an error."""
+        """Remove the bar if an error occurs before any progress."""
         self.live.transient = not any(task.completed for task in self.tasks)
         super().stop()
 

@@ -61,7 +61,7 @@ def _say_faults(session: Session, warnings: list[str]) -> None:
     for text in (*warnings, *map(str, left_out), *found.warnings[len(left_out) :]):
         warn(text, stdout)
     if session.sequence.subject == "person" and len(found.session.rig) > 1:
-        remark("note", "cyan", count_people(found.session).described())
+        remark("note", "cyan", count_people(found.session).describe())
 
 
 def _cameras(info: SequenceInfo) -> Table:

@@ -21,8 +21,3 @@ def iou_table(title: str, names: list[str], scores: np.ma.MaskedArray) -> Table:
 
 def _cell(score: float) -> str:
     return "-" if np.ma.is_masked(score) else f"{score:.3f}"
-
-
-def plain(score: float) -> float | None:
-    """Return a score for JSON: None if it is NaN or masked."""
-    return None if np.ma.is_masked(score) or np.isnan(score) else round(float(score), 5)

@@ -13,8 +13,9 @@ import trimesh
 from cl import InputError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.cli.flags.mesh import DEFINITION
-from psfs.cli.iou import iou_table, plain
+from psfs.cli.iou import iou_table
 from psfs.common.files import resolve_path, write_json
+from psfs.common.numbers import json_number
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_number
 from psfs.common.regions import iou
@@ -50,7 +51,7 @@ def _mesh(args: argparse.Namespace, run: ReconstructionFolder) -> None:
             mesh = mesher(index)
             write_mesh(mesh, path)
             if checker is not None:
-                checks[index] = _checked(mesh, checker, sequence.read(index))
+                checks[index] = _check_mesh(mesh, checker, sequence.read(index))
     if checks:
         _report(args.out, sequence.rig.names, checks)
     path = next(iter(targets.values()))
@@ -68,7 +69,7 @@ def _targets(args: argparse.Namespace, run: ReconstructionFolder) -> dict[int, P
         if not full:
             raise InputError(f"{args.out}: all clouds are empty; expected a body")
         return {n: folder / f"frame_{n:06d}.{args.format or FORMATS[0]}" for n in full}
-    number = run.chosen(args.frame)
+    number = run.choose_frame(args.frame)
     path = args.output
     if path is None:
         path = args.out / "meshes" / f"frame_{number:06d}.{args.format or FORMATS[0]}"
@@ -83,7 +84,7 @@ def _targets(args: argparse.Namespace, run: ReconstructionFolder) -> dict[int, P
     return {number: path}
 
 
-def _checked(mesh: trimesh.Trimesh, checker: Checker, frame: Frame) -> dict[str, Any]:
+def _check_mesh(mesh: trimesh.Trimesh, checker: Checker, frame: Frame) -> dict[str, Any]:
     """Return whether the mesh is closed, its size, and its IoU (V,), NaN if there is nothing to
     compare."""
     scene, scores = RayScene(mesh), []
@@ -101,10 +102,10 @@ def _report(out: Path, names: list[str], checks: dict[int, dict[str, Any]]) -> N
     stdout.print(f"{closed} of {len(checks)} meshes are watertight")
     report = {
         "definition": DEFINITION,
-        "mean_iou": plain(scores.mean()),
+        "mean_iou": json_number(scores.mean()),
         "cameras": names,
         "frames": {
-            str(index): {**check, "iou": [plain(score) for score in check["iou"]]}
+            str(index): {**check, "iou": [json_number(score) for score in check["iou"]]}
             for index, check in checks.items()
         },
     }

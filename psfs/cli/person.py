@@ -21,7 +21,7 @@ from psfs.common.files import write_json
 from psfs.common.ranges import check_number
 from psfs.common.versions import versions
 from psfs.footage.layouts.uncalibrated import read_uncalibrated
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 from psfs.self_calibration.calibrator import PersonCalibration, calibrate_by_person
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.footage import extract_outlines
@@ -41,7 +41,7 @@ def calibrate_from_person(args: argparse.Namespace) -> None:
             "--person without --intrinsics; expected the cameras' intrinsics: a calibration, of "
             "which only the lenses are taken, as psfs calibrate --board writes"
         )
-    stated = Settings.from_dict(
+    stated = SequenceSettings.from_dict(
         {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}
     )
     folder = Path(args.folder)

@@ -15,11 +15,11 @@ import numpy as np
 from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.cli.sequence_flags import (
-    chosen_frames,
+    collect_overrides,
     examine_footage,
     open_sequence,
-    selected_frames,
-    stated,
+    select_common_frames,
+    select_frames,
 )
 from psfs.cli.settings import FILE, write_settings
 from psfs.common.files import write_json, write_picture
@@ -62,12 +62,12 @@ def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
     device = select_device(args.device, profile=True)
     opened = open_sequence(args)
     out.check_inputs(opened.inputs)
-    chosen_frames(args, opened)  # checks them before the pictures are examined, which takes seconds
+    select_frames(args, opened)  # checks them before the pictures are examined, which takes seconds
     selection = args.frames or slice(None)
     settings = SessionSettings(_config(args), selection, args.voxel_size)
     examination = examine_footage(args, Session(opened, device, settings))
     session = examination.session
-    sequence, frames = session.sequence, selected_frames(args, session.sequence)
+    sequence, frames = session.sequence, select_common_frames(args, session.sequence)
     grid = _grid(args, session)
     _warn_of_fine_voxels(grid, sequence)
     job = _Job(args, examination, grid)
@@ -135,7 +135,7 @@ class _Job:
         self.debris: float = args.debris
         self.colour = not args.no_colour
         self.normals: bool = args.normals
-        self.args, self.stated = args, stated(args)
+        self.args, self.stated = args, collect_overrides(args)
         self.sequence, self.grid, self.device = session.sequence, grid, session.device
         self.config = session.reconstruction
         self.reconstructor = session.reconstructor(grid)

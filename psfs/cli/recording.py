@@ -40,18 +40,20 @@ class RecordingParser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse like argparse, but allow values that begin with a minus."""
-        return super().parse_known_args(None if args is None else self._joined(args), namespace)
+        return super().parse_known_args(
+            None if args is None else self._join_values(args), namespace
+        )
 
-    def stated(self, words: Sequence[str]) -> dict[str, Any]:
+    def find_stated(self, words: Sequence[str]) -> dict[str, Any]:
         """Return the values stated in `words`, by destination, as texts; flags without a value give
         their constants."""
         reader = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
         for names, options in self._calls:
             kept = {name: value for name, value in options.items() if name not in _MEANING}
             reader.add_argument(*names, **kept, default=argparse.SUPPRESS)
-        return vars(reader.parse_known_args(self._joined(words))[0])
+        return vars(reader.parse_known_args(self._join_values(words))[0])
 
-    def _joined(self, words: Sequence[str]) -> list[str]:
+    def _join_values(self, words: Sequence[str]) -> list[str]:
         """Return `words` with `--flag -value` as `--flag=-value`."""
         with_value = {
             name

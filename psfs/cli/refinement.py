@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -36,8 +35,8 @@ def refine(args: argparse.Namespace) -> None:
     session = synchronise(session)
     if len(session.rig) < 3:
         raise InputError(
-            f"{args.folder}: {len(session.rig)} cameras; expected three or more, for two cameras' "
-            "silhouettes do not tell which of them is off"
+            f"{args.folder}: {len(session.rig)} cameras; expected three or more, because two "
+            "silhouettes do not show which camera is wrong"
         )
     hidden = find_hidden_pixels(session)
     rig = session.rig if hidden is None else session.rig.with_hidden(hidden)
@@ -90,7 +89,7 @@ def _figures(found: Alignment, view: int) -> dict[str, list[float]]:
 
 def _summary(
     args: argparse.Namespace, rig: CameraRig, found: Alignment, accepted: bool, verdict: str
-) -> dict[str, Any]:
+) -> dict[str, object]:
     figures = [_figures(found, view) for view in range(len(rig))]
     return {
         "verdict": verdict,

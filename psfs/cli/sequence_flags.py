@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from cl import InputError
 from psfs.cli.commandline import frame_range, path_or_name, warn
-from psfs.cli.setting_flags import add_setting_flags, flagged
+from psfs.cli.setting_flags import add_setting_flags, find_flagged_settings
 from psfs.common.files import resolve_path
 from psfs.common.ranges import check_number
 from psfs.footage.folder import check_folder
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 from psfs.voxels.limits import VOXEL_EDGES
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 #: Least length of the shortest view as a share of the longest one's, if --frames is not given.
 _MOST_OF_THEM = 0.9
 #: The flags that become overrides of `Sequence.open`.
-_KEYS = tuple(path[-1] for path, _ in flagged(Settings))
+_KEYS = tuple(path[-1] for path, _ in find_flagged_settings(SequenceSettings))
 
 
 def add_sequence_flags(
@@ -41,10 +41,10 @@ def add_sequence_flags(
             "--frames", type=frame_range, metavar="a:b", help="frames counted from 0, b excluded"
         )
     group = parser.add_argument_group(
-        "sequence", "what the files do not say; the same keys may stand in FOLDER/sequence.toml"
+        "sequence", "facts that the files do not state, also keys of FOLDER/sequence.toml"
     )
     without = () if fps else ("fps",)
-    add_setting_flags(group, Settings, without=without, parsers=PARSERS)
+    add_setting_flags(group, SequenceSettings, without=without, parsers=PARSERS)
 
 
 def parse_sync(text: str) -> str | dict[str, int]:
@@ -114,13 +114,13 @@ def volume_box(text: str) -> Any:
 
 
 #: How the texts of the flags are parsed that are more than a number, a text or a choice.
-PARSERS: Mapping[str, Callable[[str], Any]] = {
+PARSERS: Mapping[str, Callable[[str], object]] = {
     "calibration": path_or_name, "fps": frame_rate, "sync": parse_sync, "volume": volume_box,
     "cameras": _names,
 }  # fmt: skip
 
 
-def stated(args: argparse.Namespace) -> dict[str, Any]:
+def collect_overrides(args: argparse.Namespace) -> dict[str, object]:
     """Return the flags of the sequence as overrides of `Sequence.open`, in plain values."""
     flags = {key: getattr(args, key) for key in _KEYS if getattr(args, key) is not None}
     if "calibration" in flags:
@@ -137,7 +137,7 @@ def open_sequence(args: argparse.Namespace) -> Sequence:
     """Return the sequence that the flags describe."""
     from psfs.sequence import Sequence
 
-    return Sequence.open(args.folder, **stated(args))
+    return Sequence.open(args.folder, **collect_overrides(args))
 
 
 def examine_footage(
@@ -167,16 +167,16 @@ def examine_footage(
     return found
 
 
-def selected_frames(args: argparse.Namespace, sequence: Sequence) -> range:
+def select_common_frames(args: argparse.Namespace, sequence: Sequence) -> range:
     """Return the frame numbers of --frames, or all; warn of views of different lengths. Raises
     InputError if no frame is selected."""
-    chosen = chosen_frames(args, sequence)
+    chosen = select_frames(args, sequence)
     if args.frames is None:
         _check_counts(sequence)
     return chosen
 
 
-def chosen_frames(args: argparse.Namespace, sequence: Sequence) -> range:
+def select_frames(args: argparse.Namespace, sequence: Sequence) -> range:
     """Return the frame numbers of --frames, or all. Raises InputError if no frame is selected."""
     chosen = range(len(sequence))[args.frames or slice(None)]
     if not chosen:

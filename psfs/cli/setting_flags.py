@@ -1,4 +1,8 @@
-"""Command-line flags that are derived from the settings whose fields name a flag."""
+"""Command-line flags that are derived from the settings whose fields name a flag.
+
+Commands declare by `add_argument` only what is no setting: files, folders, frames, targets of a
+calibration, devices, and what is written or printed.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +26,7 @@ from psfs.common.config import (
 Names = tuple[str, ...]
 
 
-def flagged(kind: type[Config]) -> Iterator[tuple[Names, FieldInfo]]:
+def find_flagged_settings(kind: type[Config]) -> Iterator[tuple[Names, FieldInfo]]:
     """Yield the settings with a flag of a class and its parts, each with the path of names that
     leads to it; the last name is the flag's destination."""
     for path, field in fields_below(kind):
@@ -31,8 +35,8 @@ def flagged(kind: type[Config]) -> Iterator[tuple[Names, FieldInfo]]:
 
 
 def usual_value(path: Names, field: FieldInfo) -> str:
-    """Return the text for --help about a setting without its flag: the default, or where it comes
-    from if that is none."""
+    """Return the text for --help about the value without the flag: the default, or its source if
+    the default is None."""
     default = field.default
     if default is None:
         return about(field, "source")
@@ -57,12 +61,12 @@ def add_setting_flags(
     choice. fill: give the flags the settings' defaults, so that they are written beside results.
     """
     added = set()
-    for path, field in flagged(kind):
+    for path, field in find_flagged_settings(kind):
         name, flag = path[-1], about(field, "flag")
         if flag in added or name in without or (only and name not in only):
             continue
         added.add(flag)
-        what = about(field, "flag_help") or _described(field)
+        what = about(field, "flag_help") or _describe(field)
         group.add_argument(
             flag,
             dest=name,
@@ -89,7 +93,7 @@ def with_flags(config: C, args: argparse.Namespace, without: tuple[str, ...] = (
     `without`. Raises InputError that names the flag."""
     values: dict[str, Any] = {}
     names: dict[str, str] = {}
-    for path, field in flagged(type(config)):
+    for path, field in find_flagged_settings(type(config)):
         value = getattr(args, path[-1], None)
         dotted = ".".join(path)
         if value is None or dotted.startswith(without):
@@ -100,14 +104,14 @@ def with_flags(config: C, args: argparse.Namespace, without: tuple[str, ...] = (
             table = table.setdefault(part, {})
         table[path[-1]] = value
     try:
-        return config.overlaid(values)
+        return config.overlay(values)
     except SettingError as error:
         if error.path in names:
             raise InputError(f"{names[error.path]}{error.problem}") from None
         raise
 
 
-def _described(field: FieldInfo) -> str:
+def _describe(field: FieldInfo) -> str:
     """Return the text for --help of a setting, with its unit."""
     text = (field.description or "").rstrip(".")
     return ", ".join(filter(None, (text[:1].lower() + text[1:], about(field, "unit"))))

@@ -20,7 +20,7 @@ from psfs.cli.commandline import path_or_name
 from psfs.cli.recording import RecordingParser
 from psfs.common.config import Config, part_kind
 from psfs.common.files import resolve_path, write_text
-from psfs.common.presets import Presets, overlaid, read_preset
+from psfs.common.presets import Presets, merge_tables, read_preset
 from psfs.common.toml import read_toml
 
 #: The name of the file beside results.
@@ -74,13 +74,13 @@ def with_settings(
     command: RecordingParser | None = getattr(args, "parser", None)
     if command is None:
         return args
-    given = command.stated(argv[argv.index(args.command) + 1 :])
+    given = command.find_stated(argv[argv.index(args.command) + 1 :])
     stated = {a.dest: given[a.dest] for a in _settings(command) if a.dest in given}
     found: dict[str, tuple[Any, Any]] = {}
     tables: dict[str, Any] = {}
     file = args.config
     if file is not None:
-        flags, tables = _parted(read_toml(file))
+        flags, tables = _split(read_toml(file))
         found = _flags(file, command, flags, stated)
     usual = {action.dest: action.default for action in command.actions}
     chosen = {*stated, *found}
@@ -88,7 +88,7 @@ def with_settings(
     name = ({dest: raw for dest, (raw, _) in found.items()} | stated).get("preset")
     if name is not None:
         file = file or args.presets[name][-1]
-        flags, beneath = _parted(read_preset(args.presets, name))
+        flags, beneath = _split(read_preset(args.presets, name))
         known = {_name(a) for a in _settings(command)}  # psfs' presets have fewer flags
         flags = {name: value for name, value in flags.items() if name in known}
         found |= _flags(file, command, flags, {**stated, **found})
@@ -96,7 +96,7 @@ def with_settings(
     args = parser.parse_args(argv)
     args.stated_settings = {dest: raw for dest, (raw, _) in found.items()} | stated
     joined = {name: table for name, table in beneath.items() if name in args.config_kinds}
-    args.configs = _configs(file, overlaid(joined, tables), args.config_kinds)
+    args.configs = _configs(file, merge_tables(joined, tables), args.config_kinds)
     args.preset_tables = beneath
     args.chosen_flags = {dest for dest in chosen if getattr(args, dest) != usual[dest]}
     return args
@@ -112,7 +112,7 @@ def refuse_unused(args: argparse.Namespace, flags: Iterable[str], why: str) -> N
             raise InputError(f"--{_name(action)} {why}")
 
 
-def _parted(content: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+def _split(content: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the flags and the tables of a file."""
     tables = {name: value for name, value in content.items() if isinstance(value, Mapping)}
     return {name: value for name, value in content.items() if name not in tables}, tables
@@ -150,7 +150,7 @@ def collect_settings(args: argparse.Namespace) -> dict[str, Any]:
     return {**flags, **{name: config.to_dict() for name, config in args.configs.items()}}
 
 
-def stated_words(args: argparse.Namespace, without: Sequence[str] = ()) -> list[str]:
+def list_stated_words(args: argparse.Namespace, without: Sequence[str] = ()) -> list[str]:
     """Return the flags that were stated on the command line or in --config as words of a command
     line that works in any folder, except those with a destination in `without`."""
     words: list[str] = []
@@ -161,20 +161,20 @@ def stated_words(args: argparse.Namespace, without: Sequence[str] = ()) -> list[
         if action.nargs == 0:
             words += [flag] * (value == action.const)
         elif isinstance(value, list):
-            words += [flag, *(_in_full(action, entry) for entry in value)]
+            words += [flag, *(_with_absolute_paths(action, entry) for entry in value)]
         else:
-            words.append(f"{flag}={_in_full(action, value)}")
+            words.append(f"{flag}={_with_absolute_paths(action, value)}")
     return words
 
 
-def _in_full(action: argparse.Action, value: Any) -> str:
+def _with_absolute_paths(action: argparse.Action, value: Any) -> str:
     is_path = action.type is Path or action.type is path_or_name
     return path_or_name(str(value)) if is_path else str(value)
 
 
 def command_flags(command: RecordingParser, words: Sequence[str]) -> list[str]:
     """Return the flags among `words` that choose where results go and what is printed."""
-    given = set(command.stated(words)).intersection(_NONE) - {"config"}
+    given = set(command.find_stated(words)).intersection(_NONE) - {"config"}
     return [f"--{_name(action)}" for action in command.actions if action.dest in given]
 
 
@@ -223,13 +223,13 @@ def _flags(
                 f"{', '.join(sorted(by_name))}"
             )
         action = by_name[name]
-        parsed = _parsed(file, action, value)
+        parsed = _parse(file, action, value)
         if action.dest not in excluded:
             found[action.dest] = (parsed if action.nargs == 0 else value, parsed)
     return found
 
 
-def _parsed(file: Path, action: argparse.Action, value: Any) -> Any:
+def _parse(file: Path, action: argparse.Action, value: Any) -> Any:
     """Return a file's value as the command line would give it."""
     name = _name(action)
     if action.nargs == 0:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -12,10 +11,10 @@ from rich.table import Table
 from cl import select_device
 from psfs.cli.commandline import progress_bar, stdout
 from psfs.cli.flags.silhouettes import REPORT, SHOWN
-from psfs.cli.iou import plain
-from psfs.cli.sequence_flags import open_sequence, selected_frames
+from psfs.cli.sequence_flags import open_sequence, select_common_frames
 from psfs.cli.settings import FILE, write_settings
 from psfs.common.files import write_json, write_picture
+from psfs.common.numbers import json_number, pick_evenly
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.examination import synchronise
 from psfs.diagnostics.silhouette_mosaic import draw_mosaic
@@ -46,7 +45,7 @@ def _show(args: argparse.Namespace, opened: OutputFolder) -> None:
     session = synchronise(Session(open_sequence(args), device, SessionSettings(config)))
     sequence = session.sequence
     opened.check_inputs([*sequence.inputs, sequence.folder / TRUE_MASKS])
-    wanted = _wanted(args, sequence)
+    wanted = _select_frames(args, sequence)
     report = _Report(sequence)
     try:
         with progress_bar() as bar:
@@ -65,13 +64,12 @@ def _show(args: argparse.Namespace, opened: OutputFolder) -> None:
             stdout.print(f"wrote {out}", soft_wrap=True)
 
 
-def _wanted(args: argparse.Namespace, sequence: Sequence) -> list[int]:
+def _select_frames(args: argparse.Namespace, sequence: Sequence) -> list[int]:
     """Return the numbers of the frames to show, ascending. Raises InputError if there is none."""
-    chosen = selected_frames(args, sequence)
+    chosen = select_common_frames(args, sequence)
     if args.frames is not None:
         return sorted(chosen)
-    spread = np.linspace(0, len(sequence) - 1, min(SHOWN, len(sequence))).round()
-    return truth_frames(sequence) or [int(index) for index in spread]
+    return truth_frames(sequence) or pick_evenly(len(sequence), SHOWN).tolist()
 
 
 class _Report:
@@ -81,25 +79,27 @@ class _Report:
         self.sequence = sequence
         self.scores: dict[int, np.ndarray] = {}
 
-    def _masked(self) -> np.ma.MaskedArray:
+    def _stack_scores(self) -> np.ma.MaskedArray:
         """Return (frames, V, 4), masked where there is no truth."""
         return np.ma.masked_invalid(np.stack(list(self.scores.values())))
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> dict[str, object]:
         """Return all figures for JSON."""
-        scores = self._masked()
+        scores = self._stack_scores()
         means, worst = scores.mean(axis=0), scores[..., 0].min(axis=0)
         return {
             "definition": DEFINITION,
             "sequence": str(self.sequence.folder),
-            "mean_iou": plain(scores[..., 0].mean()),
+            "mean_iou": json_number(scores[..., 0].mean()),
             "cameras": {
-                name: {f"mean_{key}": plain(v) for key, v in zip(_FIGURES, mean, strict=True)}
-                | {"worst_iou": plain(low)}
+                name: {f"mean_{key}": json_number(v) for key, v in zip(_FIGURES, mean, strict=True)}
+                | {"worst_iou": json_number(low)}
                 for name, mean, low in zip(self.sequence.rig.names, means, worst, strict=True)
             },
             "frames": {
-                str(index): {key: [plain(v) for v in of[:, k]] for k, key in enumerate(_FIGURES)}
+                str(index): {
+                    key: list(map(json_number, of[:, k])) for k, key in enumerate(_FIGURES)
+                }
                 for index, of in self.scores.items()
             },
         }
@@ -107,7 +107,7 @@ class _Report:
     def table(self) -> Table:
         """Return a table of the cameras' means over the frames, with IoU if there are true
         masks."""
-        scores = self._masked()
+        scores = self._stack_scores()
         known = not np.ma.is_masked(scores[..., 0].mean())
         table = Table("camera", title=f"Silhouettes in {len(scores)} frames", title_justify="left")
         titles = ("mean IoU", "worst frame", "missed", "too much") if known else ()

@@ -10,7 +10,7 @@ from collections.abc import Callable
 _INTERRUPTED = 130
 
 
-def started(program: str, run: Callable[[], int]) -> int:
+def start_program(program: str, run: Callable[[], int]) -> int:
     """Return the exit code of `run`, which imports the program and runs it.
 
     Ctrl-C during the imports ends with one line. Closed standard streams (`psfs ... >&-`) are

@@ -56,7 +56,7 @@ def view_run(args: argparse.Namespace, on_top: OnTop) -> None:
     """Show the run `args.out` in a window; without a display, or with --png, write a picture."""
     run = ReconstructionFolder.open(args.out)
     run.warn_if_unfinished(warn)
-    frame = run.chosen(args.frame)
+    frame = run.choose_frame(args.frame)
     sequence = run.sequence()
     if args.png is not None:
         check_picture_name(args.png, (*sequence.inputs[1:], args.out / "clouds"))
@@ -88,7 +88,7 @@ def _player(
         make_static_layer("cameras", draw_frusta(sequence.rig)),
         make_static_layer("floor", draw_floor(run.grid)),
     )
-    playback = Playback(run.indices, sequence.fps, run.chosen(args.frame))
+    playback = Playback(run.indices, sequence.fps, run.choose_frame(args.frame))
     return Player(playback, layers, lambda n: f"{_size(run, n)}   {on_top.note(n)}".strip())
 
 

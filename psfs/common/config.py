@@ -32,7 +32,7 @@ _SHOWN = 80
 
 
 class SettingError(InputError):
-    """A setting that is refused: the names that lead to it, and what is wrong with it."""
+    """Error of a setting: the path of names that leads to it, and the problem."""
 
     def __init__(self, problem: str, path: str = "") -> None:
         super().__init__(f"{path}{problem}" if path else problem.removeprefix(": "))
@@ -44,13 +44,13 @@ class SettingError(InputError):
 
 
 class Config(BaseModel):
-    """Settings of one room. They cannot be changed; types are not converted, but that lists become
-    tuples and NumPy's numbers Python's. Raises InputError (a ValueError) for what is refused."""
+    """Settings of one room. Instances are frozen. Types are not converted, except lists to tuples
+    and NumPy's numbers to Python's. Raises InputError (a ValueError) for an invalid value."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True
     )
-    #: Where the defaults come from whose fields do not say so.
+    #: Source of the defaults whose fields do not state their own.
     SOURCE: ClassVar[str] = ""
 
     def __init__(self, **values: Any) -> None:
@@ -63,7 +63,7 @@ class Config(BaseModel):
     @classmethod
     def _plain(cls, value: Any, info: ValidationInfo) -> Any:
         field = cls.model_fields[str(info.field_name)]
-        registered = _registered(field)
+        registered = _registered_names(field)
         if registered and value not in registered:
             raise PydanticCustomError("registered", "one of those that are registered")
         if isinstance(value, list) and Any not in field_kinds(field):
@@ -75,7 +75,7 @@ class Config(BaseModel):
         own = {name: getattr(self, name) for name in type(self).model_fields}  # nothing cached
         return type(self)(**{**own, **changes})
 
-    def overlaid(self: C, values: Mapping[str, Any], where: str = "") -> C:
+    def overlay(self: C, values: Mapping[str, Any], where: str = "") -> C:
         """Return these settings with `values` as JSON and TOML hold them, tables for the parts:
         what is not stated stays. `where` precedes the names in errors (InputError)."""
         changes: dict[str, Any] = {}
@@ -83,7 +83,7 @@ class Config(BaseModel):
             for name, value in values.items():
                 part = getattr(self, name) if name in type(self).model_fields else None
                 deeper = isinstance(part, Config) and isinstance(value, Mapping)
-                changes[name] = part.overlaid(value, name) if deeper else value  # type: ignore[union-attr]
+                changes[name] = part.overlay(value, name) if deeper else value  # type: ignore[union-attr]
             return self.replace(**changes)
         except SettingError as error:
             raise error.within(where) from None
@@ -91,8 +91,8 @@ class Config(BaseModel):
     @classmethod
     def from_dict(cls: type[C], values: Mapping[str, Any], where: str = "") -> C:
         """Return the inverse of `to_dict`; what is not stated has its default. Arguments and errors
-        as of `overlaid`."""
-        return cls().overlaid(values, where)
+        as of `overlay`."""
+        return cls().overlay(values, where)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, tables for the parts."""
@@ -116,10 +116,10 @@ def setting(
 ) -> Any:
     """Return a field: its default, what it is, where the default comes from and its unit.
 
-    above, below: bounds that are left out; least, most: bounds that are allowed. No number may be
-    beyond 1e9 without a bound of its own, nor within 1e-12 of one that is left out. choices: names
-    of what is registered, of which the setting is one. flag: of the command line, its help, where
-    that says something else than `description`, and the name of its value there.
+    above, below: exclusive bounds; least, most: inclusive bounds. A number without a bound of its
+    own is at most 1e9; it stays 1e-12 away from an exclusive bound. choices: registered names among
+    which the setting chooses. flag, flag_help, metavar: the command-line flag, its help where that
+    differs from `description`, and the name of its value.
     """
     bounds: dict[str, Any] = {"gt": above, "ge": least, "lt": below, "le": most}
     if isinstance(default, (int, float)) and not isinstance(default, bool):
@@ -165,7 +165,7 @@ def with_parts(parts: Mapping[str, type[Any]]) -> Callable[[type[C]], type[C]]:
 
 
 def about(field: FieldInfo, name: str) -> str:
-    """Return one of what `setting` states of a field beside its range, empty where it does not."""
+    """Return an entry of a field's metadata, such as its unit or flag; empty if it has none."""
     extra = field.json_schema_extra
     return str(extra.get(name, "")) if isinstance(extra, dict) else ""
 
@@ -177,19 +177,19 @@ def field_kinds(field: FieldInfo) -> tuple[Any, ...]:
 
 
 def field_choices(field: FieldInfo) -> tuple[Any, ...]:
-    """Return the values among which a field chooses; none where it takes others."""
+    """Return the values among which a field chooses; empty for a field without choices."""
     kinds = [kind for kind in field_kinds(field) if get_origin(kind) is Literal]
-    return _registered(field) or tuple(value for kind in kinds for value in get_args(kind))
+    return _registered_names(field) or tuple(value for kind in kinds for value in get_args(kind))
 
 
-def _registered(field: FieldInfo) -> tuple[Any, ...]:
+def _registered_names(field: FieldInfo) -> tuple[Any, ...]:
     extra = field.json_schema_extra
     found = extra.get("enum") if isinstance(extra, dict) else None
     return tuple(found) if isinstance(found, list) else ()
 
 
 def part_kind(field: FieldInfo) -> type[Config] | None:
-    """Return the class of the settings that a field holds; None where it is a single one."""
+    """Return the class of the settings that a field holds; None for a single setting."""
     for kind in field_kinds(field):
         if isinstance(kind, type) and issubclass(kind, Config):
             return kind
@@ -228,7 +228,7 @@ _KINDS: dict[Any, str] = {
 
 
 def describe_expected(field: FieldInfo) -> str:
-    """Return what a field takes, as errors say it."""
+    """Return the text of an error message for the values that a field accepts."""
     if part_kind(field) is not None:
         return "settings with names"
     choices = field_choices(field)

@@ -91,14 +91,15 @@ def read_text(path: Path, what: str, most_bytes: int = 16 * 2**20) -> str:
 
 
 @contextmanager
-def written_whole(path: str | Path) -> Iterator[Path]:
+def write_atomically(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path beside `path` (same suffix); rename it to `path` on success, else
     remove it.
 
-    `with written_whole("a.ply") as temporary: write(temporary)` In an output folder that is being
-    written, see `psfs.common.outputs`, the name is added to its manifest. Raises InputError if the
-    file system refuses (no permission, disk full, a file for a folder), or if there is a file of
-    that name that no command of ours wrote; see `psfs.common.single_files` for those elsewhere.
+    `with write_atomically("a.ply") as temporary: write(temporary)` In an output folder that is
+    being written, see `psfs.common.outputs`, the name is added to its manifest. Raises InputError
+    if the file system refuses (no permission, disk full, a file for a folder), or if there is a
+    file of that name that no command of ours wrote; see `psfs.common.single_files` for those
+    elsewhere.
     """
     path = Path(path)
     temporary = temporary_name(path)
@@ -121,9 +122,9 @@ def written_whole(path: str | Path) -> Iterator[Path]:
 @contextmanager
 def open_text(path: str | Path) -> Iterator[TextIO]:
     """Yield a text file (UTF-8, lines end with LF) that gets its name on success. What is no UTF-8,
-    as names may be, is escaped. Raises InputError as `written_whole` does."""
+    as names may be, is escaped. Raises InputError as `write_atomically` does."""
     with (
-        written_whole(path) as temporary,
+        write_atomically(path) as temporary,
         temporary.open("w", encoding="utf-8", newline="", errors="backslashreplace") as file,
     ):
         yield file
@@ -135,8 +136,8 @@ def write_text(path: str | Path, text: str) -> None:
         file.write(text)
 
 
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write plain values as JSON. Raises InputError as `written_whole` does."""
+def write_json(path: Path, content: Mapping[str, object]) -> None:
+    """Write plain values as JSON. Raises InputError as `write_atomically` does."""
     write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
@@ -161,7 +162,7 @@ def write_picture(path: Path, picture: np.ndarray) -> None:
         done = False
     if not done:
         raise _picture_format_error(path)
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         temporary.write_bytes(content.tobytes())  # its errors say why
 
 

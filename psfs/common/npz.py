@@ -186,6 +186,6 @@ def _describe_kind(values: Values) -> str:
     ]
 
 
-def get_scalar(array: Any) -> Any:
+def get_scalar(array: object) -> Any:
     """Return the only element of an array."""
     return np.asarray(array).ravel()[0].item()

@@ -305,7 +305,7 @@ def output_folder(
     addition: bool = False,
     replaces: bool = False,
 ) -> Iterator[OutputFolder]:
-    """Open `folder` for writing results by `written_whole`; nothing changes before the first one.
+    """Open `folder` for results written by `write_atomically`; nothing changes before the first.
 
     command: the writer. inputs: files and folders that are read, none of which may lie in `folder`.
     expected: patterns of the results' names, which other files must not have. addition: add the

@@ -1,4 +1,4 @@
-"""How large pictures may be."""
+"""Limits of the size of pictures."""
 
 from __future__ import annotations
 

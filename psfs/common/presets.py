@@ -26,15 +26,15 @@ def read_preset(presets: Presets, name: str) -> dict[str, Any]:
         raise InputError(f"preset {name!r}; expected {', '.join(presets) or 'none'}")
     settings: dict[str, Any] = {}
     for path in presets[name]:
-        settings = overlaid(settings, read_toml(path))
+        settings = merge_tables(settings, read_toml(path))
     return settings
 
 
-def overlaid(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+def merge_tables(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values of both, table by table; where both state one, that of `above`."""
     joined = dict(below)
     for name, value in above.items():
         under = joined.get(name)
         both = isinstance(value, Mapping) and isinstance(under, Mapping)
-        joined[name] = overlaid(under, value) if both else value  # type: ignore[arg-type]
+        joined[name] = merge_tables(under, value) if both else value  # type: ignore[arg-type]
     return joined

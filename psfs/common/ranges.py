@@ -1,4 +1,4 @@
-"""Numbers that must lie in a range, arguments of a kind, and how a message says so."""
+"""Check the ranges of numbers and the types of arguments, and describe ranges in messages."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def range_text(
     lt: float | None = None,
     le: float | None = None,
 ) -> str:
-    """Return a range in words; `gt` and `lt` are bounds that are left out of it."""
+    """Return a range in words; `gt` and `lt` are exclusive bounds."""
     if gt is not None and lt is not None:
         return f"between {gt:g} and {lt:g}"
     if ge is not None and ge != -LARGEST and le not in (None, LARGEST):

@@ -1,4 +1,4 @@
-"""Open files that are read, and turn whatever their content does to a parser into one line.
+"""Open input files, and convert every error of a parser into a message of one line.
 
 Every reader opens its file by `open_input`, which neither waits for a pipe nor reads a device, and
 parses it inside `parsing`.

@@ -1,4 +1,5 @@
-"""What may be chosen by name: this program's own entries, and those of other installed packages."""
+"""Registries of what can be chosen by name: entries of this program and of other installed
+packages."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ log = logging.getLogger(__name__)
 
 
 class Named(Protocol):
-    """An entry; it knows the name that it is chosen by."""
+    """Entry of a registry, with the name by which it is chosen."""
 
     @property
     def name(self) -> str: ...
@@ -48,7 +49,7 @@ class Registry(Mapping[str, T]):
             try:
                 self._add(found, point.load())
             except Exception as error:  # whatever another package does
-                log.warning("%s is left out: %s", _described(point), error)
+                log.warning("%s is left out: %s", _describe(point), error)
         return found
 
     def _add(self, found: dict[str, T], loaded: object) -> None:
@@ -69,6 +70,6 @@ class Registry(Mapping[str, T]):
         return len(self._entries)
 
 
-def _described(point: EntryPoint) -> str:
+def _describe(point: EntryPoint) -> str:
     package = "" if point.dist is None else f" of the package {point.dist.name}"
     return f"the entry point {point.name} = {point.value} ({point.group}){package}"

@@ -1,4 +1,4 @@
-"""What a file of tables must hold, stated as pydantic models, and errors of one line."""
+"""Validation of tables from files by pydantic models, with errors of one line."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def flat(*counts: int) -> BeforeValidator:
     return BeforeValidator(flattened)
 
 
-def _named(name: str) -> str:
+def _parse_name(name: str) -> str:
     try:
         return check_name(name, "it")
     except InputError as error:
@@ -71,7 +71,7 @@ def _named(name: str) -> str:
 
 
 #: A name that can be a file's, see `check_name`.
-Name = Annotated[str, AfterValidator(_named)]
+Name = Annotated[str, AfterValidator(_parse_name)]
 
 
 def _path_text(value: Any) -> str:
@@ -96,14 +96,14 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
-def checked(kind: type[T], values: Any, where: Path | str = "") -> T:
+def parse_values(kind: type[T], values: Any, where: Path | str = "") -> T:
     """Return `values` as `kind`, a model or any type pydantic knows. Raises InputError that names
     `where`, the key, what was found and what was expected."""
     try:
         found: T = _adapter(cast(Any, kind)).validate_python(values)
     except ValidationError as error:
         before = f"{where}: " if where else ""
-        raise InputError(before + described(error, values)) from None
+        raise InputError(before + describe_error(error, values)) from None
     return found
 
 
@@ -124,7 +124,7 @@ def _key(place: tuple[int | str, ...], values: Any) -> str:
     return ".".join(parts).replace(",.", ", ").rstrip(",")
 
 
-def described(error: ValidationError, values: Any) -> str:
+def describe_error(error: ValidationError, values: Any) -> str:
     """Return the first of the errors in `values` as a line, and how many more there are."""
     first, *more = error.errors(include_url=False)
     key = _key(first["loc"], values)

@@ -1,5 +1,5 @@
-"""What operating systems do differently: locks, signals, processes, cores and memory. Nothing else
-here asks which system it runs on, but for windows of viewers."""
+"""Functions that differ between operating systems: locks, signals, processes, cores and memory. No
+other module asks which system it runs on, except the viewer."""
 
 from __future__ import annotations
 

@@ -26,8 +26,8 @@ def read_toml(path: Path) -> dict[str, Any]:
     return parse_toml(read_text(path, "TOML", _MOST_BYTES), path)
 
 
-def write_toml(path: Path, values: Mapping[str, Any]) -> None:
-    """Write plain values. Raises InputError as `written_whole` does."""
+def write_toml(path: Path, values: Mapping[str, object]) -> None:
+    """Write plain values. Raises InputError as `write_atomically` does."""
     write_text(path, tomli_w.dumps(values))
 
 

@@ -1,4 +1,4 @@
-"""The versions of what computed."""
+"""Versions of this program and of its libraries, for the provenance of results."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import platform
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of what computed: this program, Python and the libraries that matter."""
+    """Return the versions of this program, of Python and of the libraries that affect results."""
     from importlib import metadata  # takes 20 ms
 
     packages = ("psfs-apf", "numpy", "pyopencl", "opencv-python-headless", "scipy")

@@ -17,7 +17,7 @@ import numpy as np
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.config import AlignmentConfig, FaultConfig
-from psfs.diagnostics.refinement import N_PARAMETERS, Corrections, RigFit
+from psfs.diagnostics.refinement import N_PARAMETERS, RigCorrections, RigFit
 from psfs.diagnostics.small_views import Outline, SmallViews, small_views
 from psfs.session import Session
 
@@ -33,7 +33,7 @@ class Alignment:
     """
 
     rig: CameraRig
-    corrections: Corrections
+    corrections: RigCorrections
     before: float
     after: float
     moved: np.ndarray

@@ -207,9 +207,9 @@ def refine_lags(tangency: Tangency, shifts: list[int]) -> list[int]:
 def measure_turn(tangency: Tangency, view: int) -> tuple[float, float]:
     """Return the angle, rad, by which to turn a camera about its centre so that its pictures fit
     the others' best, and its cost then as a share of the present one."""
-    before = tangency.turned(view, np.eye(3))
+    before = tangency.measure_turned(view, np.eye(3))
     found = minimize(
-        lambda vector: tangency.turned(view, cv2.Rodrigues(vector)[0]),
+        lambda vector: tangency.measure_turned(view, cv2.Rodrigues(vector)[0]),
         np.zeros(3),
         method="Nelder-Mead",
         options={

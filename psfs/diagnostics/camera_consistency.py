@@ -1,4 +1,4 @@
-"""Which cameras disagree with the others, and why.
+"""Find the cameras that disagree with the others, and the likely reason.
 
 Each camera is compared with the shape that all the others see. The shape is carved without the
 camera, projected into it, and compared with those parts of its own silhouette that belong to the
@@ -83,7 +83,7 @@ class _Judge:
         self.frames = [int(i) for i in np.unique(picks)]
         self._evidence = dict(zip(self.frames, session.evidence(self.frames), strict=True))
         self._take(_coarse_grid(sequence, limits))
-        self._take(self._around_person())
+        self._take(self._fit_grid_to_person())
 
     def _take(self, grid: VoxelGrid) -> None:
         """Project the voxels of `grid` into all cameras, and use them from now on."""
@@ -96,7 +96,7 @@ class _Judge:
             self._at.append((np.flatnonzero(inside), pixels))
         self._extents = voxel_footprints(self.rig, grid.voxel_size)
 
-    def _around_person(self) -> VoxelGrid:
+    def _fit_grid_to_person(self) -> VoxelGrid:
         """Return a grid around the voxels that are occupied even if one camera denies them."""
         views = list(range(len(self.rig)))
         needed = OccupancyConfig().seeing_cameras(len(views))

@@ -1,5 +1,5 @@
-"""Agreement of voxel clouds with true masks, beside what the same grid would give with true masks
-as silhouettes."""
+"""Agreement of voxel clouds with true masks, compared with clouds that the same grid would give if
+the true masks were the silhouettes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def score_cloud(rig: CameraRig, cloud: VoxelCloud, truth: Items[np.ndarray | Non
     """Return the scores of a frame's cloud, given the true masks (H, W) bool of the cameras."""
     seen = [(camera, mask) for camera, mask in zip(rig, truth, strict=True) if mask is not None]
     grid = cloud.grid
-    hull = _carved(seen, grid)
+    hull = _carve(seen, grid)
     ours, best = (
         [
             iou(draw_voxels(camera, points, grid.voxel_size, mask.shape), mask)
@@ -77,7 +77,7 @@ def draw_voxels(
     return drawn
 
 
-def _carved(seen: Items[tuple[Camera, np.ndarray]], grid: VoxelGrid) -> np.ndarray:
+def _carve(seen: Items[tuple[Camera, np.ndarray]], grid: VoxelGrid) -> np.ndarray:
     """Return the flat indices (N,) of the voxels that lie in every mask whose picture shows
     them."""
     left = np.arange(grid.size)

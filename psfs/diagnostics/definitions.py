@@ -1,4 +1,4 @@
-"""What figures of silhouettes mean, in words."""
+"""Definitions of the scores of silhouettes, in words."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ def examine(session: Session, all_cameras: bool = False) -> Examination:
     if session.sequence.settings.sync == "auto":
         session = session.with_sequence(session.sequence.synchronise(diagnosis.late))
         diagnosis = diagnosis.without("late")
-    if diagnosis.of_all:
+    if diagnosis.concerns_all:
         return Examination(session, diagnosis)
     corrected = _correct_rig(session, diagnosis)
     if all_cameras or session.sequence.settings.cameras is not None:

@@ -1,4 +1,4 @@
-"""The stage `diagnose`: what is wrong with footage, found before hours are spent on it."""
+"""The stage `diagnose`: find faults of the footage before hours are spent on it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cl import Device, NumpyDevice
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.cameras.units import metres_per_unit
 from psfs.diagnostics.arrangement import (
     Way,
@@ -64,7 +64,7 @@ class Diagnosis:
         return {fault.cameras[0]: fault.late for fault in self.faults if fault.kind == "late"}
 
     @property
-    def of_all(self) -> bool:
+    def concerns_all(self) -> bool:
         """Whether a fault remains that leaving out one camera cannot mend."""
         return any(fault.kind in _OF_ALL for fault in self.faults)
 
@@ -197,7 +197,7 @@ def _describe_exchange(names: list[str], order: list[int]) -> Fault:
         text = f"cameras {a} and {b} look exchanged: each one's pictures fit the other's place"
     else:
         moves = [f"those of {names[order[view]]} to {names[view]}" for view in wrong]
-        text = f"cameras look exchanged; the pictures would fit so: {listed(moves)}"
+        text = f"cameras look exchanged; the pictures would fit so: {join_names(moves)}"
     cameras = tuple(names[view] for view in wrong)
     return Fault("exchange", cameras, f"{text}; rename the files, or the calibration's cameras")
 
@@ -256,7 +256,7 @@ def _describe_poor_silhouettes(views: SmallViews) -> str:
             poor.append(f"{camera.name}'s are in pieces")
         elif np.median(np.abs(np.diff(areas))) > 0.25 * np.median(areas):
             poor.append(f"{camera.name}'s change from frame to frame")
-    return listed(poor) if poor else ""
+    return join_names(poor) if poor else ""
 
 
 def _find_turned_camera(

@@ -33,7 +33,7 @@ _NEAREST = 0.5
 _APART = 1e5
 
 
-class Contours:
+class SilhouetteContours:
     """The contours of one camera's pictures [frame], one after another; None without a silhouette.
 
     points: (N, 2) px. frames: (N,) the frame of each. at_border: (N,) bool.
@@ -83,7 +83,10 @@ class FrontierPoints:
 
 
 def find_frontier_points(
-    cameras: Sequence[Camera], contours: Sequence[Contours], scene: np.ndarray, gate: float
+    cameras: Sequence[Camera],
+    contours: Sequence[SilhouetteContours],
+    scene: np.ndarray,
+    gate: float,
 ) -> FrontierPoints:
     """Find the frontier points of all pairs of cameras that agree to `gate` px.
 
@@ -108,7 +111,7 @@ def find_frontier_points(
 
 def _match_pair(
     cameras: Sequence[Camera],
-    contours: Sequence[Contours],
+    contours: Sequence[SilhouetteContours],
     rays: list[np.ndarray],
     pair: tuple[int, int],
     scene: np.ndarray,
@@ -149,7 +152,7 @@ class _Tips:
     (K,) and turning rates (K,) rad per frame, NaN where unknown."""
 
     def __init__(
-        self, camera: Camera, contours: Contours, rays: np.ndarray, slopes: np.ndarray,
+        self, camera: Camera, contours: SilhouetteContours, rays: np.ndarray, slopes: np.ndarray,
         sign: float, line: np.ndarray,
     ) -> None:  # fmt: skip
         tips = contours.find_tips(np.nan_to_num(slopes, nan=-np.inf))

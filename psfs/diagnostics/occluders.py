@@ -73,7 +73,7 @@ def find_hidden_in_box(
     counter = _HiddenPixelCounter(rig, low, high, config, [maps > 0 for maps in evidence])
     for frame, maps in enumerate(evidence):
         counter.count(frame, maps)
-    hidden = counter.hidden()
+    hidden = counter.find_hidden()
     return hidden if hidden.any() else None
 
 
@@ -164,7 +164,7 @@ class _HiddenPixelCounter:
         covered: np.ndarray = cv2.dilate(maps, np.ones((size, size), np.uint8)) > 0
         return covered
 
-    def hidden(self) -> np.ndarray:
+    def find_hidden(self) -> np.ndarray:
         """Return (V, H, W) bool: the pixels that deny in enough frames, with holes filled and
         specks removed."""
         config = self.config

@@ -56,18 +56,19 @@ class PictureConfig(Config):
     )
     ghost_area: float = setting(
         0.15,
-        "Least share of the silhouette's area of such a place; twice as much in one frame.",
+        "Least area of such a place as a share of the silhouette's area; twice as much if only "
+        "one frame shows it.",
         least=0,
         most=1,
     )
     ghost_edges: float = setting(
         1.5,
-        "Least factor between the strengths of the edges at its rim in the background and in "
-        "the frames.",
+        "Least ratio of the strength of the edges at its rim in the background to that in the "
+        "frames.",
         "untouched sequences: 0.9; spoilt ones: 1.7 to 8",
         least=0,
     )
-    ghost_seen: float = setting(1.2, "The same factor where several frames show it.", least=0)
+    ghost_seen: float = setting(1.2, "The same ratio if several frames show the place.", least=0)
     cut: float = setting(
         0.5,
         "Least share of the frames in which a silhouette touches the picture's border for a note.",

@@ -12,7 +12,7 @@ from itertools import combinations
 import cv2
 import numpy as np
 
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.frozen import find_frozen_cameras
 from psfs.diagnostics.picture_config import PictureConfig
@@ -349,7 +349,7 @@ def _find_cut(sequence: Sequence, views: SmallViews, config: PictureConfig) -> I
         yield Fault(
             "cut",
             tuple(cut),
-            f"what is filmed reaches beyond the pictures of {listed(cut)} in most frames; parts "
-            "that too few cameras see are not reconstructed",
+            f"what is filmed reaches beyond the pictures of {join_names(cut)} in most frames; "
+            "parts that too few cameras see are not reconstructed",
             serious=False,
         )

@@ -17,8 +17,8 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.config import AlignmentConfig
 from psfs.diagnostics.frontier import (
-    Contours,
     FrontierPoints,
+    SilhouetteContours,
     epipolar_residuals,
     find_frontier_points,
 )
@@ -34,7 +34,7 @@ _REACH = 2.5
 
 
 @dataclass(frozen=True, eq=False)
-class Corrections:
+class RigCorrections:
     """Corrections of V cameras.
 
     values, sigmas: (V, 8) rotation vector in the camera's axes, rad; shift of the centre, m; log of
@@ -60,7 +60,7 @@ class Corrections:
 
 
 def correct_camera(camera: Camera, correction: np.ndarray) -> Camera:
-    """Return the camera, corrected by (8,) as in `Corrections`; its time is not the camera's."""
+    """Return the camera, corrected by (8,) as in `RigCorrections`; its time is not the camera's."""
     R = cv2.Rodrigues(correction[:3])[0] @ camera.R
     K = camera.K.copy()
     K[[0, 0, 1], [0, 1, 1]] *= np.exp(correction[6])
@@ -85,7 +85,7 @@ class RigFit:
         find: Find | None = None,
     ) -> None:
         self.rig, self.config = rig, config or AlignmentConfig()
-        contours = [Contours([row[v] for row in outlines]) for v in range(len(rig))]
+        contours = [SilhouetteContours([row[v] for row in outlines]) for v in range(len(rig))]
         self.scene = scene = intersect_axes_ahead(rig)
         self._search = find or (lambda rig, gate: find_frontier_points(rig, contours, scene, gate))
         self._held = self.scene_moves() / _HELD
@@ -100,7 +100,7 @@ class RigFit:
 
     def solve(
         self, frames: np.ndarray | None = None, start: np.ndarray | None = None, rounds: int = 0
-    ) -> Corrections | None:
+    ) -> RigCorrections | None:
         """Return the corrections under which the outlines of the frames (F,) bool fit best.
 
         None if there are too few frontier points. start: (V, 8), no corrections by default. rounds:
@@ -118,7 +118,7 @@ class RigFit:
                 step, covariance, residuals = self._step(values, points, late)
                 values = values + step
         sigmas = np.sqrt(np.diag(covariance)).reshape(values.shape)
-        return Corrections(values, sigmas, float(np.median(np.abs(residuals))), len(points))
+        return RigCorrections(values, sigmas, float(np.median(np.abs(residuals))), len(points))
 
     def _correct(self, values: np.ndarray) -> list[Camera]:
         return [correct_camera(camera, own) for camera, own in zip(self.rig, values, strict=True)]

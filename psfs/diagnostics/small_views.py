@@ -15,6 +15,7 @@ from psfs.backend import make_evidence_pipeline
 from psfs.background.chroma_key import ChromaKey
 from psfs.background.gaussian import Background, stack_median
 from psfs.cameras.camera import CameraRig
+from psfs.common.numbers import pick_evenly
 from psfs.diagnostics.config import FaultConfig
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
@@ -80,7 +81,7 @@ def small_views(
     background = shrink.background(sequence.background)
     begin = make_evidence_pipeline(device, shrink.small, background, _SILHOUETTES)
     frames = _select_frames(sequence, config)
-    kept = np.unique(np.linspace(0, len(frames) - 1, config.samples).round().astype(int))
+    kept = pick_evenly(len(frames), config.samples)
     backgrounds = None if background is None else _grey(background.mean.astype(np.uint8))
     outlines, foreground, gains, masks, pictures = [], [], [], [], []
     shown = (shrink.frame(frame) for frame in sequence.frames(slice(frames.start, frames.stop)))
@@ -118,7 +119,7 @@ def _compute_ahead(
 def draw_contact_sheet(views: SmallViews, columns: int = 6) -> np.ndarray:
     """Draw a picture (h, w, 3) uint8 BGR: a row per camera with some of its frames, silhouettes in
     green."""
-    chosen = np.unique(np.linspace(0, len(views.samples) - 1, columns).round().astype(int))
+    chosen = pick_evenly(len(views.samples), columns)
     rows = []
     for view in range(len(views.rig)):
         cells = []

@@ -17,7 +17,8 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.small_views import Outline
 
-#: Cap of the differences between planes, as a share of the person's size: more is no worse.
+#: Cap of the differences between planes, as a share of the person's size: larger differences count
+#: no more.
 CAP = 0.1
 #: Largest angle, rad, that the body may subtend around the line between two cameras; beyond it
 #: their planes carry no information.
@@ -86,7 +87,7 @@ class Tangency:
         key = camera, image, other, way
         if key not in self._planes:
             rays = self.rays(camera, image, way)
-            self._planes[key] = self._of_rays(image, rays, camera, other)
+            self._planes[key] = self._extreme_planes(image, rays, camera, other)
         return self._planes[key]
 
     def rays(self, camera: int, image: int, way: Way = (1, 1)) -> np.ndarray:
@@ -107,7 +108,7 @@ class Tangency:
     ) -> PairSums:
         """Compare all pairs under an assumption: camera v has the pictures of camera order[v],
         shifts[v] frames later than the others, those of `mirrored` cameras flipped left to right,
-        those of `turned` ones upside down."""
+        those of `measure_turned` ones upside down."""
         n = len(self.rig)
         order, shifts = order or range(n), shifts or [0] * n
         ways = {**dict.fromkeys(mirrored, (-1, 1)), **dict.fromkeys(turned, (-1, -1))}
@@ -170,13 +171,13 @@ class Tangency:
         sums = np.nansum(np.minimum(np.abs(apart), cap), axis=-1)
         return np.column_stack([sums.sum(0), counts.sum(0)])
 
-    def turned(self, camera: int, rotation: np.ndarray) -> float:
+    def measure_turned(self, camera: int, rotation: np.ndarray) -> float:
         """Return the cost of one camera's pairs after its rays were turned by `rotation` (3, 3)."""
         rays, total, count = self.rays(camera, camera) @ rotation.T, 0.0, 0
         for other in range(len(self.rig)):
             if other == camera or not self.comparable(camera, other):
                 continue
-            mine = self._of_rays(camera, rays, camera, other)
+            mine = self._extreme_planes(camera, rays, camera, other)
             pair = self.difference(mine, self.planes(other, other, camera))
             total, count = total + pair[0], count + pair[1]
         return total / count if count else float("nan")
@@ -195,7 +196,7 @@ class Tangency:
             self._axes[low, high] = across / distance, second, distance
         return self._axes[low, high]
 
-    def _of_rays(self, image: int, rays: np.ndarray, camera: int, other: int) -> np.ndarray:
+    def _extreme_planes(self, image: int, rays: np.ndarray, camera: int, other: int) -> np.ndarray:
         first, second, distance = self._axis(camera, other)
         angles = np.arctan2(rays @ second, rays @ first)
         return distance * self._images[image].extremes(angles)

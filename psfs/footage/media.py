@@ -19,6 +19,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.names import natural_key
+from psfs.common.numbers import pick_evenly
 from psfs.common.picture_size import check_picture_size
 from psfs.common.pictures import read_picture
 from psfs.common.reading import open_input
@@ -99,8 +100,7 @@ class Media:
 
     def spread(self, n: int) -> list[int]:
         """Return `n` evenly spread frame indices from first to last; all if there are fewer."""
-        indices = np.linspace(0, self.count - 1, n).round().astype(int)
-        return [int(index) for index in np.unique(indices)]
+        return pick_evenly(self.count, n).tolist()
 
 
 def open_media(name: str, paths: Sequence[Path]) -> Media:

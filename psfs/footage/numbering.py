@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from cl import InputError
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.footage.layouts.common import Footage
 from psfs.footage.media import Media
 
@@ -57,7 +57,7 @@ def pair_by_number(footage: Footage) -> tuple[Footage, list[str]]:
     paired = replace(footage, images=chosen(footage.images), masks=chosen(footage.masks))
     return paired, [
         "pictures go together by the numbers in their names; those that not all cameras have are "
-        f"left out: {listed(lacking)}"
+        f"left out: {join_names(lacking)}"
     ]
 
 
@@ -78,7 +78,7 @@ def _remark_on_shift(kind: tuple[Media, ...], lists: list[list[int]]) -> list[st
         map(len, lists)
     ):
         return []
-    shown = listed(f"{item.name} {own[0]}" for item, own in zip(kind, lists, strict=False))
+    shown = join_names(f"{item.name} {own[0]}" for item, own in zip(kind, lists, strict=False))
     return [f"pictures go together in order, though their numbers begin differently: {shown}"]
 
 

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-class Settings(Config):
+class SequenceSettings(Config):
     """The keys of `sequence.toml`; None for those that are not stated."""
 
     unit: str | float | None = setting(
@@ -206,17 +206,17 @@ class Settings(Config):
 
     @field_validator("sync")
     @classmethod
-    def _is_sync(cls, value: Any) -> Any:
+    def _is_sync(cls, value: object) -> Any:
         return None if value is None else _check_sync(value)
 
     @field_validator("volume")
     @classmethod
-    def _is_box(cls, value: Any) -> Any:
+    def _is_box(cls, value: object) -> Any:
         return None if value is None else _check_volume(value)
 
     @classmethod
-    def read(cls, path: Path) -> Settings:
-        """Return those of a `sequence.toml`; all None if there is none."""
+    def read(cls, path: Path) -> SequenceSettings:
+        """Read the settings of a `sequence.toml`; all are None if there is no file."""
         from psfs.common.files import name_file_in_errors
 
         if not path.exists():
@@ -225,12 +225,12 @@ class Settings(Config):
         with name_file_in_errors(path):
             return cls.from_dict(values)
 
-    def over(self, other: Settings) -> Settings:
-        """Return these settings, and `other`'s where these say nothing."""
+    def fill_from(self, other: SequenceSettings) -> SequenceSettings:
+        """Return these settings, with those that are not stated taken from `other`."""
         return other.replace(**{key: value for key, value in self if value is not None})
 
 
-def _check_sync(value: Any) -> Any:
+def _check_sync(value: object) -> Any:
     if value in ("auto", "audio"):
         return value
     if not isinstance(value, Mapping):
@@ -243,7 +243,7 @@ def _check_sync(value: Any) -> Any:
     return dict(value)
 
 
-def _check_volume(value: Any) -> Any:
+def _check_volume(value: object) -> Any:
     """Return (low, high), m with Z up; or {"own": (low, high)} in the file's axes and unit."""
     if isinstance(value, Mapping):
         if list(value) != ["own"]:
@@ -253,7 +253,7 @@ def _check_volume(value: Any) -> Any:
     return _check_corners(value, _MAX_COORDINATE)
 
 
-def _check_corners(value: Any, farthest: float) -> tuple[np.ndarray, np.ndarray]:
+def _check_corners(value: object, farthest: float) -> tuple[np.ndarray, np.ndarray]:
     import numpy as np
 
     try:

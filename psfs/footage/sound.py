@@ -14,7 +14,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.footage.media import Media
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 
 #: Samples per second, and the most seconds of a track, that are compared.
 _RATE, _MOST_S = 8000, 600
@@ -25,7 +25,7 @@ _BAND = (200.0, 3000.0)
 _CLEAR, _APART_S = 1.5, 0.05
 
 
-def apply_sound(settings: Settings, media: Sequence[Media] | None) -> Settings:
+def apply_sound(settings: SequenceSettings, media: Sequence[Media] | None) -> SequenceSettings:
     """Return the settings with the delays in place of `sync = "audio"`; other settings unchanged.
 
     media: of the cameras. Raises InputError as `measure_delays` does.

@@ -31,7 +31,7 @@ class Threads:
     def __init__(self, count: int) -> None:
         self._count = count
         self._work: queue.SimpleQueue[
-            tuple[Future[Any], Callable[..., Any], tuple[Any, ...]] | None
+            tuple[Future[Any], Callable[..., object], tuple[object, ...]] | None
         ] = queue.SimpleQueue()
 
     def __enter__(self) -> Threads:
@@ -44,7 +44,7 @@ class Threads:
         for _number in range(self._count):
             self._work.put(None)
 
-    def map(self, call: Callable[..., T], *arguments: Iterable[Any]) -> list[T]:
+    def map(self, call: Callable[..., T], *arguments: Iterable[object]) -> list[T]:
         """Run `call` for each of the arguments and return the results when all calls have ended.
 
         Raises the first exception, and HangingError if a call does not end within `TIMEOUT_S` s.

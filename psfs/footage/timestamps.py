@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError
-from psfs.cameras.names import listed, name_tokens
+from psfs.cameras.names import join_names, name_tokens
 from psfs.common.files import read_text
 from psfs.footage.layouts.common import Footage
 from psfs.footage.media import Media
@@ -82,7 +82,7 @@ def _assign_times(path: Path, media: Sequence[Media]) -> list[np.ndarray]:
         named = [c for c in by_camera if name_tokens(c) in (tokens, tokens[-1:])]
         if len(named) != 1:
             raise InputError(
-                f"{path}: {len(named)} cameras match {item.name}; found {listed(by_camera)}"
+                f"{path}: {len(named)} cameras match {item.name}; found {join_names(by_camera)}"
             )
         rows = sorted(by_camera[named[0]])
         times = np.array([time for _, time in rows])
@@ -102,7 +102,7 @@ def _read_times(path: Path) -> dict[str, list[tuple[int, float]]]:
     names = [next((name for name in options if name in heads), None) for options in _COLUMNS]
     if None in names:
         wanted = ", ".join(" or ".join(options) for options in _COLUMNS)
-        raise InputError(f"{path}: columns {listed(heads)}; expected {wanted}")
+        raise InputError(f"{path}: columns {join_names(heads)}; expected {wanted}")
     camera, frame, time = names
     found: dict[str, list[tuple[int, float]]] = {}
     for line, row in enumerate(reader, 2):

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cl import InputError
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.footage.layouts.common import Footage
 from psfs.footage.media import Media
 
@@ -69,12 +69,12 @@ def find_timing(
     names = footage.rig.names
     unknown = [name for name in sync if name not in names]
     if unknown:
-        raise InputError(f"sync names {listed(unknown)}; the cameras are {listed(names)}")
+        raise InputError(f"sync names {join_names(unknown)}; the cameras are {join_names(names)}")
     late = tuple(sync.get(name, 0) for name in names)
     notes = []
     if any(late):
         shifts = [f"{name} {by:+d}" for name, by in zip(names, late, strict=True) if by]
-        notes.append(f"cameras are shifted in time, in frames: {listed(shifts)}")
+        notes.append(f"cameras are shifted in time, in frames: {join_names(shifts)}")
     media = footage.images or footage.masks or ()
     known = [item.fps for item in media if item.fps]
     if fps is not None or not known:
@@ -82,7 +82,7 @@ def find_timing(
     rates = [item.fps or known[0] for item in media]
     if max(rates) - min(rates) <= _SAME_RATE * max(rates):
         return Timing((rates[0],) * len(names), late), notes
-    listed_rates = listed(f"{name} {rate:g}" for name, rate in zip(names, rates, strict=True))
+    listed_rates = join_names(f"{name} {rate:g}" for name, rate in zip(names, rates, strict=True))
     counts = np.array([item.count for item in media])
     durations = counts / np.array(rates)
     if durations.max() / durations.min() > counts.max() / counts.min():
@@ -109,8 +109,8 @@ def synchronise(footage: Footage, timing: Timing) -> Footage:
     picks = timing.picks(counts)
     if not picks[0]:
         raise InputError(
-            f"no time is in all cameras, which are late by {listed(map(str, timing.late))} "
-            f"frames and have {listed(map(str, counts))}"
+            f"no time is in all cameras, which are late by {join_names(map(str, timing.late))} "
+            f"frames and have {join_names(map(str, counts))}"
         )
 
     def chosen(kind: tuple[Media, ...] | None) -> tuple[Media, ...] | None:

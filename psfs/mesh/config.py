@@ -1,4 +1,4 @@
-"""What meshes are made as: formats and smoothing."""
+"""Formats and smoothing of meshes."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ _AXES = ((200, 60, 50), (60, 160, 60), (60, 90, 210))
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class SurfaceDrawing:
     """A coloured triangle mesh.
 
     vertices: (N, 3) m. faces: (M, 3) int. normals: (N, 3) unit. colours: (N, 3) uint8 RGB. opacity:
@@ -54,7 +54,7 @@ class Lines:
     width: float = 3.0
 
 
-Drawing = Surface | Lines
+Drawing = SurfaceDrawing | Lines
 #: The cloud of a frame (its index), and its mesh where meshes are wanted.
 Shape = Callable[[int], tuple[VoxelCloud, trimesh.Trimesh | None]]
 
@@ -138,7 +138,7 @@ def make_voxel_layer(
     bare = np.zeros((0, 3), np.uint8)
 
     @lru_cache(_CACHED_FRAMES)
-    def triangles(frame: int) -> tuple[VoxelCloud, Surface, np.ndarray]:
+    def triangles(frame: int) -> tuple[VoxelCloud, SurfaceDrawing, np.ndarray]:
         """Return the cloud, the surface without colours, and the voxel (N,) of each vertex."""
         cloud, mesh = shape(frame)
         if mesh is None:
@@ -149,10 +149,10 @@ def make_voxel_layer(
             vertices, faces = np.array(mesh.vertices), np.array(mesh.faces, np.int32)
             normals = np.array(mesh.vertex_normals)
             _, voxel = spatial.cKDTree(cloud.centres).query(vertices)
-        return cloud, Surface(vertices, faces, normals, bare, opacity), voxel
+        return cloud, SurfaceDrawing(vertices, faces, normals, bare, opacity), voxel
 
     @lru_cache(_CACHED_FRAMES)
-    def drawing(frame: int, colouring: str) -> Surface | None:
+    def drawing(frame: int, colouring: str) -> SurfaceDrawing | None:
         cloud, surface, voxel = triangles(frame)
         if not len(cloud):
             return None

@@ -12,7 +12,7 @@ from trimesh.visual import ColorVisuals
 
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import AnyReconstructor, make_reconstructor
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 from psfs.common.regions import keep_large_regions
 from psfs.mesh.config import FORMATS, SMOOTHING
 from psfs.output.reconstruction_folder import ReconstructionFolder
@@ -185,7 +185,7 @@ def write_mesh(mesh: trimesh.Trimesh, path: Path) -> None:
     if suffix not in FORMATS:
         raise InputError(f"{path}: unknown mesh format; expected a name that ends in {_endings()}")
     content = {"ply": _ply, "glb": _glb, "obj": _obj}[suffix](mesh)
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         temporary.write_bytes(content)
 
 

@@ -39,7 +39,7 @@ def draw_shaded_mesh(
     mesh = scene.mesh
     width, height = size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING
     extent = float(mesh.extents.max())
-    view = View.around(mesh.vertices, 0.02 * extent, azimuth, elevation, (width, height))
+    view = View.fit(mesh.vertices, 0.02 * extent, azimuth, elevation, (width, height))
     columns, rows = np.meshgrid(np.arange(width), np.arange(height))
     across = (np.stack([columns, rows], -1).reshape(-1, 2) - view.middle) / view.scale
     origins = view.centre + across @ view.axes[:2] - 2 * extent * view.axes[2]

@@ -17,7 +17,7 @@ import numpy as np
 from cl import InputError, UserError
 from psfs.cameras.camera import CameraRig
 from psfs.common.open3d import load_open3d
-from psfs.mesh.drawing import COLOURINGS, Drawing, Surface, colour_scale
+from psfs.mesh.drawing import COLOURINGS, Drawing, SurfaceDrawing, colour_scale
 from psfs.mesh.keys import KEYS
 from psfs.mesh.player import Player
 from psfs.output.preview import BACKDROP
@@ -276,7 +276,7 @@ def convert_to_open3d(drawing: Drawing) -> Any:
     """Convert a drawing to Open3D's geometry."""
     open3d = load_open3d()
     vector, colours = open3d.utility.Vector3dVector, drawing.colours / 255
-    if isinstance(drawing, Surface):
+    if isinstance(drawing, SurfaceDrawing):
         faces = open3d.utility.Vector3iVector(drawing.faces.astype(np.int32))
         mesh = open3d.geometry.TriangleMesh(vector(drawing.vertices), faces)
         mesh.vertex_normals, mesh.vertex_colors = vector(drawing.normals), vector(colours)
@@ -289,7 +289,7 @@ def convert_to_open3d(drawing: Drawing) -> Any:
 
 def _material(drawing: Drawing) -> Any:
     material = load_open3d().visualization.rendering.MaterialRecord()
-    if not isinstance(drawing, Surface):
+    if not isinstance(drawing, SurfaceDrawing):
         material.shader, material.line_width = "unlitLine", drawing.width
         return material
     material.shader = "defaultLit" if drawing.opacity == 1 else "defaultLitTransparency"

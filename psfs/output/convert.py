@@ -5,12 +5,11 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence as Items
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from psfs.cameras.calibration.toml_tables import write_toml_tables
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 from psfs.common.toml import write_toml
 from psfs.footage.media import Media
 from psfs.sequence import Sequence
@@ -38,7 +37,7 @@ def write_native(sequence: Sequence, folder: Path) -> None:
     write_toml(folder / "sequence.toml", _settings(sequence))
 
 
-def _settings(sequence: Sequence) -> dict[str, Any]:
+def _settings(sequence: Sequence) -> dict[str, object]:
     """Return the settings that the files do not state themselves."""
     values = {key: getattr(sequence.settings, key) for key in _COPIED_SETTINGS}
     media = sequence.footage.images or sequence.footage.masks or ()
@@ -56,5 +55,5 @@ def _copy(media: Items[Media], names: Items[str], folder: Path) -> None:
         for path in item.paths:
             one = several and not item.is_video
             target = folder / name / path.name if one else folder / f"{name}{path.suffix}"
-            with written_whole(target) as temporary:
+            with write_atomically(target) as temporary:
                 shutil.copyfile(path, temporary)

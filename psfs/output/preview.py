@@ -11,6 +11,7 @@ import numpy as np
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.names import escape_unprintable
+from psfs.common.numbers import pick_evenly
 from psfs.sequence import Frame
 from psfs.voxels.clouds import coarsen
 from psfs.voxels.grid import VoxelCloud
@@ -91,7 +92,7 @@ def draw_shaded_view(
     elevation: above the horizon, degrees. Voxels are splatted into a z-buffer and shaded by their
     normals.
     """
-    view = View.around(
+    view = View.fit(
         cloud.centres if len(cloud) else np.zeros((1, 3)),
         2 * cloud.grid.voxel_size,
         azimuth,
@@ -134,7 +135,7 @@ class View:
     middle: np.ndarray
 
     @classmethod
-    def around(
+    def fit(
         cls,
         points: np.ndarray,
         margin: float,
@@ -235,7 +236,7 @@ def _picture_row(
     silhouette: Callable[[int], np.ndarray], rig: CameraRig, frame: Frame, width: int
 ) -> np.ndarray:
     """Draw up to six of the frame's pictures with an outline, filling `width` px."""
-    chosen = np.unique(np.linspace(0, len(rig) - 1, min(6, len(rig))).round().astype(int))
+    chosen = pick_evenly(len(rig), 6)
     panels = []
     for view in chosen:
         camera = rig[int(view)]

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from cl import Device, InputError, MissingFileError, NumpyDevice
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.common.files import name_file_in_errors, read_json
 from psfs.common.outputs import find_unfinished_command
 from psfs.common.schema import (
@@ -23,7 +23,7 @@ from psfs.common.schema import (
     Positive,
     Table,
     Vector,
-    checked,
+    parse_values,
 )
 from psfs.sequence import Sequence
 from psfs.voxels.clouds import read_cloud
@@ -79,8 +79,8 @@ def reopen_sequence(facts: Mapping[str, Any], file: Path, last: int) -> Sequence
     names = facts.get("cameras", sequence.rig.names)
     if sequence.rig.names != names or last >= len(sequence):
         raise InputError(
-            f"{file}: made of {last + 1} or more frames of {listed(names)}; {folder} now has "
-            f"{len(sequence)} of {listed(sequence.rig.names)}; expected the same sequence"
+            f"{file}: made of {last + 1} or more frames of {join_names(names)}; {folder} now has "
+            f"{len(sequence)} of {join_names(sequence.rig.names)}; expected the same sequence"
         )
     return sequence
 
@@ -143,7 +143,7 @@ class ReconstructionFolder:
         path, what = out / SUMMARY, "the summary of a `psfs reconstruct`"
         summary = read_json(path, what)
         try:
-            checked(_Summary, summary)
+            parse_values(_Summary, summary)
             run = cls(out, summary)
             check_size(run.grid)
         except InputError as error:
@@ -169,7 +169,7 @@ class ReconstructionFolder:
         """Indices of the reconstructed frames."""
         return [int(frame["index"]) for frame in self.summary["frames"]]
 
-    def chosen(self, number: int | None) -> int:
+    def choose_frame(self, number: int | None) -> int:
         """Return the frame `number`, by default the first that is not empty.
 
         Raises InputError if it was not reconstructed.

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 
 #: Constant rate factor, smaller is better: 23 is x264's default and keeps lines of one pixel sharp.
 QUALITY = 23
@@ -68,7 +68,7 @@ def write_video(
     import av
 
     path = Path(path)
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         try:
             video = Video(temporary, fps, quality, most)
             whole = False

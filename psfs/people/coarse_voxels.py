@@ -88,19 +88,21 @@ class CoarseVoxels:
         voxels = np.flatnonzero(occupied)
         return CoarseFrame(index, voxels, labels.ravel()[voxels] - 1)
 
-    def unexplained(self, evidence: np.ndarray, voxels: np.ndarray, others: np.ndarray) -> float:
-        """Return the share of the silhouettes of `voxels` (N,), in the camera where it is second
-        largest, that are foreground and that the `others` (M,) do not cover: a shadow has some in
-        one camera."""
+    def measure_unexplained(
+        self, evidence: np.ndarray, voxels: np.ndarray, others: np.ndarray
+    ) -> float:
+        """Return the share of the silhouettes of `voxels` (N,) that is foreground and that the
+        `others` (M,) do not cover. It is that of the camera where the share is second largest,
+        because a shadow can have a large share in one camera."""
         shares = [0.0, 0.0]
         for view in range(len(self.rig)):
-            own, rest = (self._covered(view, those) for those in (voxels, others))
+            own, rest = (self._find_covered(view, those) for those in (voxels, others))
             if own.any():
                 free = own & ~rest & (evidence[view] > 0)
                 shares.append(float(free.sum() / own.sum()))
         return sorted(shares)[-2]
 
-    def _covered(self, view: int, voxels: np.ndarray) -> np.ndarray:
+    def _find_covered(self, view: int, voxels: np.ndarray) -> np.ndarray:
         at = self._places[view, self.rows[voxels]]
         shown = np.zeros(self.rig.height * self.rig.width, np.uint8)
         shown[at[at >= 0]] = 1

@@ -4,11 +4,51 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, part, setting
+
+
+class FollowingConfig(Config):
+    """Settings of trajectories: their regions in the next frame, exchanges, and contacts."""
+
+    SOURCE: ClassVar = "by hand, on `hard_duo_6cam` and single people in other rooms"
+
+    axis_weight: float = setting(
+        0.5,
+        "Weight of the distance from a person's predicted axis, added to the distance from the "
+        "person's voxels in the frame before, where people touch.",
+        least=0,
+    )
+    newest: float = setting(
+        0.5, "Weight of the last step in the running mean of a velocity.", above=0, most=1
+    )
+    debris: int = setting(8, "Number of voxels below which a region is debris.", least=1)
+    detached: float = setting(
+        0.4,
+        "Distance from a trajectory's voxels up to which a region belongs to it.",
+        unit="m",
+        least=0,
+    )
+    swap_gain: float = setting(
+        0.1,
+        "Least gain of similarity, summed over both, for two trajectories to be exchanged.",
+        least=0,
+    )
+    present: float = setting(
+        0.35,
+        "Least share of the usual volume that a frame must show for the person to be in it.",
+        least=0,
+        most=1,
+    )
+    contact: float = setting(
+        0.9,
+        "Share of frames with contact above which a trajectory is part of another person.",
+        least=0,
+        most=1,
+    )
 
 
 class PeopleConfig(Config):
-    """Settings of what counts as a person, and of following people from frame to frame."""
+    """Criteria for a person, and settings of following people from frame to frame."""
 
     SOURCE: ClassVar = "by hand, on `hard_duo_6cam` and single people in other rooms"
 
@@ -49,8 +89,9 @@ class PeopleConfig(Config):
     speed: float = setting(4.0, "Greatest speed of a person.", unit="m/s", above=0)
     likeness: float = setting(
         0.45,
-        "Least likeness (Bhattacharyya coefficient) of the colours of one who left and one who "
-        "comes, for both to be the same person.",
+        "Least similarity (Bhattacharyya coefficient) of the colours of two trajectories for them "
+        "to be one person who left and came back.",
         least=0,
         most=1,
     )
+    following: FollowingConfig = part(FollowingConfig, "Trajectories of people and objects.")

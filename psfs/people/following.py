@@ -12,20 +12,10 @@ from psfs.people.coarse_voxels import CoarseFrame
 from psfs.people.config import PeopleConfig
 from psfs.voxels.grid import VoxelGrid
 
-#: Weight of the distance from the predicted axis of a person beside that from the voxels of the
-#: frame before, where people touch.
-_AXIS = 0.5
-#: Share of a velocity that the last step has.
-_BLEND = 0.5
-#: A region with fewer voxels than this is debris.
-_DEBRIS = 8
-#: Distance from a trajectory's voxels up to which a region is a part of it, m.
-_TORN = 0.4
-
 
 @dataclass(eq=False)
 class Trajectory:
-    """Somebody, or something, that is followed.
+    """Trajectory of a person or an object.
 
     voxels: flat indices, by frame. touching: frames in which another one shared the region.
     """
@@ -40,7 +30,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True, eq=False)
-class _Going:
+class _ActiveTrajectory:
     """A trajectory with its voxels' centres (N, 3) m in the last frame, and its velocity (2,) on
     the floor, m per frame."""
 
@@ -53,15 +43,16 @@ class _Going:
         """The points where they are expected in the next frame."""
         return self.points + np.append(self.speed, 0)
 
-    def at(self, points: np.ndarray, reach: float) -> _Going:
-        """Return the trajectory with its `points` of the next frame."""
+    def advance(self, points: np.ndarray, reach: float, newest: float) -> _ActiveTrajectory:
+        """Return the trajectory with its `points` of the next frame; newest: weight of that step in
+        the velocity."""
         step = np.clip(_middle(points) - _middle(self.points), -reach, reach)
-        return _Going(self.one, points, (1 - _BLEND) * self.speed + _BLEND * step)
+        return _ActiveTrajectory(self.one, points, (1 - newest) * self.speed + newest * step)
 
 
 def large(config: PeopleConfig) -> int:
     """Return the least number of voxels of what is followed."""
-    return max(_DEBRIS, round(config.least_volume / config.voxel**3))
+    return max(config.following.debris, round(config.least_volume / config.voxel**3))
 
 
 def stands(points: np.ndarray, config: PeopleConfig) -> bool:
@@ -70,26 +61,26 @@ def stands(points: np.ndarray, config: PeopleConfig) -> bool:
     return bool(high - low + config.voxel >= config.least_height and low <= config.lowest)
 
 
-class Follower:
+class PeopleFollower:
     """Assignment of the regions of one frame after the other to trajectories.
 
-    A trajectory takes the region that most of its voxels, moved by its velocity, lie in, else the
-    nearest one within reach. A region of several is split among them, see `_split`. What is left
-    is part of the nearest trajectory if it is near one and does not stand as a person does, such as
-    a leg that is torn off; else it begins a trajectory, if it is large.
+    A trajectory takes the region that contains most of its voxels, moved by its velocity, or else
+    the nearest region within reach. A region taken by several trajectories is split among them, see
+    `_split`. Of the remaining regions, one near a trajectory that does not stand as a person does,
+    such as a separate leg, is added to that trajectory; a large one begins a new trajectory.
     """
 
     def __init__(self, grid: VoxelGrid, config: PeopleConfig, fps: float) -> None:
-        self.grid, self._config = grid, config
+        self.grid, self._config, self._limits = grid, config, config.following
         self._reach = max(0.4, 1.5 * config.speed / fps)
         self.all: list[Trajectory] = []
-        self._going: list[_Going] = []
+        self._going: list[_ActiveTrajectory] = []
 
     def begin(self, trajectories: list[Trajectory], frame: int) -> None:
         """Go on from `frame` of these trajectories."""
         self.all = list(trajectories)
         self._going = [
-            _Going(one, self.grid.centres(one.voxels[frame]), np.zeros(2))
+            _ActiveTrajectory(one, self.grid.centres(one.voxels[frame]), np.zeros(2))
             for one in trajectories
             if frame in one.voxels
         ]
@@ -105,7 +96,7 @@ class Follower:
         for region in sorted({region for region in owners if region >= 0}):
             own = np.flatnonzero(frame.regions == region)
             who = [k for k, of in enumerate(owners) if of == region]
-            parts = _split(points[own], [moved[k] for k in who])
+            parts = _split(points[own], [moved[k] for k in who], self._limits.axis_weight)
             for k, part in zip(who, parts, strict=True):
                 rows[k] = own[part]
                 if len(who) > 1:
@@ -113,12 +104,12 @@ class Follower:
         new = self._rest(points, frame.regions, sizes, owners, rows)
         going = []
         for k, own in enumerate(rows):
-            if len(own) >= _DEBRIS:
+            if len(own) >= self._limits.debris:
                 self._going[k].one.voxels[frame.index] = frame.voxels[own]
-                going.append(self._going[k].at(points[own], self._reach))
+                going.append(self._going[k].advance(points[own], self._reach, self._limits.newest))
         for own in new:
             self.all.append(Trajectory({frame.index: frame.voxels[own]}))
-            going.append(_Going(self.all[-1], points[own], np.zeros(2)))
+            going.append(_ActiveTrajectory(self.all[-1], points[own], np.zeros(2)))
         self._going = going
 
     def _rest(
@@ -144,7 +135,7 @@ class Follower:
                 for part in parts
             ]
             nearest = int(np.argmin(apart)) if apart else -1
-            if standing[k] or (nearest < 0 or apart[nearest] > _TORN):
+            if standing[k] or (nearest < 0 or apart[nearest] > self._limits.detached):
                 if len(own) >= large(self._config):
                     parts.append(own)
             else:
@@ -179,7 +170,9 @@ class Follower:
         """Give those without a region the free ones that are nearest on the floor, all at once
         (Hungarian method), within reach."""
         lost = [k for k, of in enumerate(owners) if of < 0]
-        free = [int(r) for r in np.flatnonzero(sizes >= _DEBRIS) if int(r) not in owners]
+        free = [
+            int(r) for r in np.flatnonzero(sizes >= self._limits.debris) if int(r) not in owners
+        ]
         if not lost or not free:
             return
         middles = [_middle(points[regions == region]) for region in free]
@@ -191,7 +184,7 @@ class Follower:
                 owners[lost[row]] = free[column]
 
 
-def _split(points: np.ndarray, moved: list[np.ndarray]) -> list[np.ndarray]:
+def _split(points: np.ndarray, moved: list[np.ndarray], axis_weight: float) -> list[np.ndarray]:
     """Return the rows of points (N, 3) that belong to each of those whose voxels (M, 3) were
     there before: to the one whose voxels and axis are nearest."""
     if len(moved) == 1:
@@ -199,7 +192,7 @@ def _split(points: np.ndarray, moved: list[np.ndarray]) -> list[np.ndarray]:
     costs = []
     for were in moved:
         distance = cKDTree(were).query(points)[0]
-        costs.append(distance + _AXIS * np.linalg.norm(points[:, :2] - _middle(were), axis=1))
+        costs.append(distance + axis_weight * np.linalg.norm(points[:, :2] - _middle(were), axis=1))
     nearest = np.argmin(costs, axis=0)
     return [np.flatnonzero(nearest == k) for k in range(len(moved))]
 
@@ -219,8 +212,8 @@ def follow(
     """
     if not frames:
         return []
-    middle = _most([_count_standing(frame, grid, config) for frame in frames])
-    forward, back = Follower(grid, config, fps), Follower(grid, config, fps)
+    middle = _find_longest_maximum([_count_standing(frame, grid, config) for frame in frames])
+    forward, back = PeopleFollower(grid, config, fps), PeopleFollower(grid, config, fps)
     for frame in frames[middle:]:
         forward(frame)
     back.begin(forward.all, frames[middle].index)
@@ -237,7 +230,7 @@ def _count_standing(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -
     return sum(stands(points[frame.regions == r], config) for r in regions), min(1, len(regions))
 
 
-def _most(counts: list[tuple[int, int]]) -> int:
+def _find_longest_maximum(counts: list[tuple[int, int]]) -> int:
     """Return the middle of the longest run of the greatest count."""
     best = np.array([k for k, count in enumerate(counts) if count == max(counts)])
     runs = np.split(best, np.flatnonzero(np.diff(best) > 1) + 1)

@@ -1,4 +1,4 @@
-"""Who of those that were followed is the same person, and who is a person at all."""
+"""Decide which trajectories belong to one person, and which are people at all."""
 
 from __future__ import annotations
 
@@ -10,35 +10,28 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from psfs.people.coarse_voxels import BANDS, likeness
-from psfs.people.config import PeopleConfig
+from psfs.people.config import FollowingConfig, PeopleConfig
 from psfs.people.following import Trajectory
 from psfs.voxels.grid import VoxelGrid
 
 T = TypeVar("T")
 
-#: By how much exchanged people must be more alike than unexchanged ones, for both pairs together.
-_SWAPPED = 0.1
-#: A person is in a frame that shows at least this share of his usual volume.
-_PRESENT = 0.35
-#: Who touches another one in more than this share of the frames is a part of him.
-_APART = 0.9
-
 
 @dataclass(eq=False)
-class Looks:
+class Appearance:
     """The appearance of a trajectory in some frames: its colours (BANDS, K) by frame, and the share
     of its silhouettes that nobody else explains (see `CoarseVoxels.unexplained`) by frame."""
 
     colours: dict[int, np.ndarray] = field(default_factory=dict)
     unexplained: dict[int, float] = field(default_factory=dict)
 
-    def between(self, first: float, last: float) -> np.ndarray:
+    def sum_colours(self, first: float, last: float) -> np.ndarray:
         """Return the sum of the colours in frames from `first` to `last`."""
         inside = [of for index, of in self.colours.items() if first <= index <= last]
         return sum(inside, np.zeros((BANDS, 1)))
 
 
-Seen = dict[Trajectory, Looks]
+Seen = dict[Trajectory, Appearance]
 
 
 def volume(one: Trajectory) -> float:
@@ -46,7 +39,7 @@ def volume(one: Trajectory) -> float:
     return float(np.median([len(of) for of in one.voxels.values()])) if one.voxels else 0.0
 
 
-def undo_swaps(seen: Seen, window: float) -> None:
+def undo_swaps(seen: Seen, window: float, config: FollowingConfig) -> None:
     """Exchange two trajectories from a contact on, where their colours before and after it, within
     `window` frames, say that they were mistaken for one another."""
     ones = list(seen)
@@ -54,12 +47,12 @@ def undo_swaps(seen: Seen, window: float) -> None:
         for second in ones[k + 1 :]:
             for start, stop in _contacts(first.touching & second.touching, window / 4):
                 before, after = (start - window, start - 1), (stop + 1, stop + window)
-                a, b = (seen[one].between(*before) for one in (first, second))
-                c, d = (seen[one].between(*after) for one in (first, second))
+                a, b = (seen[one].sum_colours(*before) for one in (first, second))
+                c, d = (seen[one].sum_colours(*after) for one in (first, second))
                 if not all(of.any() for of in (a, b, c, d)):
                     continue
                 kept = likeness(a, c) + likeness(b, d)
-                if likeness(a, d) + likeness(b, c) > kept + _SWAPPED:
+                if likeness(a, d) + likeness(b, c) > kept + config.swap_gain:
                     _exchange(first, second, seen, stop)
 
 
@@ -127,7 +120,9 @@ def _cost(
     apart = float(np.linalg.norm(middles[0] - middles[1]))
     if apart > config.speed * seconds + 0.3:
         return 1e3
-    alike = likeness(seen[early].between(-np.inf, np.inf), seen[late].between(-np.inf, np.inf))
+    alike = likeness(
+        seen[early].sum_colours(-np.inf, np.inf), seen[late].sum_colours(-np.inf, np.inf)
+    )
     size = abs(np.log(volume(early) / volume(late)))
     at_once = seconds < 0.5 and apart < 0.5
     if not at_once and (alike < config.likeness or size > 0.7):
@@ -136,12 +131,12 @@ def _cost(
 
 
 def is_person(
-    one: Trajectory, looks: Looks, grid: VoxelGrid, largest: float, config: PeopleConfig
+    one: Trajectory, looks: Appearance, grid: VoxelGrid, largest: float, config: PeopleConfig
 ) -> bool:
     """Return whether a trajectory is a second person beside one of `largest` volume."""
     if volume(one) < config.least_share * largest:
         return False
-    if len(one.touching) > _APART * len(one.voxels):
+    if len(one.touching) > config.following.contact * len(one.voxels):
         return False  # a part of somebody
     picked = one.frames[np.linspace(0, len(one.frames) - 1, 15).round().astype(int)]
     heights = np.array([grid.centres(one.voxels[int(index)])[:, 2] for index in picked],
@@ -153,7 +148,7 @@ def is_person(
     return not shares or float(np.median(shares)) >= config.unexplained
 
 
-def present(one: Trajectory) -> np.ndarray:
+def present(one: Trajectory, config: FollowingConfig) -> np.ndarray:
     """Return the frames (F,) in which enough of the person is seen."""
-    least = _PRESENT * volume(one)
+    least = config.present * volume(one)
     return np.array([index for index in one.frames if len(one.voxels[int(index)]) >= least], int)

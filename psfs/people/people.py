@@ -13,7 +13,7 @@ from psfs.people.coarse_voxels import CoarseFrame, CoarseVoxels
 from psfs.people.config import PeopleConfig
 from psfs.people.following import follow
 from psfs.people.identities import (
-    Looks,
+    Appearance,
     Seen,
     is_person,
     join_returning,
@@ -60,7 +60,7 @@ class People:
         """Number (F,) of people in each of `frames`."""
         return np.sum([np.isin(self.frames, person.frames) for person in self.persons], axis=0)
 
-    def described(self) -> str:
+    def describe(self) -> str:
         """Say how many there are, in words."""
         n = len(self)
         text = "one person is seen" if n == 1 else f"{n or 'no'} people are seen"
@@ -117,18 +117,20 @@ class _Search:
 
     def run(self) -> People:
         """Return the people."""
-        frames = [self._carved(frame) for frame in self._shown(self.frames)]
+        frames = [self._carve(frame) for frame in self._read_frames(self.frames)]
         grid, fps = self.space.grid, self.session.sequence.fps
         found = follow(frames, grid, self.config, self.rate)
         lasting = min(self.config.least_seconds * self.rate, len(frames) / 2)
         found = [one for one in found if len(one.voxels) >= max(2, lasting / 2)]
         found = found or follow(frames, grid, self.config, self.rate)
         if len(found) < 2:
-            persons = tuple(Person(present(one), one.voxels) for one in found)
+            persons = tuple(
+                Person(present(one, self.config.following), one.voxels) for one in found
+            )
             return People(self.frames, grid, persons)
-        seen: Seen = {one: Looks() for one in found}
-        self._look(seen)
-        undo_swaps(seen, 2 * fps)
+        seen: Seen = {one: Appearance() for one in found}
+        self._observe(seen)
+        undo_swaps(seen, 2 * fps, self.config.following)
         seen = join_returning(seen, grid, self.config, fps)
         ranked = sorted(seen, key=lambda one: volume(one) * len(one.voxels), reverse=True)
         largest = ranked[0]
@@ -139,30 +141,32 @@ class _Search:
         if self.number is not None:
             others = [one for one in rest if one not in chosen]
             chosen = [*chosen, *others][: self.number - 1]
-        persons = tuple(Person(present(one), one.voxels) for one in (largest, *chosen))
+        persons = tuple(
+            Person(present(one, self.config.following), one.voxels) for one in (largest, *chosen)
+        )
         return People(self.frames, grid, persons, len(rest) - len(chosen))
 
-    def _shown(self, indices: range) -> Iterator[Frame]:
+    def _read_frames(self, indices: range) -> Iterator[Frame]:
         """Yield the frames in small pictures."""
         stop = indices[-1] + (1 if indices.step > 0 else -1)
         wanted = slice(indices.start, stop if stop >= 0 else None, indices.step)
         for frame in self.session.sequence.frames(wanted):
             yield self._shrink.frame(frame)
 
-    def _carved(self, frame: Frame) -> CoarseFrame:
+    def _carve(self, frame: Frame) -> CoarseFrame:
         return self.space(frame.index, self._evidence_of(frame))
 
-    def _look(self, seen: Seen) -> None:
+    def _observe(self, seen: Seen) -> None:
         """Look at the colours of all trajectories in some frames, and at what only they explain."""
         every = max(1, round(self.rate / _LOOKS))
-        for frame in self._shown(self.frames[::every]):
+        for frame in self._read_frames(self.frames[::every]):
             ones = [one for one in seen if frame.index in one.voxels]
             evidence = self._evidence_of(frame)
             parts = [one.voxels[frame.index] for one in ones]
             for k, one in enumerate(ones):
                 others = [part for j, part in enumerate(parts) if j != k]
                 rest = np.concatenate(others) if others else np.zeros(0, int)
-                seen[one].unexplained[frame.index] = self.space.unexplained(
+                seen[one].unexplained[frame.index] = self.space.measure_unexplained(
                     evidence, parts[k], rest
                 )
             if frame.images is not None:

@@ -47,7 +47,7 @@ def separate(
 ) -> list[Session]:
     """Return a session for each of `people`, over the frames from the first to the last that show
     them. progress: called after each frame."""
-    everybody = _joint(session, people)
+    everybody = _joint_session(session, people)
     store = MaskStore(len(session.rig), session.rig.height, session.rig.width)
     attribution = Attribution(session.rig, session.reconstruction)
     grid = automatic_grid(everybody)
@@ -65,10 +65,12 @@ def separate(
             store.add(number, frame.index, own)
         if progress is not None:
             progress()
-    return [_own(session, people, number, box, store) for number, box in enumerate(boxes)]
+    return [
+        _person_session(session, people, number, box, store) for number, box in enumerate(boxes)
+    ]
 
 
-def _joint(session: Session, people: People) -> Session:
+def _joint_session(session: Session, people: People) -> Session:
     """Return a session whose volume holds everybody."""
     points = [people.grid.centres(np.concatenate(list(p.voxels.values()))) for p in people]
     low = np.min([of.min(0) for of in points], axis=0) - _MARGIN
@@ -80,19 +82,19 @@ def _joint(session: Session, people: People) -> Session:
     return joint
 
 
-def _own(
+def _person_session(
     session: Session, people: People, number: int, boxes: list[np.ndarray], store: MaskStore
 ) -> Session:
     """Return the session of one person."""
     frames, step = people.persons[number].frames, session.frames.step
     sequence = session.sequence.with_masks(lambda index: store.get(number, index))
-    sequence.rig = _hiding(session.rig)
+    sequence.rig = _with_hidden_maps(session.rig)
     changes = {
         "silhouette": {"evidence": {"unknown_mask": _UNKNOWN_MASK}},
         "occupancy": {"min_cameras": 1},  # what others hide is not seen, yet may be occupied
     }
     settings = SessionSettings(
-        session.reconstruction.overlaid(changes),
+        session.reconstruction.overlay(changes),
         slice(int(frames[0]), int(frames[-1]) + 1, step),
         session.settings.voxel_size,
     )
@@ -102,7 +104,7 @@ def _own(
     return own
 
 
-def _hiding(rig: CameraRig) -> CameraRig:
+def _with_hidden_maps(rig: CameraRig) -> CameraRig:
     """Return the rig with a map of hidden pixels in every camera, empty where it had none: its
     evidence may then be unknown."""
     return CameraRig(
@@ -150,13 +152,13 @@ class Attribution:
                 if not len(clouds[number]):
                     continue
                 rest = [k for k in range(len(clouds)) if k != number]
-                masks[number, view] = self._own(
+                masks[number, view] = self._person_mask(
                     plain, counts, depths[number], depths[rest].min(0), beside[number],
                     beside[rest].min(0),
                 )  # fmt: skip
         return masks
 
-    def _own(
+    def _person_mask(
         self,
         plain: np.ndarray,
         counts: np.ndarray,

@@ -8,8 +8,8 @@ from scipy import ndimage
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL
-from psfs.reference.light import unlit
-from psfs.reference.silhouette import in_pictures, of_pixels
+from psfs.reference.light import relight
+from psfs.reference.silhouette import expand_cells, picture_masks
 from psfs.silhouettes.config import SilhouetteConfig
 
 
@@ -22,7 +22,7 @@ class NumpyAdaptation:
         self._sigma_floor = config.background.sigma_floor
         std = np.maximum(background.std, self._sigma_floor).astype(np.float64)
         self.background = Background(background.mean.astype(np.float64), std)
-        self._inside = in_pictures(rig)
+        self._inside = picture_masks(rig)
         self._frames = 0
 
     def __call__(
@@ -33,11 +33,11 @@ class NumpyAdaptation:
         due = np.arange(marks.shape[1]) % self.config.period == self._frames % self.config.period
         self._frames += 1
         mean_rate, variance_rate = self.config.rates()
-        for view, image in enumerate(unlit(images, light)):
+        for view, image in enumerate(relight(images, light)):
             mean, std = self.background.mean[view], self.background.std[view]
-            free = of_pixels(~_person(marks[view], evidence[view], self._reach), image.shape)
+            free = expand_cells(~_person(marks[view], evidence[view], self._reach), image.shape)
             difference, updated = image - mean, self._inside[view].copy()
-            updated &= of_pixels(np.broadcast_to(due[:, None], marks[view].shape), image.shape)
+            updated &= expand_cells(np.broadcast_to(due[:, None], marks[view].shape), image.shape)
             distance = light[view, 9] * ((difference / std) ** 2).sum(-1)
             pixels = updated & free & (distance <= self.config.nearest)
             d, variance = difference[pixels], std[pixels] ** 2

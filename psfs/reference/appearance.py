@@ -8,7 +8,7 @@ from scipy import ndimage
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
 from psfs.cameras.footprints import voxel_footprints
-from psfs.silhouettes.appearance import BINS, location_odds, most_samples
+from psfs.silhouettes.appearance import BINS, location_odds, max_samples
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.voxels.grid import VoxelGrid
 
@@ -69,7 +69,7 @@ class NumpyForeground:
         samples = images[:, middle::CELL, middle::CELL][seen].astype(int) * BINS // 256
         self._memory *= self.appearance.keep
         self._total *= self.appearance.keep
-        if len(samples) <= most_samples(self.rig, self.appearance):
+        if len(samples) <= max_samples(self.rig, self.appearance):
             np.add.at(self._memory, tuple(samples.T), 1)
             self._total += len(samples)
         blurred = self._memory

@@ -1,4 +1,4 @@
-"""Twin of common/distance.h: proximity by the exact distance to the nearest edge."""
+"""Proximity by the exact distance to the nearest edge. Twin of common/distance.h."""
 
 from __future__ import annotations
 

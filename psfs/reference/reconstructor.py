@@ -72,16 +72,16 @@ class NumpyReconstructor:
         appearance = self.config.silhouette.appearance
         new = before is None or not follows(before, frame.index, appearance)
         if self.foreground is None:
-            return self._carved(frame, self._evidence(frame))
+            return self._carve(frame, self._evidence(frame))
         assert frame.images is not None
         if new:
             self.foreground.forget_location()
         evidence = self._evidence(frame)
-        voxels = self._carved(frame, evidence)
+        voxels = self._carve(frame, evidence)
         for _ in range(looks_again(before is None, new, appearance)):
             self.foreground.learn(frame.images, evidence, self.grid, voxels.surface)
             evidence = self._evidence(frame)
-            voxels = self._carved(frame, evidence)
+            voxels = self._carve(frame, evidence)
         self.foreground.learn(frame.images, evidence, self.grid, voxels.surface)
         if self.adaptation is not None:
             light = self._light(frame)
@@ -106,7 +106,7 @@ class NumpyReconstructor:
             frame.images, self.rig, self._given_background, config.light, config.background
         )
 
-    def _carved(self, frame: Frame, evidence: np.ndarray) -> HostVoxels:
+    def _carve(self, frame: Frame, evidence: np.ndarray) -> HostVoxels:
         self._latest = evidence
         config, step = self.config.occupancy, self.config.silhouette.evidence.step
         probability = smooth(

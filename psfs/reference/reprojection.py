@@ -39,7 +39,7 @@ def boundary(silhouette: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return edge
 
 
-def joined(
+def join_foreground(
     silhouette: np.ndarray, evidence: np.ndarray, config: ForegroundJoinConfig
 ) -> np.ndarray:
     """Return `silhouette` (H, W) bool with the foreground of `evidence` (H, W) int8 beside it.
@@ -103,7 +103,7 @@ class NumpyReprojection:
         for view, camera in enumerate(self.rig):
             silhouette = splat(camera, centres, extents[view], shape)
             if self._join is not None and self._join.on and voxels.evidence is not None:
-                silhouette = joined(silhouette, voxels.evidence[view], self._join)
+                silhouette = join_foreground(silhouette, voxels.evidence[view], self._join)
             edge = boundary(silhouette, camera.size)
             maps[view, ..., 0] = np.where(silhouette, 255, 0)
             maps[view, ..., 1] = proximity(edge, proximity_table(self.sigma, self.radius))

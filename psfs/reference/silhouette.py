@@ -46,9 +46,9 @@ def silhouette_evidence(
         ratios.append(
             config.evidence.ratio_steps * nats - _appearance_counts(foreground, view, images[view])
         )
-    inside = in_pictures(rig)
+    inside = picture_masks(rig)
     seen = background.screen > 0 if isinstance(background, ChromaKey) else inside
-    counts = np.where(seen, _in_counts(np.stack(ratios), config), 0)
+    counts = np.where(seen, _to_counts(np.stack(ratios), config), 0)
     evidence = _sum_evidence(counts, inside, config)
     if isinstance(background, ChromaKey):
         return evidence
@@ -58,9 +58,9 @@ def silhouette_evidence(
             mixed = config.evidence.ratio_steps * mixed - _appearance_counts(
                 foreground, view, image
             )
-            counts[view] = np.maximum(counts[view], _in_counts(mixed, config))
-        smoothed = smoothed_evidence(image, counts[view], config)
-        near = near_foreground(evidence[view])
+            counts[view] = np.maximum(counts[view], _to_counts(mixed, config))
+        smoothed = smooth_evidence(image, counts[view], config)
+        near = find_near_foreground(evidence[view])
         evidence[view] = np.where(near & inside[view], smoothed, evidence[view])
     return evidence
 
@@ -73,11 +73,11 @@ def _appearance_counts(
         return np.zeros(image.shape[:2], int)
     blue, green, red = np.moveaxis(image.astype(int) * BINS // 256, -1, 0)
     colours = foreground.colours[(blue * BINS + green) * BINS + red].astype(int)
-    counts: np.ndarray = colours + of_pixels(foreground.location[view], image.shape)
+    counts: np.ndarray = colours + expand_cells(foreground.location[view], image.shape)
     return counts
 
 
-def _in_counts(ratios: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
+def _to_counts(ratios: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
     lowest, highest = config.evidence.ratio_range
     counts: np.ndarray = np.floor(np.clip(ratios, lowest, highest) + 0.5).astype(int)
     return counts
@@ -89,7 +89,7 @@ def _sum_evidence(counts: np.ndarray, inside: np.ndarray, config: SilhouetteConf
     return np.where(inside, table, 0).astype(np.int8)
 
 
-def near_foreground(evidence: np.ndarray) -> np.ndarray:
+def find_near_foreground(evidence: np.ndarray) -> np.ndarray:
     """Return (H, W) bool: pixels whose span of CELL x SPAN pixels, or one of its eight neighbours,
     contains positive evidence. The outermost two pixels are false and do not count."""
     height, width = evidence.shape
@@ -103,9 +103,7 @@ def near_foreground(evidence: np.ndarray) -> np.ndarray:
     return np.asarray(near.repeat(CELL, 0).repeat(SPAN, 1)[:height, :width] & inside)
 
 
-def smoothed_evidence(
-    image: np.ndarray, counts: np.ndarray, config: SilhouetteConfig
-) -> np.ndarray:
+def smooth_evidence(image: np.ndarray, counts: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
     """Return (H, W) evidence counts of a picture (H, W, 3), from the weighted mean of its log
     ratios `counts` (H, W) over the pixels within smoothing.reach.
 
@@ -200,7 +198,7 @@ def box_sums(counts: np.ndarray) -> np.ndarray:
 
 def mask_evidence(masks: np.ndarray, rig: CameraRig, config: SilhouetteConfig) -> np.ndarray:
     """Return evidence counts (V, H, W) int8 of ready masks (V, H, W) uint8, 255 = person."""
-    return np.where(in_pictures(rig), config.evidence.mask_counts(masks), 0).astype(np.int8)
+    return np.where(picture_masks(rig), config.evidence.mask_counts(masks), 0).astype(np.int8)
 
 
 def floor_light(
@@ -227,7 +225,7 @@ def floor_light(
         on_floor = np.isfinite(shown[..., 0])
         lit = (factors[view] > config.floor.lit) & (left[view] < config.floor.nearest)
         where = np.column_stack([shown[on_floor], np.full(on_floor.sum(), config.floor.height)])
-        own = _of_middles(factors[view])[on_floor]
+        own = _sample_cells(factors[view])[on_floor]
         others = np.full((len(rig), len(where)), np.inf)
         for other, camera in enumerate(rig):
             if other == view:
@@ -236,16 +234,16 @@ def floor_light(
             alpha, distance = factors[other][row, column], left[other][row, column]
             is_floor = (distance < config.floor.nearest) & (alpha < config.background.shadow_high)
             others[other, seen] = np.where(is_floor, alpha, np.inf)
-        agreed = _agreed(others, own, config.floor.enough)
+        agreed = _agreed_factor(others, own, config.floor.enough)
         cells = np.ones(on_floor.shape)
-        agreed[_of_middles(lit)[on_floor]] = 1
+        agreed[_sample_cells(lit)[on_floor]] = 1
         cells[on_floor] = np.floor(127 * agreed + 0.5) / 127
-        between = _between_cells(cells, light.shape[1:])
-        light[view] = np.where(of_pixels(on_floor, light.shape[1:]), between, np.nan)
+        between = _interpolate_cells(cells, light.shape[1:])
+        light[view] = np.where(expand_cells(on_floor, light.shape[1:]), between, np.nan)
     return light
 
 
-def _agreed(others: np.ndarray, own: np.ndarray, enough: int) -> np.ndarray:
+def _agreed_factor(others: np.ndarray, own: np.ndarray, enough: int) -> np.ndarray:
     """Return (n,) of the light factors `others` (V, n), inf for none, the one second nearest to
     `own` (n,), at most 1; the nearest if there are fewer than `enough`; 1 if there is none."""
     nearest = np.take_along_axis(others, np.argsort(np.abs(others - own), 0, kind="stable"), 0)
@@ -253,12 +251,12 @@ def _agreed(others: np.ndarray, own: np.ndarray, enough: int) -> np.ndarray:
     return np.clip(np.where(several, nearest[:2][-1], nearest[0]), 0, 1)
 
 
-def of_pixels(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def expand_cells(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Return the values (rows, columns) of the cells for each of their pixels (H, W)."""
     return cells.repeat(CELL, 0).repeat(CELL, 1)[: shape[0], : shape[1]]
 
 
-def _of_middles(pixels: np.ndarray) -> np.ndarray:
+def _sample_cells(pixels: np.ndarray) -> np.ndarray:
     """Return the values (H, W) of pixels for each cell: that of the pixel in its middle."""
     rows, columns = (-(-n // CELL) for n in pixels.shape)
     y = np.minimum(CELL * np.arange(rows) + CELL // 2, pixels.shape[0] - 1)
@@ -267,7 +265,7 @@ def _of_middles(pixels: np.ndarray) -> np.ndarray:
     return middles
 
 
-def _between_cells(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def _interpolate_cells(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Return the values (H, W) interpolated linearly between the middles of the cells."""
     y, x = np.indices(shape[:2]) / CELL - (CELL - 1) / (2 * CELL)
     between: np.ndarray = ndimage.map_coordinates(cells, [y, x], order=1, mode="nearest")
@@ -278,24 +276,24 @@ def _weight(std: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
     return np.maximum(std, config.background.sigma_floor).astype(np.float64) ** -2
 
 
-def _weighed(weight: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _weighted_product(weight: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the sum of weight x y over the channels, the last axis."""
     total: np.ndarray = np.einsum("...c,...c,...c->...", weight, x, y)
     return total
 
 
-def _fitting(weight: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _fit_factor(weight: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the factor of y that fits x best (weighted least squares)."""
-    factor: np.ndarray = _weighed(weight, x, y) / (_weighed(weight, y, y) + 1e-6)
+    factor: np.ndarray = _weighted_product(weight, x, y) / (_weighted_product(weight, y, y) + 1e-6)
     return factor
 
 
-def _distance_left(
+def _remaining_distance(
     weight: np.ndarray, x: np.ndarray, factor: np.ndarray, y: np.ndarray
 ) -> np.ndarray:
     """Return the weighted squared distance that is left with a factor."""
     rest = x - factor[..., None] * y
-    return _weighed(weight, rest, rest)
+    return _weighted_product(weight, rest, rest)
 
 
 def light_factor(
@@ -307,8 +305,8 @@ def light_factor(
     image, mean, weight: (H, W, 3), the weight being 1 / sigma^2.
     """
     image, mean = image.astype(np.float64), mean.astype(np.float64)
-    alpha = _fitting(weight, image, mean)
-    return alpha, _distance_left(weight, image, alpha, mean)
+    alpha = _fit_factor(weight, image, mean)
+    return alpha, _remaining_distance(weight, image, alpha, mean)
 
 
 def background_ratio(
@@ -330,10 +328,10 @@ def background_ratio(
     """
     image, mean = image.astype(np.float64), mean.astype(np.float64)
     weight = _weight(std, config)
-    factor = _fitting(weight, image, mean)
+    factor = _fit_factor(weight, image, mean)
 
     def distance(alpha: np.ndarray) -> np.ndarray:
-        return _distance_left(weight, image, alpha, mean)
+        return _remaining_distance(weight, image, alpha, mean)
 
     alpha = np.clip(factor, config.background.shadow_low, config.background.shadow_high)
     if shadow_width is None:
@@ -343,7 +341,7 @@ def background_ratio(
         alpha = np.clip(factor, config.floor.shadow_low, config.background.shadow_high)
         lit = light > config.floor.fully_lit
         width = np.where(lit, config.floor.lit_width, config.floor.shadow_width)
-        noise = np.where(lit, 0, 1 / (_weighed(weight, mean, mean) + 1e-6))
+        noise = np.where(lit, 0, 1 / (_weighted_product(weight, mean, mean) + 1e-6))
         price = (light - alpha) ** 2 / (width**2 + noise)
         on_floor = distance(alpha) + price + ((1 - alpha) / config.floor.shadow_depth) ** 2
         dimmed = np.where(np.isnan(light), dimmed, on_floor)
@@ -353,7 +351,7 @@ def background_ratio(
     return ratio
 
 
-def in_pictures(rig: CameraRig) -> np.ndarray:
+def picture_masks(rig: CameraRig) -> np.ndarray:
     """Return (V, height, width) bool: pixels that exist in a view; views may be smaller than the
     rig."""
     inside = np.zeros((len(rig), rig.height, rig.width), bool)

@@ -18,8 +18,8 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.config import AlignmentConfig
 from psfs.diagnostics.frontier import (
-    Contours,
     FrontierPoints,
+    SilhouetteContours,
     epipolar_residuals,
     find_frontier_points,
 )
@@ -56,7 +56,7 @@ class PersonPoints:
         self, cameras: Sequence[Camera], outlines: Sequence[Sequence[Outline | None]]
     ) -> None:
         self.hulls = [HullRays(c, own) for c, own in zip(cameras, outlines, strict=True)]
-        self._contours = [Contours(own) for own in outlines]
+        self._contours = [SilhouetteContours(own) for own in outlines]
         self.shortest = min(len(own) for own in outlines)
 
     def find_extremes(

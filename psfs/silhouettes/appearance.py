@@ -178,7 +178,7 @@ class Foreground:
                 "BINS": BINS,
                 "REACH": config.reach,
             },
-            **{"MIN_SURFACE": config.min_surface, "MOST": most_samples(self._rig, config)},
+            **{"MIN_SURFACE": config.min_surface, "MOST": max_samples(self._rig, config)},
             **{"KEEP": float(config.keep), "UNIFORM": float(config.uniform)},
             "PRIOR": float(config.prior_samples),
             "STEPS": float(self._config.evidence.ratio_steps),
@@ -196,7 +196,7 @@ def location_odds(config: SilhouetteConfig) -> np.ndarray:
     return np.rint(np.clip(evidence.ratio_steps * nats, -127, 127)).astype(np.int8)
 
 
-def most_samples(rig: CameraRig, config: AppearanceConfig) -> int:
+def max_samples(rig: CameraRig, config: AppearanceConfig) -> int:
     """Return the greatest number of foreground cells, over all views, with which a frame is used
     for the fit."""
     rows, columns = cells(rig)

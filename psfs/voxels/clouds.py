@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from cl import InputError
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 from psfs.common.npz import Values, check_values, get_scalar, read_npz
 from psfs.voxels.grid import VoxelCloud, VoxelGrid, check_size
 from psfs.voxels.limits import DEBRIS_SHARE
@@ -125,7 +125,7 @@ def write_ply(cloud: VoxelCloud, path: Path, normals: bool = False) -> None:
         *properties,
         "end_header",
     ]
-    with written_whole(path) as temporary, temporary.open("wb") as file:
+    with write_atomically(path) as temporary, temporary.open("wb") as file:
         file.write(("\n".join(header) + "\n").encode("ascii"))
         file.write(vertices.tobytes())
 
@@ -142,7 +142,7 @@ def write_npz(cloud: VoxelCloud, path: Path) -> None:
     }
     if cloud.colour is not None:
         arrays["colour"] = cloud.colour
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         np.savez_compressed(temporary, **arrays)  # type: ignore[arg-type]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from cl import Array, InputError
@@ -12,6 +14,30 @@ from psfs.voxels.config import ColourConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.sparse import SparseSurface
 from psfs.voxels.surface import Surface
+
+
+class CarvedVoxels(Protocol):
+    """Part of `Voxels` that trackers use, and that copies of a frame's voxels on the device have,
+    too."""
+
+    @property
+    def grid(self) -> VoxelGrid: ...
+
+    @property
+    def surface(self) -> Array: ...
+
+    @property
+    def count(self) -> Array: ...
+
+    @property
+    def evidence(self) -> Array | None: ...
+
+    @property
+    def stays(self) -> bool: ...
+
+    def pictures(self) -> Array | None: ...
+
+    def cloud(self) -> VoxelCloud: ...
 
 
 class Voxels:

@@ -1,4 +1,4 @@
-"""Bounds and defaults of voxels that the flags share."""
+"""Bounds and defaults of voxel flags, shared by several commands."""
 
 from __future__ import annotations
 

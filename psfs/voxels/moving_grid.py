@@ -51,7 +51,7 @@ class MeanPosition:
         return mean[:3] if mean[3] > 0 else None
 
 
-class Follower:
+class GridFollower:
     """Computation of the next frame's grid from the latest surface: along x and y its middle is at
     the mean of the surface voxels, to within a voxel.
 

@@ -86,13 +86,13 @@ def largest_parts_box(
 
 def remove_speckle(evidence: np.ndarray) -> np.ndarray:
     """Return evidence maps (V, H, W) int8 after a 5x5 median."""
-    return np.stack([_of_bytes(cv2.medianBlur(_bytes(view), 5)) for view in evidence])
+    return np.stack([_to_evidence(cv2.medianBlur(_bytes(view), 5)) for view in evidence])
 
 
 def _dilate_foreground(evidence: np.ndarray, pixels: float) -> np.ndarray:
     """Return evidence (H, W) with the foreground dilated by a voxel that is `pixels` wide."""
     size = max(1, round(pixels))
-    return _of_bytes(cv2.dilate(_bytes(evidence), np.ones((size, size), np.uint8)))
+    return _to_evidence(cv2.dilate(_bytes(evidence), np.ones((size, size), np.uint8)))
 
 
 def _bytes(evidence: np.ndarray) -> np.ndarray:
@@ -101,6 +101,6 @@ def _bytes(evidence: np.ndarray) -> np.ndarray:
     return raised
 
 
-def _of_bytes(raised: object) -> np.ndarray:
+def _to_evidence(raised: object) -> np.ndarray:
     lowered: np.ndarray = (np.asarray(raised, np.uint8) ^ np.uint8(128)).view(np.int8)
     return lowered

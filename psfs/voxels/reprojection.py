@@ -10,7 +10,7 @@ from psfs.cameras.footprints import voxel_footprints
 from psfs.common.edge_distance import LOT, count_tiles, distance_defines
 from psfs.silhouettes.hidden import mark_hidden_launch
 from psfs.voxels.config import EdgeConfig, ForegroundJoinConfig
-from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.foreground_join import MARK, ForegroundJoin
 from psfs.voxels.grid import VoxelGrid
 
@@ -47,7 +47,7 @@ class Reprojection:
         self._hides = scale == 1.0 and rig.hidden is not None
         self._grid: VoxelGrid | None = None
         self._shape = grid.shape
-        self._voxels: Voxels | None = None
+        self._voxels: CarvedVoxels | None = None
         self._mark_hidden: Launch | None = None
         views, height, width = len(self.rig), self.rig.height, self.rig.width
         if maps is None:
@@ -83,7 +83,7 @@ class Reprojection:
             maps=self.maps,
         )
 
-    def __call__(self, voxels: Voxels) -> Array:
+    def __call__(self, voxels: CarvedVoxels) -> Array:
         """Enqueue the computation of the maps of `voxels`. Raises InputError if their grid has
         another shape."""
         if voxels is not self._voxels:
@@ -102,7 +102,7 @@ class Reprojection:
             self._mark_hidden()
         return self.maps
 
-    def _attach(self, voxels: Voxels) -> None:
+    def _attach(self, voxels: CarvedVoxels) -> None:
         """Connect the splatting kernel to the buffers of `voxels`."""
         if voxels.grid.shape != self._shape:
             raise InputError(f"the voxels' grid is {voxels.grid.shape}; expected {self._shape}")

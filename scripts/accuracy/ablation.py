@@ -20,7 +20,7 @@ def _method(settings: Preset, **changes: Any) -> Preset:
 
 
 def _silhouettes(settings: Preset, part: str, **changes: Any) -> Preset:
-    changed = settings.reconstruction.overlaid({"silhouette": {part: changes}})
+    changed = settings.reconstruction.overlay({"silhouette": {part: changes}})
     return settings.replace(reconstruction=changed)
 
 

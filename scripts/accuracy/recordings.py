@@ -21,7 +21,7 @@ from apf.initialisation.from_joints import fit_to_joints
 from apf.presets import Preset
 from cl import Device, InputError
 from psfs.cameras.camera import CameraRig
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
@@ -172,7 +172,7 @@ def record(
         "voxels": np.concatenate(surfaces),
         "foregrounds": np.stack(foregrounds),
     }
-    with written_whole(cache) as temporary:
+    with write_atomically(cache) as temporary:
         np.savez_compressed(temporary, **arrays)
     return Recording(sequence, grid, frames, surfaces, foregrounds, truth, settings)
 

@@ -17,7 +17,7 @@ from timings.tables.grid import NONE, Grid
 
 from accuracy.runs import Results, Run
 from accuracy.settings import DIMENSIONS, Setting, Table
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 
 #: Markers of the rows of a sequence.
 _MARKS = "osv^Dx"
@@ -109,13 +109,13 @@ def write_tables(path: Path, parts: Sequence[Grid], results: Results) -> None:
     """Write Markdown: the conditions of the runs, and every grid."""
     about = f"{made_on(results)}. mm, mean ± standard deviation of the runs' means."
     texts = ["# Errors of tracking", about, *(grid.markdown() for grid in parts)]
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         temporary.write_text("\n\n".join(texts) + "\n")
 
 
 def write_summary(path: Path, tables: dict[Table, list[Setting]], results: Results) -> None:
     """Write CSV: one row per table and setting, errors in mm."""
-    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+    with write_atomically(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
         figures = ("mean_mm", "std_mm", "constant_mm", "rest_mm", "lost_runs", "runs")
         writer.writerow(["table", "sequence", *DIMENSIONS, *figures])
@@ -138,7 +138,7 @@ def plot(path: Path, tables: dict[Table, list[Setting]], results: Results) -> No
     )
     for axes, (table, settings) in zip(panels[0], tables.items(), strict=True):
         _panel(axes, table, settings, results)
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         figure.savefig(temporary, dpi=130)
     plt.close(figure)
 

@@ -28,7 +28,7 @@ from apf.tracking.pipeline import build_track, track_voxels
 from apf.tracking.track import Track
 from apf.tracking.trackers import make_recovering_runs, with_seeds
 from cl import Device, InputError
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def tracked(
     frame."""
     method = make_method(setting, seeds[0])
     body, pose = recording.first_pose
-    scaled = method.replace(filter=method.filter.at_rate(recording.fps / setting.step))
+    scaled = method.replace(filter=method.filter.scale_to_rate(recording.fps / setting.step))
     rig, grid = recording.sequence.rig, recording.grid
     tracker = make_recovering_runs(Scene(device, rig, grid, body), scaled, seeds)
     seen: Iterable[tuple[int, Any]] = Replay(device, recording)
@@ -280,14 +280,14 @@ class Results:
         self.made = date.today().isoformat()
         runs = [_plain(run) for run in self.runs]
         data = {"conditions": self.conditions, "made": self.made, "runs": runs}
-        with written_whole(self.path) as temporary:
+        with write_atomically(self.path) as temporary:
             temporary.write_text(json.dumps(data, allow_nan=False) + "\n")
 
     def write_csv(self, path: Path) -> None:
         """Write one row per run; errors in mm."""
         left_out = ("setting", "joints", "angles")
         columns = [f.name for f in fields(Run) if f.name not in left_out]
-        with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+        with write_atomically(path) as temporary, temporary.open("w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow([_KEYS.get(f.name, f.name) for f in fields(Setting)] + columns)
             for run in self.runs:

@@ -19,7 +19,7 @@ from accuracy.ablation import load_preset
 from accuracy.recordings import opened
 from accuracy.runs import Results, Run, evaluate_run, make_method
 from accuracy.settings import Setting
-from apf.api import DEFAULT_BODY, given_start
+from apf.api import DEFAULT_BODY, read_given_start
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
 from apf.body.stature import stature
@@ -195,7 +195,7 @@ def _take(
     template: BodyModel | str = body
     if setting.start == "measured":
         template = measure_body(session.device, sequence.folder, body, check)
-    given = given_start(sequence.folder, 0, template if init else settings.body, init)
+    given = read_given_start(sequence.folder, 0, template if init else settings.body, init)
     keypoints = None
     if setting.observations != "voxels":
         keypoints = Keypoints.open(sequence.folder, sequence)
@@ -263,7 +263,7 @@ def true_stature(folder: Path, truth: JointSeries) -> float:
     stated = re.search(r"height (\d\.\d+) m\b", readme.read_text() if readme.is_file() else "")
     if stated:
         return float(stated[1])
-    fitted = given_start(folder, int(truth.frames[0]), DEFAULT_BODY, folder / TRUTH)
+    fitted = read_given_start(folder, int(truth.frames[0]), DEFAULT_BODY, folder / TRUTH)
     assert fitted is not None
     return stature(fitted[0])
 

@@ -22,7 +22,7 @@ from accuracy.settings import Setting
 from apf.body.model import sideless
 from apf.evaluation.angle_truth import UNDEFINED
 from apf.evaluation.flags import FlagCounts
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 
 _NOTE = (
     "preset: whose settings, a paper's or the defaults. "
@@ -283,10 +283,10 @@ def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
     angles = angle_table(results)
     texts += [] if angles is None else [angles.markdown()]
     texts += ["Failed:", "\n".join(failed)] if failed else []
-    with written_whole(out / "suite.md") as temporary:
+    with write_atomically(out / "suite.md") as temporary:
         temporary.write_text("\n\n".join(texts) + "\n")
     results.write_csv(out / "runs.csv")
-    with written_whole(out / "suite.csv") as temporary, temporary.open("w", newline="") as file:
+    with write_atomically(out / "suite.csv") as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
         names = [f.name for f in fields(Row) if f.name != "flags"]
         writer.writerow(names + list(FlagCounts._fields))
@@ -334,7 +334,7 @@ def _plot(path: Path, results: Results, rows: Sequence[Row]) -> None:
     figure.legend(
         marks, named, loc="outside lower center", ncols=4, frameon=False, fontsize=9
     )  # fmt: skip
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         figure.savefig(temporary, dpi=130)
     plt.close(figure)
 

@@ -16,7 +16,7 @@ from timings.tables.grid import NONE, Grid
 from cl import InputError
 from peers.figures import Figures
 from peers.programs import PROGRAMS
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 
 _COLUMNS = ("mean", "rest", "far", "gaps", "jitter", "skating")
 _HEADS = (
@@ -91,7 +91,7 @@ class PeerResults:
             "versions": self.versions,
             "runs": [asdict(run) for run in self.runs],
         }
-        with written_whole(self.path) as temporary:
+        with write_atomically(self.path) as temporary:
             temporary.write_text(json.dumps(_plain(data), indent=1, allow_nan=False) + "\n")
 
     def of(self, program: str) -> list[PeerRun]:
@@ -211,9 +211,9 @@ def write_tables(out: Path, results: PeerResults) -> None:
     failed = [f"- {r.sequence}, {r.program}: {r.failed}" for r in results.runs if r.failed]
     texts = ["# Other programs beside ours", summary_table(results).markdown()]
     texts += [sequence_table(results).markdown(), *(["Failed:", *failed] if failed else [])]
-    with written_whole(out / "peers.md") as temporary:
+    with write_atomically(out / "peers.md") as temporary:
         temporary.write_text("\n\n".join(texts) + "\n")
-    with written_whole(out / "peers.csv") as temporary, temporary.open("w", newline="") as file:
+    with write_atomically(out / "peers.csv") as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["sequence", "program", "seed", "device", "commit", *_COLUMNS, "cpu_s",
                          "clock_s", "failed"])  # fmt: skip

@@ -23,7 +23,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from apf.cli.batch.take import TakeDone, TakeJob, do_take
+from apf.cli.batch.take import TakeDone, TakeJob, process_take
 from apf.cluster.connection import start_cluster
 from apf.cluster.pool import Pool, Task
 from apf.cluster.workers import Share, list_own_cores, share_machine
@@ -185,7 +185,7 @@ def throughput(
 def _task(take: Path, out: Path, name: str, flags: Sequence[str], given: bool) -> Task:
     """Return the task of `apf batch` for a take; given: start at the true first pose."""
     words = (*flags, *([f"--init={take / 'truth.npz'}"] * given))
-    return Task(name, do_take, (TakeJob(name, take, out / name, out / "log", words),))
+    return Task(name, process_take, (TakeJob(name, take, out / name, out / "log", words),))
 
 
 def _means(of_takes: Sequence[Mapping[str, float]]) -> dict[str, float]:

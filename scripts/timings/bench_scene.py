@@ -13,7 +13,7 @@ import numpy as np
 from apf.synthetic.render import SyntheticScene
 from apf.synthetic.scene import SceneConfig
 from cl import Device
-from cl.staging import pinned
+from cl.staging import allocate_pinned
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.sequence import Frame
@@ -77,7 +77,7 @@ def _pick_views(pictures: np.ndarray | None, picked: np.ndarray) -> np.ndarray:
 
 def _pinned(device: Device, pictures: np.ndarray | None) -> np.ndarray:
     assert pictures is not None
-    copy = pinned(device, pictures.shape)
+    copy = allocate_pinned(device, pictures.shape)
     copy[:] = pictures
     return copy
 

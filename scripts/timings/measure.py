@@ -183,9 +183,11 @@ def measured_limits(place: Place) -> Limits:
     device = place.device(profile=True)
     size = 2**25
     x, y = device.zeros(size, np.float32), device.zeros(size, np.float32)
-    copy = device.launch(device.compiled(_FMA, "copy", "_FMA"), (size // 4,), (256,), x=x, y=y)
+    copy = device.launch(
+        device.compile_kernel(_FMA, "copy", "_FMA"), (size // 4,), (256,), x=x, y=y
+    )
     items = 2**20 if device.is_gpu else 2**14
-    chain = device.launch(device.compiled(_FMA, "fma_chain", "_FMA"), (items,), (256,), x=x)
+    chain = device.launch(device.compile_kernel(_FMA, "fma_chain", "_FMA"), (items,), (256,), x=x)
     for _ in range(5):
         copy()
         chain()

@@ -221,7 +221,7 @@ def _method(
     layers = iterations if search == "pso" else 1
     method = Method.create(search, OBJECTIVE, n_particles=particles, n_layers=layers, seed=seed)
     looks = ObjectiveConfig(kind=OBJECTIVE, **image)
-    return method.replace(filter=method.filter.at_rate(FPS), image=looks)
+    return method.replace(filter=method.filter.scale_to_rate(FPS), image=looks)
 
 
 def tracked(place: Place, problem: Problem, method: Method) -> dict[str, Any]:

@@ -73,14 +73,14 @@ def make_problem(frames: int, body_name: str = "song31") -> Problem:
     scene = shared_scene(frames)
     first = dict(zip(scene.joint_names, scene.joints[0], strict=True))
     body, pose, _ = fit_to_joints(load_body(body_name), first)
-    return Problem(scene, body, pose, FilterConfig().at_rate(FPS))
+    return Problem(scene, body, pose, FilterConfig().scale_to_rate(FPS))
 
 
 def songs_own(problem: Problem) -> Problem:
     """Return the problem with the settings of `--preset song`: the paper's algorithm and nothing
     else."""
     song = preset("song")
-    config = song.method.filter.at_rate(FPS)
+    config = song.method.filter.scale_to_rate(FPS)
     return replace(problem, config=config, reconstruction=song.reconstruction)
 
 

@@ -29,9 +29,9 @@ def parsed(*flags: str) -> argparse.Namespace:
 
 
 def method_of(*flags: str) -> Method:
-    from apf.cli.method_flags import chosen_method
+    from apf.cli.method_flags import select_method
 
-    return chosen_method(parsed(*flags))
+    return select_method(parsed(*flags))
 
 
 @pytest.mark.parametrize("name", PRESETS)

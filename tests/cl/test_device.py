@@ -221,7 +221,7 @@ def test_work_on_another_queue_waits_and_is_waited_for(fresh: Device) -> None:
     assert fresh.transfers.downloads == 10
     with fresh.enqueue_on(queue) as yielded:
         array.fill(7)
-        fresh.hold_up(yielded)  # for the 7, not for the 8
+        fresh.make_wait(yielded)  # for the 7, not for the 8
         array.fill(8)
     assert yielded is own and np.all(np.isin(array.get(), [7, 8]))
     fresh.wait_for(queue)

@@ -46,7 +46,7 @@ kernel void nothing() {}
 
 @pytest.fixture
 def gather(device: Device) -> Kernel:
-    return device.compiled(SOURCE, "gather", "source.cl")
+    return device.compile_kernel(SOURCE, "gather", "source.cl")
 
 
 @pytest.fixture
@@ -122,7 +122,7 @@ def test_arguments_change_between_calls(
 def test_numbers_are_rounded_as_numpy_rounds_them(device: Device, value: float) -> None:
     source = "__kernel void put(float x, __global float *out) { out[0] = x; }"
     out = device.zeros(1, np.float32)
-    device.launch(device.compiled(source, "put", "put"), (1,), None, x=value, out=out)()
+    device.launch(device.compile_kernel(source, "put", "put"), (1,), None, x=value, out=out)()
     np.testing.assert_array_equal(out.get().view(np.uint32), np.float32([value]).view(np.uint32))
 
 
@@ -217,9 +217,9 @@ def test_what_was_changed_is_released(
 
 def test_unknown_kernels_are_refused(device: Device) -> None:
     with pytest.raises(DeviceError, match=r"^source.cl has no kernel gathr; found: gat"):
-        device.compiled(SOURCE, "gathr", "source.cl")
+        device.compile_kernel(SOURCE, "gathr", "source.cl")
     with pytest.raises(DeviceError, match="text has no kernel k; found: none at all"):
-        device.compiled("int f(void) { return 1; }", "k", "text")
+        device.compile_kernel("int f(void) { return 1; }", "k", "text")
 
 
 @pytest.mark.parametrize("argument", ["LIST", "__global float out", "int *n", "float x[4]"])
@@ -246,14 +246,14 @@ def test_no_kernel_is_built_without_its_defines(device: Device, stage: str) -> N
     if "!defined(" not in kernel_source(stage):
         pytest.skip("needs none")
     with pytest.raises(pyopencl.RuntimeError, match=r"\.(cl|h) needs [A-Z]"):
-        device.compiled(kernel_source(stage), "any", stage)
+        device.compile_kernel(kernel_source(stage), "any", stage)
 
 
 def test_kernels_that_the_defines_leave_out_are_refused(device: Device) -> None:
     source = "__kernel void a(int n) {}\n#ifdef MORE\n__kernel void b(int n) {}\n#endif\n"
-    assert list(device.compiled(source, "b", "some.cl", MORE=1).parameters) == ["n"]
+    assert list(device.compile_kernel(source, "b", "some.cl", MORE=1).parameters) == ["n"]
     with pytest.raises(DeviceError, match=r"^kernel b of some.cl was not built with these defines"):
-        device.compiled(source, "b", "some.cl")
+        device.compile_kernel(source, "b", "some.cl")
 
 
 def test_the_driver_reads_the_same(device: Device) -> None:

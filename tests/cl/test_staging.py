@@ -9,7 +9,7 @@ import pytest
 from helpers.kinds import other_kind
 
 from cl import Device
-from cl.staging import Ahead, Download, Upload, Uploads, pinned
+from cl.staging import Ahead, Download, Upload, Uploads, allocate_pinned
 from cl.workgroups import pack_defines, pack_size, pixel_pack, row_group
 
 
@@ -51,7 +51,7 @@ def test_small_uploads_leave_the_rest_and_downloads_the_one_before(device: Devic
 
 
 def test_pinned_memory_is_an_array_like_others(device: Device) -> None:
-    host = pinned(device, (4, 6), np.float32)
+    host = allocate_pinned(device, (4, 6), np.float32)
     host[...] = np.arange(24).reshape(4, 6)
     assert host.shape == (4, 6) and host.dtype == np.float32
     np.testing.assert_array_equal(device.to_device(host).get(), np.arange(24).reshape(4, 6))

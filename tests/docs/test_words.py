@@ -52,6 +52,15 @@ BANNED_PARTS = {
     *("hopeless", "trusted", "examined", "watched", "steadied", "reaching", "exchanged", "odd"),
     *("habits", "strain", "settled", "sideways", "somebody", "nobody"),
 }
+#: Last words of names that end like a participle and are none, and conversions that keep theirs.
+NO_PARTICIPLES = {"seed", "speed", "packed", "posed", "scaled"}
+#: Participles that do not end in "ed".
+PARTICIPLES = {
+    *("begun", "bound", "chosen", "drawn", "found", "given", "grown", "hidden", "kept", "known"),
+    *("placed", "relearnt", "seen", "shown", "taken", "unlit", "written"),
+}
+#: First words of functions that say neither verb nor object.
+PREPOSITIONS = {"around", "at", "beside", "between", "in", "near", "of", "over"}
 #: A function whose name ends so names neither its verb nor its object.
 ENDINGS = ("_of", "_as", "_at", "_in", "_by", "_than", "_out_of")
 
@@ -128,6 +137,22 @@ def parts_of_name(name: str) -> set[str]:
     return {part.lower() for part in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)}
 
 
+def module_functions(tree: ast.AST) -> Iterator[ast.FunctionDef]:
+    """Yield the functions and methods of a file, without properties and nested functions."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.ClassDef):
+            yield from module_functions(node)
+        elif isinstance(node, ast.FunctionDef) and not is_property(node):
+            yield node
+
+
+def is_participle(name: str) -> bool:
+    """Return whether a function's name is a past participle alone, as `sized` and `_shown`."""
+    word = name.strip("_")
+    regular = re.fullmatch(r"[a-z]+ed", word) is not None and word not in NO_PARTICIPLES
+    return regular or word in PARTICIPLES
+
+
 def prose(text: str, tree: ast.Module) -> Iterator[tuple[int, str]]:
     """Yield line and text of docstrings and comments."""
     yield 1, ast.get_docstring(tree) or ""
@@ -159,6 +184,9 @@ def faults_in(file: Path) -> Iterator[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef) and node.name.endswith(ENDINGS):
             yield f"{where}:{node.lineno}: {node.name} ends with a preposition; expected an object"
+    for function in module_functions(tree) if where.parts[0] != "scripts" else ():
+        if is_participle(function.name) or function.name.strip("_").split("_")[0] in PREPOSITIONS:
+            yield f"{where}:{function.lineno}: {function.name} has no verb; expected one"
 
 
 @pytest.mark.parametrize("room", sorted(files_by_room()))
@@ -181,6 +209,9 @@ def test_language_of_a_room(room: str) -> None:
         ("said_lost = 1\n", "the name said_lost has said in it"),
         ("class OddOne:\n    pass\n", "the name OddOne has odd in it"),
         ("def poses_of(x):\n    pass\n", "ends with a preposition"),
+        ("def _sized(x):\n    pass\n", "_sized has no verb"),
+        ("class C:\n    def shown(self):\n        pass\n", "shown has no verb"),
+        ("def beside_truth(x):\n    pass\n", "beside_truth has no verb"),
     ],
 )
 def test_rules_find_faults(

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cl import InputError
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 from psfs.common.outputs import (
     MANIFEST,
     Manifest,
@@ -20,7 +20,7 @@ from psfs.common.outputs import (
 
 
 def write(path: Path, text: str = "ours") -> None:
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         temporary.write_text(text)
 
 

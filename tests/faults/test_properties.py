@@ -24,7 +24,7 @@ from psfs.cameras.calibration import read_calibration
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.names import LONGEST_NAME, check_name, escape_unprintable
 from psfs.common.pictures import read_picture
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 from psfs.voxels.clouds import read_cloud, write_npz
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
@@ -108,9 +108,9 @@ def test_calibrations_come_back(
 
 
 @QUICK
-@given(values=st.dictionaries(st.sampled_from([*Settings.model_fields, "x"]), VALUE))
+@given(values=st.dictionaries(st.sampled_from([*SequenceSettings.model_fields, "x"]), VALUE))
 def test_settings(values: dict) -> None:
-    clear(Settings.from_dict, values)
+    clear(SequenceSettings.from_dict, values)
 
 
 @QUICK

@@ -91,7 +91,7 @@ def test_a_link_out_of_an_output(stock: Path) -> None:
 @pytest.mark.parametrize("word", ["--output=/elsewhere", "--log-file=/elsewhere", "--quiet"])
 def test_flags_of_a_whole_batch_in_a_take(tmp_path: Path, word: str) -> None:
     job = TakeJob("a", tmp_path, tmp_path / "out", tmp_path / "log", (word,), where="list: take 1")
-    with pytest.raises(InputError, match=r"list: take 1: --.* is of the whole batch"):
+    with pytest.raises(InputError, match=r"list: take 1: --.* applies only to the whole batch"):
         job.arguments()
 
 

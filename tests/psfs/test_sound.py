@@ -11,7 +11,7 @@ import pytest
 from cl import InputError
 from psfs.calibration.targets.detection import open_uncalibrated
 from psfs.cli.sequence_flags import parse_sync
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 from psfs.footage.sound import find_lag
 
 RATE, FPS = 16000, 20
@@ -57,7 +57,7 @@ def takes(tmp_path: Path) -> Path:
 
 
 def test_cameras_are_shifted_by_their_sound(takes: Path) -> None:
-    views = open_uncalibrated(takes, Settings(sync="audio"))
+    views = open_uncalibrated(takes, SequenceSettings(sync="audio"))
     assert views.settings.sync == {"a": 0, "b": -7, "c": 5}
     images = views.read(0).images
     assert images is not None
@@ -69,12 +69,12 @@ def test_cameras_are_shifted_by_their_sound(takes: Path) -> None:
 def test_videos_without_sound_or_of_other_rooms_are_named(takes: Path) -> None:
     film(takes / "videos" / "c.mp4", None)
     with pytest.raises(InputError, match=r"c\.mp4: no sound"):
-        open_uncalibrated(takes, Settings(sync="audio"))
+        open_uncalibrated(takes, SequenceSettings(sync="audio"))
     film(takes / "videos" / "c.mp4", 0.1 * np.random.default_rng(9).normal(size=2 * RATE))
     with pytest.raises(InputError, match=r"c\.mp4: its sound fits .* at no lag"):
-        open_uncalibrated(takes, Settings(sync="audio"))
+        open_uncalibrated(takes, SequenceSettings(sync="audio"))
     with pytest.raises(InputError, match=r"expected audio .*from_phones"):
-        open_uncalibrated(takes, Settings(sync="auto"))
+        open_uncalibrated(takes, SequenceSettings(sync="auto"))
 
 
 def test_the_lag_of_two_tracks() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from cl import InputError
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 from psfs.footage.timestamps import pick_frames
 from psfs.sequence import Sequence
 
@@ -31,7 +31,9 @@ def film(folder: Path) -> Path:
 
 
 def opened(folder: Path) -> Sequence:
-    return Sequence(folder, LAYOUT, read_uncalibrated(folder, Settings()), Settings())
+    return Sequence(
+        folder, LAYOUT, read_uncalibrated(folder, SequenceSettings()), SequenceSettings()
+    )
 
 
 def test_frames_of_the_same_time_go_together(tmp_path: Path) -> None:

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from apf.api import given_start
+from apf.api import read_given_start
 from apf.body import load_body, save_body
-from apf.cli.batch.take import TakeDone, TakeJob, do_take, written_take
-from apf.cli.first_pose import found_start
-from apf.cli.method_flags import chosen_method
+from apf.cli.batch.take import TakeDone, TakeJob, process_take, write_take
+from apf.cli.first_pose import find_first_pose
+from apf.cli.method_flags import select_method
 from apf.cli.takes.job import TrackJob
 from apf.cli.track import finish_take, write_files, write_track_settings
 from apf.cluster.chunks import cut_chunks, find_seam, join_tracks, to_millimetres
@@ -28,7 +28,7 @@ from apf.formats.pose import read_pose, write_pose
 from apf.tracking.take import Take
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice
-from psfs.cli.sequence_flags import examine_footage, open_sequence, selected_frames
+from psfs.cli.sequence_flags import examine_footage, open_sequence, select_common_frames
 from psfs.diagnostics.examination import Examination
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid, find_volume
@@ -46,10 +46,10 @@ def plan_take(job: TakeJob) -> Workflow:
     if job.part_frames is not None:
         (chunks,) = yield [Task(f"{job.name}/start", cut_take, (job, job.part_frames))]
         if chunks:
-            yield [Task(chunk.name, do_take, (chunk,)) for chunk in chunks]
+            yield [Task(chunk.name, process_take, (chunk,)) for chunk in chunks]
             (done,) = yield [Task(f"{job.name}/joining", join_chunks, (job, chunks))]
             return done
-    (done,) = yield [Task(job.name, do_take, (job,))]
+    (done,) = yield [Task(job.name, process_take, (job,))]
     return done
 
 
@@ -63,7 +63,7 @@ def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[Ta
         if args.seeds is not None:
             raise InputError("--seeds and --part-frames; expected one of them")
         session = _examine(args, select_worker_device(args.device)).session
-        frames = selected_frames(args, session.sequence)
+        frames = select_common_frames(args, session.sequence)
         overlap = round(ChunksConfig().overlap * session.rate)
         chunks = cut_chunks(frames, part_frames, overlap)
         if len(chunks) < 2:
@@ -99,10 +99,10 @@ def _shared_words(
     pose are written to files that these flags name."""
     volume, grid, sequence = find_volume(session), automatic_grid(session), session.sequence
     first = session.frames[0]
-    given = given_start(sequence.folder, first, args.body, args.init, args.convention)
+    given = read_given_start(sequence.folder, first, args.body, args.init, args.convention)
     if given is None:
-        seed = chosen_method(args).filter.search.seed
-        given = found_start(session, args, seed, lambda: progress("start"))
+        seed = select_method(args).filter.search.seed
+        given = find_first_pose(session, args, seed, lambda: progress("start"))
     folder = _chunks_folder(job)
     save_body(folder / "body.toml", given[0])
     write_pose(folder / START, given[1], given[0])
@@ -154,13 +154,13 @@ def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob])
             take = Take(sequence, body, pose, None, [whole], 1.0)
             write_pose(args.output / START, pose, body)
             write_files(args.output, whole, body)
-            write_track_settings(args, chosen_method(args))
+            write_track_settings(args, select_method(args))
             progress.n_frames = len(whole)
-            track_job = TrackJob(args, chosen_method(args), [0], device)
+            track_job = TrackJob(args, select_method(args), [0], device)
             finish_take(track_job, examination, take, progress)
             return take
 
-        done = written_take(progress, job, write, parts=apart)
+        done = write_take(progress, job, write, parts=apart)
         shutil.rmtree(chunks[0].out.parent, ignore_errors=True)
         return done
 
@@ -173,5 +173,5 @@ def _track_chunk_from(progress: TaskProgress, chunk: TakeJob, before: Track) -> 
     pose = chunk.out.parent / f"{chunk.out.name}.txt"
     write_pose(pose, before.poses[rows[0]], before.its_body)
     again = replace(chunk, words=(*chunk.words, f"--init={pose}"))
-    do_take(progress, again)
+    process_take(progress, again)
     return Track.open(again.out)

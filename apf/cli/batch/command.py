@@ -9,8 +9,8 @@ from typing import Any
 
 from apf.cli.batch.chunks import PARTS, plan_take
 from apf.cli.batch.report import BatchReport
-from apf.cli.batch.take import TakeJob, finished
-from apf.cli.batch.takes import listed_takes
+from apf.cli.batch.take import TakeJob, find_finished
+from apf.cli.batch.takes import list_takes
 from apf.cli.takes.job import take_names
 from apf.cluster.connection import connect_cluster, import_distributed, start_cluster
 from apf.cluster.courses import run_workflows
@@ -19,7 +19,7 @@ from apf.cluster.pool import Pool
 from apf.cluster.whole_folder import clear_partial
 from apf.cluster.workers import share_machine
 from cl import InputError
-from psfs.cli.settings import stated_words
+from psfs.cli.settings import list_stated_words
 from psfs.common.files import resolve_path
 from psfs.common.names import check_name
 from psfs.common.outputs import MANIFEST, output_folder
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
         with BatchReport(args.output, [job.name for job in jobs]) as report:
             left = []
             for job in jobs:
-                done = finished(job)
+                done = find_finished(job)
                 left += [job] if done is None else []
                 if done is not None:
                     report.add(job.name, done)
@@ -67,9 +67,9 @@ def _do(args: argparse.Namespace, jobs: list[TakeJob], report: BatchReport) -> N
 def make_jobs(args: argparse.Namespace) -> list[TakeJob]:
     """Return a job for each take, by its name. Raises InputError if two takes have the same name,
     if OUT lies in a take or is one, or if a take has a flag that `apf track` does not have."""
-    out, takes = resolve_path(args.output), listed_takes(args.folders)
+    out, takes = resolve_path(args.output), list_takes(args.folders)
     found = iter(take_names([take.source for take in takes if take.name is None]))
-    words = stated_words(args, without=_OWN)
+    words = list_stated_words(args, without=_OWN)
     jobs: dict[str, TakeJob] = {}
     for take in takes:
         name = next(found) if take.name is None else take.name

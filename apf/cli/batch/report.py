@@ -79,11 +79,11 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             text = f"failed: {text}"
         self._remove_lines(name)
         stderr.print(f"{name}: {text}", soft_wrap=True)
-        self._bar.update(self._all, advance=1, description=self._described())
+        self._bar.update(self._all, advance=1, description=self._describe_progress())
         if time.monotonic() > self._written + _APART:
             self._write()
 
-    def _described(self) -> str:
+    def _describe_progress(self) -> str:
         """Return the number of failed takes, and the time left, which the bar cannot estimate for
         takes of minutes."""
         words = ["takes"]

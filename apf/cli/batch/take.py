@@ -8,12 +8,12 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from apf.cli import track
 from apf.cli.commands import COMMANDS
-from apf.cli.method_flags import chosen_method
-from apf.cli.takes.job import chosen_seeds, seed_folders
+from apf.cli.method_flags import select_method
+from apf.cli.takes.job import list_seeds, seed_folders
 from apf.cluster.record import FileFacts, TakeRecord, list_files
 from apf.cluster.take_row import TakeRow, write_thumbnail
 from apf.cluster.task_side import TaskProgress, log_to
@@ -39,7 +39,7 @@ class TakeJob:
     out: Path
     log: Path
     words: tuple[str, ...]
-    configs: Mapping[str, Any] = field(default_factory=dict)
+    configs: Mapping[str, object] = field(default_factory=dict)
     where: str = "apf batch"
     part_frames: int | None = None
     exports: tuple[str, ...] = ()
@@ -56,7 +56,8 @@ class TakeJob:
         beyond = command_flags(args.parser, [str(self.source), *self.words])
         if beyond:
             raise InputError(
-                f"{self.where}: {', '.join(beyond)} is of the whole batch; expected settings of "
+                f"{self.where}: {', '.join(beyond)} applies only to the whole batch; expected "
+                "settings of "
                 "a take"
             )
         if args.method == track.TRIANGULATE:
@@ -92,13 +93,13 @@ class TakeDone:
     """The result of a take: the rows of its tracks. kept: it was finished by an earlier run.
     seconds: duration of each stage. core_seconds: CPU time of the process."""
 
-    rows: tuple[Mapping[str, Any], ...]
+    rows: tuple[Mapping[str, object], ...]
     kept: bool
     seconds: Mapping[str, float] = field(default_factory=dict)
     core_seconds: Mapping[str, float] = field(default_factory=dict)
 
 
-def finished(job: TakeJob) -> TakeDone | None:
+def find_finished(job: TakeJob) -> TakeDone | None:
     """Return the take if it was finished with the same inputs and settings and all its files are
     there. Only files whose size or time differ are read."""
     before = TakeRecord.read(job.out)
@@ -111,24 +112,24 @@ def finished(job: TakeJob) -> TakeDone | None:
     return TakeDone(before.rows, kept=True) if same else None
 
 
-def do_take(progress: TaskProgress, job: TakeJob) -> TakeDone:
+def process_take(progress: TaskProgress, job: TakeJob) -> TakeDone:
     """Track a take, unless it is finished; a worker that died just after it may have finished it.
 
     Raises UserError, and KeyboardInterrupt when the task is to stop; the folder of results is then
     unchanged.
     """
-    done = finished(job)
+    done = find_finished(job)
     if done is not None:
         return done
     with log_to(job.log, f"{job.name}: {job.source}"):
-        return written_take(progress, job, lambda args, on: track.track_one(args, on, progress))
+        return write_take(progress, job, lambda args, on: track.track_one(args, on, progress))
 
 
-def written_take(
+def write_take(
     progress: TaskProgress,
     job: TakeJob,
     write: Callable[[argparse.Namespace, Device | NumpyDevice], Take],
-    **facts: Any,
+    **facts: object,
 ) -> TakeDone:
     """Return the take that `write(args, device)` wrote into the folder `args.output`. The folder
     gets its final name when the record and all other files of the take are in it. facts: for
@@ -146,7 +147,7 @@ def written_take(
         progress.begin("writing")
         facts |= {"device": device.name, "worker": progress.worker}
         facts |= {"took": round(time.monotonic() - began, 2)}
-        rows = tuple(_written_rows(job, args, take, facts))
+        rows = tuple(_write_rows(job, args, take, facts))
         written = [path for path in list_files(partial) if path.name != MANIFEST]
         outputs = {str(path.relative_to(partial)): FileFacts.read(path) for path in written}
         replace(wanted, outputs=outputs, rows=rows).write(partial)
@@ -154,9 +155,9 @@ def written_take(
     return TakeDone(rows, False, dict(progress.seconds), dict(progress.core_seconds))
 
 
-def _written_rows(
-    job: TakeJob, args: argparse.Namespace, take: Take, facts: Mapping[str, Any]
-) -> list[dict[str, Any]]:
+def _write_rows(
+    job: TakeJob, args: argparse.Namespace, take: Take, facts: Mapping[str, object]
+) -> list[dict[str, object]]:
     """Return the rows of the take's tracks, and write their thumbnails."""
     rows = []
     for found, folder in zip(take.tracks, _folders(args), strict=True):
@@ -168,7 +169,7 @@ def _written_rows(
 
 def _folders(args: argparse.Namespace) -> list[Path]:
     """Return the folders of the tracks of a take."""
-    return seed_folders(args, chosen_seeds(args, chosen_method(args)))
+    return seed_folders(args, list_seeds(args, select_method(args)))
 
 
 def _run(*words: str) -> None:

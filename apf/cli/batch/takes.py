@@ -24,12 +24,12 @@ class ListedTake:
     where: str = "apf batch"
 
 
-def listed_takes(folders: list[str]) -> list[ListedTake]:
+def list_takes(folders: list[str]) -> list[ListedTake]:
     """Return the takes that the command names. Raises InputError."""
     takes: list[ListedTake] = []
     for given in map(Path, folders):
         if given.suffix == ".toml" and given.exists() and not given.is_dir():
-            takes += _of_list(given)
+            takes += _read_list(given)
         elif given.is_file():
             warn(f"{given}: no folder; left out")  # `takes/*` also matches files such as notes
         else:
@@ -39,7 +39,7 @@ def listed_takes(folders: list[str]) -> list[ListedTake]:
     return takes
 
 
-def _of_list(path: Path) -> list[ListedTake]:
+def _read_list(path: Path) -> list[ListedTake]:
     """Return the takes of a list: [[take]] with folder, optional name, and flags of `apf track` by
     their names; [defaults] hold for takes that do not set them."""
     content = read_toml(path)

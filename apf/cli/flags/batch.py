@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import argparse
 
-from apf.cli.flags.track import add_output_flag, add_track_flags
+from apf.cli.flags.track import OUTPUT_HELP, add_track_flags
 from apf.cluster.config import WorkerConfig
 from apf.tracking.exports import EXPORTS
+from psfs.cli.commandline import add_output_flag
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this command."""
-    add_output_flag(parser)
+    add_output_flag(parser, OUTPUT_HELP)
     group = parser.add_argument_group("workers", "a process each, which does one take at a time")
     group = group.add_mutually_exclusive_group()
     config = WorkerConfig()

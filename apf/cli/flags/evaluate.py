@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from apf.cli.flags.shared import add_track_path
 from apf.evaluation.marker_sets import SHIPPED
 from apf.formats.axes import AXES
-from psfs.cli.commandline import path_or_name
+from psfs.cli.commandline import add_output_flag, path_or_name
 
 #: The files that can be written.
 FILES = {"csv": "errors per frame", "plot": "a picture (PNG)", "json": "all figures"}
@@ -15,7 +16,7 @@ FILES = {"csv": "errors per frame", "plot": "a picture (PNG)", "json": "all figu
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this command."""
-    parser.add_argument("track", type=Path, metavar="OUT", help="folder of `apf track`, or its npz")
+    add_track_path(parser, "OUT", "folder of `apf track`, or its npz")
     parser.add_argument(
         "--truth",
         type=Path,
@@ -46,11 +47,10 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     for kind, what in FILES.items():
         parser.add_argument(f"--{kind}", action="store_true", help=f"write {what}")
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="FOLDER",
-        help="where evaluation.csv, .png and .json go (default: beside the track); "
+    add_output_flag(
+        parser,
+        "where evaluation.csv, .png and .json go (default: beside the track); "
         "all three unless some of --csv, --plot, --json choose",
+        metavar="FOLDER",
+        required=False,
     )

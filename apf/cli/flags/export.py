@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from apf.cli.flags.shared import add_smoothing_flags
+from apf.cli.flags.shared import add_smoothing_flags, add_track_path
 from apf.formats.axes import AXES
 from apf.tracking.exports import EXPORTS, OF_POINTS
+from psfs.cli.commandline import add_output_flag
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this command."""
-    parser.add_argument("track", type=Path, metavar="OUT", help="folder of `apf track`, or its npz")
+    add_track_path(parser, "OUT", "folder of `apf track`, or its npz")
     parser.add_argument(
         "--to",
         nargs="+",
@@ -21,8 +21,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help=f"{', '.join(EXPORTS)} (default: all; of a track without a body "
         f"{', '.join(OF_POINTS)})",
     )
-    parser.add_argument(
-        "-o", "--output", type=Path, metavar="FOLDER", help="where to (default: beside the track)"
+    add_output_flag(
+        parser, "where to (default: beside the track)", metavar="FOLDER", required=False
     )
     parser.add_argument(
         "--axes",

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from psfs.cli.commandline import add_device_flag
+from psfs.cli.commandline import add_device_flag, add_output_flag
 from psfs.cli.sequence_flags import add_sequence_flags
 from psfs.cli.sequence_flags import check as check
 
@@ -13,13 +12,8 @@ from psfs.cli.sequence_flags import check as check
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this command."""
     add_sequence_flags(parser, frames=False, fps=False)
-    parser.add_argument(
-        "-o",
-        "--output",
-        required=True,
-        type=Path,
-        metavar="OUT",
-        help="folder for OUT/<camera>_json/<camera>_000000.json, as Pose2Sim has them",
+    add_output_flag(
+        parser, "folder for OUT/<camera>_json/<camera>_000000.json, as Pose2Sim has them"
     )
     parser.add_argument(
         "--at-once", type=int, metavar="N", help="cameras at a time (default: as many as cores)"

@@ -8,7 +8,7 @@ from pathlib import Path
 from apf.cli.flags.shared import add_start_flags
 from apf.cli.method_flags import add_method_flags
 from apf.settings import Settings
-from psfs.cli.commandline import add_device_flag
+from psfs.cli.commandline import add_device_flag, add_output_flag
 from psfs.cli.sequence_flags import (
     add_sequence_flags,
 )
@@ -18,7 +18,7 @@ from psfs.cli.settings import add_configs
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this command."""
     add_sequence_flags(parser, fps=False)  # --fps is the result's rate here
-    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT")
+    add_output_flag(parser)
     parser.add_argument(
         "--captures",
         nargs="+",

@@ -17,7 +17,7 @@ TRIANGULATE = "triangulate"
 
 def add_start_flags(parser: argparse.ArgumentParser) -> None:
     """Add --body, --init, --height, --convention and --voxel-size."""
-    group = parser.add_argument_group("start", "who is tracked, and from where")
+    group = parser.add_argument_group("start", "person and first pose")
     group.add_argument(
         "--body",
         type=path_or_name,
@@ -55,9 +55,22 @@ def add_keypoint_flags(parser: argparse.ArgumentParser) -> argparse._ArgumentGro
     return group
 
 
+def add_track_path(
+    parser: argparse.ArgumentParser, metavar: str, what: str = "folder that `apf track` wrote"
+) -> None:
+    """Add the positional of commands that read a track; what: its help."""
+    parser.add_argument("track", type=Path, metavar=metavar, help=what)
+
+
+def add_body_flag(
+    parser: argparse.ArgumentParser,
+    what: str = "body model (default: body.toml beside the track)",
+) -> None:
+    """Add --body of commands that read a track; what: its help."""
+    parser.add_argument("--body", type=Path, metavar="B", help=what)
+
+
 def add_smoothing_flags(parser: argparse.ArgumentParser, *settings: str) -> None:
     """Add the flags of these `settings` of the smoothing, and --body."""
     add_setting_flags(parser, SmoothingConfig, only=settings, fill=True)
-    parser.add_argument(
-        "--body", type=Path, metavar="B", help="body model of a track that does not hold its own"
-    )
+    add_body_flag(parser, "body model of a track that does not hold its own")

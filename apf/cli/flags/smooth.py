@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from apf.cli.flags.shared import add_smoothing_flags
+from apf.cli.flags.shared import add_smoothing_flags, add_track_path
+from psfs.cli.commandline import add_output_flag
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this command."""
-    parser.add_argument("track", type=Path, metavar="TRACK", help="folder that `apf track` wrote")
-    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT")
+    add_track_path(parser, "TRACK")
+    add_output_flag(parser)
     add_smoothing_flags(parser, "cutoff", "lag")

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from apf.synthetic.config import SceneConfig
-from psfs.cli.commandline import add_device_flag
+from psfs.cli.commandline import add_device_flag, add_output_flag
 from psfs.cli.setting_flags import add_setting_flags
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this command."""
-    parser.add_argument("-o", "--output", required=True, type=Path, metavar="FOLDER")
+    add_output_flag(parser, metavar="FOLDER")
     add_setting_flags(parser, SceneConfig, fill=True)
     parser.add_argument(
         "--size",

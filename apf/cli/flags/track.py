@@ -15,7 +15,7 @@ from apf.presets import PRESETS
 from apf.report.names import PAGE
 from apf.settings import Settings
 from apf.tracking.config import BatchConfig, TriangulatedConfig
-from psfs.cli.commandline import add_device_flag
+from psfs.cli.commandline import add_device_flag, add_output_flag
 from psfs.cli.sequence_flags import (
     add_all_cameras_flag,
     add_sequence_flags,
@@ -23,10 +23,13 @@ from psfs.cli.sequence_flags import (
 from psfs.cli.setting_flags import add_setting_flags
 from psfs.cli.settings import add_configs, add_preset_flag
 
+#: Help of -o for one take or several.
+OUTPUT_HELP = "folder for the results; of several takes each has its own in it, by its name"
+
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this command."""
-    add_output_flag(parser)
+    add_output_flag(parser, OUTPUT_HELP)
     add_track_flags(parser)
     parser.add_argument(
         "--corrections",
@@ -41,18 +44,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="of several takes, work on N at a time "
         f"(default: {BatchConfig().on_gpu} on a GPU, else {BatchConfig().on_cpu})",
-    )
-
-
-def add_output_flag(parser: argparse.ArgumentParser) -> None:
-    """Add -o for one take or for several."""
-    parser.add_argument(
-        "-o",
-        "--output",
-        required=True,
-        type=Path,
-        metavar="OUT",
-        help="folder for the results; of several takes each has its own in it, by its name",
     )
 
 

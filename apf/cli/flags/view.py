@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
+from apf.cli.flags.shared import add_body_flag, add_track_path
 from psfs.cli.flags.view import add_view_flags
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this command."""
     add_view_flags(parser)
-    parser.add_argument("track", type=Path, metavar="TRACK", help="folder that `apf track` wrote")
-    parser.add_argument(
-        "--body", type=Path, metavar="B", help="body model (default: body.toml beside the track)"
-    )
+    add_track_path(parser, "TRACK")
+    add_body_flag(parser)

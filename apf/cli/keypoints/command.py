@@ -12,7 +12,7 @@ from apf.keypoints.estimation import EstimationJob, estimate_keypoints, write_op
 from apf.keypoints.network import check_network
 from cl import InputError
 from psfs.cli.commandline import progress_bar, stdout, warn
-from psfs.cli.sequence_flags import open_sequence, stated
+from psfs.cli.sequence_flags import collect_overrides, open_sequence
 from psfs.cli.settings import FILE, write_settings
 from psfs.common.outputs import output_folder
 from psfs.sequence import Sequence
@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> None:
     sequence = open_sequence(args)
     pattern = "*_json/*_[0-9][0-9][0-9][0-9][0-9][0-9].json"
     with output_folder(args.output, args.parser.prog, sequence.inputs, (pattern, FILE)):
-        found = _found(args, sequence)
+        found = _detect(args, sequence)
         write_settings(args.output, args)
     for camera, frames in found.items():
         if frames < _SELDOM * len(sequence):
@@ -38,11 +38,11 @@ def run(args: argparse.Namespace) -> None:
     )
 
 
-def _found(args: argparse.Namespace, sequence: Sequence) -> dict[str, int]:
+def _detect(args: argparse.Namespace, sequence: Sequence) -> dict[str, int]:
     """Write the keypoints of each camera as soon as it is done; return the number of its frames in
     which the person was found."""
     crop = sequence.empty_scene and not args.no_crop
-    job = EstimationJob(Path(args.folder), stated(args), args.device if crop else None)
+    job = EstimationJob(Path(args.folder), collect_overrides(args), args.device if crop else None)
     bar = progress_bar()
     task = bar.add_task("keypoints", total=len(sequence) * len(sequence.rig))
 

@@ -9,7 +9,7 @@ from apf.keypoints import Keypoints
 from apf.keypoints.agreement import find_disagreements
 from apf.keypoints.timing import describe_lag, find_lag_to_footage
 from psfs.cli.commandline import remark, warn
-from psfs.cli.sequence_flags import stated
+from psfs.cli.sequence_flags import collect_overrides
 from psfs.diagnostics.faults import Diagnosis
 from psfs.sequence import Sequence
 
@@ -29,7 +29,9 @@ def read_keypoints(
     if args.cameras is None:
         keypoints = Keypoints.open(path, sequence)
     else:  # of some cameras only: the assignment may need all of them
-        flags = {name: value for name, value in stated(args).items() if name != "cameras"}
+        flags = {
+            name: value for name, value in collect_overrides(args).items() if name != "cameras"
+        }
         every = Sequence.open(sequence.folder, **flags)
         keypoints = Keypoints.open(path, every).select_cameras(sequence.rig.names)
     for note in keypoints.notes:

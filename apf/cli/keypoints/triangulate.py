@@ -19,9 +19,9 @@ from apf.tracking.people import PeopleTracks, person_folder
 from apf.tracking.track import PEOPLE, Track
 from apf.tracking.triangulated import triangulate_track
 from cl import InputError, UserError
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.cli.commandline import progress_bar, stdout, warn
-from psfs.cli.sequence_flags import open_sequence, selected_frames
+from psfs.cli.sequence_flags import open_sequence, select_common_frames
 from psfs.cli.setting_flags import with_flags
 from psfs.cli.settings import FILE, refuse_unused, write_settings
 from psfs.common.outputs import output_folder
@@ -41,33 +41,35 @@ def run_triangulate(args: argparse.Namespace, names: list[str]) -> None:
     that fails does not stop the others. Raises InputError."""
     if args.keypoints is None:
         raise InputError(f"--method {TRIANGULATE} has nothing to triangulate; expected --keypoints")
-    refuse_unused(args, _OF_BODIES, f"is of bodies, which --method {TRIANGULATE} does without")
+    refuse_unused(
+        args, _OF_BODIES, f"applies only to bodies, which --method {TRIANGULATE} does without"
+    )
     if len(args.folders) == 1:
-        _one(args, args.folders[0], args.output)
+        _triangulate_person(args, args.folders[0], args.output)
         return
     failed: dict[str, UserError] = {}
     with output_folder(args.output, args.parser.prog, map(Path, args.folders)) as outer:
         outer.begin()  # remove the results of an earlier single take
         for folder, name in zip(args.folders, names, strict=True):
             try:
-                _one(args, folder, args.output / name)
+                _triangulate_person(args, folder, args.output / name)
             except UserError as error:
                 failed[name] = error
     for name, why in failed.items():
         stdout.print(f"{name} failed: {why}", soft_wrap=True)
     if failed:
-        raise InputError(f"{len(failed)} of {len(names)} takes failed: {listed(failed)}")
+        raise InputError(f"{len(failed)} of {len(names)} takes failed: {join_names(failed)}")
 
 
-def _one(args: argparse.Namespace, folder: str, output: Path) -> None:
+def _triangulate_person(args: argparse.Namespace, folder: str, output: Path) -> None:
     """Triangulate one take, and write track.npz, joints.trc, joints.csv and overlay.mp4."""
     config = with_flags(TriangulatedConfig(), args)
     job = argparse.Namespace(**{**vars(args), "folder": folder, "output": output})
     sequence = open_sequence(job)
-    frames = selected_frames(job, sequence)
+    frames = select_common_frames(job, sequence)
     selection = slice(frames.start, frames.stop, frames.step)
     if args.people not in ("auto", "1"):
-        _several(job, sequence, config, selection)
+        _triangulate_people(job, sequence, config, selection)
         return
     keypoints = read_keypoints(job, sequence)
     assert keypoints is not None
@@ -75,10 +77,10 @@ def _one(args: argparse.Namespace, folder: str, output: Path) -> None:
         track = triangulate_track(sequence, keypoints, config, selection)
         _write(args, output, sequence, track)
     stdout.print(f"{len(track)} frames triangulated: {output}", soft_wrap=True)
-    stdout.print(_described(track), soft_wrap=True)
+    stdout.print(_describe(track), soft_wrap=True)
 
 
-def _several(
+def _triangulate_people(
     job: argparse.Namespace, sequence: Sequence, config: TriangulatedConfig, selection: slice
 ) -> None:
     """Triangulate the keypoints of several people, and write each one's files and people.json."""
@@ -111,7 +113,7 @@ def _several(
                     job.output / "overlay.mp4", sequence, found, lambda: bar.advance(task)
                 )
     for number, track in enumerate(tracks, start=1):
-        stdout.print(f"person{number}: {_described(track)}", soft_wrap=True)
+        stdout.print(f"person{number}: {_describe(track)}", soft_wrap=True)
 
 
 def _write(args: argparse.Namespace, output: Path, sequence: Sequence, track: Track) -> None:
@@ -124,7 +126,7 @@ def _write(args: argparse.Namespace, output: Path, sequence: Sequence, track: Tr
             write_overlay(output / "overlay.mp4", sequence, track, None, lambda: bar.advance(task))
 
 
-def _described(track: Track) -> str:
+def _describe(track: Track) -> str:
     """Return a line on the agreement of the cameras and on missing points."""
     errors = track.diagnostics["reprojection_error"]
     missing = float(np.isnan(track.joints).any(-1).mean())

@@ -29,12 +29,14 @@ class CorrectedTrack:
     track: Track
 
 
-def read_corrected(args: argparse.Namespace) -> CorrectedTrack | None:
+def read_corrections_flag(args: argparse.Namespace) -> CorrectedTrack | None:
     """Return the corrections that --corrections names, and their track; None without the flag.
     Raises InputError, or MissingFileError."""
     if getattr(args, "corrections", None) is None:
         return None
-    refuse_unused(args, _REFUSED, "is of another kind of track; expected none with --corrections")
+    refuse_unused(
+        args, _REFUSED, "applies only to another kind of track; expected none with --corrections"
+    )
     corrections = read_corrections(args.corrections)
     track = Track.open(corrections.track)
     try:
@@ -54,7 +56,7 @@ def read_corrected(args: argparse.Namespace) -> CorrectedTrack | None:
     return CorrectedTrack(corrections, track)
 
 
-def track_corrected(
+def track_with_corrections(
     job: TrackJob, session: Session, given: CorrectedTrack, progress: Callable[[str], object]
 ) -> Take:
     """Return a take whose track is the given one with its corrections applied."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.cli.first_pose import check_start
-from apf.cli.method_flags import chosen_method
+from apf.cli.method_flags import select_method
 from apf.filters.method import Method
 from apf.tracking.trackers import with_seeds
 from cl import Device, InputError, NumpyDevice
@@ -38,8 +38,8 @@ class TrackJob:
         cls, args: argparse.Namespace, device: Device | NumpyDevice, **own: object
     ) -> TrackJob:
         """Return the job for these flags; `own` overrides them for this take. Raises InputError."""
-        method = chosen_method(args)
-        seeds = chosen_seeds(args, method)
+        method = select_method(args)
+        seeds = list_seeds(args, method)
         check_start(args)
         return cls(argparse.Namespace(**{**vars(args), **own}), method, seeds, device)
 
@@ -84,7 +84,7 @@ def take_names(folders: list[Path]) -> list[str]:
     return names
 
 
-def chosen_seeds(args: argparse.Namespace, method: Method) -> list[int]:
+def list_seeds(args: argparse.Namespace, method: Method) -> list[int]:
     """Return the seeds of the runs. Raises InputError."""
     n_runs = 1 if args.seeds is None else args.seeds
     if not 1 <= n_runs <= MOST_SEEDS:

@@ -21,7 +21,7 @@ def _same(own: BodyModel, other: BodyModel) -> bool:
     )
 
 
-def opened_track(args: argparse.Namespace) -> Track:
+def open_given_track(args: argparse.Namespace) -> Track:
     """Return the track at `args.track`, with the body of `--body` if given. Raises InputError, also
     if a body is needed and the track holds none."""
     track = Track.open(args.track)

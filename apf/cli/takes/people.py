@@ -51,13 +51,13 @@ class Persons:
         )
 
 
-def chosen_people(args: argparse.Namespace, method: Method) -> int | None:
+def read_people_flag(args: argparse.Namespace, method: Method) -> int | None:
     """Return how many people --people asks for, None for as many as are seen. Raises InputError if
-    there are several and another flag is of one."""
+    there are several and another flag applies only to one."""
     if args.people == "auto":
         return None
     number = people_number(args.people)
-    why = _one_only(args, method)
+    why = _explain_one_person(args, method)
     if number > 1 and why is not None:
         raise InputError(f"--people {number}: {why}; expected one person")
     return number
@@ -71,7 +71,7 @@ def people_number(text: str) -> int:
     return number
 
 
-def _one_only(args: argparse.Namespace, method: Method) -> str | None:
+def _explain_one_person(args: argparse.Namespace, method: Method) -> str | None:
     """Return why only one person can be tracked, None if several can."""
     if not method.uses_voxels:
         return f"--objective {method.objective} tracks one person"
@@ -79,28 +79,30 @@ def _one_only(args: argparse.Namespace, method: Method) -> str | None:
     flags = {"--init": args.init, "--height": args.height, "--keypoints": args.keypoints}
     stated = [flag for flag, value in flags.items() if value is not None]
     stated += ["--body FILE"] if own_body else []
-    return f"{stated[0]} is of one person" if stated else None
+    return f"{stated[0]} applies only to one person" if stated else None
 
 
 def find_persons(
     job: TrackJob, session: Session, given: tuple[BodyModel, np.ndarray] | None, line: Line
 ) -> Persons | None:
     """Return the people of a session, None if one person is to be tracked as if alone: one is seen,
-    --people says so, or a flag is of one person."""
+    --people says so, or a flag applies only to one person."""
     args, sequence = job.args, session.sequence
-    wanted = chosen_people(args, job.method)
+    wanted = read_people_flag(args, job.method)
     alone = given is not None or sequence.subject == "object"
-    if wanted == 1 or (wanted is None and (alone or _one_only(args, job.method) is not None)):
+    if wanted == 1 or (
+        wanted is None and (alone or _explain_one_person(args, job.method) is not None)
+    ):
         return None
     line("people")
     if wanted is None and len(count_people(session)) < 2:
         return None
     people = follow_people(session, wanted)
     if wanted is not None and len(people) != wanted:
-        log.warning("%s: --people is %d; %s", sequence.name, wanted, people.described())
+        log.warning("%s: --people is %d; %s", sequence.name, wanted, people.describe())
     if len(people) < 2:
         return None
-    stderr.print(f"{sequence.name}: {people.described()}", soft_wrap=True, markup=False)
+    stderr.print(f"{sequence.name}: {people.describe()}", soft_wrap=True, markup=False)
     return Persons(people, separate(session, people, lambda: line("people")))
 
 

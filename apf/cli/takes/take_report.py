@@ -108,7 +108,7 @@ class TakeReport:
     spreads: dict[str, list[str]] = field(default_factory=dict)
     errors: dict[str, str] = field(default_factory=dict)
 
-    def tracked(
+    def add_take(
         self, name: str, take: Take, n_frames: int, judgements: list[Judgement], spread: list[str]
     ) -> None:
         """Record a take, of which `n_frames` were requested, with a judgement per seed; call it
@@ -129,7 +129,7 @@ class TakeReport:
         ]
         self.spreads[name] = self.spreads.get(name, []) + spread
 
-    def failed(self, name: str, error: Exception) -> None:
+    def add_failure(self, name: str, error: Exception) -> None:
         """Record a take with invalid input."""
         self.errors[name] = f"{name} failed: {error}"
         self.rows[name] = [("-", "-", "-", "-", "-", "failed")]

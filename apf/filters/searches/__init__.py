@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from psfs.common.registry import Registry
 
@@ -29,7 +28,7 @@ class SearchSpec:
     tracker: str
     twin: str
     settings: Mapping[str, type] = field(default_factory=dict)
-    defaults: Mapping[str, Any] = field(default_factory=dict)
+    defaults: Mapping[str, object] = field(default_factory=dict)
     shares_launches: bool = False
 
 

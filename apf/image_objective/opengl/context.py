@@ -5,18 +5,22 @@ from __future__ import annotations
 import re
 from functools import cache
 from importlib import resources
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cl import InputError
 
-#: What OpenGL may be in: the first needs no X. Without the numbers they belong to compilers.
+if TYPE_CHECKING:
+    import moderngl
+
+#: Libraries of OpenGL; the first one needs no X. Names without version numbers belong to the
+#: packages for compilers.
 _LIBRARIES = ("libOpenGL.so.0", "libGL.so.1")
 _CLIP_DISTANCE = 0x3000  # GL_CLIP_DISTANCE0
 
 
-def egl_context() -> Any:
+def egl_context() -> moderngl.Context:
     """Make an off-screen OpenGL 4.3 context, current to no thread.
 
     Raises InputError that says what is missing.
@@ -27,7 +31,7 @@ def egl_context() -> Any:
         raise InputError(
             "OpenGL needs moderngl, which is not installed; expected: pip install psfs-apf[opengl]"
         ) from None
-    options: dict[str, Any] = {"standalone": True, "backend": "egl", "require": 430}
+    options: dict[str, object] = {"standalone": True, "backend": "egl", "require": 430}
     options["libegl"] = "libEGL.so.1"
     for library in _LIBRARIES:
         try:
@@ -61,11 +65,13 @@ def source(name: str, **defines: float) -> str:
 class Compute:
     """A compute shader, the buffers bound to it by their binding, and its uniforms."""
 
-    def __init__(self, context: Any, name: str, **defines: float) -> None:
+    def __init__(self, context: moderngl.Context, name: str, **defines: float) -> None:
         self._context = context
         self._shader = context.compute_shader(source(name, **defines))
 
-    def __call__(self, groups: tuple[int, ...], buffers: dict[int, Any], **uniforms: Any) -> None:
+    def __call__(
+        self, groups: tuple[int, ...], buffers: dict[int, moderngl.Buffer], **uniforms: object
+    ) -> None:
         """Enqueue so many work-groups; what follows sees what they wrote."""
         set_uniforms(self._shader, **uniforms)
         bind(buffers)
@@ -73,19 +79,19 @@ class Compute:
         self._context.memory_barrier()
 
 
-def set_uniforms(program: Any, **uniforms: Any) -> None:
+def set_uniforms(program: moderngl.Program | moderngl.ComputeShader, **uniforms: object) -> None:
     """Set those of `uniforms` that the program has: compilers drop unused ones."""
     for name, value in uniforms.items():
         if name in program:
             program[name].value = value
 
 
-def bind(buffers: dict[int, Any]) -> None:
+def bind(buffers: dict[int, moderngl.Buffer]) -> None:
     """Bind storage buffers by their binding."""
     for binding, buffer in buffers.items():
         buffer.bind_to_storage_buffer(binding)
 
 
-def make_buffer(context: Any, values: np.ndarray) -> Any:
+def make_buffer(context: moderngl.Context, values: np.ndarray) -> moderngl.Buffer:
     """Return a buffer that holds `values`."""
     return context.buffer(np.ascontiguousarray(values).tobytes())

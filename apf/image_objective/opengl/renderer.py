@@ -6,7 +6,6 @@ import math
 import threading
 import weakref
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -114,7 +113,7 @@ class OpenGLRenderer:
         self._frame.clear(viewport=used)
         self.shape.draw(self._frame, count, self.regions, **self.tiles(first), atlas=self._size)
 
-    def tiles(self, first: int) -> dict[str, Any]:
+    def tiles(self, first: int) -> dict[str, object]:
         """Return the uniforms that say where the pictures from number `first` on are drawn."""
         return {
             "first": first,

@@ -1,8 +1,8 @@
-"""What OpenGL draws of a posed body: its cones as trapezoids, or a mesh."""
+"""Shapes of a posed body for OpenGL: its cones as trapezoids, or a mesh."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,38 +13,41 @@ from apf.image_objective.opengl.context import Compute, bind, make_buffer, set_u
 from apf.image_objective.renderer import packed_binds, with_frames
 from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
 
+if TYPE_CHECKING:
+    import moderngl
+
 #: vec4s of a part in place_parts.comp; invocations of a group there and in project_vertices.comp.
 _PART_VECTORS, _GROUP = 5, 64
 _CAMERA = {"CAMERA_FLOATS": CAMERA_FLOATS, "FAR_OUT": FAR_OUT}
 
 
 class Shape:
-    """A posed body in the pictures of all cameras, and what draws it there.
-
-    body: whose cones, posed, are all that `project` needs. n_parts: P. n_hypotheses: N.
-    """
+    """Renderer of a posed body in the pictures of all cameras. body: the posed cones of this body
+    are the only input of `project`. n_parts: P. n_hypotheses: N."""
 
     body: BodyModel
     n_parts: int
 
-    def __init__(self, context: Any, rig: CameraRig, n: int) -> None:
+    def __init__(self, context: moderngl.Context, rig: CameraRig, n: int) -> None:
         self.context, self.n_hypotheses, self.n_views = context, n, len(rig)
         self._cameras = make_buffer(context, rig.packed())
 
-    def reserve(self, floats: int) -> Any:
+    def reserve(self, floats: int) -> moderngl.Buffer:
         """Return a buffer of so many floats for each hypothesis and view."""
         return self.context.buffer(reserve=4 * floats * self.n_hypotheses * self.n_views)
 
-    def project(self, cones: Any) -> None:
+    def project(self, cones: moderngl.Buffer) -> None:
         """Enqueue the projection of the posed cones, a buffer (N, C, 16) float32."""
         raise NotImplementedError
 
-    def draw(self, frame: Any, count: int, regions: Any, **where: Any) -> None:
+    def draw(
+        self, frame: moderngl.Framebuffer, count: int, regions: moderngl.Buffer, **where: object
+    ) -> None:
         """Enqueue the drawing of `count` tiles into `frame`; `where`: the uniforms of tiles.glsl,
         `regions`: its buffer."""
         raise NotImplementedError
 
-    def _program(self, vertex: str, fragment: str, **defines: float) -> Any:
+    def _program(self, vertex: str, fragment: str, **defines: float) -> moderngl.Program:
         program = self.context.program(
             vertex_shader=source(vertex, **defines), fragment_shader=source(fragment)
         )
@@ -54,7 +57,7 @@ class Shape:
 class FlatShape(Shape):
     """Trapezoids of the cones of `body`, see `FlatRenderer`; their edges lie inside of them."""
 
-    def __init__(self, context: Any, body: BodyModel, rig: CameraRig, n: int) -> None:
+    def __init__(self, context: moderngl.Context, body: BodyModel, rig: CameraRig, n: int) -> None:
         super().__init__(context, rig, n)
         self.body, self.n_parts = body, len(body.cones)
         edged = np.array([cone.in_images for cone in body.cones], np.int32)
@@ -64,12 +67,14 @@ class FlatShape(Shape):
         self._place = Compute(context, "place_parts.comp", **defines, **_CAMERA)
         self._drawing = self._program("parts.vert", "parts.frag", **defines)
 
-    def project(self, cones: Any) -> None:
+    def project(self, cones: moderngl.Buffer) -> None:
         n = self.n_hypotheses * self.n_parts
         buffers = {0: self._cameras, 1: cones, 2: self._parts, 3: self._edged}
         self._place((-(-n // _GROUP), self.n_views), buffers, n_cones=n)
 
-    def draw(self, frame: Any, count: int, regions: Any, **where: Any) -> None:
+    def draw(
+        self, frame: moderngl.Framebuffer, count: int, regions: moderngl.Buffer, **where: object
+    ) -> None:
         set_uniforms(self._drawing.program, **where)
         bind({0: regions, 1: self._parts})
         frame.use()
@@ -80,7 +85,7 @@ class MeshShape(Shape):
     """A mesh that moves with the bones of `body`; its contours are lines on top of all parts."""
 
     def __init__(
-        self, context: Any, body: BodyModel, rig: CameraRig, n: int, mesh: BodyMesh
+        self, context: moderngl.Context, body: BodyModel, rig: CameraRig, n: int, mesh: BodyMesh
     ) -> None:
         super().__init__(context, rig, n)
         self.body, self.n_parts = with_frames(body), mesh.n_parts
@@ -114,12 +119,14 @@ class MeshShape(Shape):
             )
         ]
 
-    def project(self, cones: Any) -> None:
+    def project(self, cones: moderngl.Buffer) -> None:
         buffers = {0: self._cameras, 1: cones, 2: self._pixels, 3: self._binds, 4: self._bones}
         groups = (-(-self._n_corners // _GROUP), self.n_hypotheses, self.n_views)
         self._project(groups, buffers, n_particles=self.n_hypotheses)
 
-    def draw(self, frame: Any, count: int, regions: Any, **where: Any) -> None:
+    def draw(
+        self, frame: moderngl.Framebuffer, count: int, regions: moderngl.Buffer, **where: object
+    ) -> None:
         for numbers, (drawing, shape, n_vertices, mode) in zip(
             (True, False), self._passes, strict=True
         ):

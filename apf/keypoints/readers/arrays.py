@@ -9,7 +9,7 @@ import numpy as np
 from apf.keypoints.readers.orders import find_order
 from apf.keypoints.readers.raw import LARGEST_SCORE, RawKeypoints
 from cl import InputError
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.common.npz import Values, read_npy, read_npz
 
 _NPZ = "keypoints (cameras, frames, points, 3: x, y, confidence), keypoint_names and camera_names"
@@ -65,12 +65,12 @@ def _read_files(path: Path, files: dict[str, Path]) -> RawKeypoints:
     }
     counts = {name: array.shape[2] for name, array in arrays.items()}
     if len(set(counts.values())) > 1:
-        found = listed(f"{name} {count}" for name, count in counts.items())
+        found = join_names(f"{name} {count}" for name, count in counts.items())
         raise InputError(f"{path}: cameras differ in their numbers of keypoints: {found}")
     one = list(files) == [""]
     several = [str(files[name]) for name, array in arrays.items() if not one and len(array) > 1]
     if several:
-        raise InputError(f"{listed(several)}: holds several cameras; expected one per file")
+        raise InputError(f"{join_names(several)}: holds several cameras; expected one per file")
     names = find_order(
         str(path), np.concatenate([a.reshape(-1, *a.shape[2:]) for a in arrays.values()])
     )
@@ -127,7 +127,7 @@ def _build_raw(
     keys = [f"{view + 1}" for view in range(len(views))] if cameras is None else cameras
     by_camera = {str(key): view[:, None] for key, view in zip(keys, views, strict=True)}
     if len(by_camera) < len(views):
-        raise InputError(f"{path}: camera names must differ; found {listed(map(str, keys))}")
+        raise InputError(f"{path}: camera names must differ; found {join_names(map(str, keys))}")
     return RawKeypoints(path, names, by_camera, cameras is not None, _are_shares(by_camera), notes)
 
 

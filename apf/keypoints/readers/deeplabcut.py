@@ -18,7 +18,7 @@ import numpy as np
 
 from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.common.files import MOST_BYTES, read_text
 from psfs.common.reading import open_input, parsing
 
@@ -60,14 +60,16 @@ def read_deeplabcut(path: Path, files: Sequence[Path]) -> RawKeypoints:
         columns, values = _read_csv(file) if file.suffix.lower() == ".csv" else _read_h5(file)
         name = stem.split(_SCORER)[0].rstrip("_-. ") or stem
         if name in views:
-            raise InputError(f"{path}: {listed(by_stem)} are several tables of one video, {name}")
+            raise InputError(
+                f"{path}: {join_names(by_stem)} are several tables of one video, {name}"
+            )
         parts_of[name], views[name] = _arrange_columns(file, columns, values)
     first = next(iter(parts_of.values()))
     for name, parts in parts_of.items():
         if set(parts) != set(first):
             raise InputError(
-                f"{path}: body parts of {name} ({listed(parts)}) are not those of "
-                f"{next(iter(parts_of))} ({listed(first)})"
+                f"{path}: body parts of {name} ({join_names(parts)}) are not those of "
+                f"{next(iter(parts_of))} ({join_names(first)})"
             )
         views[name] = views[name][:, :, [parts.index(part) for part in first]]
     return RawKeypoints(path, first, views)
@@ -112,7 +114,9 @@ def _read_h5(path: Path) -> tuple[list[Column], np.ndarray]:
         table: Any = pandas.read_hdf(path)
     names = list(getattr(table.columns, "names", []))
     if not {"bodyparts", "coords"} <= set(names):
-        raise InputError(f"{path}: its columns are by {listed(map(str, names))}; no {_EXPECTED}")
+        raise InputError(
+            f"{path}: its columns are by {join_names(map(str, names))}; no {_EXPECTED}"
+        )
     columns = [
         tuple(str(key[names.index(level)]) if level in names else "" for level in _LEVELS)
         for key in table.columns
@@ -132,7 +136,7 @@ def _arrange_columns(
     strange = sorted({axis for *_, axis in columns} - set(_COORDINATES))
     if strange:
         shown = repr(strange[0][:50])
-        raise InputError(f"{path}: has a coordinate {shown}; expected {listed(_COORDINATES)}")
+        raise InputError(f"{path}: has a coordinate {shown}; expected {join_names(_COORDINATES)}")
     out = np.full((len(values), len(individuals), len(parts), 3), np.nan)
     for n, individual in enumerate(individuals):
         for k, part in enumerate(parts):

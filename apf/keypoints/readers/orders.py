@@ -46,7 +46,6 @@ _WHOLE_BODY = (
 
 #: Orders by the number of keypoints; in the longer ones the body comes first, hands and face follow
 #: and are dropped.
-#: face, which are left out.
 _BY_COUNT = {
     17: COCO_17,
     18: COCO_18,

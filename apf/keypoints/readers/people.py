@@ -20,7 +20,7 @@ from apf.keypoints.readers.orders import find_order
 from apf.keypoints.readers.plain_pickle import read_plain_pickle
 from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.common.files import read_json
 from psfs.common.reading import parsing
 
@@ -98,7 +98,7 @@ def _read_picture(path: Path) -> Any:
     return read_json(path, "OpenPose's JSON of a picture", _MOST_JSON_BYTES, nan=True)
 
 
-def _parse_persons(path: Path, content: Any) -> list[np.ndarray]:
+def _parse_persons(path: Path, content: object) -> list[np.ndarray]:
     """Parse the persons (K, 3) of a frame. Raises InputError."""
     persons = content.get("people") if isinstance(content, dict) else None
     if not isinstance(persons, list):
@@ -112,7 +112,7 @@ def _parse_persons(path: Path, content: Any) -> list[np.ndarray]:
     return [found for found in points if len(found)]
 
 
-def _parse_points(path: Path, number: int, person: Any) -> np.ndarray:
+def _parse_points(path: Path, number: int, person: object) -> np.ndarray:
     """Parse the points (K, 3) of a person. Raises InputError."""
     values = person.get(_POINTS) if isinstance(person, dict) else None
     if (
@@ -149,7 +149,7 @@ def _build_raw(path: Path, people: dict[tuple[str, ...], list[list[np.ndarray]]]
     if not counts:
         raise InputError(f"{path}: no person was found in any frame of any camera")
     if len(counts) > 1:
-        found = listed(map(str, counts))
+        found = join_names(map(str, counts))
         raise InputError(f"{path}: persons have {found} keypoints; expected the same number of all")
     views = {}
     for name, frames in zip(_short_names(list(people)), people.values(), strict=True):

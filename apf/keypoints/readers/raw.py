@@ -1,4 +1,4 @@
-"""The contents of a keypoint file, before cameras, frames and persons are chosen."""
+"""The contents of a keypoint file, before cameras, frames and persons are selected."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,9 @@ class RawKeypoints:
         if not self.views:
             raise InputError(f"{self.path}: holds keypoints of no camera")
         if len(set(self.names)) < len(self.names):
-            raise InputError(f"{self.path}: keypoint names must differ; found {listed(self.names)}")
+            raise InputError(
+                f"{self.path}: keypoint names must differ; found {join_names(self.names)}"
+            )
         for camera, view in self.views.items():
             check_view(f"{self.path}: camera {camera}", view)
 

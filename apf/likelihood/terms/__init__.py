@@ -1,8 +1,8 @@
 """The terms of the voxels' likelihood that are registered, each with its settings.
 
 Every module here registers one, and packages register others by the entry point psfs_apf.terms.
-Launchers and twins are named, not imported: settings are read without OpenCL. How to write a term
-stands in docs/add_a_stage.md.
+Launchers and twins are named, not imported: settings are read without OpenCL. docs/add_a_stage.md
+explains how to write a term.
 """
 
 from __future__ import annotations

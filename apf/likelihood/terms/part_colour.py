@@ -9,8 +9,9 @@ from psfs.common.config import Config, setting
 
 
 class PartColourConfig(Config):
-    """Whether parts have their colours in the pictures: the mean, over what a camera sees of limbs
-    and head, of how much likelier a colour is there than elsewhere on the person."""
+    """Agreement of the pictures with the colours of the body's parts. The term is the mean log
+    likelihood ratio of the visible colours, on their part relative to the whole person, over the
+    limbs and head that a camera sees."""
 
     SOURCE: ClassVar = "by hand"
 

@@ -58,10 +58,10 @@ def diffuse(
 ) -> np.ndarray:
     """Return children (N, D): parents plus noise (N, D), reflected at the limits (Song et al. eq.
     11)."""
-    return reflected(poses[parents] + noise, lower, upper)
+    return reflect(poses[parents] + noise, lower, upper)
 
 
-def reflected(poses: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+def reflect(poses: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """Reflect poses (N, D) at the limits, and cut them where that is not enough."""
     poses = np.where(poses < lower, 2 * lower - poses, poses)
     poses = np.where(poses > upper, 2 * upper - poses, poses)

@@ -1,4 +1,4 @@
-"""What the NumPy searches share. Twin of apf/filters/base.py."""
+"""Base class of the NumPy searches. Twin of apf/filters/base.py."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from apf.filters.base import Estimate, Tracker, check_pose
 from apf.filters.config import FilterConfig
 from apf.filters.layer_noise import layer_sigmas
 from apf.likelihood.observations import Observation, PointObservations, with_points
-from apf.reference.filters.limb_search import Searched, searched
+from apf.reference.filters.limb_search import LimbSearchResult, search_limbs
 from apf.reference.filters.noise import normals
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.scene import Scene
@@ -24,7 +24,6 @@ class NumpyTracker(Tracker):
         self.likelihood = likelihood
 
     def start(self, pose: np.ndarray) -> None:
-        """Put all particles at `pose` (D,)."""
         n = self.config.search.n_particles
         self.poses = np.tile(check_pose(self.body, pose), (n, 1))
         self._parents = np.arange(n)
@@ -40,10 +39,12 @@ class NumpyTracker(Tracker):
         likelihood.observe(with_points(observation, keypoints))
         found = self._search()
         n_dof = self.body.n_dof
-        ended = Searched(found.pose, np.zeros((n_dof, n_dof)), found.pose[None], np.zeros(1))
+        ended = LimbSearchResult(
+            found.pose, np.zeros((n_dof, n_dof)), found.pose[None], np.zeros(1)
+        )
         if likelihood.points is not None or likelihood.observed is not None:
             frame = self._frame + 1
-            ended = searched(self.body, likelihood, found.pose, self.config, frame)
+            ended = search_limbs(self.body, likelihood, found.pose, self.config, frame)
         pose = ended.pose
         # The first frame's change is the start's error, not a motion.
         change = pose - self._last if self._frame > 0 else np.zeros(self.body.n_dof)
@@ -57,8 +58,6 @@ class NumpyTracker(Tracker):
         )  # fmt: skip
 
     def score_poses(self, poses: np.ndarray) -> np.ndarray:
-        """Score poses (N, D) against the last observation; return errors (N,) in the likelihood's
-        `unit`."""
         return self.likelihood.rescore(poses, 1) / self.likelihood.unit
 
     def _search(self) -> Estimate:
@@ -66,7 +65,8 @@ class NumpyTracker(Tracker):
         raise NotImplementedError
 
     def _noise(self, layer: int) -> np.ndarray:
-        """Return (N, D) what a layer adds to the particles: noise, and the motion in the first."""
+        """Return the changes (N, D) that a layer adds to the particles: noise, and the motion in
+        the first layer."""
         config = self.config.search
         shape = (config.n_particles, self.body.n_dof)
         deviation = config.layer_noise[layer] * layer_sigmas(self.body, config)[layer]

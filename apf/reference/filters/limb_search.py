@@ -1,4 +1,4 @@
-"""The mean, or the mean with one limb elsewhere: the best, refined. Twin of limb_search.cl."""
+"""Search for limbs that the mean places wrongly. Twin of limb_search.cl."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from apf.body.limbs import limb_masks
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.filters.limb_search import count_near, limb_ranges
-from apf.reference.filters.annealing import reflected
+from apf.reference.filters.annealing import reflect
 from apf.reference.filters.noise import normals, uniforms
-from apf.reference.filters.refinement import refined
+from apf.reference.filters.refinement import refine
 from apf.reference.likelihood.base import NumpyLikelihood
 
 
@@ -26,12 +26,12 @@ def propose(
     round: int = 0,
     best: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return poses (N, D): `mean`, then ones that differ from it in one limb, the first half by 1
-    (first) to `reach` (last) sigma, the others anywhere within its limits; with `seen` (D,), how
-    far the mean would move to observed points, each limb's first moves so. In a later `round`,
-    about where the `best` (2 L, D) of the one before have that limb, the first of each just there.
-    Also the limb (N,) of each, -1 of the mean, and numbered on from the number of limbs L where it
-    is anywhere."""
+    """Propose poses (N, D): the `mean`, then poses that differ from it in one limb. In the first
+    half a limb deviates by 1 (first pose) to `reach` (last pose) sigma; in the second half it lies
+    anywhere within its limits. seen: (D,) shift of the mean to the observed points; the first pose
+    of each limb is shifted by it. In a later `round` the poses lie around those of the `best` (2 L,
+    D) of the round before, and the first pose of each limb equals it. Also returns the limb (N,) of
+    each pose: -1 for the mean, and limb + L in the second half, L the number of limbs."""
     limbs, n = limb_masks(body), config.search.n_particles
     near = count_near(n)
     which = np.r_[-1, np.arange(n - 1) % len(limbs)]
@@ -50,13 +50,13 @@ def propose(
     else:
         first = np.arange(n) - np.where(far, near, 1) < len(limbs)
         moved = best[kinds] + reach * body.sigma * np.where(first[:, None], 0.0, noise)
-    poses = np.where(limbs[which], reflected(moved, body.lower, body.upper), mean)
+    poses = np.where(limbs[which], reflect(moved, body.lower, body.upper), mean)
     poses[0] = mean
     return poses, kinds
 
 
-class Searched(NamedTuple):
-    """The estimate (D,), the matrix of its last linear system (see `refined`), the candidates
+class LimbSearchResult(NamedTuple):
+    """The estimate (D,), the matrix of its last linear system (see `refine`), the candidates
     (K, D) that it was chosen from, and their errors (K,)."""
 
     pose: np.ndarray
@@ -65,16 +65,16 @@ class Searched(NamedTuple):
     errors: np.ndarray
 
 
-def searched(
+def search_limbs(
     body: BodyModel, likelihood: NumpyLikelihood, mean: np.ndarray, config: FilterConfig, frame: int
-) -> Searched:
-    """Return what the search finds around the particles' `mean` (D,)."""
+) -> LimbSearchResult:
+    """Search around the particles' `mean` (D,)."""
     candidates = [mean]
     n_limbs = len(limb_masks(body)) if config.searches_limbs else 0
     if n_limbs:
         seen = None
         if likelihood.observed is not None:
-            met = refined(body, mean, None, config.by_points, likelihood.observed, judge_last=False)
+            met = refine(body, mean, None, config.by_points, likelihood.observed, judge_last=False)
             seen = met[0] - mean
         stride = config.likelihood.samples.point_turns
         tried: np.ndarray | None = None
@@ -87,7 +87,7 @@ def searched(
             )
             candidates[1:] = tried
     evidence = (likelihood.points, config, likelihood.observed)
-    found = [refined(body, pose, *evidence) for pose in candidates]
+    found = [refine(body, pose, *evidence) for pose in candidates]
     refined_poses = np.stack([pose for pose, _ in found])
     best, errors = 0, np.zeros(1)
     if n_limbs:
@@ -95,4 +95,4 @@ def searched(
         margins = (config.limb_search.near_margin, config.limb_search.far_margin)
         gains = errors[0] - np.abs(errors[0]) * np.repeat(margins, n_limbs) - errors[1:]
         best = int(np.r_[0.0, gains].argmax())
-    return Searched(*found[best], refined_poses, errors)
+    return LimbSearchResult(*found[best], refined_poses, errors)

@@ -9,11 +9,11 @@ from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.filters.refinement import prior_deviation
 from apf.likelihood.observations import PointObservations
-from apf.reference.likelihood.keypoints import distances, placed
+from apf.reference.likelihood.keypoints import distances, observed_positions
 from psfs.cameras.camera import CameraRig
 
 
-def refined(
+def refine(
     body: BodyModel,
     mean: np.ndarray,
     points: np.ndarray | None,
@@ -85,7 +85,7 @@ def _point_system(
     partner, whichever misses less."""
     strength, scale = config.refinement.point_strength, config.refinement.point_scale
     exchange = config.keypoints.exchange
-    world = placed(body, pose[None], observations)
+    world = observed_positions(body, pose[None], observations)
     found = []
     for which in (observations.point, observations.partner):
         off = distances(rig, world, which, observations)[0]

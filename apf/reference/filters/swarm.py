@@ -51,7 +51,7 @@ class NumpyParticleSwarm(NumpyTracker):
                 velocities *= swarm.inertia
                 velocities += swarm.cognitive * r1 * (bests - poses)
                 velocities += swarm.social * r2 * (bests[best] - poses)
-                poses, velocities = stopped_at_limits(body, poses + velocities, velocities)
+                poses, velocities = stop_at_limits(body, poses + velocities, velocities)
             self.likelihood.turn = iteration + self._frame % 2 * config.n_layers
             errors = self.likelihood(poses)
             better = errors < best_errors
@@ -64,7 +64,7 @@ class NumpyParticleSwarm(NumpyTracker):
         return Estimate(self.body, bests[best], deviation, improved, beta, least_error)
 
 
-def stopped_at_limits(
+def stop_at_limits(
     body: BodyModel, poses: np.ndarray, velocities: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return poses (N, D) within the limits, and velocities that are 0 where one was reached."""

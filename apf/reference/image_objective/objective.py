@@ -77,7 +77,6 @@ class NumpyImageObjective(NumpyLikelihood):
         self.mesh = mesh or self.config.mesh(self.body)
 
     def observe(self, observation: FeatureMaps[np.ndarray]) -> None:
-        """Take the features of a frame."""
         self._maps, self._roi = observation.maps, observation.roi
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:

@@ -84,13 +84,13 @@ def flat_part(
     shapes = [
         (columns - x) ** 2 + (rows - y) ** 2 <= r**2 for (x, y), r in zip(ends, radii, strict=True)
     ]
-    insides = [eroded(disc) for disc, rim in zip(shapes, outlined, strict=True) if rim]
+    insides = [erode(disc) for disc, rim in zip(shapes, outlined, strict=True) if rim]
     if not bare:
         sides = half_planes(corners, columns, rows)
         shown = sides[[outlined[0], True, outlined[1], True]]
         shapes.append(np.logical_and.reduce(sides))
-        insides.append(eroded(np.logical_and.reduce(shown)))
-    return filled_rows(shapes)[1:-1, 1:-1], filled_rows(insides)
+        insides.append(erode(np.logical_and.reduce(shown)))
+    return fill_rows(shapes)[1:-1, 1:-1], fill_rows(insides)
 
 
 def half_planes(corners: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -104,12 +104,12 @@ def half_planes(corners: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> n
     return np.array(within)
 
 
-def eroded(mask: np.ndarray) -> np.ndarray:
+def erode(mask: np.ndarray) -> np.ndarray:
     """Return the pixels of `mask` (H, W) with all four neighbours in it, without the border."""
     return mask[1:-1, 1:-1] & mask[:-2, 1:-1] & mask[2:, 1:-1] & mask[1:-1, :-2] & mask[1:-1, 2:]
 
 
-def filled_rows(masks: list[np.ndarray]) -> np.ndarray:
+def fill_rows(masks: list[np.ndarray]) -> np.ndarray:
     """Return (H, W) the pixels between the first and the last of a row in any of `masks`."""
     either = np.logical_or.reduce(masks)
     from_left = np.logical_or.accumulate(either, 1)
@@ -136,7 +136,7 @@ def mesh_body(camera: Camera, mesh: BodyMesh, vertices: np.ndarray, middles: np.
         mask = (columns >= low[:, None]) & (columns <= high[:, None])
         mine = mask[1:-1, 1:-1]
         parts[mine] = p + 1
-        edges[mine] = mesh.edged[p] & ~eroded(mask)[mine]
+        edges[mine] = mesh.edged[p] & ~erode(mask)[mine]
     return parts, edges
 
 

@@ -1,4 +1,4 @@
-"""Where the pictures have contours. Twin of apf/likelihood/contour.py, contour.cl and the term in
+"""Contours of the pictures. Twin of apf/likelihood/contour.py, contour.cl and the term in
 likelihood.cl."""
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def compute_gradients(pictures: np.ndarray, maps: np.ndarray) -> np.ndarray:
         other = 3 - axis
         smooth = ndimage.correlate1d(grey, _SMOOTH, other, mode="nearest")
         along.append(ndimage.correlate1d(smooth, _DERIVE, axis, mode="nearest"))
-    return np.where(_shown(maps, MARGIN), np.stack(along, 1), 0).astype(np.int16)
+    return np.where(_visible_pixels(maps, MARGIN), np.stack(along, 1), 0).astype(np.int16)
 
 
 def compute_contours(gradients: np.ndarray, maps: np.ndarray, contrast: int) -> np.ndarray:
@@ -65,10 +65,10 @@ def compute_contours(gradients: np.ndarray, maps: np.ndarray, contrast: int) -> 
     silhouettes = maps[:, None, ..., 0]
     hidden = (silhouettes == 1) | (silhouettes == 254)
     values = np.where(hidden, HIDDEN, values)
-    return np.where(_shown(maps, OUTER_MARGIN), values, 0).astype(np.uint8)
+    return np.where(_visible_pixels(maps, OUTER_MARGIN), values, 0).astype(np.uint8)
 
 
-def _shown(maps: np.ndarray, margin: int) -> np.ndarray:
+def _visible_pixels(maps: np.ndarray, margin: int) -> np.ndarray:
     """Return (V, 1, H, W) where maps (V, H, W, 2) are not 0, outside `margin` px of the border."""
     shown = np.zeros((len(maps), 1, *maps.shape[1:3]), bool)
     inner = slice(margin, -margin)
@@ -87,7 +87,7 @@ def contour_means(
     """Return (N,) the mean, 0 to 1, of the contours (4, H, W) that a camera sees along the outlines
     of the rows (R, 4) of cones (N, C, 16); 0 where it sees none of them.
 
-    Rows of parts (R,) -1 count nothing, nor do samples that the trunk hides.
+    Rows whose part (R,) is -1 and samples that the trunk hides are ignored.
     """
     corners = project_outlines(camera, cones)
     sums, counts = np.zeros(len(cones)), np.zeros(len(cones))

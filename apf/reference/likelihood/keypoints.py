@@ -19,7 +19,9 @@ from apf.scene import Scene
 from psfs.cameras.camera import CameraRig
 
 
-def placed(body: BodyModel, poses: np.ndarray, observations: PointObservations) -> np.ndarray:
+def observed_positions(
+    body: BodyModel, poses: np.ndarray, observations: PointObservations
+) -> np.ndarray:
     """Return (M, P, 3) m of the body's points in the world, in poses (M, D)."""
     rotations, origins = bone_matrices(body, poses)
     bone = observations.bone
@@ -54,7 +56,7 @@ def missed_shares(
 ) -> np.ndarray:
     """Return (M, N) the share d^2 / (d^2 + reach^2) of every sighting's distance d in deviations
     (Geman & McClure 1987), or `exchange` and the rest's share of its partner's if that is less."""
-    points = placed(body, poses, observations)
+    points = observed_positions(body, poses, observations)
 
     def shares(which: np.ndarray) -> np.ndarray:
         off = distances(rig, points, which, observations)
@@ -98,7 +100,6 @@ class NumpyKeypointLikelihood(NumpyLikelihood):
         return self.base.unit if self.base is not None else float(len(self.rig))
 
     def observe(self, observation: Observation) -> None:
-        """Take an `Observed`."""
         shown, points = split_observation(observation)
         if self.base is not None:
             self.base.observe(shown)
@@ -106,14 +107,12 @@ class NumpyKeypointLikelihood(NumpyLikelihood):
         self._seen.check(self.body, self.rig)
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
-        """Return the errors (N,) of poses (N, D)."""
         if self.base is None:
             return self._term(poses)
         self.base.turn = self.turn
         return self.base(poses) + self._term(poses)
 
     def rescore(self, poses: np.ndarray, stride: int, least_recall: float = 0.0) -> np.ndarray:
-        """Return errors (N,) of poses (N, D), see `Likelihood.rescoring_launcher`."""
         if self.base is None:
             return self._term(poses)
         return self.base.rescore(poses, stride, least_recall) + self._term(poses)
@@ -132,7 +131,6 @@ class NumpyKeypointLikelihood(NumpyLikelihood):
             self.base.learn(pose)
 
     def forget(self) -> None:
-        """Reset the learned models before a new track."""
         if self.base is not None:
             self.base.forget()
 

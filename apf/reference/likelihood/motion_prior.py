@@ -1,4 +1,4 @@
-"""How far poses are from what is expected after the last frame. Twin of motion_prior.cl."""
+"""Distance of poses from the expected pose. Twin of motion_prior.cl."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ def motion_errors(
 
 
 def expectation(motion: np.ndarray, pose: np.ndarray, velocity: float) -> np.ndarray:
-    """Return the last estimate and what is expected next (D, 2) after a frame that ends with `pose`
-    (D,), of what they were before it; NaN for none."""
+    """Return the last estimate and the expected pose (D, 2) after a frame whose estimate is `pose`
+    (D,); `motion` holds both before the frame, NaN for none."""
     last = motion[:, 0]
     change = np.where(np.isnan(last), 0.0, pose - last)
     return np.stack([pose, pose + velocity * change], -1)
 
 
 class NumpyMotionPrior(TermTwin):
-    """The term in NumPy; `motion` (D, 2): last estimate, and what is expected next."""
+    """The term in NumPy; `motion` (D, 2): last estimate and expected pose."""
 
     def __init__(self, shared: SharedTwin, settings: MotionPriorConfig) -> None:
         self._body, self._velocity = shared.scene.body, shared.velocity

@@ -1,4 +1,4 @@
-"""What colours each part of the body has in the pictures. Twin of apf/likelihood/part_colour.py,
+"""Colour models of the body's parts. Twin of apf/likelihood/part_colour.py,
 part_colour.cl and the term in likelihood.cl."""
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ def _lookup_codes(camera: Camera, codes: np.ndarray, pixels: np.ndarray) -> np.n
 
 
 def count_codes(rig: CameraRig, body: BodyModel, pose: np.ndarray, codes: np.ndarray) -> np.ndarray:
-    """Return (P, N_CODES) how many samples of each part show each of the codes (V, H, W) at a pose
-    (D,): of those that no other cone lies before or behind."""
+    """Count the samples (P, N_CODES) of each part at a pose (D,) that show each of the codes (V, H,
+    W); samples with another cone before or behind them are ignored."""
     cones = posed_cones(body, pose[None])
     parts = list_histogram_parts(body)
     counts = np.zeros((len(list_part_names(body)), N_CODES))
@@ -105,9 +105,10 @@ def hidden_by_trunk(
     row: np.ndarray,
     pixels: np.ndarray,
 ) -> np.ndarray:
-    """Return (N, K) whether the trunk hides samples at pixels (N, K, 2), that lie in a row (4,) of
-    a cone: they do in the outline of its cone, where the row lies further from the camera than the
-    trunk's middle. cones (N, C, 16), corners (N, C, 4, 2): their outlines."""
+    """Return (N, K) bool: whether the trunk hides samples at pixels (N, K, 2) of a row (4,) of a
+    cone. A sample is hidden if it lies in the outline of the trunk's cone and its row is farther
+    from the camera than the trunk's middle. cones (N, C, 16), corners (N, C, 4, 2): their
+    outlines."""
     trunk, cone, share = find_trunk_cone(body), int(row[0]), row[1]
     if trunk < 0:
         return np.zeros(pixels.shape[:2], bool)
@@ -117,9 +118,9 @@ def hidden_by_trunk(
     return further[:, None] & is_in_outline(corners[:, trunk, None], pixels)
 
 
-class Look(NamedTuple):
-    """The learned colours: ratios (P, N_CODES) int8, see `ratios_of`, the parts (R,) whose rows
-    they judge, -1 for rows that count nothing, and the rows (R, 4), see `make_sample_rows`."""
+class ColourModel(NamedTuple):
+    """Colours of the parts: log ratios (P, N_CODES) int8, see `compute_ratios`; the part (R,) of
+    each sample row, -1 for rows that are ignored; and the rows (R, 4), see `make_sample_rows`."""
 
     ratios: np.ndarray
     row_parts: np.ndarray
@@ -131,13 +132,11 @@ def colour_means(
     body: BodyModel,
     cones: np.ndarray,
     codes: np.ndarray,
-    look: Look,
+    look: ColourModel,
 ) -> np.ndarray:
-    """Return (N,) the mean of what the ratios of `look` say, as shares of the bound, of the codes
-    (H, W) that a camera sees in the rows of cones (N, C, 16); 0 where it sees none.
-
-    Samples that the trunk hides count nothing.
-    """
+    """Return (N,) the mean log ratio, as a share of its bound, of the codes (H, W) at the samples
+    in the rows of cones (N, C, 16), by the colour model `look`; 0 without a visible sample. Samples
+    that the trunk hides are ignored."""
     corners = project_outlines(camera, cones)
     sums, counts = np.zeros(len(cones)), np.zeros(len(cones))
     for row, part in zip(look.rows, look.row_parts, strict=True):
@@ -193,5 +192,5 @@ class NumpyPartColours(TermTwin):
         if self.codes is None:
             return None
         camera, body, codes = self._scene.rig[view], self._scene.body, self.codes[view]
-        look = Look(self.ratios, self._row_parts, self._rows)
+        look = ColourModel(self.ratios, self._row_parts, self._rows)
         return -self._settings.weight * colour_means(camera, body, cones, codes, look)

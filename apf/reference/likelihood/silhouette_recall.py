@@ -1,4 +1,4 @@
-"""How much of the silhouettes the body leaves uncovered. Twin of silhouette_recall.cl."""
+"""Share of the silhouettes that the body leaves uncovered. Twin of silhouette_recall.cl."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ def uncovered_errors(rig: CameraRig, cones: np.ndarray, points: np.ndarray) -> n
         seen = camera.project(points[camera.look_up(points)[0]])[0]
         if len(seen):
             corners = project_outlines(camera, cones)
-            shares.append([1 - covered(one, seen).mean() for one in corners])
+            shares.append([1 - find_covered(one, seen).mean() for one in corners])
     return np.mean(shares, axis=0) if shares else np.ones(len(cones))
 
 
-def covered(corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+def find_covered(corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Return (K,) whether pixels (K, 2) lie in any of the trapezoids (C, 4, 2); one with NaN
     corners holds none."""
     edges = np.roll(corners, -1, axis=1) - corners

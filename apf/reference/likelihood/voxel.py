@@ -60,8 +60,8 @@ def sampled_surface(centres: np.ndarray, n_points: int) -> np.ndarray:
 
 
 def subset(points: np.ndarray, turn: int, turns: int) -> np.ndarray:
-    """Return every `turns`-th of points (K, 3) from number `turn` mod `turns` on, ceil(K / turns)
-    of them: those that one layer looks at."""
+    """Return the subset of points (K, 3) for one layer: every `turns`-th from number `turn` mod
+    `turns` on, ceil(K / turns) points."""
     n = len(points)
     return points[(turn % turns + turns * np.arange(-(-n // turns))) % max(1, n)]
 
@@ -102,7 +102,7 @@ def total_errors(
     pairs: Sequence[tuple[int, int]],
     config: LikelihoodConfig,
 ) -> np.ndarray:
-    """Return (N,) the exponent of Song et al. eq. (16) with its sign put right.
+    """Return (N,) the exponent of Song et al. eq. (16) with its sign corrected.
 
     Surface and overlap error and silhouette recall are added once per camera. Cameras without a
     sample are replaced by the mean of the others.
@@ -153,7 +153,6 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         }
 
     def forget(self) -> None:
-        """Reset the terms' learned models before a new track."""
         for term in self.terms.values():
             term.forget()
 
@@ -163,14 +162,12 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
             term.learn(pose)
 
     def observe(self, voxels: HostVoxels) -> None:
-        """Take the voxels of a frame."""
         self._maps = self._reprojection(voxels)
         self.points = sampled_surface(voxels.cloud().centres, self.config.samples.n_points)
         for term in self.terms.values():
             term.observe(voxels, self._maps)
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
-        """Return the errors (N,) of poses (N, D)."""
         return self._errors(poses, self.turn, self.config.samples.point_turns, self.config)
 
     def rescore(self, poses: np.ndarray, stride: int, least_recall: float = 0.0) -> np.ndarray:

@@ -85,9 +85,11 @@ def floor_colour(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
     wool = 0.75 + 0.5 * fractal_noise(rx * 60, ry * 60, seed)
     diamonds = sum(np.abs(np.abs(r) * 2.6 % 1 - 0.5) for r in (rx, ry))
     red, sand, blue = (0.075, 0.065, 0.26), (0.26, 0.36, 0.44), (0.22, 0.11, 0.06)
-    rug = chosen((diamonds < 0.32, sand), (diamonds < 0.52, blue), (True, red), like=x)
+    rug = select_colours((diamonds < 0.32, sand), (diamonds < 0.52, blue), (True, red), like=x)
     border = (edge > -0.05) | (edge < -0.11)
-    rug = np.where((edge > -0.14)[:, None], chosen((border, sand), (True, blue), like=x), rug)
+    rug = np.where(
+        (edge > -0.14)[:, None], select_colours((border, sand), (True, blue), like=x), rug
+    )
 
     row = np.floor(y / 0.16)
     shifted = x / 1.7 + noise_hash(row, 3, seed)
@@ -138,16 +140,16 @@ def poster_colour(
         sky = mix(one, np.full(3, 0.7), 0.3 * (v + 1))
         picture = np.where((v < 0.9 * n - 0.45)[:, None], two * (0.5 + n)[:, None], sky)
     elif style < 2:  # discs
-        picture = chosen((np.hypot(u, v) * 3.2 % 1 < 0.5, one), (True, two), like=u)
+        picture = select_colours((np.hypot(u, v) * 3.2 % 1 < 0.5, one), (True, two), like=u)
     elif style < 3:  # print
         ink = noise_hash(np.trunc(u * 18), np.trunc(v * 9), seed) > 0.3
         ink &= np.abs(v) * 9 % 1 < 0.55
-        lines = chosen((ink, np.full(3, 0.05)), (True, (0.6, 0.64, 0.66)), like=u)
+        lines = select_colours((ink, np.full(3, 0.05)), (True, (0.6, 0.64, 0.66)), like=u)
         picture = np.where((v > 0.35)[:, None], one * (0.6 + 0.8 * n)[:, None], lines)
     else:
         picture = mix(one, two, smoothstep(0.35, 0.6, n))
     frame = (0.03, 0.03, 0.035) if hue < 0.5 else (0.18, 0.28, 0.4)
-    mount = chosen((edge < 0.035, frame), (True, (0.72, 0.76, 0.78)), like=u)
+    mount = select_colours((edge < 0.035, frame), (True, (0.72, 0.76, 0.78)), like=u)
     return np.where((edge < 0.075)[:, None], mount, picture)
 
 
@@ -166,7 +168,7 @@ def box_colour(box: np.ndarray, p: np.ndarray, n: np.ndarray, seed: int) -> np.n
     if kind < 2:
         middle = across - 0.5 * np.where(x_face, low[1] + high[1], low[0] + high[0])
         tape, board = (0.33, 0.45, 0.55), (0.16, 0.27, 0.40)
-        paper = chosen((np.abs(middle) < 0.03, tape), (True, board), like=across)
+        paper = select_colours((np.abs(middle) < 0.03, tape), (True, board), like=across)
         return paper * (0.85 + 0.3 * grain)[:, None]
     if kind < 3:
         shelf = np.floor((p[:, 2] - low[2]) / 0.34)
@@ -180,7 +182,7 @@ def box_colour(box: np.ndarray, p: np.ndarray, n: np.ndarray, seed: int) -> np.n
         frame = (edge < 0.03) | z_face | (rest < 0.025)
         above = rest > 0.20 + 0.1 * h
         plank, dark = (0.10, 0.18, 0.27), (0.02, 0.02, 0.025)
-        shown = chosen((frame, plank), (True, dark), like=h)
+        shown = select_colours((frame, plank), (True, dark), like=h)
         return np.where((frame | above)[:, None], shown, backs * spine[:, None])
     cloth = 0.75 + 0.5 * fractal_noise(across * 50, up * 50, seed)
     return hue_colour(box[7], 0.45, 0.25) * cloth[:, None]
@@ -227,7 +229,7 @@ def mix(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
     return mixed
 
 
-def chosen(
+def select_colours(
     *cases: tuple[np.ndarray | bool, np.ndarray | tuple[float, ...]], like: np.ndarray
 ) -> np.ndarray:
     """Return (N, 3): for each the colour of the first case that is true."""

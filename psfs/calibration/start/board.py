@@ -18,6 +18,7 @@ from psfs.calibration.scene import (
 from psfs.calibration.start.placing import chain_poses
 from psfs.calibration.targets.target import Sighting, Target, group_by_frame
 from psfs.cameras.camera import Camera
+from psfs.common.numbers import pick_evenly
 
 #: Most frames of a camera pair that propose its relative pose.
 _PROPOSALS = 24
@@ -104,7 +105,7 @@ def _estimate_relative_pose(
     """
     a, b = pair
     frames = [frame for frame, view in seen if view == a and (frame, b) in seen]
-    picked = np.unique(np.linspace(0, len(frames) - 1, _PROPOSALS).round().astype(int))
+    picked = pick_evenly(len(frames), _PROPOSALS)
     proposals = []
     for frame in (frames[k] for k in picked):
         for order in target.orders:

@@ -10,6 +10,7 @@ import numpy as np
 
 from psfs.calibration.targets.target import Sighting, Target
 from psfs.cameras.camera import Camera
+from psfs.common.numbers import pick_evenly
 
 #: Default focal length of an unknown camera, in units of the longer side of its picture.
 _DEFAULT_FOCAL = 1.1
@@ -37,7 +38,7 @@ def estimate_camera_from_boards(
     Returns the default camera if the pictures do not determine it.
     """
     usual = default_camera(name, size)
-    picked = np.unique(np.linspace(0, len(sightings) - 1, _MOST).round().astype(int))
+    picked = pick_evenly(len(sightings), _MOST)
     chosen = [sightings[k] for k in picked] if sightings else []
     if len(chosen) < 3:
         return usual

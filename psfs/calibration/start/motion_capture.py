@@ -15,7 +15,7 @@ from psfs.calibration.scene import CalibrationScene, place_camera, rigid_transfo
 from psfs.calibration.start.board import choose_best_pose
 from psfs.calibration.targets.target import Sighting, Target, group_by_view, make_wand
 from psfs.cameras.camera import Camera
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.cameras.units import metres_per_unit
 from psfs.common.reading import open_input, parsing
 
@@ -40,10 +40,10 @@ def read_measured_wand(
     chosen = list(markers) if markers is not None else names
     missing = [name for name in chosen if name not in names]
     if missing or not 2 <= len(chosen) <= 3:
-        wrong = f"no marker {listed(missing)}" if missing else f"{len(chosen)} markers"
+        wrong = f"no marker {join_names(missing)}" if missing else f"{len(chosen)} markers"
         raise InputError(
-            f"{path}: {wrong} (it has {listed(names)}); expected the names of the wand's two or "
-            "three markers"
+            f"{path}: {wrong} (it has {join_names(names)}); expected the names of the wand's two "
+            "or three markers"
         )
     rows = [names.index(name) for name in chosen]
     places = metres_per_unit(unit) * points[:, rows]
@@ -60,7 +60,7 @@ def read_measured_wand(
     if not known:
         raise InputError(
             f"{path}: {len(points)} frames at {rate:g} per second hold the markers "
-            f"{listed(chosen)} at the time of no picture; expected some"
+            f"{join_names(chosen)} at the time of no picture; expected some"
         )
     lengths = np.linalg.norm(np.diff(np.stack(list(known.values())), axis=1), axis=-1)
     return replace(make_wand([float(length) for length in np.median(lengths, axis=0)]), known=known)

@@ -10,7 +10,7 @@ import numpy as np
 from cl import InputError
 from psfs.calibration.targets.dictionaries import DICTIONARIES
 from psfs.calibration.targets.target import Target, check_squares, make_chessboard
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.common.ranges import check_number
 
 #: Fewest corners of a ChArUco board that determine its pose, and fewest rows and columns they span.
@@ -124,7 +124,9 @@ class CharucoFinder:
         check_squares(squares, square)
         check_number("marker (m)", marker, 0.0005, 0.999 * square)
         if dictionary not in ("auto", *DICTIONARIES):
-            raise InputError(f"dictionary {dictionary!r}; expected auto, {listed(DICTIONARIES)}")
+            raise InputError(
+                f"dictionary {dictionary!r}; expected auto, {join_names(DICTIONARIES)}"
+            )
         names = DICTIONARIES if dictionary == "auto" else (dictionary,)
         self.squares = squares
         # Old and new boards differ if the number of rows is even.
@@ -180,7 +182,7 @@ def _make_charuco(
 
 def _choose_dictionary(name: str, markers: int) -> Any:
     """Return the smallest set of a family with so many markers, or its largest."""
-    found: Any = None
+    found: object = None
     for known in DICTIONARIES[name]:
         found = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, known))
         if len(found.bytesList) >= markers:

@@ -14,8 +14,9 @@ from cl import InputError
 from psfs.calibration.targets.boards import Found, to_grey
 from psfs.calibration.targets.target import Sighting, Target
 from psfs.cameras.camera import CameraRig
+from psfs.common.numbers import pick_evenly
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 from psfs.sequence import Frame
 from psfs.sequence import Sequence as Views
 
@@ -34,12 +35,12 @@ class Finder(Protocol):
     def __call__(self, view: int, picture: np.ndarray) -> Found | None: ...
 
 
-def open_uncalibrated(folder: Path, stated: Settings) -> Views:
+def open_uncalibrated(folder: Path, stated: SequenceSettings) -> Views:
     """Open a folder of views that needs no calibration; its `sequence.toml` applies.
 
     Raises InputError for what cannot be read.
     """
-    settings = stated.over(Settings.read(folder / "sequence.toml"))
+    settings = stated.fill_from(SequenceSettings.read(folder / "sequence.toml"))
     if settings.sync == "auto":
         raise InputError(
             "sync is auto, which needs a calibration; expected audio (by the sound of a clap) or "
@@ -73,7 +74,7 @@ def find_sightings(views: Views, chosen: Sequence[int], finder: Finder) -> Itera
 def median_pictures(views: Views, chosen: Sequence[int]) -> list[np.ndarray]:
     """Return the median over time of every view's grey pictures (h, w) uint8, without what
     moves."""
-    picked = np.unique(np.linspace(0, len(chosen) - 1, _MEDIAN_PICTURES).round().astype(int))
+    picked = pick_evenly(len(chosen), _MEDIAN_PICTURES)
     stacks: list[list[np.ndarray]] = [[] for _ in views.rig]
     with views.reader() as read:
         for row in picked:
@@ -91,7 +92,7 @@ def find_hint(
 
     look: the `hint` of a finder whose board is in none of the pictures.
     """
-    picked = np.unique(np.linspace(0, len(chosen) - 1, _HINTS).round().astype(int))
+    picked = pick_evenly(len(chosen), _HINTS)
     seen: dict[str, int] = {}
     with views.reader() as read:
         for row in picked:

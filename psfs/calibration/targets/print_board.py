@@ -12,7 +12,7 @@ from matplotlib.path import Path as Path2D
 
 from cl import InputError
 from psfs.calibration.targets.dictionaries import DICTIONARIES
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 
 _MM_PER_INCH = 25.4
 #: White rim around the board, and the room below it for the text and the ruler, mm.
@@ -58,7 +58,7 @@ def write_board_pdf(
     bottom = rows * side + _RIM
     axes.text(0, bottom, text, fontsize=6, va="center")
     axes.plot([0, min(_RULER, columns * side)], [bottom + 5] * 2, color="black", linewidth=0.8)
-    with written_whole(path) as temporary, temporary.open("wb") as file:
+    with write_atomically(path) as temporary, temporary.open("wb") as file:
         figure.savefig(file, format="pdf")
     return width, height
 

@@ -23,7 +23,7 @@ from psfs.cameras.calibration.common import (
     read_text,
 )
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.names import listed, natural_key
+from psfs.cameras.names import join_names, natural_key
 from psfs.cameras.units import Unit
 
 #: Index of fx, fy, cx, cy, k1, k2, p1, p2, k3 among a model's parameters; -1 means zero.
@@ -55,7 +55,7 @@ def read_colmap(folder: Path, unit: Unit | None = None) -> Calibration:
         for name, words in zip(names, images, strict=True):
             if words[8] not in intrinsics:
                 raise InputError(f"image {name}: no camera {words[8]}; cameras.txt has "
-                                 f"{listed(intrinsics)}")  # fmt: skip
+                                 f"{join_names(intrinsics)}")  # fmt: skip
             size, K, distortion = intrinsics[words[8]]
             pose = parse_numbers(words[1:8], f"image {name}")
             if not np.linalg.norm(pose[:4]) > 0:
@@ -81,7 +81,7 @@ def _lines(path: Path) -> list[str]:
 def _intrinsics(words: list[str]) -> tuple[tuple[int, int], np.ndarray, np.ndarray]:
     if len(words) < 4 or words[1] not in _MODELS:
         model = words[1] if len(words) > 1 else "nothing"
-        raise InputError(f"camera model {model}; expected one of {listed(_MODELS)}")
+        raise InputError(f"camera model {model}; expected one of {join_names(_MODELS)}")
     values = parse_numbers(words[2:], f"camera {words[0]}")
     places, parameters = _MODELS[words[1]], values[2:]
     if parameters.size <= max(places):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -60,7 +59,7 @@ def parse_numbers(words: Sequence[str], what: str) -> np.ndarray:
     return np.array(values)
 
 
-def parse_array(value: Any, count: int | None, what: str) -> np.ndarray:
+def parse_array(value: object, count: int | None, what: str) -> np.ndarray:
     """Convert `value` to `count` finite float64 numbers; count None: any number of them."""
     shown = repr(value) if len(repr(value)) < 100 else f"{repr(value)[:100]}..."
     try:
@@ -84,7 +83,7 @@ def check_whole_size(width: float, height: float, what: str) -> Size:
     return int(width), int(height)
 
 
-def parse_rotation(value: Any, what: str) -> np.ndarray:
+def parse_rotation(value: object, what: str) -> np.ndarray:
     """Convert a Rodrigues vector (3 numbers) or a matrix (9 numbers, row-major) to R (3, 3).
 
     A matrix within `ROUNDING` of a rotation becomes the nearest rotation (by SVD); any other is

@@ -29,7 +29,7 @@ from psfs.cameras.calibration.common import (
     read_text,
 )
 from psfs.cameras.camera import MOST_CAMERAS, Camera, CameraRig
-from psfs.cameras.names import listed, natural_key
+from psfs.cameras.names import join_names, natural_key
 from psfs.cameras.units import Unit
 
 _K = ("CameraMatrix", "camera_matrix", "Camera_Matrix", "cameraMatrix", "M1", "M", "K")
@@ -92,7 +92,9 @@ class Storage:
         none does."""
         node = self._node(names)
         if node is None:
-            raise InputError(f"no {names[0]} among {listed(self.keys)}; expected one of {names}")
+            raise InputError(
+                f"no {names[0]} among {join_names(self.keys)}; expected one of {names}"
+            )
         what = f"the value of {names[0]}"
         try:
             if node.isMap():

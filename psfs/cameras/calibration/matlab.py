@@ -22,7 +22,7 @@ from psfs.cameras.calibration.common import (
 )
 from psfs.cameras.calibration.projections import decompose_projection, mirror_if_facing_away
 from psfs.cameras.camera import MOST_CAMERAS, Camera
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.cameras.units import Unit
 from psfs.common.reading import open_input
 
@@ -61,7 +61,7 @@ def _camera(name: str, values: np.ndarray, size: Size) -> Camera:
     return Camera(name, K / K[2, 2], np.zeros(5), R, values[:, 6], size)
 
 
-def _read_variables(path: Path) -> dict[str, Any]:
+def _read_variables(path: Path) -> dict[str, object]:
     try:
         with open_input(path, "a MATLAB .mat file") as file:
             found = loadmat(file, struct_as_record=True)
@@ -74,7 +74,7 @@ def _read_variables(path: Path) -> dict[str, Any]:
     return {name: value for name, value in found.items() if not name.startswith("__")}
 
 
-def _list_matrices(value: Any) -> list[np.ndarray]:
+def _list_matrices(value: object) -> list[np.ndarray]:
     """List the matrices in a variable, which is a cell or struct array, a stack, or one matrix."""
     array = np.asarray(value)
     if array.dtype.names:
@@ -89,7 +89,7 @@ def _list_matrices(value: Any) -> list[np.ndarray]:
     return [array.astype(float)] if array.ndim == 2 else []
 
 
-def _find_stack(found: dict[str, Any], keys: tuple[str, ...], shape: tuple[int, int]) -> Any:
+def _find_stack(found: dict[str, object], keys: tuple[str, ...], shape: tuple[int, int]) -> Any:
     """Return the first variable of `keys` that fits as (N, *shape); None if none fits."""
     for key in keys:
         fitting = [m for m in _list_matrices(found.get(key, [])) if m.size == shape[0] * shape[1]]
@@ -98,7 +98,7 @@ def _find_stack(found: dict[str, Any], keys: tuple[str, ...], shape: tuple[int, 
     return None
 
 
-def _find_projections(found: dict[str, Any]) -> np.ndarray:
+def _find_projections(found: dict[str, object]) -> np.ndarray:
     fitting = {
         name: [matrix for matrix in _list_matrices(value) if matrix.shape == (3, 4)]
         for name, value in found.items()
@@ -106,7 +106,7 @@ def _find_projections(found: dict[str, Any]) -> np.ndarray:
     fitting = {name: matrices for name, matrices in fitting.items() if matrices}
     if not fitting:
         raise InputError(
-            f"variables {listed(found)}; expected a cell array of 3x4 projection matrices, "
+            f"variables {join_names(found)}; expected a cell array of 3x4 projection matrices, "
             "or K, R and t"
         )
     most = max(len(matrices) for matrices in fitting.values())
@@ -114,10 +114,10 @@ def _find_projections(found: dict[str, Any]) -> np.ndarray:
         return np.stack([matrices[0] for matrices in fitting.values()])
     best = [name for name, matrices in fitting.items() if len(matrices) == most]
     if len(best) > 1:
-        raise InputError(f"several sets of matrices ({listed(best)}); expected one")
+        raise InputError(f"several sets of matrices ({join_names(best)}); expected one")
     return np.stack(fitting[best[0]])
 
 
-def _read_names(found: dict[str, Any]) -> list[str]:
+def _read_names(found: dict[str, object]) -> list[str]:
     cells = np.asarray(found.get("names", [])).ravel()
     return [str(np.asarray(cell).ravel()[0]) for cell in cells]

@@ -27,7 +27,7 @@ from psfs.cameras.camera import MOST_CAMERAS, Camera
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
 from psfs.common.files import read_json
-from psfs.common.schema import Name, Number, Table, checked, flat
+from psfs.common.schema import Name, Number, Table, flat, parse_values
 
 
 class PanopticCamera(Table):
@@ -59,7 +59,7 @@ def read_panoptic(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> 
     sizes: not used, the file has them. Raises InputError naming file, camera and key.
     """
     with name_file_in_errors(path):
-        file = checked(PanopticFile, read_json(path, "a calibration"), "the file")
+        file = parse_values(PanopticFile, read_json(path, "a calibration"), "the file")
         by_name = {own.name: own for own in file.cameras}
         if len(by_name) < len(file.cameras):
             raise InputError("camera names must differ; found the same name twice")

@@ -8,7 +8,7 @@ camera_array.toml has tables [cameras.0], rotations as matrices, `ignore`, and v
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -28,7 +28,7 @@ from psfs.cameras.calibration.common import (
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
-from psfs.common.schema import Name, Number, Table, Vector, checked, flat
+from psfs.common.schema import Name, Number, Table, Vector, flat, parse_values
 from psfs.common.toml import read_toml, write_toml
 
 _NOT_CAMERAS = {"metadata", "capture_volume", "charuco", "checkerboard"}
@@ -64,7 +64,7 @@ def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) 
             raise InputError("no camera tables; expected [name] with matrix, rotation, ...")
         if unit is None and any("world_position" in table for table in found.values()):
             raise InputError("a FreeMoCap file does not say its unit; state it (usually unit mm)")
-        tables = {key: checked(CameraTable, found[key], f"camera {key}") for key in found}
+        tables = {key: parse_values(CameraTable, found[key], f"camera {key}") for key in found}
         by_name = {table.name or key: table for key, table in tables.items()}
         if len(by_name) < len(tables):
             raise InputError(f"camera names must differ; found {len(by_name)} in {len(tables)}")
@@ -76,7 +76,7 @@ def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) 
         return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")
 
 
-def _name_caliscope_cameras(content: dict[str, Any]) -> dict[str, Any]:
+def _name_caliscope_cameras(content: dict[str, object]) -> dict[str, object]:
     """Return the tables under `cameras` of Caliscope's file, named as its videos; those of other
     programs unchanged. Cameras that it ignores, or could not place, are left out."""
     cameras = content.get("cameras")
@@ -91,7 +91,7 @@ def _name_caliscope_cameras(content: dict[str, Any]) -> dict[str, Any]:
 
 def write_toml_tables(path: Path, rig: CameraRig) -> None:
     """Write a rig in Pose2Sim's convention: metres, Rodrigues vectors world -> camera."""
-    tables: dict[str, Any] = {}
+    tables: dict[str, object] = {}
     for camera in rig:
         used = 5 if camera.distortion[4] else 4
         tables[camera.name] = {

@@ -29,7 +29,7 @@ from psfs.cameras.camera import MOST_CAMERAS, Camera
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
 from psfs.common.files import read_json
-from psfs.common.schema import Number, Positive, Table, checked, flat
+from psfs.common.schema import Number, Positive, Table, flat, parse_values
 
 #: From OpenGL's camera axes to ours.
 _AXES = np.diag([1.0, -1.0, -1.0])
@@ -53,7 +53,7 @@ class Lens(Table):
     p2: Number = 0.0
 
 
-class View(Lens):
+class FrameEntry(Lens):
     """One entry of `frames`: a picture with its pose."""
 
     file_path: str
@@ -63,7 +63,7 @@ class View(Lens):
 class Transforms(Lens):
     """The whole file."""
 
-    frames: Annotated[list[View], Field(min_length=1, max_length=MOST_CAMERAS)]
+    frames: Annotated[list[FrameEntry], Field(min_length=1, max_length=MOST_CAMERAS)]
 
 
 def read_transforms(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
@@ -71,7 +71,7 @@ def read_transforms(path: Path, unit: Unit | None = None, sizes: Sizes = None) -
 
     Metres unless `unit` says otherwise. `sizes` are used where the file has none.
     """
-    file = checked(Transforms, read_json(path, "NeRF's transforms.json"), path)
+    file = parse_values(Transforms, read_json(path, "NeRF's transforms.json"), path)
     with name_file_in_errors(path):
         views = dict(
             zip(name_cameras([v.file_path for v in file.frames]), file.frames, strict=True)
@@ -88,19 +88,19 @@ def read_transforms(path: Path, unit: Unit | None = None, sizes: Sizes = None) -
         return build_rig(names, sizes, lambda n, size: _camera(n, file, views[n], size), unit, "m")
 
 
-def _lens_value(file: Transforms, view: View, key: str) -> float | None:
+def _lens_value(file: Transforms, view: FrameEntry, key: str) -> float | None:
     own = getattr(view, key) if key in view.model_fields_set else None
     value = own if own is not None else getattr(file, key)
     return None if value is None else float(value)
 
 
-def _size(file: Transforms, view: View, name: str) -> Size:
+def _size(file: Transforms, view: FrameEntry, name: str) -> Size:
     return check_whole_size(
         _lens_value(file, view, "w") or 0, _lens_value(file, view, "h") or 0, f"camera {name}"
     )
 
 
-def _camera(name: str, file: Transforms, view: View, size: Size) -> Camera:
+def _camera(name: str, file: Transforms, view: FrameEntry, size: Size) -> Camera:
     def value(key: str) -> float | None:
         return _lens_value(file, view, key)
 

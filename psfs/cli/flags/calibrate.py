@@ -7,7 +7,7 @@ from pathlib import Path
 
 from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.targets.dictionaries import DICTIONARIES
-from psfs.cli.commandline import add_device_flag, frame_range
+from psfs.cli.commandline import add_device_flag, add_output_flag, frame_range
 from psfs.cli.sequence_flags import PARSERS
 from psfs.cli.setting_flags import add_setting_flags
 from psfs.cli.settings import add_configs
@@ -33,7 +33,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "folder", nargs="?", metavar="FOLDER", help="footage of the board, wand or person"
     )
-    parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="folder")
+    add_output_flag(parser, "folder", required=False)
     parser.add_argument(
         "--print-board", type=Path, metavar="FILE.pdf",
         help="write a ChArUco board to print, in its true size, and nothing else; --squares "
@@ -61,7 +61,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         f"(default: all, at most {CalibrationConfig().most_frames}, evenly spread)",
     )  # fmt: skip
     stated = ("cameras", "fps", "sync", "calibration")
-    add_setting_flags(group, footage.Settings, only=stated, parsers=PARSERS)
+    add_setting_flags(group, footage.SequenceSettings, only=stated, parsers=PARSERS)
     add_device_flag(group)
     add_configs(parser, Settings, "calibration", "person")
 
@@ -78,12 +78,14 @@ def _add_target_flags(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     kind.add_argument(
         "--c3d", type=Path, metavar="FILE",
-        help="a wand whose markers a motion-capture system measured: cameras in its frame",
+        help="a wand whose markers a motion-capture system measured; the cameras are placed in "
+        "that system's frame",
     )  # fmt: skip
     kind.add_argument(
         "--refine", action="store_true",
-        help="no target: correct the cameras that FOLDER has, and tell their sub-frame times, by "
-        "the silhouettes of somebody who moves; kept as they are unless held-out frames fit better",
+        help="no target: correct the cameras of FOLDER, and estimate their sub-frame times, from "
+        "the silhouettes of a moving person; the cameras are kept as they are unless held-out "
+        "frames fit better",
     )  # fmt: skip
     kind.add_argument(
         "--person", action="store_true",

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from psfs.cli.commandline import add_device_flag
+from psfs.cli.commandline import add_device_flag, add_run_folder
 from psfs.diagnostics.definitions import DEFINITION
 
 
@@ -13,5 +12,5 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this command."""
     what = parser.description
     parser.description = f"{what}. {DEFINITION}. Writes OUT/check.json."
-    parser.add_argument("out", metavar="OUT", type=Path, help="output folder of psfs reconstruct")
+    add_run_folder(parser)
     add_device_flag(parser)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
+from psfs.cli.commandline import add_output_flag
 from psfs.cli.sequence_flags import add_sequence_flags
 from psfs.cli.sequence_flags import check as check
 
@@ -17,6 +17,4 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "named after their cameras. What the flags state is part of it."
     )
     add_sequence_flags(parser, frames=False)
-    parser.add_argument(
-        "-o", "--output", required=True, type=Path, metavar="NATIVE", help="new folder"
-    )
+    add_output_flag(parser, "new folder", metavar="NATIVE")

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from psfs.cli.commandline import add_device_flag, add_overwrite_flag
+from psfs.cli.commandline import (
+    add_device_flag,
+    add_output_flag,
+    add_overwrite_flag,
+    add_run_folder,
+)
 from psfs.mesh.config import FORMATS, SMOOTHING
 
 #: Definition of the figures that --check writes.
@@ -22,19 +26,18 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         f"{what}, coloured where the clouds are. The probability is computed again from the "
         "frames' pictures. PLY and OBJ: metres, Z up; GLB: metres, Y up."
     )
-    parser.add_argument("out", metavar="OUT", type=Path, help="output folder of psfs reconstruct")
+    add_run_folder(parser)
     parser.add_argument(
         "--frame",
         type=_frame,
         metavar="N|all",
         help="frame to mesh (default: the first that is not empty)",
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
+    add_output_flag(
+        parser,
+        "file, or folder for --frame all (default: in OUT/meshes)",
         metavar="PATH",
-        help="file, or folder for --frame all (default: in OUT/meshes)",
+        required=False,
     )
     add_overwrite_flag(parser)
     parser.add_argument("--format", choices=FORMATS, help="default: the output's suffix, or ply")

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from cl import InputError
-from psfs.cli.commandline import add_device_flag
+from psfs.cli.commandline import add_device_flag, add_output_flag
 from psfs.cli.sequence_flags import (
     add_all_cameras_flag,
     add_sequence_flags,
@@ -30,9 +29,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "Without a stated volume it is found from the cameras and the first silhouettes."
     )
     add_sequence_flags(parser)
-    parser.add_argument(
-        "-o", "--output", required=True, type=Path, metavar="OUT", help="new folder"
-    )
+    add_output_flag(parser, "new folder")
     size = parser.add_mutually_exclusive_group()
     size.add_argument(
         "--grid", type=_shape, metavar="NX,NY,NZ", help="number of voxels along each axis"
@@ -47,7 +44,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         f"(default {DEBRIS_SHARE:g}; 0 keeps everything, 1 only the largest)",
     )
     parser.add_argument(
-        "--no-colour", action="store_true", help="leave the clouds without the pictures' colours"
+        "--no-colour", action="store_true", help="do not colour the clouds from the pictures"
     )
     parser.add_argument(
         "--normals", action="store_true", help="write the surface's normals into the PLY"

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from psfs.cli.commandline import add_device_flag
+from psfs.cli.commandline import add_device_flag, add_output_flag
 from psfs.cli.sequence_flags import add_sequence_flags
 from psfs.cli.sequence_flags import check as check
 from psfs.cli.settings import add_configs, add_preset_flag
@@ -28,7 +27,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "spread over the sequence."
     )
     add_sequence_flags(parser)
-    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT", help="folder")
+    add_output_flag(parser, "folder")
     add_device_flag(parser)
     add_configs(parser, Settings, "reconstruction")
     add_preset_flag(parser, PRESETS)

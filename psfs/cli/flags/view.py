@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from psfs.cli.commandline import add_device_flag, add_overwrite_flag
+from psfs.cli.commandline import add_device_flag, add_overwrite_flag, add_run_folder
 from psfs.mesh.keys import KEYS
 
 
@@ -19,7 +19,7 @@ def add_view_flags(parser: argparse.ArgumentParser) -> None:
     what = (parser.description or "").removesuffix(".")
     keys = ", ".join(f"{key} {what}" for key, what in KEYS.items())
     parser.description = f"{what}. Keys of the window: {keys}, 1 to 9 show and hide."
-    parser.add_argument("out", metavar="OUT", type=Path, help="output folder of psfs reconstruct")
+    add_run_folder(parser)
     parser.add_argument(
         "--frame",
         type=int,

@@ -34,7 +34,7 @@ def exit_code(program: str, run: Callable[[], None]) -> int:
         if hasattr(stream, "reconfigure"):  # for LANG=C and paths that are not UTF-8
             stream.reconfigure(errors="backslashreplace")
     try:
-        with _ended_as_interrupted():
+        with _interrupt_on_signals():
             run()
         sys.stdout.flush()
         return DONE
@@ -47,25 +47,25 @@ def exit_code(program: str, run: Callable[[], None]) -> int:
         _say(f"{program}: interrupted")
         return INTERRUPTED
     except Exception as error:
-        reason = mendable(error)
+        reason = describe_user_error(error)
         if reason is not None:
             _say(f"{program}: error: {reason}")
             return MENDABLE
-        _say(f"{program}: error: {describe(error)}; please report it{_logged(program)}")
+        _say(f"{program}: error: {describe(error)}; please report it{_write_traceback(program)}")
         return UNEXPECTED
 
 
 def describe(error: BaseException) -> str:
     """Return the message of an error: of one that the user can mend its reason, of others that they
     are unexpected, with their kind."""
-    reason = mendable(error) if isinstance(error, Exception) else None
+    reason = describe_user_error(error) if isinstance(error, Exception) else None
     if reason is not None:
         return reason
     text = " ".join(str(error).split())[: _LONGEST_LINE // 2]
     return f"unexpected {type(error).__name__}{f': {text}' if text else ''}"
 
 
-def mendable(error: Exception) -> str | None:
+def describe_user_error(error: Exception) -> str | None:
     """Return the message for an error that the user can mend: the program's own errors, those of
     the file system, and a lack of memory. Return None for all others, which are bugs."""
     if isinstance(error, UserError):
@@ -87,7 +87,7 @@ def _is_memory_of_opencv(error: Exception) -> bool:
 
 
 @contextlib.contextmanager
-def _ended_as_interrupted() -> Iterator[None]:
+def _interrupt_on_signals() -> Iterator[None]:
     """Raise KeyboardInterrupt inside, in the main thread, on the signals of `_ENDING`."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -109,7 +109,7 @@ def _say(text: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
 
-def _logged(program: str) -> str:
+def _write_traceback(program: str) -> str:
     """Write the traceback of the current error to a file; return a text that names the file."""
     name = f"{program.split()[0]}-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}.log"
     try:

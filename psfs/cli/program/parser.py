@@ -92,7 +92,7 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
         args = with_settings(parser, args, words)
         _check_memory_limit()
         with guard_files(getattr(args, "overwrite", False)), messages(args):
-            _logged(parser.prog, args, words)
+            _run_logged(parser.prog, args, words)
 
     return exit_code(parser.prog, run)
 
@@ -108,7 +108,7 @@ def _check_memory_limit() -> None:
         )
 
 
-def _logged(prog: str, args: argparse.Namespace, words: Sequence[str]) -> None:
+def _run_logged(prog: str, args: argparse.Namespace, words: Sequence[str]) -> None:
     """Run the subcommand, and write its start and end into the log file."""
     if has_log():
         log_line(f"{prog} {' '.join(words)} ({version_line()})")

@@ -14,7 +14,7 @@ from psfs.footage.layouts.humaneva import HUMANEVA
 from psfs.footage.layouts.middlebury import MIDDLEBURY
 from psfs.footage.layouts.native import NATIVE
 from psfs.footage.layouts.utrecht import UTRECHT
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 
 __all__ = ["LAYOUTS", "Footage", "Layout", "find_layout"]
 
@@ -22,7 +22,7 @@ __all__ = ["LAYOUTS", "Footage", "Layout", "find_layout"]
 LAYOUTS = (NATIVE, BODYTRACK, UTRECHT, HUMANEVA, MIDDLEBURY, FLAT)
 
 
-def find_layout(folder: Path, settings: Settings) -> Layout:
+def find_layout(folder: Path, settings: SequenceSettings) -> Layout:
     """Find the layout of `folder`.
 
     Raises InputError if no layout matches, MissingFileError if there is no such folder.

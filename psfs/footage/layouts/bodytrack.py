@@ -15,13 +15,13 @@ from psfs.footage.layouts.common import (
     read_rig,
 )
 from psfs.footage.media import list_images
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 
 #: The pelvis moves about 14 mm per frame, which suits a walk at 60 Hz; no file states the rate.
 _FPS = 60.0
 
 
-def _matches(folder: Path, settings: Settings) -> bool:
+def _matches(folder: Path, settings: SequenceSettings) -> bool:
     return (folder / "CALIB").is_dir() and any(folder.glob("CAM*/"))
 
 
@@ -36,7 +36,7 @@ def _list_pictures(folder: Path, prefix: str) -> Found:
     return found
 
 
-def _read(folder: Path, settings: Settings) -> Footage:
+def _read(folder: Path, settings: SequenceSettings) -> Footage:
     images, masks = _list_pictures(folder, "CAM"), _list_pictures(folder, "FG")
     calibration = folder / (settings.calibration or "CALIB")
     rig = read_rig(calibration, settings, images, folder / "CAM*")
@@ -52,4 +52,4 @@ def _read(folder: Path, settings: Settings) -> Footage:
     )
 
 
-BODYTRACK = Layout("bodytrack", _matches, _read, Settings(fps=_FPS))
+BODYTRACK = Layout("bodytrack", _matches, _read, SequenceSettings(fps=_FPS))

@@ -12,7 +12,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import match_files_to_cameras
 from psfs.cameras.units import Unit
 from psfs.footage.media import Media, open_all_media, read_picture_size
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 
 #: Files by camera name, as found in a folder.
 Found = Mapping[str, list[Path]]
@@ -40,23 +40,23 @@ class Layout:
     """A kind of folder; `defaults` are what its makers' documentation says of the data."""
 
     name: str
-    matches: Callable[[Path, Settings], bool]
-    read: Callable[[Path, Settings], Footage]
-    defaults: Settings = field(default_factory=Settings)
+    matches: Callable[[Path, SequenceSettings], bool]
+    read: Callable[[Path, SequenceSettings], Footage]
+    defaults: SequenceSettings = field(default_factory=SequenceSettings)
 
 
-def read_rig(path: Path, settings: Settings, found: Found, where: Path) -> Calibration:
+def read_rig(path: Path, settings: SequenceSettings, found: Found, where: Path) -> Calibration:
     """Read the calibration at `path`; sizes that it lacks come from the pictures `found`."""
     return read_calibration(path, settings.unit, make_size_lookup(found, where, settings))
 
 
-def make_size_lookup(found: Found, where: Path, settings: Settings) -> Sizes:
+def make_size_lookup(found: Found, where: Path, settings: SequenceSettings) -> Sizes:
     """Return a function that maps camera names to the sizes of the pictures that match them."""
     return lambda names: measure_sizes(names, found, where, settings)
 
 
 def measure_sizes(
-    names: Sequence[str], found: Found, where: Path, settings: Settings
+    names: Sequence[str], found: Found, where: Path, settings: SequenceSettings
 ) -> list[Size]:
     """Return the size of each named camera's pictures."""
     pairs, _ = match_files_to_cameras(names, list(found), str(where), settings.cameras)
@@ -66,7 +66,11 @@ def measure_sizes(
 
 
 def assign_pictures(
-    calibrated: CameraRig, found: Found, where: Path, settings: Settings, extras: bool = False
+    calibrated: CameraRig,
+    found: Found,
+    where: Path,
+    settings: SequenceSettings,
+    extras: bool = False,
 ) -> tuple[tuple[Media, ...], list[str]]:
     """Assign pictures to the chosen cameras; return them with remarks.
 
@@ -88,6 +92,6 @@ def assign_pictures(
     return media, [note] if note else []
 
 
-def choose_cameras(rig: CameraRig, settings: Settings) -> CameraRig:
+def choose_cameras(rig: CameraRig, settings: SequenceSettings) -> CameraRig:
     """Return the rig of the cameras that the settings name, or of all."""
     return rig if settings.cameras is None else rig.subset(settings.cameras)

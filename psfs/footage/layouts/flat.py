@@ -22,13 +22,13 @@ from psfs.footage.layouts.common import (
 )
 from psfs.footage.layouts.native import find_settings_calibration
 from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_media
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 
 _MASK_WORDS = {"mask", "masks", "silh", "silhouette", "fg", "foreground"}
 _BACKGROUND_WORDS = {"background", "bg", "empty"}
 
 
-def _matches(folder: Path, settings: Settings) -> bool:
+def _matches(folder: Path, settings: SequenceSettings) -> bool:
     return settings.calibration is not None or find_calibration(folder) is not None
 
 
@@ -73,7 +73,7 @@ def _assign_all_pictures(
     return found, note
 
 
-def _read(folder: Path, settings: Settings) -> Footage:
+def _read(folder: Path, settings: SequenceSettings) -> Footage:
     calibration = find_settings_calibration(folder, settings)
 
     def sizes(names: Sequence[str]) -> list[Size]:

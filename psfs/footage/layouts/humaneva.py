@@ -22,7 +22,7 @@ from cl import InputError
 from psfs.cameras.calibration import Calibration, read_calibration, read_humaneva
 from psfs.cameras.calibration.common import name_file_in_errors, parse_numbers, read_text
 from psfs.cameras.calibration.tsai import looks_like_tsai, read_tsai
-from psfs.cameras.names import listed, natural_key
+from psfs.cameras.names import join_names, natural_key
 from psfs.footage.layouts.common import (
     Footage,
     Found,
@@ -32,7 +32,7 @@ from psfs.footage.layouts.common import (
     make_size_lookup,
 )
 from psfs.footage.media import Media
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 
 #: Frame rate of the videos, as their makers state it.
 _FPS = 60.0
@@ -56,7 +56,7 @@ def _list_takes(folder: Path) -> dict[str, dict[str, list[Path]]]:
     return dict(found)
 
 
-def _matches(folder: Path, settings: Settings) -> bool:
+def _matches(folder: Path, settings: SequenceSettings) -> bool:
     calibration = _find_subfolder(folder, "calibration_data")
     return calibration.is_dir() and bool(_list_takes(_find_subfolder(folder, "image_data")))
 
@@ -71,14 +71,14 @@ def _choose_take(folder: Path, take: str | None) -> tuple[str, Found]:
     if take is None and len(takes) == 1:
         take = next(iter(takes))
     if take is None or take not in takes:
-        names = listed(sorted(takes, key=natural_key))
+        names = join_names(sorted(takes, key=natural_key))
         found = "no `take` is stated" if take is None else f"there is no take {take!r}"
         raise InputError(f"{folder}: {found}; expected one of {names}")
     return take, takes[take]
 
 
 def _read_cameras(
-    folder: Path, videos: Found, where: Path, settings: Settings
+    folder: Path, videos: Found, where: Path, settings: SequenceSettings
 ) -> tuple[Calibration, Found, list[str]]:
     """Return the cameras, the videos of the calibrated ones, and remarks on the others."""
     if settings.calibration is not None:
@@ -87,7 +87,7 @@ def _read_cameras(
     place = _find_subfolder(folder, "calibration_data")
     files = [p for p in sorted(place.glob("*.[cC][aA][lL]")) if p.stem in videos]
     if not files:
-        raise InputError(f"{place}: no .cal of {listed(videos)}; expected one per camera")
+        raise InputError(f"{place}: no .cal of {join_names(videos)}; expected one per camera")
     lacking = sorted(videos.keys() - {path.stem for path in files}, key=natural_key)
     notes = [f"{name} is not calibrated, and left out" for name in lacking]
     videos = {path.stem: videos[path.stem] for path in files}
@@ -96,7 +96,7 @@ def _read_cameras(
     return read(files, settings.unit, sizes), videos, notes
 
 
-def _read(folder: Path, settings: Settings) -> Footage:
+def _read(folder: Path, settings: SequenceSettings) -> Footage:
     where = _find_subfolder(folder, "image_data")
     take, videos = _choose_take(where, settings.take)
     rig, videos, notes = _read_cameras(folder, videos, where, settings)
@@ -160,4 +160,4 @@ def _read_offsets(path: Path) -> np.ndarray:
 
 
 #: X and Y on the floor, Z up, millimetres.
-HUMANEVA = Layout("HumanEva", _matches, _read, Settings(fps=_FPS))
+HUMANEVA = Layout("HumanEva", _matches, _read, SequenceSettings(fps=_FPS))

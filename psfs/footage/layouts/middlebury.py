@@ -8,14 +8,14 @@ from cl import InputError
 from psfs.common.files import read_text
 from psfs.footage.layouts.common import Footage, Layout, assign_pictures, choose_cameras, read_rig
 from psfs.footage.media import IMAGE_SUFFIXES
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 
 
-def _matches(folder: Path, settings: Settings) -> bool:
+def _matches(folder: Path, settings: SequenceSettings) -> bool:
     return len(list(folder.glob("*_par.txt"))) == 1
 
 
-def _read(folder: Path, settings: Settings) -> Footage:
+def _read(folder: Path, settings: SequenceSettings) -> Footage:
     calibration = next(folder.glob("*_par.txt"))
     if settings.calibration is not None:
         calibration = folder / settings.calibration
@@ -45,7 +45,7 @@ MIDDLEBURY = Layout(
     "middlebury",
     _matches,
     _read,
-    Settings(
+    SequenceSettings(
         up="y",
         background="threshold",
         threshold=0.19,

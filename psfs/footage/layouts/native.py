@@ -12,16 +12,16 @@ from cl import InputError, MissingFileError
 from psfs.cameras.calibration import find_calibration
 from psfs.footage.layouts.common import Footage, Layout, assign_pictures, choose_cameras, read_rig
 from psfs.footage.media import list_media
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 
 _IMAGES = ("videos", "images")
 
 
-def _matches(folder: Path, settings: Settings) -> bool:
+def _matches(folder: Path, settings: SequenceSettings) -> bool:
     return any((folder / name).is_dir() for name in (*_IMAGES, "masks"))
 
 
-def find_settings_calibration(folder: Path, settings: Settings) -> Path:
+def find_settings_calibration(folder: Path, settings: SequenceSettings) -> Path:
     """Return the calibration that the settings name, else the one in the folder."""
     if settings.calibration is not None:
         return folder / settings.calibration
@@ -34,7 +34,7 @@ def find_settings_calibration(folder: Path, settings: Settings) -> Path:
     return path
 
 
-def _read(folder: Path, settings: Settings) -> Footage:
+def _read(folder: Path, settings: SequenceSettings) -> Footage:
     calibration = find_settings_calibration(folder, settings)
     folders = {name: folder / name for name in (*_IMAGES, "masks", "background")}
     found = {name: list_media(path) for name, path in folders.items() if path.is_dir()}

@@ -14,7 +14,7 @@ from cl import InputError, MissingFileError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.footage.layouts.common import Footage, Found, assign_pictures
 from psfs.footage.media import Media, list_media, open_media
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 
 LAYOUT = "uncalibrated"
 #: Places of pictures, the most specific first; then names of folders that hold other things.
@@ -42,7 +42,9 @@ def list_pictures(folder: Path) -> Found:
     raise InputError(f"{folder}: no pictures; {wanted}")
 
 
-def read_uncalibrated(folder: Path, settings: Settings, silhouettes: bool = False) -> Footage:
+def read_uncalibrated(
+    folder: Path, settings: SequenceSettings, silhouettes: bool = False
+) -> Footage:
     """Read the chosen cameras' pictures; of the rig only names and sizes are meaningful.
 
     silhouettes: read the pictures of the empty scene in `background/` and the `masks/`, too, where

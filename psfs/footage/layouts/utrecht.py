@@ -14,12 +14,12 @@ from psfs.footage.layouts.common import (
     choose_cameras,
     make_size_lookup,
 )
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 
 _UNIT = "0.76mm"
 
 
-def _matches(folder: Path, settings: Settings) -> bool:
+def _matches(folder: Path, settings: SequenceSettings) -> bool:
     return any(folder.glob("cam*/config.xml"))
 
 
@@ -28,7 +28,7 @@ def _list_videos(folder: Path, stem: str) -> Found:
     return {path.parent.name: [path] for path in paths}
 
 
-def _read(folder: Path, settings: Settings) -> Footage:
+def _read(folder: Path, settings: SequenceSettings) -> Footage:
     videos, empty = _list_videos(folder, "video"), _list_videos(folder, "background")
     where = folder / "cam*" / "video.avi"
     sizes = make_size_lookup(videos, where, settings)
@@ -57,4 +57,4 @@ def _read(folder: Path, settings: Settings) -> Footage:
 
 #: Z points into the floor. The unit is uncertain: checkerboard.xml says squares of 115 mm, but the
 #: boards in the pictures fit about 151 units, so that one unit is 115 mm / 151 = 0.76 mm.
-UTRECHT = Layout("utrecht", _matches, _read, Settings(unit=_UNIT, up="-z"))
+UTRECHT = Layout("utrecht", _matches, _read, SequenceSettings(unit=_UNIT, up="-z"))

@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import FuncFormatter
 
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 from timings.report.machines import Machine, device_title
 from timings.stages import PARTS, STAGES
 from timings.tables.grid import number
@@ -46,7 +46,7 @@ _STYLE: dict[Any, Any] = {
 def write_figure(figure: Any, path: Path) -> None:
     """Write SVG or PNG without the date, so that the same results give the same file."""
     metadata = {"Date": None} if path.suffix == ".svg" else {"Software": None}
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         figure.savefig(temporary, dpi=130, metadata=metadata, bbox_inches="tight")
     plt.close(figure)
 

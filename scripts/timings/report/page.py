@@ -12,7 +12,7 @@ import numpy as np
 from markdown_it import MarkdownIt
 
 from apf.body import load_body
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 from timings.report import curves, figures, limits, peers, rymut
 from timings.report.machines import BATCH, Machine, device_title, missing, named
 from timings.tables.batch import make_tables
@@ -70,9 +70,9 @@ def write_report(
             figures.write_figure(made, folder / FIGURES / f"{name}.svg")
             drawn.add(name)
     text = page(machines, drawn, batches)
-    with written_whole(folder / "report.md") as temporary:
+    with write_atomically(folder / "report.md") as temporary:
         temporary.write_text(text)
-    with written_whole(folder / "report.html") as temporary:
+    with write_atomically(folder / "report.html") as temporary:
         temporary.write_text(html(text, folder))
 
 

@@ -14,7 +14,7 @@ from apf.cli import main
     [
         (["--people", "0"], "--people is 0; expected 1 to 20, or auto"),
         (["--people", "many"], "--people is many; expected"),
-        (["--people", "2", "--height", "1.8"], "--height is of one person"),
+        (["--people", "2", "--height", "1.8"], "--height applies only to one person"),
         (["--people", "2", "--objective", "sp"], "--objective sp tracks one person"),
     ],
 )

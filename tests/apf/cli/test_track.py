@@ -211,8 +211,11 @@ def test_a_body_of_frusta_and_a_mesh_of_the_person(
     for flags, message in (
         (["--shape", "5"], "vertices_per_part is 5; expected 4, 8"),
         (["--shape", "no.ply"], "no.ply: no such file; expected a mesh"),
-        (["--shape-pose", "rest.txt"], "--shape-pose is of a mesh; expected --shape FILE"),
-        (["--shape", "8", "--objective", "voxel"], "--shape is the image objectives'"),
+        (
+            ["--shape-pose", "rest.txt"],
+            "--shape-pose applies only to a mesh; expected --shape FILE",
+        ),
+        (["--shape", "8", "--objective", "voxel"], "--shape applies only to image objectives"),
     ):
         assert track(walk, tmp_path / "bad", *few, *flags) == 2
         assert message in capsys.readouterr().err

@@ -13,7 +13,7 @@ import pytest
 from apf.cluster.record import FileFacts, TakeRecord, list_files
 from apf.cluster.whole_folder import clear_partial, replace_folder, replace_temporary_names
 from cl import InputError
-from psfs.common.files import written_whole
+from psfs.common.files import write_atomically
 from psfs.common.outputs import output_folder
 
 
@@ -100,7 +100,7 @@ def test_a_folder_is_replaced_whole(tmp_path: Path) -> None:
     path = tmp_path / "walk"
     for text in ("first", "second"):
         with replace_folder(path) as partial, output_folder(partial, "test"):
-            with written_whole(partial / text) as temporary:
+            with write_atomically(partial / text) as temporary:
                 temporary.write_text(text)
             assert replace_temporary_names(f"{partial / text}: bad") == f"{path / text}: bad"
         assert {p.name for p in path.iterdir()} == {text, "manifest.txt"}
@@ -118,7 +118,7 @@ def test_files_of_others_stay(tmp_path: Path) -> None:
         with (
             replace_folder(path) as partial,
             output_folder(partial, "test"),
-            written_whole(partial / "a" / "track.npz") as temporary,
+            write_atomically(partial / "a" / "track.npz") as temporary,
         ):
             temporary.write_text(text)
 

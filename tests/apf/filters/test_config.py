@@ -130,7 +130,7 @@ def test_single_settings_find_their_parts() -> None:
 
 
 def test_deviations_grow_with_the_time_between_frames() -> None:
-    config, default = FilterConfig().at_rate(20.0), FilterConfig()
+    config, default = FilterConfig().scale_to_rate(20.0), FilterConfig()
     assert config.search.noise == pytest.approx(3 * default.search.noise)
     assert config.likelihood.motion_prior.scale == pytest.approx(3)
     assert config.with_changes(noise=default.search.noise, motion_prior_scale=1.0) == default

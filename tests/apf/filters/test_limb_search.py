@@ -21,8 +21,8 @@ from apf.likelihood.base import Likelihood
 from apf.likelihood.config import KeypointConfig
 from apf.likelihood.keypoints import KeypointLikelihood
 from apf.likelihood.observations import Observed
-from apf.reference.filters.limb_search import propose, searched
-from apf.reference.filters.refinement import refined
+from apf.reference.filters.limb_search import propose, search_limbs
+from apf.reference.filters.refinement import refine
 from apf.reference.likelihood.keypoints import NumpyKeypointLikelihood
 from apf.reference.likelihood.voxel import NumpyLikelihood, subset
 from apf.scene import Scene
@@ -75,7 +75,7 @@ def on_cones(body: BodyModel, pose: np.ndarray, n: int) -> np.ndarray:
     return cones[:, :3] + t * (cones[:, 4:7] - cones[:, :3]) + radius * circle
 
 
-def search_limbs(
+def run_search(
     device: Device, body: BodyModel, likelihood: Any, mean: np.ndarray, config: FilterConfig
 ) -> tuple[np.ndarray, ...]:
     """Pose, shift, information, candidates and their errors by the kernels."""
@@ -139,8 +139,8 @@ def test_kernels_and_twin(device: Device, name: str, n_particles: int) -> None:
     likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.samples.n_points))
     likelihood.errors = device.zeros((n_particles,), np.float32)
     mean = np.clip(pose + 2 * body.sigma, body.lower, body.upper)
-    found, shift, information, tried, errors = search_limbs(device, body, likelihood, mean, config)
-    expected, matrix, *wanted = searched(body, NumpyNearness(likelihood), mean, config, 7)
+    found, shift, information, tried, errors = run_search(device, body, likelihood, mean, config)
+    expected, matrix, *wanted = search_limbs(body, NumpyNearness(likelihood), mean, config, 7)
     np.testing.assert_allclose(tried, wanted[0], atol=5e-4)
     np.testing.assert_allclose(errors, wanted[1], rtol=1e-3)
     np.testing.assert_allclose(found, expected, atol=5e-4)
@@ -167,7 +167,7 @@ def test_each_kernel_agrees_with_the_twin(device: Device, n_particles: int) -> N
         traced("tracking/limb_search.choose") as choosing,
         traced("tracking/limb_search.accept") as accepting,
     ):
-        search_limbs(device, body, likelihood, mean, config)
+        run_search(device, body, likelihood, mean, config)
     expected, which = propose(body, mean.astype(float), config, 7)
     np.testing.assert_allclose(proposing[0].after["poses"], expected, atol=5e-5)
 
@@ -204,9 +204,7 @@ def test_a_lost_arm_is_found(device: Device) -> None:
     def miss(config: FilterConfig, n_frames: int = 8) -> float:
         found = body.rest_pose
         for frame in range(n_frames):
-            found = search_limbs(device, body, likelihood, found, config.with_changes(seed=frame))[
-                0
-            ]
+            found = run_search(device, body, likelihood, found, config.with_changes(seed=frame))[0]
         reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, pose))
         return float(np.linalg.norm(reached - wanted))
 
@@ -223,8 +221,8 @@ def test_nothing_moves_where_nothing_is_gained(device: Device) -> None:
         device, body, on_cones(body, raised(body), CONFIG.likelihood.samples.n_points)
     )
     hopeless = CONFIG.with_changes(limb_search_near_margin=1.0, limb_search_far_margin=1.0)
-    stays = search_limbs(device, body, likelihood, body.rest_pose, hopeless)[0]
-    alone = search_limbs(
+    stays = run_search(device, body, likelihood, body.rest_pose, hopeless)[0]
+    alone = run_search(
         device, body, likelihood, body.rest_pose, CONFIG.with_changes(limb_search_reach=0.0)
     )[0]
     np.testing.assert_allclose(stays, alone, atol=1e-6)
@@ -276,7 +274,7 @@ def test_an_arm_is_where_its_points_are_seen() -> None:
     )  # which does not reach it otherwise
 
     def miss(config: FilterConfig) -> float:
-        found = searched(body, likelihood, body.rest_pose, config, 3).pose
+        found = search_limbs(body, likelihood, body.rest_pose, config, 3).pose
         reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, pose))
         return float(np.linalg.norm(reached - wanted))
 
@@ -300,11 +298,11 @@ def test_kernels_and_twin_on_observed_points(device: Device, n_particles: int) -
         likelihood.observe(Observed(None, seen_points(body, pose, rig, 40)))
     mean = np.clip(pose + 2 * body.sigma, body.lower, body.upper)
     with traced("tracking/limb_search.propose") as proposing:
-        found, shift, *_ = search_limbs(device, body, kernels, mean, config)
-    expected = searched(body, twin, mean, config, 7).pose
+        found, shift, *_ = run_search(device, body, kernels, mean, config)
+    expected = search_limbs(body, twin, mean, config, 7).pose
     np.testing.assert_allclose(found, expected, atol=1e-3)
     np.testing.assert_allclose(shift, found - mean, atol=1e-5)
-    moved = refined(body, mean, None, config.by_points, twin.observed, judge_last=False)[0] - mean
+    moved = refine(body, mean, None, config.by_points, twin.observed, judge_last=False)[0] - mean
     np.testing.assert_allclose(proposing[0].before["seen"][0], moved, atol=1e-3)
     poses, _ = propose(body, mean, config, 7, moved)
     np.testing.assert_allclose(proposing[0].after["poses"], poses, atol=1e-3)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from apf.api import given_start
+from apf.api import read_given_start
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.method import Method
@@ -31,7 +31,7 @@ TWINS = [("pso", "sp"), ("sir", "voxel")]
 def start(walk: Path) -> tuple[Sequence, VoxelGrid, BodyModel, np.ndarray]:
     """A walk, a coarse grid around the person, the body and its first pose."""
     sequence = Sequence.open(walk)
-    found = given_start(sequence.folder, 0, None, walk / "truth.npz", "y-up")
+    found = read_given_start(sequence.folder, 0, None, walk / "truth.npz", "y-up")
     assert found is not None
     joints = posed_joints(found[0], found[1][None])[0]
     grid = VoxelGrid.covering(joints.min(0) - 0.3, joints.max(0) + 0.3, 0.05)

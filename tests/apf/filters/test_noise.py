@@ -48,7 +48,7 @@ def kernel(device: Device, name: str) -> Kernel:
     header = "".join((kernels / file).read_text() for file in names)
     for file in names:
         header = header.replace(f'#include "{file}"', "")
-    return device.compiled(header + KERNEL, name, "test_noise")
+    return device.compile_kernel(header + KERNEL, name, "test_noise")
 
 
 def drawn(device: Device, counters: np.ndarray, seed: int) -> tuple[np.ndarray, ...]:

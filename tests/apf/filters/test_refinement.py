@@ -16,7 +16,7 @@ from apf.body.kinematics import posed_joints
 from apf.filters.config import FilterConfig
 from apf.filters.refinement import Refinement, prior_deviation
 from apf.likelihood.observations import ObservedPoints, PointObservations, make_empty_observations
-from apf.reference.filters.refinement import refined
+from apf.reference.filters.refinement import refine
 from apf.scene import Scene
 from cl import Device
 
@@ -51,7 +51,7 @@ def test_finds_the_way_back() -> None:
     for seed in range(3):
         moved = pose + np.random.default_rng(seed).normal(0, 2, body.n_dof) * body.sigma
         moved = np.clip(moved, body.lower, body.upper)
-        found = refined(body, moved, points, CONFIG)[0]
+        found = refine(body, moved, points, CONFIG)[0]
         before, after = (
             np.linalg.norm(posed_joints(body, p[None]) - posed_joints(body, pose[None]), axis=-1)
             for p in (moved, found)
@@ -66,7 +66,7 @@ def test_prior_holds_what_the_voxels_leave_open() -> None:
     pose = body.rest_pose.copy()
     pose[body.dof_names.index("l_forearm.ry")] = 0.0
     points = bodies.surface_points(body, pose, 300)
-    found = refined(body, pose, points, CONFIG.with_changes(refinement_width=4.0))[0]
+    found = refine(body, pose, points, CONFIG.with_changes(refinement_width=4.0))[0]
     assert np.abs(found - pose).max() < 0.02
 
 
@@ -80,7 +80,7 @@ def test_far_voxels_pull_first() -> None:
 
     def miss(reach: float) -> float:
         config = CONFIG.with_changes(refinement_scale=0.02, refinement_reach=reach)
-        found = refined(body, body.rest_pose, points, config)[0]
+        found = refine(body, body.rest_pose, points, config)[0]
         reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, raised))
         return float(np.linalg.norm(reached - wanted))
 
@@ -98,7 +98,7 @@ def test_never_worse_than_the_mean() -> None:
         away = np.sum(((pose - mean) / prior_deviation(body, CONFIG)) ** 2)
         return float(CONFIG.refinement.strength * share + away)
 
-    assert cost(refined(body, mean, points, CONFIG)[0]) <= cost(mean)
+    assert cost(refine(body, mean, points, CONFIG)[0]) <= cost(mean)
 
 
 @pytest.mark.parity("tracking/refinement.refine_system", "tracking/refinement.refine_end")
@@ -114,7 +114,7 @@ def test_kernel_and_twin(device: Device, name: str, n_points: int) -> None:
     points = bodies.surface_points(body, pose, n_points) + random.normal(0, 0.01, (n_points, 3))
     mean = np.clip(pose + random.normal(0, 1, body.n_dof) * body.sigma, body.lower, body.upper)
     found, information = on_device(device, body, mean, points, config)
-    expected, matrix = refined(body, mean, points, config)
+    expected, matrix = refine(body, mean, points, config)
     np.testing.assert_allclose(found, expected, atol=2e-4)
     scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
     lower = np.tril_indices(body.n_dof)
@@ -151,7 +151,7 @@ def test_the_other_kind_of_work_groups_finds_the_same(device: Device, name: str)
         )
     np.testing.assert_allclose(one, two, atol=2e-4)
     np.testing.assert_allclose(knows, knows_too, atol=1e-3 * np.abs(knows).max())
-    expected = refined(body, mean, points, CONFIG)[0]
+    expected = refine(body, mean, points, CONFIG)[0]
     for found in (one, two):
         np.testing.assert_allclose(found, expected, atol=5e-4)
 
@@ -194,7 +194,7 @@ def test_finds_the_way_back_by_what_cameras_see() -> None:
     seen = replace(seen, pixel=pixel, inverse_scale=np.full(len(seen), 0.2))
     config = CONFIG.with_changes(refinement_width=20.0, refinement_point_reach=20.0)
     moved = np.clip(pose + random.normal(0, 2, body.n_dof) * body.sigma, body.lower, body.upper)
-    found = refined(body, moved, None, config, (RIG, seen))[0]
+    found = refine(body, moved, None, config, (RIG, seen))[0]
     before, after = (
         np.linalg.norm(posed_joints(body, p[None]) - posed_joints(body, pose[None]), axis=-1)
         for p in (moved, found)
@@ -230,7 +230,7 @@ def test_kernels_and_twin_on_observed_points(
         away = random.random(len(seen)) < 0.05
         seen = replace(seen, pixel=pixel + 300 * away[:, None])
     mean = np.clip(pose + random.normal(0, 1, body.n_dof) * body.sigma, body.lower, body.upper)
-    expected, matrix = refined(body, mean, voxels, config, (RIG, seen))
+    expected, matrix = refine(body, mean, voxels, config, (RIG, seen))
     scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
     lower = np.tril_indices(body.n_dof)
     with skipped_without_room(device):

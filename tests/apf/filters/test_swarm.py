@@ -13,7 +13,7 @@ from apf.filters.config import FilterConfig
 from apf.filters.sir import SirConfig, SirParticleFilter
 from apf.filters.swarm import ParticleSwarm, SwarmConfig
 from apf.reference.filters.sir import NumpySirParticleFilter
-from apf.reference.filters.swarm import NumpyParticleSwarm, stopped_at_limits, uniform_pairs
+from apf.reference.filters.swarm import NumpyParticleSwarm, stop_at_limits, uniform_pairs
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 
@@ -86,7 +86,7 @@ def test_moves_agree_with_the_twin(device: Device, n: int) -> None:
             velocities += swarm.inertia * given["velocities"]
         velocities += swarm.cognitive * pairs[..., 0] * (bests - poses)
         velocities += swarm.social * pairs[..., 1] * (given["result"][: SONG.n_dof] - poses)
-        expected = stopped_at_limits(SONG, poses + velocities, velocities)
+        expected = stop_at_limits(SONG, poses + velocities, velocities)
         np.testing.assert_allclose(launch.after["poses"], expected[0], atol=1e-5)
         np.testing.assert_allclose(launch.after["velocities"], expected[1], atol=1e-5)
         stopped += np.count_nonzero(expected[1] != velocities)

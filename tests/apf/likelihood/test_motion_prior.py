@@ -32,7 +32,7 @@ def test_the_cost_is_the_mean_squared_change_in_sigmas() -> None:
     nothing = np.full(SONG.n_dof, np.nan)
     assert not motion_errors(SONG, poses, nothing, CONFIG).any()
     # Half as many frames per second may change by twice as much.
-    slow = FilterConfig.create(motion_prior_scale=2.0).at_rate(30.0).likelihood.motion_prior
+    slow = FilterConfig.create(motion_prior_scale=2.0).scale_to_rate(30.0).likelihood.motion_prior
     np.testing.assert_allclose(motion_errors(SONG, poses, expected, slow), [0, 1 / 4, 9 / 4])
     still = replace(SONG, sigma=np.zeros(SONG.n_dof))
     assert not motion_errors(still, poses, expected, CONFIG).any()

@@ -32,7 +32,7 @@ from apf.likelihood.part_colour import (
 from apf.likelihood.voxel import VoxelLikelihood, choose_cone_sampling, make_sample_rows
 from apf.reference.image_objective.render import draw_hypotheses
 from apf.reference.likelihood.part_colour import (
-    Look,
+    ColourModel,
     colour_means,
     compute_ratios,
     count_codes,
@@ -65,7 +65,7 @@ def painted(rig: CameraRig, pose: np.ndarray, arms: int) -> np.ndarray:
 def means(poses: np.ndarray, codes: np.ndarray, ratios: np.ndarray) -> np.ndarray:
     """The term's means (N,) over the cameras."""
     rows = make_sample_rows(choose_cone_sampling(SONG, 0.06))
-    look = Look(ratios, list_scored_parts(SONG, rows), rows)
+    look = ColourModel(ratios, list_scored_parts(SONG, rows), rows)
     cones = posed_cones(SONG, poses)
     views = zip(RIG, codes, strict=True)
     return np.mean([colour_means(camera, SONG, cones, view, look) for camera, view in views], 0)
@@ -192,7 +192,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, kind: str) -> No
             ratios = colours.ratios.get()[0]
         else:
             assert not colours.ratios.get().any()
-        look = Look(ratios, list_scored_parts(body, rows), rows)
+        look = ColourModel(ratios, list_scored_parts(body, rows), rows)
         views = zip(rig, codes, strict=True)
         expected = np.mean([colour_means(c, body, cones, v, look) for c, v in views], 0)
         # What the launches know is set where a frame is observed.

@@ -12,7 +12,7 @@ from helpers.parity import traced
 from apf.body import load_body
 from apf.body.cones import project_outlines
 from apf.body.kinematics import posed_cones
-from apf.reference.likelihood.silhouette_recall import covered, uncovered_errors
+from apf.reference.likelihood.silhouette_recall import find_covered, uncovered_errors
 from apf.reference.likelihood.voxel import sampled_surface
 from cl import Device
 from psfs.voxels.grid import VoxelGrid
@@ -26,8 +26,8 @@ def test_inside_of_a_trapezoid_either_way_round() -> None:
     pixels = np.array([[1.0, 1], [3.9, 1.9], [4.1, 1], [-1, 1], [2, 3]])
     inside = [True, True, False, False, False]
     for quad in (square, square[::-1]):
-        assert covered(np.stack([quad, nothing]), pixels).tolist() == inside
-    assert not covered(nothing[None], pixels).any()
+        assert find_covered(np.stack([quad, nothing]), pixels).tolist() == inside
+    assert not find_covered(nothing[None], pixels).any()
 
 
 def test_a_hidden_leg_costs_what_it_leaves_uncovered() -> None:

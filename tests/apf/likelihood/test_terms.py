@@ -29,7 +29,7 @@ def test_a_term_has_settings_and_is_chosen_by_its_name(spec: TermSpec) -> None:
     weight = likelihood_weights(f"edge,{spec.name}")[f"{spec.name}_weight"]
     assert weight == (default.weight or spec.chosen_weight) > 0
     config = FilterConfig.create(**{f"{spec.name}_weight": weight}).likelihood
-    assert spec.name in config.terms and config.of_term(spec.name).weight == weight
+    assert spec.name in config.terms and config.term_settings(spec.name).weight == weight
     assert (spec.name in config.track_terms) == spec.depends_on_track
     own = spec.launcher.startswith("apf.")
     assert own or default.weight == 0, "an installed package must not change tracks"

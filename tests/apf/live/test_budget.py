@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from apf.filters.method import Method
-from apf.live.budget import Governor, evaluations, sized, sizes
+from apf.live.budget import Governor, evaluations, list_sizes, resize_search
 from apf.live.config import SizeConfig
 
 SIZES = SizeConfig()
@@ -14,20 +14,23 @@ SIZES = SizeConfig()
 def test_a_search_of_any_size() -> None:
     method = Method.create("pso", "sp")
     for count in (SIZES.fewest, 900, 3000, SIZES.most):
-        chosen = sized(method, count)
+        chosen = resize_search(method, count)
         assert abs(evaluations(chosen) - count) < 0.15 * count
         assert 6 <= chosen.filter.search.n_layers <= 15
-    assert sized(Method.create("sir", "sp"), 2000).filter.search.n_layers == 1
-    assert sized(method, 3000).filter.search.n_layers > sized(method, 900).filter.search.n_layers
+    assert resize_search(Method.create("sir", "sp"), 2000).filter.search.n_layers == 1
+    assert (
+        resize_search(method, 3000).filter.search.n_layers
+        > resize_search(method, 900).filter.search.n_layers
+    )
 
 
 def test_sizes_to_choose_from() -> None:
-    counts = [evaluations(method) for method in sizes(Method())]
+    counts = [evaluations(method) for method in list_sizes(Method())]
     assert counts == sorted(counts)
     assert counts[0] == pytest.approx(SIZES.fewest, rel=0.1) and counts[-1] == pytest.approx(
         SIZES.most, 0.1
     )
-    trunk = [m.filter.search.trunk_layers / m.filter.search.n_layers for m in sizes(Method())]
+    trunk = [m.filter.search.trunk_layers / m.filter.search.n_layers for m in list_sizes(Method())]
     assert all(0.25 < share < 0.4 for share in trunk)
 
 
@@ -49,7 +52,7 @@ def test_a_search_that_takes_too_long_shrinks_and_grows_again() -> None:
     def chosen_after(slower: float, processing: float = 0.01) -> int:
         """The search chosen after many frames that took so many times their cost."""
         for _ in range(40):
-            governor.revised(processing, slower * COSTS[governor.chosen])
+            governor.update(processing, slower * COSTS[governor.chosen])
         return governor.chosen
 
     assert governor.chosen == 2
@@ -59,4 +62,4 @@ def test_a_search_that_takes_too_long_shrinks_and_grows_again() -> None:
     assert chosen_after(0.9, processing=0.0) == 2
     # One size is never left.
     single = Governor(0.05, COSTS[-1:], 0.01)
-    assert not any(single.revised(0.01, seconds) for seconds in (5.0, 1e-6) for _ in range(30))
+    assert not any(single.update(0.01, seconds) for seconds in (5.0, 1e-6) for _ in range(30))

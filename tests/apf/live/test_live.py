@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from apf.api import given_start
+from apf.api import read_given_start
 from apf.body import load_body, save_body
 from apf.body.kinematics import posed_joints
 from apf.cli import main
@@ -18,7 +18,7 @@ from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.pose import read_pose, write_pose
 from apf.live.config import SizeConfig
-from apf.live.session import Live, LiveStart, Observed, translation
+from apf.live.session import Live, LiveStart, ObservedFrame, translation
 from apf.live.sources import ACQUISITION, Replay, Shot
 from apf.live.timeline import Timeline
 from apf.tracking.track import Track
@@ -44,7 +44,7 @@ def test_a_translation_moves_all_joints_alike() -> None:
 @pytest.fixture(scope="module")
 def filmed(walk: Path) -> Path:
     """The folder of a walk with body.toml and start.txt, fitted once for all tests."""
-    found = given_start(walk, 0, None, walk / "truth.npz", "y-up")
+    found = read_given_start(walk, 0, None, walk / "truth.npz", "y-up")
     assert found is not None
     save_body(walk / "body.toml", found[0])
     write_pose(walk / "start.txt", found[1], found[0])
@@ -104,16 +104,16 @@ def prepared(folder: Path, objective: str = "voxel", follow: bool = False) -> Li
     )
 
 
-def seen(run: Live, index: int, moved: float = 0.0) -> Observed:
+def seen(run: Live, index: int, moved: float = 0.0) -> ObservedFrame:
     """A frame as the run's threads observe it, with voxels that are said to be elsewhere."""
     frame = run.source.sequence.read(index)
     observation, centre = run.observe(frame)
     run.processor.finish()
     centre = None if centre is None else centre + np.array([moved, 0, 0])
-    return Observed(Shot(frame, index / 60), observation, centre)
+    return ObservedFrame(Shot(frame, index / 60), observation, centre)
 
 
-def tracked(run: Live, observed: Observed) -> Estimate:
+def tracked(run: Live, observed: ObservedFrame) -> Estimate:
     run.expect(observed)
     run.tracker.observe(observed.observation)
     return run.tracker.search()
@@ -144,12 +144,12 @@ def test_what_a_thread_raises_ends_the_run(filmed: Path, monkeypatch) -> None:
 def test_a_search_is_resized_where_it_stands(filmed: Path) -> None:
     run = prepared(filmed)
     run.governor.chosen = 0
-    run.tracker = run.chosen()
+    run.tracker = run.start_selected()
     first = seen(run, 0)
     estimate = tracked(run, first)
     run.keep(first, estimate, 0.1)
     run.governor.chosen = 1
-    run.tracker = run.chosen()
+    run.tracker = run.start_selected()
     assert run.result.sizes[-2:] == [(0, 48, 6), (1, 96, 6)]
     again = tracked(run, seen(run, 1))
     assert np.abs(again.pose - estimate.pose).max() < 0.5

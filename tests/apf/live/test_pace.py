@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from apf.live.pace import Pace, Progress, described
+from apf.live.pace import Pace, PaceReporter, describe_run
 from apf.live.session import LiveResult
 from apf.live.timeline import Timeline
 
@@ -30,7 +30,7 @@ def test_lines_come_now_and_then_and_one_warning() -> None:
     now = [100.0]
     said: list[str] = []
     warned: list[str] = []
-    progress = Progress(30.0, None, said.append, warned.append, 5.0, lambda: now[0])
+    progress = PaceReporter(30.0, None, said.append, warned.append, 5.0, lambda: now[0])
     for _ in range(110):
         now[0] += 0.1
         progress(result_of(), timeline_of(8.0))
@@ -41,7 +41,7 @@ def test_lines_come_now_and_then_and_one_warning() -> None:
 
 def test_a_terminal_sees_every_change() -> None:
     shown: list[str] = []
-    progress = Progress(30.0, shown.append, None, None, 5.0, lambda: 0.0)
+    progress = PaceReporter(30.0, shown.append, None, None, 5.0, lambda: 0.0)
     progress(LiveResult(), timeline_of(8.0, 0))
     progress(result_of(), timeline_of(30.0))
     assert shown[0] == "no pose yet" and "96 x 10" in shown[1]
@@ -52,4 +52,4 @@ def test_a_lost_person_is_told() -> None:
         lost = True
 
     result = LiveResult([0, 1], [Lost(), Lost()], [0.1, 0.1], [(0, 96, 10)])  # type: ignore[list-item]
-    assert described(result, timeline_of(8.0, 2)).endswith("LOST")
+    assert describe_run(result, timeline_of(8.0, 2)).endswith("LOST")

@@ -11,7 +11,7 @@ from apf.body import load_body
 from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones
 from apf.report.viewer_layers import cone_layer, describe_frame, skeleton_layer
-from psfs.mesh.drawing import Lines, Surface
+from psfs.mesh.drawing import Lines, SurfaceDrawing
 
 
 def test_the_skeleton_of_a_frame() -> None:
@@ -38,7 +38,7 @@ def test_cones_are_drawn_where_they_are() -> None:
     track, body = walker(4), load_body("song31")
     layer = cone_layer(track, body)
     surface = layer.drawing(3, "colour")
-    assert isinstance(surface, Surface) and surface.opacity < 1
+    assert isinstance(surface, SurfaceDrawing) and surface.opacity < 1
     nearest = cone_distances(surface.vertices, posed_cones(body, track.poses[3:])[0]).min(-1)
     assert nearest.max() < 1e-3  # on a cone, or in another one
     triangles = len(surface.colours) // len(body.cones)

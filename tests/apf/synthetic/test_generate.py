@@ -10,7 +10,7 @@ import pytest
 
 from apf.reference.synthetic.scene import body_distance
 from apf.synthetic.body import PersonSurface
-from apf.synthetic.gait import Gait
+from apf.synthetic.gait import GaitModel
 from apf.synthetic.generate import BACKGROUND_FRAMES, generate
 from apf.synthetic.render import SyntheticScene
 from apf.synthetic.scene import SceneConfig, make_rig
@@ -41,7 +41,7 @@ def folder(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("course", ["straight", "diagonal"])
 def test_a_straight_walk_goes_to_a_camera_or_between_two(course: str) -> None:
     config = SceneConfig(cameras=4, seed=5, course=course)  # type: ignore[arg-type]
-    gait = Gait(config.walk)
+    gait = GaitModel(config.walk)
     joints = gait.skeleton.joints(gait.motion(np.arange(0.0, 3.0, 0.02)))
     trail = joints[:, gait.skeleton.joint_names.index("pelvis"), :2]
     ahead = (trail[-1] - trail[0]) / np.linalg.norm(trail[-1] - trail[0])
@@ -53,7 +53,7 @@ def test_a_straight_walk_goes_to_a_camera_or_between_two(course: str) -> None:
 
 
 def walked(seed: int, height: float = 1.76) -> dict[str, np.ndarray]:
-    gait = Gait(Walk.varied(seed, height))
+    gait = GaitModel(Walk.sample(seed, height))
     joints = gait.skeleton.joints(gait.motion(np.arange(0.0, 3.0, 1 / 120)))
     return {name: joints[:, i] for i, name in enumerate(gait.skeleton.joint_names)}
 
@@ -101,7 +101,7 @@ def _bend(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
 
 
 def test_flesh_surrounds_the_joints_and_stays_above_the_floor() -> None:
-    gait = Gait(Walk.varied(5, 1.76))
+    gait = GaitModel(Walk.sample(5, 1.76))
     motion = gait.motion(np.arange(0.0, 1.1, 0.1))
     flesh = PersonSurface(gait.skeleton)
     joints = gait.skeleton.joints(motion)

@@ -9,8 +9,8 @@ from helpers.parity import traced
 from apf.reference.synthetic.room import empty_room
 from apf.reference.synthetic.scene import FOUR, floor_shadow, shadowed_room, silhouette
 from apf.synthetic.body import PersonSurface
-from apf.synthetic.gait import Gait
-from apf.synthetic.render import SHADOW_SIZE, SHADOW_STEP, TILE, Renderer
+from apf.synthetic.gait import GaitModel
+from apf.synthetic.render import SHADOW_SIZE, SHADOW_STEP, TILE, SceneRenderer
 from apf.synthetic.scene import SceneConfig, make_furniture, make_rig
 from apf.synthetic.walk import Walk
 from cl import Device
@@ -41,16 +41,18 @@ def rigs(pelvis: np.ndarray) -> dict[str, CameraRig]:
     }
 
 
-def drawn(device: Device, case: str, shadow: float = 1.0) -> tuple[CameraRig, Renderer, np.ndarray]:
+def drawn(
+    device: Device, case: str, shadow: float = 1.0
+) -> tuple[CameraRig, SceneRenderer, np.ndarray]:
     """The rig, a renderer that has drawn the walker, and his primitives."""
-    gait = Gait(Walk.varied(2, 1.7))
+    gait = GaitModel(Walk.sample(2, 1.7))
     motion = gait.motion(np.array([0.0, 0.37]))
     flesh = PersonSurface(gait.skeleton)
     rig = rigs(motion.positions[1, 0])[case]
     primitives = flesh.packed(motion, 1)
     balls = flesh.balls(primitives)
     room = (make_furniture(2), 2)
-    renderer = Renderer(device, rig, *room, len(primitives), len(balls), shadow=shadow)
+    renderer = SceneRenderer(device, rig, *room, len(primitives), len(balls), shadow=shadow)
     renderer(primitives, balls, motion.positions[1, 0, :2])
     return rig, renderer, primitives
 

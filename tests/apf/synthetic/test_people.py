@@ -11,7 +11,7 @@ import pytest
 from apf.evaluation.people import load_people_truth
 from apf.reference.synthetic.scene import silhouette
 from apf.synthetic.config import SceneConfig
-from apf.synthetic.gait import Gait
+from apf.synthetic.gait import GaitModel
 from apf.synthetic.generate import generate
 from apf.synthetic.people import make_walks, presence
 from apf.synthetic.render import SyntheticScene
@@ -29,7 +29,7 @@ def scene(device: Device) -> SyntheticScene:
 @pytest.mark.parametrize(("people", "seed"), [(2, 1), (3, 2), (5, 3)])
 def test_walkers_stay_apart_and_in_the_room(people: int, seed: int) -> None:
     config = SceneConfig(people=people, seed=seed)
-    gaits = [Gait(walk) for walk in make_walks(config)]
+    gaits = [GaitModel(walk) for walk in make_walks(config)]
     motions = [gait.motion(np.arange(0, 12, 0.2)) for gait in gaits]
     pelvis = np.stack([motion.positions[:, 0, :2] for motion in motions])
     apart = np.linalg.norm(pelvis[:, None] - pelvis, axis=-1)

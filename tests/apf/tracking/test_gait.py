@@ -12,7 +12,7 @@ from helpers import tracks
 from helpers.striders import STANCE, Stride, strider, track_of_poses
 
 from apf.body import load_body
-from apf.synthetic.gait import Gait as SyntheticGait
+from apf.synthetic.gait import GaitModel as SyntheticGait
 from apf.synthetic.walk import Walk
 from apf.tracking.gait import GaitConfig, measure_gait
 from apf.tracking.smoothing import smooth_track
@@ -31,7 +31,7 @@ def filmed(walk: Walk, frames: int = 240) -> Track:
 
 @pytest.mark.parametrize("seed", [0, 3])
 def test_a_synthetic_walker(seed: int) -> None:
-    walk = Walk.varied(seed, 1.6 + 0.1 * seed)
+    walk = Walk.sample(seed, 1.6 + 0.1 * seed)
     gait = measure_gait(filmed(walk))
     assert gait is not None
     assert gait.n_steps in (6, 7, 8)

@@ -116,7 +116,9 @@ def test_live_keypoints_frame_by_frame(device: Device) -> None:
     """As a callback gives them: a tracker's step takes each frame's."""
     keypoints: Keypoints = of_poses(RIG, BODY, poses(), noise=2.0)
     known = start_from_keypoints(RIG, keypoints, BODY, range(N))
-    config = FilterConfig.create(n_particles=100, n_layers=5, keypoints_weight=4.0).at_rate(30)
+    config = FilterConfig.create(n_particles=100, n_layers=5, keypoints_weight=4.0).scale_to_rate(
+        30
+    )
     method = Method(objective="keypoints", filter=config)
     tracker = make_tracker(Scene(device, RIG, None, known.body), method)
     assert isinstance(tracker, AnnealedParticleFilter)

@@ -27,7 +27,7 @@ def test_saved_people_are_opened_again(tmp_path: Path) -> None:
     assert again.objects == 1
     with pytest.raises(InputError, match=r"of several people; expected one, as .*person1"):
         Track.open(tmp_path)
-    assert again.seen_part(1).frames.tolist() == [2, 3, 7]
+    assert again.select_seen(1).frames.tolist() == [2, 3, 7]
     listed = json.loads((tmp_path / PEOPLE).read_text())
     assert listed["frames_with"] == {"1": 7, "2": 3}
     assert [person.get("verdict") for person in listed["persons"]] == ["good", ""]

@@ -19,7 +19,7 @@ from apf.body.limbs import limb_masks, limb_names
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, crop_voxels
-from apf.reference.kept_voxels import uncropped
+from apf.reference.kept_voxels import uncrop
 from apf.scene import Scene
 from apf.tracking.limb_confidence import REGRESSION
 from apf.tracking.recovery import SeparateRuns
@@ -320,7 +320,7 @@ def test_kept_frames_are_restored_about_the_foreground(device: Device) -> None:
     )
     for found, of in ((after.evidence.get(), evidence), (after.pictures().get(), pictures)):
         for view, (rows, columns) in enumerate(parts):
-            expected = uncropped(of[view, rows, columns], (rows.start, columns.start), shape[1:])
+            expected = uncrop(of[view, rows, columns], (rows.start, columns.start), shape[1:])
             np.testing.assert_array_equal(found[view], expected)
             np.testing.assert_array_equal(found[view, rows, columns], of[view, rows, columns])
     assert (after.evidence.get() > 0).sum() == (evidence > 0).sum()

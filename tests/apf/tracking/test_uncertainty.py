@@ -11,7 +11,7 @@ from helpers.shared import ROOT
 from apf.body import load_body
 from apf.body.kinematics import posed_joints
 from apf.tracking.uncertainty import (
-    Calibration,
+    DeviationCalibration,
     is_inside_ellipsoid,
     joint_covariance,
     raw_covariance,
@@ -65,7 +65,7 @@ def test_calibration_scales_and_adds_a_floor_per_joint() -> None:
     poses = bodies.random_poses(SONG, 2)
     known, deviation = np.stack(2 * [1e4 * np.eye(31)]), np.full((2, 31), 0.01)
     raw = raw_covariance(SONG, poses, known, deviation)
-    scaled = Calibration(3.0, {"wrist": 0.05}, other_floor=0.01)
+    scaled = DeviationCalibration(3.0, {"wrist": 0.05}, other_floor=0.01)
     found = joint_covariance(SONG, poses, known, deviation, scaled)
     for name, floor in (("l_wrist", 0.05), ("r_wrist", 0.05), ("pelvis", 0.01)):
         place = SONG.joint_names.index(name)

@@ -10,9 +10,9 @@ from helpers.parity import traced
 from cl import Device, InputError
 from psfs.background.config import LightConfig
 from psfs.background.gaussian import Background
-from psfs.background.light import steady_light, unlit_picture
+from psfs.background.light import relight_picture, steady_light
 from psfs.reconstructor import ReconstructionConfig, Reconstructor
-from psfs.reference.light import apply_light, estimate_light, unlit
+from psfs.reference.light import apply_light, estimate_light, relight
 from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
 
@@ -90,10 +90,10 @@ def test_pictures_are_brought_to_the_backgrounds_light() -> None:
     rig, background, images = changed(2, (201, 153), slope=0.1)
     light = estimated(rig, background, images)
     free = scenes.masks_of(rig) == 0
-    own = unlit(images, light)
+    own = relight(images, light)
     inside = free & (background.mean.max(-1) > 0)
     assert np.median(np.abs(own - background.mean)[inside]) < 3
-    one = unlit_picture(images[0], light[0])
+    one = relight_picture(images[0], light[0])
     assert np.abs(one - own[0].clip(0, 255)).max() <= 0.51
 
 

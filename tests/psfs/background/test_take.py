@@ -123,11 +123,11 @@ def test_the_persons_colours_are_found_although_the_median_shows_them() -> None:
     search = PersonSearch(frames, region, *median_moments(frames, BackgroundModelConfig()), CONFIG)
     colours = np.ones(N_COLOURS)
     for _ in range(3):
-        colours = person_colours([search.unexplained(colours)])
+        colours = person_colours([search.count_unexplained(colours)])
     search.trust_median(colours)
     found = search.evidence(colours) > 0
     assert (found & person).sum() > 0.9 * (found | person).sum()
-    extrapolated = search.extrapolated(colours)
+    extrapolated = search.extrapolate(colours)
     assert np.isnan(extrapolated[~region]).all()
     assert np.median(np.abs(extrapolated[person[0] & region][:, :3] - 120)) < 6
 
@@ -139,7 +139,7 @@ def test_no_background_is_extrapolated_that_looks_like_the_person() -> None:
         frames, person.any(0), *median_moments(frames, BackgroundModelConfig()), CONFIG
     )
     colours = person_colours([np.eye(N_COLOURS)[colour_bins(np.array([20.0, 30, 160]))]])
-    assert np.isnan(search.extrapolated(colours)[..., 3]).all()
+    assert np.isnan(search.extrapolate(colours)[..., 3]).all()
 
 
 def test_what_moved_is_found_and_filled() -> None:
@@ -159,7 +159,7 @@ def test_the_hull_shows_where_the_body_is(denials: int) -> None:
     hull = CoarseHull(rig, everywhere, 60_000)
     lacking = masks.copy()
     lacking[0] = False
-    shown = hull.reprojected(hull.occupied(lacking, denials), 0)
+    shown = hull.reproject(hull.find_occupied(lacking, denials), 0)
     if denials:
         assert (shown & masks).sum() > 0.6 * (shown | masks).sum()
     else:

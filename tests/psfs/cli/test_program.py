@@ -11,7 +11,7 @@ import pytest
 
 import apf.cli
 import psfs.cli
-from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
+from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, select_method
 from cl import InputError
 from psfs.cli.commandline import frame_range, stdout, warn
 from psfs.cli.program import run_program
@@ -46,7 +46,7 @@ class Walk(Command):
         warn("a warning", stdout)
         if args.folder == "bad":
             raise InputError("bad: not good")
-        method = chosen_method(args)
+        method = select_method(args)
         reconstruction = args.configs.get("reconstruction", ReconstructionConfig())
         tables = {"method": method, "reconstruction": reconstruction}
         write_settings(args.output, args, tables, METHOD_FLAGS)
@@ -70,8 +70,8 @@ def test_settings_given_back_are_the_same(tmp_path: Path) -> None:
     names = ("voxel_size", "names", "no_overlay", "pictures", "count")
     assert [getattr(first, n) for n in names] == [getattr(second, n) for n in names]
     assert second.init == Path("pose.txt").resolve()
-    assert chosen_method(first) == chosen_method(second)
-    assert chosen_method(second).search == "pso"
+    assert select_method(first) == select_method(second)
+    assert select_method(second).search == "pso"
     assert (tmp_path / "b" / "settings.toml").read_text() == written.read_text()
 
 
@@ -85,11 +85,11 @@ def test_flags_beat_the_file_and_exclude_its(tmp_path: Path) -> None:
     config = ["--config", str(file)]
     _, args = walk(tmp_path / "a", *config, "--count", "1", "--grid", "1:2", "--layers", "3")
     assert args.count == 1 and args.voxel_size is None
-    search = chosen_method(args).filter.search
+    search = select_method(args).filter.search
     assert (search.n_particles, search.n_layers) == (50, 3)
     _, args = walk(tmp_path / "b", *config)
     assert (args.count, args.voxel_size) == (2, 0.05)
-    assert chosen_method(args).filter.search.n_layers == 4
+    assert select_method(args).filter.search.n_layers == 4
     assert args.configs["reconstruction"].occupancy.threshold == 0.7
     assert args.configs["reconstruction"].occupancy.prior == 0.5
 
@@ -98,9 +98,9 @@ def test_a_method_named_in_a_file_has_its_own_defaults(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text('[method]\nsearch = "sir"\n')
     _, args = walk(tmp_path / "a", "--config", str(file))
-    assert chosen_method(args).filter.search.n_particles == 3000
+    assert select_method(args).filter.search.n_particles == 3000
     _, args = walk(tmp_path / "a", "--config", str(file), "--method", "apf")
-    assert chosen_method(args).filter.search.n_particles == 200
+    assert select_method(args).filter.search.n_particles == 200
 
 
 @pytest.mark.parametrize(

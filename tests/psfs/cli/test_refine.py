@@ -92,4 +92,4 @@ def test_two_cameras_are_refused(
     assert main(["calibrate", str(take), *flags]) == 2
     assert "expected three or more" in capsys.readouterr().err
     assert main(["calibrate", str(take), "--refine", "--floor", "0", "-o", str(tmp_path)]) == 2
-    assert "is of boards and wands" in capsys.readouterr().err
+    assert "applies only to boards and wands" in capsys.readouterr().err

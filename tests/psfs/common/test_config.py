@@ -43,7 +43,7 @@ def test_a_table_keeps_what_it_does_not_state() -> None:
     """Even where the outer settings have defaults of their own for the inner ones."""
     found = Outer.from_dict({"inner": {"n": 5, "lags": [3]}})
     assert found.inner == Inner(reach=5.0, n=5, lags=(3,))
-    assert found.overlaid({"inner": {"reach": 1}}).inner == Inner(reach=1.0, n=5, lags=(3,))
+    assert found.overlay({"inner": {"reach": 1}}).inner == Inner(reach=1.0, n=5, lags=(3,))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from helpers import scenes
 
 from psfs.mesh.drawing import (
     COLOURINGS,
-    Surface,
+    SurfaceDrawing,
     colour_scale,
     draw_floor,
     draw_frusta,
@@ -76,11 +76,11 @@ def test_the_layer_of_voxels_is_made_once() -> None:
 
     layer = make_voxel_layer(shape, scenes.small_grid())
     first = layer.drawing(3, "colour")
-    assert isinstance(first, Surface) and len(first.vertices) == len(first.colours) == 24
+    assert isinstance(first, SurfaceDrawing) and len(first.vertices) == len(first.colours) == 24
     assert layer.drawing(0, "colour") is None
     assert layer.drawing(3, "colour") is first
     other = layer.drawing(3, "height")
-    assert isinstance(other, Surface) and other.vertices is first.vertices
+    assert isinstance(other, SurfaceDrawing) and other.vertices is first.vertices
     assert (other.colours != first.colours).any() and asked == [3, 0]
 
 
@@ -89,7 +89,7 @@ def test_meshes_take_the_nearest_voxels_colours() -> None:
     ball = trimesh.creation.icosphere(2, 0.3)
     ball.apply_translation(cloud.centres.mean(0))
     surface = make_voxel_layer(lambda _: (cloud, ball), cloud.grid).drawing(1, "probability")
-    assert isinstance(surface, Surface)
+    assert isinstance(surface, SurfaceDrawing)
     np.testing.assert_allclose(surface.vertices[surface.faces], ball.vertices[ball.faces])
     distance = np.linalg.norm(surface.vertices[:, None] - cloud.centres, axis=-1)
     expected = voxel_colours(cloud, "probability")[distance.argmin(1)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from helpers import scenes
 
-from psfs.mesh.drawing import Lines, Surface, make_static_layer, make_voxel_layer
+from psfs.mesh.drawing import Lines, SurfaceDrawing, make_static_layer, make_voxel_layer
 from psfs.mesh.keys import KEYS
 from psfs.mesh.playback import Playback
 from psfs.mesh.player import Player
@@ -26,7 +26,7 @@ def player() -> Player:
 
 def shown_voxels(shown: Player) -> int:
     surface = shown.drawings()["voxels"]
-    assert isinstance(surface, Surface)
+    assert isinstance(surface, SurfaceDrawing)
     return len(surface.vertices) // 8
 
 

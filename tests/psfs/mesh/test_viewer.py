@@ -17,7 +17,7 @@ from cl import InputError
 from psfs.cli import main
 from psfs.common.open3d import load_open3d
 from psfs.mesh import viewer
-from psfs.mesh.drawing import Lines, Surface, make_cubes, make_static_layer, make_voxel_layer
+from psfs.mesh.drawing import Lines, SurfaceDrawing, make_cubes, make_static_layer, make_voxel_layer
 from psfs.mesh.playback import Playback
 from psfs.mesh.player import Player
 from psfs.voxels.grid import VoxelCloud
@@ -54,7 +54,9 @@ def test_the_window_gets_the_whole_run(
     assert player.playback.frames == [0, 1, 2] and player.playback.frame == 1
     assert list(player.drawings()) == [name, "cameras", "floor"]
     surface = player.drawings()[name]
-    assert isinstance(surface, Surface) and len(surface.colours) == len(surface.vertices) > 1000
+    assert (
+        isinstance(surface, SurfaceDrawing) and len(surface.colours) == len(surface.vertices) > 1000
+    )
     assert " voxels, " in player.caption()
     player.press("left")  # nobody there
     assert list(player.drawings()) == ["cameras", "floor"]
@@ -64,7 +66,7 @@ def test_drawings_in_open3ds_form() -> None:
     cloud = VoxelCloud(scenes.small_grid(), np.arange(3), np.ones(3, np.float32))
     vertices, faces = make_cubes(cloud)
     red = np.tile(np.uint8([255, 0, 0]), (len(vertices), 1))
-    mesh = viewer.convert_to_open3d(Surface(vertices, faces, np.zeros_like(vertices), red))
+    mesh = viewer.convert_to_open3d(SurfaceDrawing(vertices, faces, np.zeros_like(vertices), red))
     assert len(mesh.triangles) == 36 and len(mesh.vertex_normals) == 24
     np.testing.assert_allclose(np.asarray(mesh.vertex_colors)[0], [1, 0, 0])
     lines = viewer.convert_to_open3d(Lines(np.eye(3), np.array([[0, 1]]), np.uint8([[0, 0, 255]])))

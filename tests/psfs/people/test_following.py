@@ -9,7 +9,14 @@ from scipy import ndimage
 from psfs.people.coarse_voxels import BANDS, CoarseFrame, likeness
 from psfs.people.config import PeopleConfig
 from psfs.people.following import Trajectory, follow
-from psfs.people.identities import Looks, is_person, join_returning, present, undo_swaps, volume
+from psfs.people.identities import (
+    Appearance,
+    is_person,
+    join_returning,
+    present,
+    undo_swaps,
+    volume,
+)
 from psfs.voxels.grid import VoxelGrid
 
 CONFIG, FPS = PeopleConfig(), 10.0
@@ -72,13 +79,13 @@ def test_a_low_thing_is_followed_but_no_person() -> None:
     found = follow(frames, GRID, CONFIG, FPS)
     assert len(found) == 2
     largest = max(volume(one) for one in found)
-    assert [is_person(one, Looks(), GRID, largest, CONFIG) for one in found].count(True) == 1
+    assert [is_person(one, Appearance(), GRID, largest, CONFIG) for one in found].count(True) == 1
 
 
 def test_a_hull_that_nobody_fills_is_no_person() -> None:
     one = follow([frame(n, column(0, 0)) for n in range(5)], GRID, CONFIG, FPS)[0]
-    assert is_person(one, Looks(unexplained={0: 0.5}), GRID, volume(one), CONFIG)
-    assert not is_person(one, Looks(unexplained={0: 0.05}), GRID, volume(one), CONFIG)
+    assert is_person(one, Appearance(unexplained={0: 0.5}), GRID, volume(one), CONFIG)
+    assert not is_person(one, Appearance(unexplained={0: 0.05}), GRID, volume(one), CONFIG)
 
 
 def coloured(code: int) -> np.ndarray:
@@ -95,11 +102,11 @@ def test_who_comes_back_is_known_by_the_colours() -> None:
     assert len(found) == 3
     late = next(one for one in found if one.frames[0] == 20)
     left, right = (one for one in found if one is not late)
-    seen = {left: Looks({0: coloured(3)}), right: Looks({0: coloured(9)})}
-    joined = join_returning({**seen, late: Looks({20: coloured(9)})}, GRID, CONFIG, FPS)
+    seen = {left: Appearance({0: coloured(3)}), right: Appearance({0: coloured(9)})}
+    joined = join_returning({**seen, late: Appearance({20: coloured(9)})}, GRID, CONFIG, FPS)
     assert set(joined) == {left, right}
     assert (len(left.voxels), len(right.voxels)) == (6, 12)
-    assert present(right).tolist() == [*range(6), *range(20, 26)]
+    assert present(right, CONFIG.following).tolist() == [*range(6), *range(20, 26)]
 
 
 def test_an_exchange_in_a_contact_is_undone_by_the_colours() -> None:
@@ -109,10 +116,11 @@ def test_an_exchange_in_a_contact_is_undone_by_the_colours() -> None:
         one.touching = set(range(10, 15))
     colours = {first: (3, 9), second: (9, 3)}
     seen = {
-        one: Looks({n: coloured(codes[n >= 12]) for n in range(30)})
+        one: Appearance({n: coloured(codes[n >= 12]) for n in range(30)})
         for one, codes in colours.items()
     }
-    undo_swaps(seen, 20)
+    undo_swaps(seen, 20, CONFIG.following)
     assert [int(first.voxels[n][0]) for n in (0, 14, 15, 29)] == [0, 0, 1, 1]
     assert [int(second.voxels[n][0]) for n in (0, 14, 15, 29)] == [1, 1, 0, 0]
-    assert likeness(seen[first].between(0, 5), seen[first].between(20, 29)) == pytest.approx(1)
+    early, late = seen[first].sum_colours(0, 5), seen[first].sum_colours(20, 29)
+    assert likeness(early, late) == pytest.approx(1)

@@ -20,12 +20,12 @@ from psfs.reference.light import apply_light
 from psfs.reference.silhouette import (
     background_ratio,
     box_sums,
+    expand_cells,
+    find_near_foreground,
     floor_light,
-    in_pictures,
     mixed_ratio,
-    near_foreground,
-    of_pixels,
-    smoothed_evidence,
+    picture_masks,
+    smooth_evidence,
 )
 from psfs.reference.surface import surface_voxels
 from psfs.silhouettes.appearance import BINS, Foreground, ForegroundPrior
@@ -69,10 +69,10 @@ def in_counts(nats: np.ndarray) -> np.ndarray:
 
 def evidence_of(ratios: np.ndarray, rig: CameraRig) -> np.ndarray:
     """(V, H, W) counts from log ratios (V, H + 2, W + 2) that have a border."""
-    counts = np.where(in_pictures(rig), ratios[:, 1:-1, 1:-1], 0).astype(int)
+    counts = np.where(picture_masks(rig), ratios[:, 1:-1, 1:-1], 0).astype(int)
     table = CONFIG.evidence.ratio_counts()
     return np.where(
-        in_pictures(rig), table[box_sums(counts) - 9 * CONFIG.evidence.ratio_range[0]], 0
+        picture_masks(rig), table[box_sums(counts) - 9 * CONFIG.evidence.ratio_range[0]], 0
     )
 
 
@@ -92,7 +92,7 @@ def test_light_on_the_floor(device: Device, views: int, size: tuple[int, int]) -
     y, x = np.indices((rig.height, rig.width)) / CELL - (CELL - 1) / (2 * CELL)
     for light, wanted in zip(inner, expected, strict=True):
         found = ndimage.map_coordinates((light >> 1) / 127, [y, x], order=1, mode="nearest")
-        found = np.where(of_pixels(light & 1, found.shape), found, np.nan)
+        found = np.where(expand_cells(light & 1, found.shape), found, np.nan)
         # A cell whose factor rounding takes over a limit, and the pixels between it and the next.
         assert np.isclose(found, wanted, atol=1e-6, equal_nan=True).mean() > 0.99
     assert (expected < 1).any() or size == (17, 40)
@@ -108,7 +108,7 @@ def test_log_ratios(device: Device, views: int, size: tuple[int, int]) -> None:
     floor = floor_light(images, rig, lit, CONFIG)
     seen = zip(images, lit.mean, lit.std, floor, widths, strict=True)
     expected = [background_ratio(*view[:3], CONFIG, *view[3:]) for view in seen]
-    wrong = np.abs(ratios[:, 1:-1, 1:-1] - in_counts(np.stack(expected)))[in_pictures(rig)]
+    wrong = np.abs(ratios[:, 1:-1, 1:-1] - in_counts(np.stack(expected)))[picture_masks(rig)]
     # Half a count may round either way; the light of a cell differs as above.
     assert (wrong > 1).mean() < 2e-3 and (wrong > 0).mean() < 0.02
     assert not ratios[:, [0, -1]].any() and not ratios[..., [0, -1]].any()
@@ -133,9 +133,9 @@ def test_ratios_of_mixed_pixels(device: Device, views: int, size: tuple[int, int
     seen = zip(images, background.mean, background.std, launch.before["evidence"], strict=True)
     mixed = in_counts(np.stack([mixed_ratio(*view, CONFIG) for view in seen]))
     before, after = (which["ratios"][:, 1:-1, 1:-1] for which in (launch.before, launch.after))
-    wrong = np.abs(after - np.maximum(before, mixed))[in_pictures(rig)]
+    wrong = np.abs(after - np.maximum(before, mixed))[picture_masks(rig)]
     assert wrong.max() <= 1 and (wrong > 0).mean() < 5e-3  # half a count
-    assert ((after != before) & in_pictures(rig)).any()
+    assert ((after != before) & picture_masks(rig)).any()
 
 
 @pytest.mark.parity("reconstruction/silhouette.smoothed_evidence")
@@ -151,8 +151,8 @@ def test_smoothed_evidence(
     kernel = "silhouette.smoothed_evidence"
     launch = launch_of(device, kernel, rig, background, images, config)
     before, ratios = launch.before["evidence"], launch.before["ratios"][:, 1:-1, 1:-1]
-    near = np.stack([near_foreground(view) for view in before]) & in_pictures(rig)
-    smoothed = [smoothed_evidence(*view, config) for view in zip(images, ratios, strict=True)]
+    near = np.stack([find_near_foreground(view) for view in before]) & picture_masks(rig)
+    smoothed = [smooth_evidence(*view, config) for view in zip(images, ratios, strict=True)]
     expected = np.where(near, np.stack(smoothed), before)
     wrong = np.abs(launch.after["evidence"].astype(int) - expected)
     # Half a count of the mean, or half a grey level of luma, may round either way.

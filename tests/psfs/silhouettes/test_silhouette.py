@@ -13,8 +13,8 @@ from psfs.background.gaussian import Background
 from psfs.reference.silhouette import (
     background_ratio,
     floor_light,
-    in_pictures,
     mask_evidence,
+    picture_masks,
     silhouette_evidence,
 )
 from psfs.silhouettes.config import (
@@ -68,7 +68,7 @@ def test_a_pixel_by_itself_is_song_s_likelihood(device: Device) -> None:
     said = config.evidence.likelihood(counts)
     step = config.evidence.step * slm + 1 / config.evidence.ratio_steps * slm * (1 - slm)
     wrong = np.abs(said - np.clip(slm, *bounds)) > 2 * step + 1e-3
-    assert not wrong[in_pictures(rig)].any()
+    assert not wrong[picture_masks(rig)].any()
 
 
 @pytest.mark.parametrize("size", [(161, 121), (50, 37), (17, 40), (13, 12)])

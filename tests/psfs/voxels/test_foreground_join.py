@@ -12,7 +12,7 @@ from scipy import ndimage
 from cl import Device, InputError
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import Reconstructor
-from psfs.reference.reprojection import joined
+from psfs.reference.reprojection import join_foreground
 from psfs.voxels.config import ForegroundJoinConfig
 from psfs.voxels.reprojection import Reprojection
 
@@ -48,7 +48,7 @@ def test_silhouettes_equal_the_twins(
     evidence = blobs(rig)
     voxels.evidence = device.to_device(evidence)
     found = Reprojection(device, rig, grid, join=config)(voxels).get()[..., 0] > 0
-    expected = [joined(s, e, config) for s, e in zip(alone, evidence, strict=True)]
+    expected = [join_foreground(s, e, config) for s, e in zip(alone, evidence, strict=True)]
     np.testing.assert_array_equal(found, expected)
     assert (found != alone).any() and alone.any()
 
@@ -62,12 +62,12 @@ def test_a_limb_that_was_carved_away_is_there_again_and_speckle_is_not() -> None
     evidence[40:60, 140:160] = 50  # somebody else, further away than a third of the height
     expected = silhouette.copy()
     expected[44:49, 80:100] = True
-    np.testing.assert_array_equal(joined(silhouette, evidence, CONFIG), expected)
+    np.testing.assert_array_equal(join_foreground(silhouette, evidence, CONFIG), expected)
 
 
 def test_nobody_is_joined_by_nothing() -> None:
     nobody = np.zeros((120, 160), bool)
-    assert not joined(nobody, np.full((120, 160), 50, np.int8), CONFIG).any()
+    assert not join_foreground(nobody, np.full((120, 160), 50, np.int8), CONFIG).any()
 
 
 def test_voxels_without_evidence_and_a_join_that_is_off_change_nothing(device: Device) -> None:

@@ -1,0 +1,74 @@
+"""Settings of the verdict on a track."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from psfs.common.config import Config, setting
+
+
+class QualityConfig(Config):
+    """Limits of the verdict on a track without truth, see `apf.report.quality`."""
+
+    SOURCE: ClassVar = "by hand, on synthetic walks and the recordings at hand"
+
+    inside: float = setting(
+        0.7,
+        "Share inside the silhouettes at which a part is as likely right as wrong.",
+        "wrong upper arms and thighs: 0.2 to 0.5, a wrong forearm 0.65, right parts 0.87 and more",
+        above=0,
+        below=1,
+    )
+    halved: float = setting(
+        0.1,
+        "Standard deviation of a limb's end that halves its confidence.",
+        "half of the error from which `apf evaluate` counts a limb as lost",
+        unit="m",
+        above=0,
+    )
+    steepness: float = setting(
+        4.0, "Power of that deviation by which the confidence falls.", above=0, most=100
+    )
+    explained: float = setting(
+        0.9,
+        "Share of surface voxels near the body below which a frame should be checked.",
+        "an arm is more than the rest; hulls of few cameras leave up to 0.06 without a fault",
+        least=0,
+        most=1,
+    )
+    near: float = setting(
+        0.88,
+        "Share of keypoints near their points on the body below which a frame should be checked.",
+        "sound keypoints: 0.92 and more; left and right exchanged in one camera of five: 0.86",
+        least=0,
+        most=1,
+    )
+    good: float = setting(
+        0.02, "Greatest share of doubtful frames of a good track.", least=0, most=1
+    )
+    bad: float = setting(0.25, "Least share of doubtful frames of a bad track.", least=0, most=1)
+    doubtful_parts: float = setting(
+        0.1,
+        "Least share of doubtful parts that confirms, with `overlap`, that a track is bad.",
+        least=0,
+        most=1,
+    )
+    overlap: float = setting(
+        0.76,
+        "Overlap of body and silhouettes, as a share of that of the voxels, below which they do "
+        "not fit.",
+        "right tracks: 0.80 and more, in a skirt 0.75",
+        least=0,
+    )
+    away: float = setting(
+        0.5,
+        "Share of frames with voxels away from the body that confirms that a track is bad.",
+        least=0,
+        most=1,
+    )
+    fitting: float = setting(
+        0.25,
+        "Share of keypoints near the body below which a track is certainly bad.",
+        least=0,
+        most=1,
+    )
