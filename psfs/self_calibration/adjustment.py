@@ -23,7 +23,7 @@ from psfs.diagnostics.frontier import (
     epipolar_residuals,
     find_frontier_points,
 )
-from psfs.diagnostics.refinement import Corrections, RigFit
+from psfs.diagnostics.refinement import RigCorrections, RigFit
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.hulls import HullRays
 
@@ -46,7 +46,7 @@ class Adjusted:
 
     rig: CameraRig
     lags: np.ndarray
-    last: Corrections
+    last: RigCorrections
 
 
 class PersonPoints:

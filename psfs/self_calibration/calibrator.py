@@ -15,7 +15,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.names import listed
+from psfs.cameras.names import join_names
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.adjustment import (
     Adjusted,
@@ -83,7 +83,7 @@ def calibrate_by_person(
     views = [fit_upright(c, own[::step], _TILTS) for c, own in zip(cameras, outlines, strict=True)]
     if any(own is None for own in views):
         unseen = [c.name for c, own in zip(cameras, views, strict=True) if own is None]
-        raise InputError(f"{listed(unseen)}: the person is seldom seen wholly; {FILM}")
+        raise InputError(f"{join_names(unseen)}: the person is seldom seen wholly; {FILM}")
     upright = [own for own in views if own is not None]
     points = PersonPoints(cameras, outlines)
     starts = _search(cameras, outlines, upright, rate, config)
