@@ -87,7 +87,9 @@ def outline_person(mask: np.ndarray) -> Outline | None:
     hull = cv2.convexHull(np.stack([columns, rows], -1).astype(np.int32)).reshape(-1, 2)
     points = hull.astype(float)
     last = np.array(mask.shape[::-1]) - 2
-    return replace(whole, points=points, at_border=((points <= 1) | (points >= last)).any(axis=1))
+    return replace(
+        whole, points=points, at_border=np.asarray(((points <= 1) | (points >= last)).any(axis=1))
+    )
 
 
 def _disc(diameter: float) -> np.ndarray:
