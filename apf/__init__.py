@@ -1,4 +1,4 @@
-"""Track a person: the annealed particle filter over voxels, a skeleton with 31 degrees of freedom.
+"""Track a person: the annealed particle filter over voxels, a skeleton with 32 degrees of freedom.
 
     import apf, psfs
 

@@ -61,7 +61,7 @@ def track(
 
     device: where to compute, or its name as of `cl.select_device`; by default the fastest one.
     body: a model, the name of a shipped one or a TOML file; by default the sequence's own, else
-    song31. Its size is estimated from the first voxels, unless it comes from a file. init: the
+    song32. Its size is estimated from the first voxels, unless it comes from a file. init: the
     first pose, if it is known: (D,) rad and m, a text file of them, or joints (npz, TRC) to which
     body and pose are fitted. method: the search and its settings, see `Method.create`. frames: all
     by default. height: stature of the person, m, if it is known. voxel_size: edge of a voxel, m.

@@ -257,8 +257,19 @@ class Device:
         return self.compile_kernel(kernel_source(stage), name, f"{stage}.cl", **defines)
 
     def compile_kernel(self, source: str, name: str, file: str, /, **defines: Define) -> Kernel:
-        """Return the kernel `name` of a text; `file` names the text in errors."""
-        return self.programs.kernel(source, name, file, build_options(defines))
+        """Return the kernel `name` of a text; `file` names the text in errors.
+
+        Raises DeviceError if the driver does not build it.
+        """
+        try:
+            return self.programs.kernel(source, name, file, build_options(defines))
+        except pyopencl.Error as error:
+            log.info("%s", file, exc_info=True)
+            reason = str(error).partition(">:")[2] or str(error)  # after the device's address
+            raise DeviceError(
+                f"{self.name} does not build {file} ({' '.join(reason.split())}); expected a "
+                "driver that works, and room for its temporary files and its cache"
+            ) from error
 
     def launch(
         self,

@@ -146,13 +146,18 @@ def load_samples(pairs: list[str]) -> dict[str, Sample]:
         track, _, truth = pair.partition("=")
         if not truth:
             raise InputError(f"{pair}; expected a track and its truth, TRACK=TRUTH")
-        found = evaluate(Track.open(Path(track)), load_truth(truth))
+        tracked = Track.open(Path(track))
+        found = evaluate(tracked, load_truth(truth))
+        misfit = tracked.diagnostics["misfit"][np.isin(tracked.frames, found.frames)]
+        growth = CALIBRATION.growth(misfit)[:, None]
         floors = CALIBRATION.floors(list(found.joint_names))
-        raw = found.covariance - floors[:, None, None] ** 2 * np.eye(3)
+        raw = found.covariance / growth[..., None, None] ** 2
+        raw -= floors[:, None, None] ** 2 * np.eye(3)
         raw /= CALIBRATION.scale**2
         for place, name in enumerate(found.joint_names):
             known = np.isfinite(found.inside[:, place])
-            kept = (found.offsets[known, place], raw[known, place])
+            # Offsets relative to the growth are calibrated.
+            kept = ((found.offsets / growth[..., None])[known, place], raw[known, place])
             parts.setdefault(sideless(name), []).append(kept)
     return {
         name: Sample(*(np.concatenate(column) for column in zip(*rows, strict=True)))

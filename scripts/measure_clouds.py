@@ -116,13 +116,15 @@ def _times(
 
 def _table(rows: dict[str, Any]) -> Table:
     table = Table(
-        "sequence", "settings", "silhouettes", "cloud", "ceiling", "share", "ghosts", "ms"
+        *("sequence", "settings", "silhouettes", "cloud", "ceiling", "share", "ghosts"),
+        *("volume", "ms"),
     )
     for sequence, by_name in rows.items():
         for name, of in by_name.items():
             scores = [of["silhouettes"], of["iou"], of["ceiling"], of["iou"] / of["ceiling"]]
             cells = [f"{score:.3f}" for score in scores]
-            table.add_row(sequence, name, *cells, f"{of['ghosts']:.2%}", f"{of['ms']:.2f}")
+            cells += [f"{of['ghosts']:.2%}", f"{of['volume']:.3f}", f"{of['ms']:.2f}"]
+            table.add_row(sequence, name, *cells)
     return table
 
 

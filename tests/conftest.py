@@ -11,6 +11,9 @@ from pathlib import Path
 # Before NumPy is imported, for this process and its children: the matrices here are small, and
 # OpenBLAS's waiting threads took four fifths of the twins' time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Readline sets these in the processes that pytest-xdist starts; commands would cut tables to them.
+os.environ.pop("COLUMNS", None)
+os.environ.pop("LINES", None)
 
 import cv2
 import numpy as np

@@ -15,6 +15,7 @@ import numpy as np
 import apf.cli
 import psfs.cli
 from apf.synthetic.config import SceneConfig
+from cl import InputError, NumpyDevice, select_device
 from psfs.cli.commandline import stdout
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
@@ -27,6 +28,8 @@ def run(args: argparse.Namespace) -> None:
     out = args.output
     check_number("--cameras", args.cameras, 2, 64)  # a visual hull needs two
     SceneConfig(cameras=args.cameras, frames=args.frames)  # raises if they are invalid
+    if isinstance(select_device(args.device), NumpyDevice):
+        raise InputError("--device numpy renders no scene; expected an OpenCL device")
     with output_folder(out, args.parser.prog) as opened:
         opened.begin()  # remove the summary of an earlier demo before new results are written
         _demonstrate(args, out)

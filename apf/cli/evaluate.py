@@ -16,7 +16,7 @@ from apf.evaluation.angle_truth import (
     load_true_angles,
     mean_error,
 )
-from apf.evaluation.conventions import axes_that_fit
+from apf.evaluation.conventions import axes_that_fit, choose_convention
 from apf.evaluation.evaluate import (
     LOST_FRAMES,
     LOST_JOINT,
@@ -60,6 +60,8 @@ def run(args: argparse.Namespace) -> None:
     truth, convention = _truth(args, args.truth[0], track.fps)
     markers = None if args.markers is None else load_markers(args.markers)
     try:
+        if args.convention is None and markers is None and args.truth[0].suffix.lower() == ".trc":
+            truth, convention = _with_its_axes(track, truth, convention)
         evaluation = (
             evaluate(track, truth) if markers is None else evaluate_markers(track, markers, truth)
         )
@@ -144,6 +146,19 @@ def _truth(args: argparse.Namespace, path: Path, fps: float) -> tuple[JointSerie
     if args.truth_start is not None:
         truth = truth.resample(fps, args.truth_start)
     return truth, convention
+
+
+def _with_its_axes(track: Track, truth: JointSeries, default: str) -> tuple[JointSeries, str]:
+    """Return the truth of a TRC, read by the `default` convention, in the axes with which it is
+    near the track, and their name; print which if they are others."""
+    convention, found = choose_convention(track, truth, default)
+    if convention != default:
+        stdout.print(
+            f"the truth is read with --convention {convention}: with {default}, the default, it is "
+            "of another place",
+            soft_wrap=True,
+        )
+    return found, convention
 
 
 def _write_files(folder: Path, evaluation: Evaluation, wanted: list[str], title: str) -> list[Path]:

@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 
 from apf.backend import draw_poses
-from apf.body import BodyModel, load_body
+from apf.body import BodyModel
 from apf.body.mesh import BodyMesh
 from apf.cli.shape_flags import shape_settings
+from apf.cli.takes.opened_track import open_given_track
 from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.opengl.renderer import draw_by_opengl
 from apf.scene import Scene
-from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, select_device
 from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import progress_bar, stdout
@@ -48,11 +48,8 @@ def _render(args: argparse.Namespace, out: OutputFolder, look: ObjectiveConfig) 
     sequence = open_sequence(args)
     out.check_inputs(sequence.inputs)
     chosen = select_common_frames(args, sequence)
-    track = Track.open(args.track)
-    folder = args.track if args.track.is_dir() else args.track.parent
-    body = load_body(args.body or folder / "body.toml")
-    if tuple(body.dof_names) != track.dof_names:
-        raise InputError(f"{args.track}: a track of {track.body_name}; the body is {body.name}")
+    track = open_given_track(args)
+    body = track.its_body
     rows = [row for row, frame in enumerate(track.frames) if frame in chosen]
     if not rows:
         raise InputError(

@@ -7,10 +7,9 @@ import argparse
 import numpy as np
 
 from apf.body.kinematics import posed_cones
-from apf.body.toml import load_body
+from apf.cli.takes.opened_track import open_given_track
 from apf.report.overlay import overlay_picture
 from apf.report.viewer_layers import cone_layer, describe_frame, skeleton_layer
-from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.camera import CameraRig
 from psfs.cli.view import OnTop, view_run
@@ -18,11 +17,8 @@ from psfs.sequence import Frame
 
 
 def run(args: argparse.Namespace) -> None:
-    track = Track.open(args.track)
-    folder = args.track if args.track.is_dir() else args.track.parent
-    body = load_body(args.body or folder / "body.toml")
-    if tuple(body.dof_names) != track.dof_names:
-        raise InputError(f"{args.track}: a track of {track.body_name}; the body is {body.name}")
+    track = open_given_track(args)
+    body = track.its_body
 
     def picture(frame: Frame, rig: CameraRig) -> np.ndarray:
         if frame.index not in track.frames:

@@ -98,6 +98,27 @@ def _clear_scratch() -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
+def find_scheduler(address: str, patience: float = 10.0) -> str:
+    """Return the address of a running scheduler, which may be stated by the file that it wrote.
+    Raises InputError if none answers within `patience`, s."""
+    where = address
+    if Path(address).exists():
+        what = "the file that a `dask scheduler` wrote"
+        where = parse_values(_SchedulerFile, read_json(Path(address), what), address).address
+    try:
+        _check_answer(where, patience)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise _no_answer_error(address, error) from None
+    return where
+
+
+def _no_answer_error(address: str, error: Exception) -> InputError:
+    return InputError(
+        f"--scheduler {address}: no scheduler answers ({str(error) or 'timed out'}); expected "
+        "tcp://HOST:PORT of a `dask scheduler`, or the file it wrote"
+    )
+
+
 @contextmanager
 def connect_cluster(address: str, shared: Path, patience: float = 10.0) -> Iterator[Any]:
     """Connect to a running scheduler and yield the client.
@@ -108,18 +129,11 @@ def connect_cluster(address: str, shared: Path, patience: float = 10.0) -> Itera
     `shared`.
     """
     distributed = import_distributed()
-    where = address
-    if Path(address).exists():
-        what = "the file that a `dask scheduler` wrote"
-        where = parse_values(_SchedulerFile, read_json(Path(address), what), address).address
+    where = find_scheduler(address, patience)
     try:
-        _check_answer(where, patience)
         client = distributed.Client(where, timeout=patience)
     except (OSError, ValueError, TimeoutError) as error:
-        raise InputError(
-            f"--scheduler {address}: no scheduler answers ({str(error) or 'timed out'}); expected "
-            "tcp://HOST:PORT of a `dask scheduler`, or the file it wrote"
-        ) from None
+        raise _no_answer_error(address, error) from None
     with client:
         try:
             client.wait_for_workers(1, timeout=patience)

@@ -1,4 +1,4 @@
-"""Detection of wrong axes or a wrong unit of the truth."""
+"""Detection of the axes of the truth, and of wrong axes or a wrong unit."""
 
 from __future__ import annotations
 
@@ -17,6 +17,23 @@ from apf.tracking.track import Track
 _ABSURD, _FITS, _SHARE = 0.4, 0.25, 0.4
 #: Factors between the units in common use: mm, cm, dm and m.
 _SCALES = (1.0, 1e-3, 1e-2, 1e-1, 1e1, 1e2, 1e3)
+
+
+def choose_convention(track: Track, truth: JointSeries, stated: str) -> tuple[str, JointSeries]:
+    """Return the named convention with which a truth is near the track, and the truth read so.
+
+    truth: read by the `stated` convention, which is returned with it if the truth is not absurdly
+    far from the track, or if it is near with no other named one.
+    """
+    error = evaluate(track, truth).mean_error
+    if error < _ABSURD:
+        return stated, truth
+    read = truth.joints @ CONVENTIONS[stated]  # in the axes of the file
+    for name, matrix in CONVENTIONS.items():
+        other = replace(truth, joints=read @ matrix.T)
+        if evaluate(track, other).mean_error < min(_FITS, _SHARE * error):
+            return name, other
+    return stated, truth
 
 
 def axes_that_fit(

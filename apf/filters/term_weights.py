@@ -34,11 +34,22 @@ def _other_terms() -> dict[str, tuple[str, float]]:
     }
 
 
+#: Terms that compare nothing with observations, and those that need pictures.
+_PRIORS = ("overlap", "posture", "motion_prior", "pictures")
+_OF_PICTURES = ("contour", "part_colour")
 _USUAL_TERMS, _OTHER_TERMS = _usual_terms(), _other_terms()
 #: The default weight of keypoints where another option than their weight turns them on.
 KEYPOINTS_ON = dict([_OTHER_TERMS["keypoints"]])
 USUAL_TERMS = tuple(_USUAL_TERMS)
 TERMS = (*USUAL_TERMS, *_OTHER_TERMS)
+
+
+def comparing_weights(pictures: bool = True) -> dict[str, str]:
+    """Return the terms that compare the body with observations, by the settings that weigh them;
+    without pictures only those that need none."""
+    weighed = {term: name for term, (name, _) in _OTHER_TERMS.items()} | _USUAL_TERMS
+    left_out = _PRIORS if pictures else (*_PRIORS, *_OF_PICTURES)
+    return {name: term for term, name in weighed.items() if term not in left_out}
 
 
 def likelihood_weights(text: str) -> dict[str, float]:

@@ -199,7 +199,8 @@ class LiveCamera:
 class LiveCameras:
     """Cameras of `rig`, in its order, whose newest pictures form a frame.
 
-    A frame appears when its oldest picture was grabbed. Its index counts steps of 1 / fps s. The
+    A frame appears when its oldest picture was grabbed. Its index counts steps of 1 / fps s, and is
+    greater than the frame's before. The
     background is the one given, or estimated from the first `empty` seconds. Raises InputError if a
     camera's pictures do not have the size of its calibration.
     """
@@ -228,6 +229,7 @@ class LiveCameras:
             stack.pop_all()
         self.fps = min(camera.fps for camera in self._cameras)
         self._counts = [0] * len(names)
+        self._latest = -1  # number of the latest frame
 
     @property
     def background(self) -> Background:
@@ -248,7 +250,7 @@ class LiveCameras:
 
     def run(self, shots: Newest[Shot], timeline: Timeline, stop: threading.Event) -> None:
         with self._closing():
-            origin = time.perf_counter() - timeline.now()
+            origin, self._latest = time.perf_counter() - timeline.now(), -1
             for camera in self._cameras:
                 camera.play()
             while not stop.is_set():
@@ -291,4 +293,6 @@ class LiveCameras:
                 )
             images[view, : size[1], : size[0]] = image
             oldest = min(oldest, when)
-        return Shot(Frame(round((oldest - origin) * self.fps), images, None), oldest - origin)
+        # Pictures that come unevenly may lie within one step, or before the first.
+        self._latest = max(self._latest + 1, round((oldest - origin) * self.fps))
+        return Shot(Frame(self._latest, images, None), oldest - origin)

@@ -299,7 +299,8 @@ def build_track(
     diagnostics: dict[str, Any] = {name: stack(name) for name in names}
     # The log weight of the best particle at exponent 1, Song et al. eq. (16).
     diagnostics["best_log_weight"] = -stack("least_error")
-    covariance = joint_covariance(body, poses, stack("information"), stack("deviation"))
+    refined = stack("information"), stack("deviation")
+    covariance = joint_covariance(body, poses, *refined, misfit=diagnostics["misfit"])
     diagnostics["covariance"] = np.where(
         diagnostics["lost"][:, None, None, None], np.nan, covariance
     )

@@ -12,8 +12,9 @@ from apf.filters.method import Method
 from apf.keypoints.keypoints import Keypoints
 from cl import InputError
 
-#: The default body: that of Song et al., ten cones, 31 degrees of freedom.
-DEFAULT_BODY = "song31"
+#: The default body: that of Song et al., ten cones, 31 degrees of freedom, and one more, by which
+#: the trunk bends sideways.
+DEFAULT_BODY = "song32"
 
 
 @dataclass(frozen=True, eq=False)

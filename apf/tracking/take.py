@@ -11,7 +11,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from apf.body import BodyModel
+from apf.body import BodyModel, posed_joints
+from apf.filters.method import Method
+from apf.filters.term_weights import comparing_weights
 from apf.initialisation import Start, initialise
 from apf.initialisation.from_keypoints import KeypointStart
 from apf.initialisation.start import check_startable
@@ -23,10 +25,14 @@ from cl import InputError, UserError
 from psfs.sequence import Sequence
 from psfs.session import Session
 from psfs.volume import automatic_grid
+from psfs.voxels.grid import VoxelGrid
 
 #: Stores the body, its first pose (D,) and a chunk of each seed's track; returns the files, or
 #: None.
 Keep: TypeAlias = Callable[[BodyModel, np.ndarray, Items[Track]], "Items[Path] | None"]
+
+#: Largest distance, m, of a given first pose from the volume.
+_NEAR = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +76,8 @@ def track_take(
     if settings.keypoints is not None:
         report("keypoints")
         keypoint_fit, given = fit_to_keypoints(session, settings)
+    if method.uses_voxels:
+        check_terms(session.sequence, method)
     if method.uses_voxels or given is None:
         check_cameras(session.sequence)
         report("volume")
@@ -83,6 +91,8 @@ def track_take(
         )  # fmt: skip
         given = start.body, start.pose
     body, pose = given
+    if method.uses_voxels and start is None:
+        check_first_pose(automatic_grid(session), body, pose, session.sequence.name)
     report("preparing")
     began = time.perf_counter()
     points = None if keypoint_fit is None else keypoint_fit.observations
@@ -91,6 +101,34 @@ def track_take(
     tracked = track_frames(session, task, report, store)
     seconds = time.perf_counter() - began
     return Take(session.sequence, body, pose, start, tracked.tracks, seconds, tracked.error)
+
+
+def check_terms(sequence: Sequence, method: Method) -> None:
+    """Raise InputError if all terms of the likelihood need pictures and there are only masks."""
+    weights = method.filter.settings
+    if sequence.has_images or any(weights[name] for name in comparing_weights(pictures=False)):
+        return
+    terms = [term for name, term in comparing_weights().items() if weights[name]]
+    raise InputError(
+        f"{sequence.name}: has masks, and no pictures for the terms {', '.join(terms)}; expected "
+        "pictures, or other terms, too"
+    )
+
+
+def check_first_pose(grid: VoxelGrid, body: BodyModel, pose: np.ndarray, name: str) -> None:
+    """Raise InputError if no joint of a given first pose (D,) lies in the volume or near it."""
+    joints = posed_joints(body, pose[None])[0]
+    beyond = np.maximum(np.maximum(grid.low - joints, joints - grid.high), 0)
+    if np.linalg.norm(beyond, axis=-1).min() <= _NEAR:
+        return
+    place, low, high = (
+        ", ".join(f"{value:.2f}" for value in point)
+        for point in (joints.mean(0), grid.low, grid.high)
+    )
+    raise InputError(
+        f"{name}: the first pose is at ({place}) m, beyond the volume from ({low}) to ({high}) m; "
+        "expected the person's place in the first frame, in metres with Z up"
+    )
 
 
 def check_cameras(sequence: Sequence) -> None:

@@ -38,7 +38,8 @@ def match_files_to_cameras(
     guessed.
 
     Names are compared without case, separators and leading zeros; if they differ but the counts
-    agree, files and cameras are paired in natural order. `wanted`: cameras that must have a file,
+    agree, files and cameras are paired in natural order, unless that gives a file to another camera
+    than the one that it is named after. `wanted`: cameras that must have a file,
     default all; with it further files may be there. Raises InputError, naming both lists, if they
     do not fit.
     """
@@ -54,6 +55,12 @@ def match_files_to_cameras(
             zip(sorted(cameras, key=natural_key), sorted(found, key=natural_key), strict=True)
         )
         guess = ", ".join(f"{name} for {camera}" for camera, name in ordered.items())
+        crossed = [camera for camera in named if ordered[camera] != named[camera]]
+        if crossed:
+            raise InputError(
+                f"{where}: some are named after cameras and others after none, and in order they "
+                f"would be {guess}; expected the names of the cameras, {join_names(cameras)}"
+            )
         return ordered, f"{where}: names differ from the cameras'; taken in order: {guess}"
     raise InputError(
         f"{where}: {len(found)} of them ({join_names(found)}) for {len(needed)} cameras "

@@ -28,11 +28,17 @@ from psfs.diagnostics.silhouette_scores import true_masks
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.session import Session, SessionSettings
 
+_REPORT = "check.json"
 #: IoU below which a camera's agreement is reported as low.
 _LOW = 0.6
 
 
 def run(args: argparse.Namespace) -> None:
+    with output_folder(args.out, args.parser.prog, expected=(_REPORT,), addition=True):
+        _check(args)
+
+
+def _check(args: argparse.Namespace) -> None:
     run = ReconstructionFolder.open(args.out)
     if not run.indices:
         raise InputError(f"{args.out}: holds no reconstructed frame; expected at least one")
@@ -61,8 +67,7 @@ def run(args: argparse.Namespace) -> None:
     named = {suspect.camera for suspect in bad} | set(diagnosis.reasons)
     if not comments:
         comments = low_agreement(names, found, named)
-    with output_folder(args.out, args.parser.prog, addition=True):
-        _report(run, names, found, bad, comments, clouds)
+    _report(run, names, found, bad, comments, clouds)
 
 
 def low_agreement(names: list[str], scores: np.ndarray, named: Collection[str]) -> list[str]:
@@ -112,7 +117,7 @@ def _report(
     if clouds:
         report["truth"] = {"definition": CLOUD_DEFINITION, "frames": len(clouds)}
         report["truth"] |= mean_scores(clouds)
-    write_json(run.out / "check.json", report)
+    write_json(run.out / _REPORT, report)
 
 
 def _format_truth(clouds: list[CloudScore]) -> str:
@@ -120,5 +125,5 @@ def _format_truth(clouds: list[CloudScore]) -> str:
     mean = {name: "-" if of is None else f"{of:.3f}" for name, of in mean_scores(clouds).items()}
     return (
         f"true masks of {len(clouds)} frames: IoU {mean['iou']}, with true silhouettes "
-        f"{mean['ceiling']}; share of ghosts {mean['ghosts']}"
+        f"{mean['ceiling']}; share of ghosts {mean['ghosts']}; IoU of voxels {mean['volume']}"
     )

@@ -102,6 +102,13 @@ class CommandParser(RecordingParser):
         self.add_flags()
         return super().parse_known_args(args, namespace)
 
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        if (
+            not arg_string and action.nargs != argparse.PARSER
+        ):  # Path("") would be the current folder
+            raise argparse.ArgumentError(action, "is empty; expected a value")
+        return super()._get_value(action, arg_string)
+
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {escape_unprintable(message)}; see {self.prog} --help\n")
 

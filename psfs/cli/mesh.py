@@ -27,13 +27,19 @@ from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.sequence import Frame
 from psfs.session import Session, SessionSettings
 
+#: What --check writes.
+_REPORT = "mesh_check.json"
+
 
 def run(args: argparse.Namespace) -> None:
     check_number("--smooth, steps,", args.smooth, 0, MOST_SMOOTHING)
     run = ReconstructionFolder.open(args.out)
     run.warn_if_unfinished(warn)
+    expected = (_REPORT,) if args.check else ()
     with ExitStack() as stack:
-        stack.enter_context(output_folder(args.out, args.parser.prog, addition=True))
+        stack.enter_context(
+            output_folder(args.out, args.parser.prog, expected=expected, addition=True)
+        )
         if args.frame == "all" and args.output is not None:
             stack.enter_context(output_folder(args.output, args.parser.prog, run.inputs))
         _mesh(args, run)
@@ -64,7 +70,8 @@ def _targets(args: argparse.Namespace, run: ReconstructionFolder) -> dict[int, P
     if args.frame == "all":
         full = [int(f["index"]) for f in run.summary["frames"] if f["surface_voxels"]]
         folder = args.output or args.out / "meshes"
-        if folder.exists() and not folder.is_dir():
+        named_file = folder.suffix.lower().lstrip(".") in FORMATS and not folder.exists()
+        if named_file or (folder.exists() and not folder.is_dir()):
             raise InputError(f"{folder} is a file; --frame all expects a folder")
         if not full:
             raise InputError(f"{args.out}: all clouds are empty; expected a body")
@@ -109,4 +116,4 @@ def _report(out: Path, names: list[str], checks: dict[int, dict[str, Any]]) -> N
             for index, check in checks.items()
         },
     }
-    write_json(out / "mesh_check.json", report)
+    write_json(out / _REPORT, report)

@@ -39,7 +39,7 @@ from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid, describe_expected_person, find_volume
 from psfs.voxels.clouds import remove_debris, write_cloud
 from psfs.voxels.config import ReconstructionConfig
-from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.grid import VoxelCloud, VoxelGrid, check_size
 from psfs.voxels.occupied_box import finest_pixel
 
 #: Seconds between two writes of the summary during a run.
@@ -69,6 +69,7 @@ def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
     session = examination.session
     sequence, frames = session.sequence, select_common_frames(args, session.sequence)
     grid = _grid(args, session)
+    check_size(grid)
     _warn_of_fine_voxels(grid, sequence)
     job = _Job(args, examination, grid)
     try:

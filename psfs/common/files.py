@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from cl import InputError
 from psfs.common.outputs import claim, temporary_name
-from psfs.common.reading import open_input, parsing
+from psfs.common.reading import open_input, parsing, unreadable_error
 from psfs.common.single_files import check_file, remember_file
 
 if TYPE_CHECKING:
@@ -116,7 +116,18 @@ def write_atomically(path: str | Path) -> Iterator[Path]:
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise _unwritten_error(path, temporary, error) from error
+
+
+def _unwritten_error(path: Path, temporary: Path, error: OSError) -> InputError:
+    """Return the error for a file that was not written, or for another one that was to be copied
+    into it."""
+    named = Path(os.fsdecode(error.filename)) if isinstance(error.filename, str | bytes) else path
+    if named in path.parents and isinstance(error, FileExistsError | NotADirectoryError):
+        return InputError(f"{path}: cannot be written: {named} is a file; expected a folder")
+    if named not in (path, temporary, *path.parents):
+        return unreadable_error(named, error)
+    return InputError(f"{path}: cannot be written: {error.strerror or error}")
 
 
 @contextmanager

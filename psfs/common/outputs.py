@@ -106,7 +106,7 @@ class Manifest:
 
 def _is_inside(name: str) -> bool:
     path = Path(name)
-    return bool(name) and not path.is_absolute() and ".." not in path.parts
+    return bool(name) and "\0" not in name and not path.is_absolute() and ".." not in path.parts
 
 
 def find_unfinished_command(folder: Path) -> str | None:
@@ -313,7 +313,7 @@ def output_folder(
     same command wrote. Raises InputError for a folder that cannot be written.
     """
     folder = Path(folder)
-    _check_place(folder)
+    check_place(folder)
     real = Path(os.path.realpath(folder))
     with _lock:
         outer = _OPEN.get(real)
@@ -336,7 +336,8 @@ def output_folder(
             output.close()
 
 
-def _check_place(folder: Path) -> None:
+def check_place(folder: Path) -> None:
+    """Raise InputError if `folder` is a file or cannot be made."""
     try:
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder}: is a file; expected a folder, or a name for a new one")

@@ -17,12 +17,14 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 DEFINITION = (
     "iou: of the true masks with the cloud, whose surface voxels are drawn as discs of half their "
     "projected size; ceiling: the same for all voxels of the grid that lie in every true mask; "
-    "ghosts: share of the cloud's voxels that are none of those, nor neighbours of one"
+    "ghosts: share of the cloud's voxels that are none of those, nor neighbours of one; volume: "
+    "iou of the voxels within the cloud's surface with those that lie in every true mask, of those "
+    "that all cameras with a true mask see"
 )
 
 
 #: The scores of a cloud.
-NAMES = ("iou", "ceiling", "ghosts")
+NAMES = ("iou", "ceiling", "ghosts", "volume")
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,7 @@ class CloudScore:
     iou: float
     ceiling: float
     ghosts: float
+    volume: float
 
 
 def score_cloud(rig: CameraRig, cloud: VoxelCloud, truth: Items[np.ndarray | None]) -> CloudScore:
@@ -47,11 +50,11 @@ def score_cloud(rig: CameraRig, cloud: VoxelCloud, truth: Items[np.ndarray | Non
         ]
         for points in (cloud.centres, grid.centres(hull))
     )
-    near = np.zeros(grid.shape, bool)
-    near.ravel()[hull] = True
-    near = ndimage.binary_dilation(near, np.ones((3, 3, 3)))
+    in_hull = np.zeros(grid.shape, bool)
+    in_hull.ravel()[hull] = True
+    near = ndimage.binary_dilation(in_hull, np.ones((3, 3, 3)))
     ghosts = float(1 - near.ravel()[cloud.indices].mean()) if len(cloud) else float("nan")
-    return CloudScore(_mean(ours), _mean(best), ghosts)
+    return CloudScore(_mean(ours), _mean(best), ghosts, _volume_iou(seen, cloud, in_hull))
 
 
 def mean_scores(scores: Items[CloudScore]) -> dict[str, float | None]:
@@ -87,6 +90,35 @@ def _carve(seen: Items[tuple[Camera, np.ndarray]], grid: VoxelGrid) -> np.ndarra
         kept[inside] = mask[row, column]
         left = left[kept]
     return left
+
+
+def _volume_iou(
+    seen: Items[tuple[Camera, np.ndarray]], cloud: VoxelCloud, in_hull: np.ndarray
+) -> float:
+    """Return the IoU of the voxels in the cloud's surface with the hull (nx, ny, nz) bool, among
+    those that all cameras see; NaN if there is nothing to compare."""
+    if not seen:
+        return float("nan")
+    filled = fill_surface(cloud)
+    either = np.flatnonzero(filled | in_hull)
+    centres = cloud.grid.centres(either)
+    shown = either[np.all([camera.look_up(centres)[0] for camera, _ in seen], axis=0)]
+    return iou(filled.ravel()[shown], in_hull.ravel()[shown]) if len(shown) else float("nan")
+
+
+def fill_surface(cloud: VoxelCloud) -> np.ndarray:
+    """Return the voxels (nx, ny, nz) bool of the cloud's surface and those that it encloses."""
+    shape = cloud.grid.shape
+    filled = np.zeros(shape, bool)
+    if not len(cloud):
+        return filled
+    voxels = np.stack(np.unravel_index(cloud.indices, shape))
+    box = tuple(
+        slice(low, high + 1) for low, high in zip(voxels.min(1), voxels.max(1), strict=True)
+    )
+    filled.ravel()[cloud.indices] = True
+    filled[box] = ndimage.binary_fill_holes(filled[box])
+    return filled
 
 
 def _mean(scores: Items[float]) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.distortion import undistort
 from psfs.diagnostics.fault import Fault
 
 #: A camera has another unit, or another world, if it is this many times as far from the others as
@@ -13,25 +14,56 @@ _FAR = 15.0
 #: Range of focal lengths as shares of the picture's longer side: fields of view of 152 to 0.6
 #: degrees.
 _FOCAL = (0.125, 100.0)
+#: Largest ratio of the focal lengths along a picture's sides: pixels are nearly square.
+_OBLONG = 2.0
+#: Largest factor by which a lens moves the middle of a picture's side.
+_DISTORTED = 3.0
 
 
 def find_rig_faults(rig: CameraRig) -> list[Fault]:
-    """Return the cameras whose calibration has another unit than the others', or a focal length in
-    mm instead of pixels."""
-    return [*_check_focal_lengths(rig), *_find_far_camera(rig)]
+    """Return the cameras whose calibration has another unit than the others', a focal length in mm
+    instead of pixels, or a lens that forms no picture."""
+    return [*_check_focal_lengths(rig), *_check_lenses(rig), *_find_far_camera(rig)]
 
 
 def _check_focal_lengths(rig: CameraRig) -> list[Fault]:
     faults = []
     for camera in rig:
         focal, longest = float(camera.K[0, 0]), max(camera.size)
-        if not _FOCAL[0] <= focal / longest <= _FOCAL[1]:
+        oblong = float(camera.K[1, 1]) / focal
+        if not 1 / _OBLONG <= oblong <= _OBLONG:
+            text = (
+                f"camera {camera.name}: focal lengths of {focal:.3g} and {camera.K[1, 1]:.3g} px; "
+                "expected about the same along both sides"
+            )
+            faults.append(Fault("focal", (camera.name,), text))
+        elif not _FOCAL[0] <= focal / longest <= _FOCAL[1]:
             width, height = camera.size
             text = (
                 f"camera {camera.name}: a focal length of {focal:.3g} px for pictures of {width} x "
                 f"{height} px; expected pixels, not mm"
             )
             faults.append(Fault("focal", (camera.name,), text))
+    return faults
+
+
+def _check_lenses(rig: CameraRig) -> list[Fault]:
+    """Return the cameras whose distortion leaves no ray for the middle of the picture's nearest
+    side, or moves it by a factor."""
+    faults = []
+    for camera in rig:
+        side = min(camera.size) / 2
+        radius = side / float(camera.K[[0, 1], [0, 1]].mean())
+        x, y = undistort(camera.distortion, np.array([radius, 0.0]), np.array([0.0, radius]))
+        moved = np.hypot(x, y) / radius
+        if not (moved < _DISTORTED).all() or not (moved > 1 / _DISTORTED).all():
+            coefficients = ", ".join(f"{value:.3g}" for value in camera.distortion)
+            text = (
+                f"camera {camera.name}: its distortion ({coefficients}) forms no picture up to "
+                f"{side:g} px from the middle; expected coefficients k1, k2, p1, p2, k3 of focal "
+                "lengths, not of pixels"
+            )
+            faults.append(Fault("lens", (camera.name,), text))
     return faults
 
 

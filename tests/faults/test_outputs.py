@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import shutil
 from pathlib import Path
 
 import pytest
@@ -117,7 +118,7 @@ def test_leftovers_of_killed_processes_are_cleared(tmp_path: Path) -> None:
     assert files(tmp_path) == {MANIFEST, "a.txt", mine.name}
 
 
-@pytest.mark.parametrize("name", ["../evil.txt", "/evil.txt", "a/../../evil.txt", ""])
+@pytest.mark.parametrize("name", ["../evil.txt", "/evil.txt", "a/../../evil.txt", "a\0b", ""])
 def test_a_forged_manifest_removes_nothing_outside(tmp_path: Path, name: str) -> None:
     out = tmp_path / "out"
     run(out, "a.txt")
@@ -128,6 +129,20 @@ def test_a_forged_manifest_removes_nothing_outside(tmp_path: Path, name: str) ->
     (out / "link").symlink_to(tmp_path)
     run(out, "a.txt")
     assert evil.read_text() == "mine"
+
+
+def test_a_copy_of_a_file_that_is_gone(tmp_path: Path) -> None:
+    """The blame is the source's; a file in a folder's place is named, too."""
+    with (
+        pytest.raises(InputError, match=r"gone\.png: no such file"),
+        write_atomically(tmp_path / "new.png") as temporary,
+    ):
+        shutil.copyfile(tmp_path / "gone.png", temporary)
+    (tmp_path / "a").write_text("mine")
+    with pytest.raises(
+        InputError, match=r"a/b\.txt: cannot be written: .*a is a file; expected a f"
+    ):
+        write(tmp_path / "a/b.txt")
 
 
 def test_a_manifest_that_is_none_or_was_cut(tmp_path: Path) -> None:

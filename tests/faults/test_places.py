@@ -131,6 +131,17 @@ def other_pose(stock: Path) -> None:
     path.write_text("".join(lines))
 
 
+def far_pose(stock: Path) -> None:
+    first, *rest = (stock / "pose.txt").read_text().splitlines(keepends=True)
+    (stock / "far.txt").write_text("".join([first.replace(first.split()[0], "50", 1), *rest]))
+
+
+def other_camera(stock: Path) -> None:
+    """Rename a camera, so that in order each video would be the next camera's."""
+    path = stock / "walk/calibration.toml"
+    path.write_text(path.read_text().replace('name = "cam02"', 'name = "gopro"'))
+
+
 #: Words, what is done to the stock before, and what the line says.
 FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "a folder as a calibration": (INFO, folder("walk/calibration.toml"), "calibration.toml"),
@@ -247,6 +258,28 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "half a number of frames": (["apf", "evaluate", "track", "--truth", "truth.npz",
                                  "--truth-start", "nan"], None, "--truth-start"),
     "a rate over nothing": ([*INFO, "--fps", "30/0"], None, "'30/0' is no frame rate"),
+    "an empty calibration": ([*INFO, "--calibration", ""], None, "--calibration: is empty"),
+    "an empty folder": (["psfs", "info", "", "--no-pictures"], None, "FOLDER: is empty"),
+    "a camera of no video": (INFO, other_camera, "cam02 for cam03, cam03 for gopro"),
+    "a dwarf's board": (["psfs", "calibrate", "--print-board", "b.pdf", "--square", "1e-6"], None,
+                        "markers of 1 mm or more"),
+    "a check of the user": (["psfs", "check", "out"], file("out/check.json"), "out/check.json: is"),
+    "a mesh's check of the user": (["psfs", "mesh", "out", "--frame", "1", "--check"],
+                                   file("out/mesh_check.json"), "out/mesh_check.json: is there"),
+    "all meshes in one": (["psfs", "mesh", "out", "--frame", "all", "-o", "m.ply"], None, "m.ply"),
+    "a start elsewhere": ([*TRACK, "--init", "far.txt"], far_pose, "beyond the volume from"),
+    "terms of pictures for masks": ([*TRACK, "--likelihood", "contour"], None,
+                                    "has masks, and no pictures for the terms contour"),
+    "priors alone": ([*TRACK, "--likelihood", "overlap,posture"], None, "none of these terms"),
+    "too many voxels": (["psfs", "reconstruct", "seq", "-o", "new", "--grid", "5000,5000,5000",
+                         "--volume=-0.6,0.6,-0.6,0.6,0,1.9"], None, "expected fewer than 2^31"),
+    "another body that is drawn": (["apf", "render", "walk", "track", "-o", "new", "--body",
+                                    "rymut31"], None, "not that of --body rymut31"),
+    "a studio in a file": (["apf", "studio", ".", "--no-browser", "-o", "pose.txt"], None,
+                           "pose.txt: is a file"),
+    "a demo on an abacus": (["apf", "demo", "-o", "new", "--device", "abacus"], None, "abacus"),
+    "a pose as a scheduler": (["apf", "batch", "walk", "-o", "new", "--scheduler", "pose.txt"],
+                              None, "pose.txt: malformed JSON"),
     "a demo of one camera": (["apf", "demo", "-o", "new", "--cameras", "1"], None, "--cameras"),
     "a demo of no frame": (["apf", "demo", "-o", "new", "--frames", "0"], None, "frames is 0"),
     "a demo in a file": (["apf", "demo", "-o", "pose.txt"], None, "pose.txt"),

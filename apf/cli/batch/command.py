@@ -12,7 +12,12 @@ from apf.cli.batch.report import BatchReport
 from apf.cli.batch.take import TakeJob, find_finished
 from apf.cli.batch.takes import list_takes
 from apf.cli.takes.job import take_names
-from apf.cluster.connection import connect_cluster, import_distributed, start_cluster
+from apf.cluster.connection import (
+    connect_cluster,
+    find_scheduler,
+    import_distributed,
+    start_cluster,
+)
 from apf.cluster.courses import run_workflows
 from apf.cluster.page import FILES, LOGS
 from apf.cluster.pool import Pool
@@ -38,6 +43,8 @@ def run(args: argparse.Namespace) -> None:
     jobs = make_jobs(args)
     if args.scheduler is None and args.workers is not None:
         share_machine(args.device, args.workers)  # before anything is written
+    if args.scheduler is not None and not all(map(find_finished, jobs)):
+        find_scheduler(args.scheduler)
     inputs = [job.source for job in jobs]
     with output_folder(args.output, "apf batch", inputs, FILES) as out:
         out.begin()

@@ -43,7 +43,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--convention",
         choices=AXES,
         help="axes of a TRC or C3D: y-up (X Y Z) = world (x z -y), as `apf track` writes it; "
-        "pose2sim = world (y z x); z-up = world (x y z) (default: y-up of a TRC; what a C3D says)",
+        "pose2sim = world (y z x); z-up = world (x y z) (default: of a TRC y-up, "
+        "or another one with which it is near the track; what a C3D says)",
     )
     for kind, what in FILES.items():
         parser.add_argument(f"--{kind}", action="store_true", help=f"write {what}")

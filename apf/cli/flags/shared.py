@@ -22,7 +22,7 @@ def add_start_flags(parser: argparse.ArgumentParser) -> None:
         "--body",
         type=path_or_name,
         metavar="B",
-        help="body model: a TOML file or a shipped name (default: song31, or the sequence's own)",
+        help="body model: a TOML file or a shipped name (default: song32, or the sequence's own)",
     )
     group.add_argument(
         "--init",
@@ -64,7 +64,7 @@ def add_track_path(
 
 def add_body_flag(
     parser: argparse.ArgumentParser,
-    what: str = "body model (default: body.toml beside the track)",
+    what: str = "body model of a track that does not hold its own",
 ) -> None:
     """Add --body of commands that read a track; what: its help."""
     parser.add_argument("--body", type=Path, metavar="B", help=what)
@@ -73,4 +73,4 @@ def add_body_flag(
 def add_smoothing_flags(parser: argparse.ArgumentParser, *settings: str) -> None:
     """Add the flags of these `settings` of the smoothing, and --body."""
     add_setting_flags(parser, SmoothingConfig, only=settings, fill=True)
-    add_body_flag(parser, "body model of a track that does not hold its own")
+    add_body_flag(parser)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,13 +19,11 @@ from apf.report.people_page import write_people_overlay, write_people_page
 from apf.tracking.people import MOST_PEOPLE, PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
-from psfs.cli.commandline import stderr, stdout
+from psfs.cli.commandline import stderr, stdout, warn
 from psfs.people.people import People, count_people, follow_people
 from psfs.people.separation import separate
 from psfs.sequence import Sequence
 from psfs.session import Session
-
-log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +96,7 @@ def find_persons(
         return None
     people = follow_people(session, wanted)
     if wanted is not None and len(people) != wanted:
-        log.warning("%s: --people is %d; %s", sequence.name, wanted, people.describe())
+        warn(f"{sequence.name}: --people is {wanted}; {people.describe()}")
     if len(people) < 2:
         return None
     stderr.print(f"{sequence.name}: {people.describe()}", soft_wrap=True, markup=False)

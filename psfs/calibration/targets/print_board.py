@@ -19,6 +19,8 @@ _MM_PER_INCH = 25.4
 _RIM, _BELOW = 10.0, 12.0
 #: Length of the ruler, mm, by which the printed size is checked.
 _RULER = 100.0
+#: Shortest side of a marker, mm: printers draw no finer ones.
+_LEAST = 1.0
 #: Longest side of a page that is written, mm.
 _LONGEST = 5000.0
 
@@ -34,10 +36,12 @@ def write_board_pdf(
     columns, rows = squares
     side, inner = 1000 * square, 1000 * marker
     width, height = columns * side + 2 * _RIM, rows * side + 2 * _RIM + _BELOW
-    if not 0 < inner < side or max(width, height) > _LONGEST or min(squares) < 2:
+    sides = _LEAST <= inner < side
+    if not sides or max(width, height) > _LONGEST or min(squares) < 2:
         raise InputError(
             f"a board of {columns}x{rows} squares of {side:g} mm with markers of {inner:g} mm; "
-            f"expected 2x2 or more, markers smaller than squares, and {_LONGEST:g} mm at most"
+            f"expected 2x2 or more, markers of {_LEAST:g} mm or more that are smaller than the "
+            f"squares, and {_LONGEST:g} mm at most"
         )
     markers = _choose_markers(dictionary, columns * rows // 2)
     figure = Figure(figsize=(width / _MM_PER_INCH, height / _MM_PER_INCH))

@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 from helpers import bodies
 
+import apf.body
 from apf.body import BodyModel, load_body, save_body
 from apf.body.kinematics import bone_matrices, posed_joints
+from apf.body.limbs import trunk_mask
 from apf.body.model import sideless
 from apf.evaluation.joint_names import EVALUATED_JOINTS
 from cl import InputError, MissingFileError
+from psfs.common.toml import read_toml
 
+#: The folder of the shipped bodies.
+BODIES = Path(apf.body.__file__).parent / "models"
 SONG = load_body("song31")
 
 
@@ -55,6 +60,27 @@ def test_song31_has_the_degrees_of_freedom_of_the_papers() -> None:
         assert count[f"{side}_forearm"] == 1
     assert SONG.n_dof == 31 == sum(count.values())
     assert sum(cone.in_images for cone in SONG.cones) == 10
+
+
+def test_song32_is_song31_with_a_trunk_that_bends_sideways() -> None:
+    entries = [read_toml(BODIES / f"{name}.toml") for name in ("song31", "song32")]
+    assert [entry.pop("name") for entry in entries] == ["song31", "song32"]
+    thorax = next(bone for bone in entries[1]["bone"] if bone["name"] == "thorax")
+    assert [axis["axis"] for axis in thorax["axes"]] == ["ry", "rx", "rz"]
+    del thorax["axes"][1]
+    for entry in entries:
+        for bone in entry["bone"]:
+            for axis in bone["axes"]:
+                axis.pop("posture_sigma", None)
+    assert entries[0] == entries[1]
+    bent = load_body("song32")
+    assert bent.n_dof == 32
+    pose = bent.rest_pose.copy()
+    pose[bent.dof_names.index("thorax.rx")] = 0.3
+    joints = dict(zip(bent.joint_names, posed_joints(bent, pose[None])[0], strict=True))
+    assert joints["neck"][1] < -0.1  # to the right
+    assert joints["l_hip"][2] == joints["r_hip"][2]
+    assert trunk_mask(bent)[bent.dof_names.index("thorax.rx")]
 
 
 def test_song31_names_every_joint_that_is_evaluated() -> None:

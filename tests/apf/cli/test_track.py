@@ -43,7 +43,7 @@ def test_everything_is_written(walk: Path, tmp_path: Path) -> None:
         "report.html",
     }
     found = Track.open(tmp_path / "out")
-    assert len(found) == FRAMES and found.poses.shape == (FRAMES, 31)
+    assert len(found) == FRAMES and found.poses.shape == (FRAMES, 32)
     assert found.diagnostics["ess"].shape == (FRAMES, 5)
     assert json.loads(found.provenance)["filter"]["n_particles"] == 60
     evaluation = evaluate(found, load_truth(walk / "truth.npz"))

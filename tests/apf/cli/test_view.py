@@ -58,4 +58,4 @@ def test_another_body_is_refused(
     out: Path, track: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["view", str(out), str(track), "--body", "rymut31_lower"]) == 2
-    assert "the body is rymut31_lower" in capsys.readouterr().err
+    assert "not that of --body rymut31_lower" in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from helpers import tracks
 
 from apf.cli import main
-from apf.evaluation.conventions import axes_that_fit
+from apf.evaluation.conventions import axes_that_fit, choose_convention
 from apf.evaluation.evaluate import evaluate
 from apf.formats.trc import CONVENTIONS, JointSeries, write_trc
 
@@ -33,6 +34,28 @@ def test_the_command_names_the_convention(
     text = capsys.readouterr().out
     named = f"m with --convention {written}" in text
     assert named == (written != read) and ("warning" in text) == named
+
+
+@pytest.mark.parametrize("written", CONVENTIONS)
+def test_the_axes_of_a_trc_are_found(
+    written: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    TRACK.save(tmp_path / "track.npz")
+    write_trc(tmp_path / "truth.trc", tracks.truth_of(TRACK), written)
+    flags = ["--truth", str(tmp_path / "truth.trc"), "--json"]
+    assert main(["evaluate", str(tmp_path / "track.npz"), *flags]) == 0
+    text = capsys.readouterr().out
+    assert (f"read with --convention {written}" in text) == (written != "y-up")
+    assert "warning" not in text
+    summary = json.loads((tmp_path / "evaluation.json").read_text())
+    assert summary["mean_error_mm"] < 1
+
+
+def test_no_axes_are_chosen_for_another_take() -> None:
+    truth = tracks.truth_of(TRACK)
+    noise = np.random.default_rng(0).uniform(-2, 2, truth.joints.shape)
+    other = replace(truth, joints=noise)
+    assert choose_convention(TRACK, other, "y-up") == ("y-up", other)
 
 
 def test_units_and_axes_without_a_name() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -110,6 +111,25 @@ def test_captures_of_files(tmp_path: Path) -> None:
     assert 1 <= len(shots) <= 11
     assert [s.time for s in shots] == sorted(s.time for s in shots)
     assert all(shot.frame.images.shape == (3, 48, 64, 3) for shot in shots)
+
+
+def test_pictures_that_come_unevenly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two within one step, and one from before the first step, have numbers of their own."""
+    folder = footage.native(tmp_path / "s", views=2)
+    names = [str(folder / f"videos/cam0{k}.mp4") for k in (1, 2)]
+    steps = iter([(step / 25, n) for step in (-0.8, 0.1, 0.2, 0.3, 3.4) for n in (0, 1)])
+    now = time.perf_counter()
+
+    def next_picture(*_: object) -> tuple[int, float, np.ndarray | None]:
+        when, _ = next(steps, (None, None))
+        picture = None if when is None else np.zeros((48, 64, 3), np.uint8)
+        return 0, now + (when or 0.0), picture
+
+    cameras = open_cameras(folder, {}, names, 0.0)
+    monkeypatch.setattr("apf.live.sources.LiveCamera.next", next_picture)
+    monkeypatch.setattr("apf.live.sources.time.perf_counter", lambda: now)
+    shots, _ = acquired(cameras)
+    assert [shot.frame.index for shot in shots] == [0, 1, 2, 3, 4]
 
 
 def test_a_background_filmed_first(tmp_path: Path) -> None:

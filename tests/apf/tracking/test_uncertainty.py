@@ -72,6 +72,17 @@ def test_calibration_scales_and_adds_a_floor_per_joint() -> None:
         np.testing.assert_allclose(found[:, place], 9 * raw[:, place] + floor**2 * np.eye(3))
 
 
+def test_deviations_grow_with_the_misfit() -> None:
+    poses = bodies.random_poses(SONG, 4)
+    known, deviation = np.stack(4 * [1e4 * np.eye(31)]), np.full((4, 31), 0.01)
+    calibration = DeviationCalibration(2.0, sound_misfit=0.1)
+    sound = joint_covariance(SONG, poses, known, deviation, calibration)
+    misfit = np.array([0.05, 0.1, 0.3, np.nan])
+    found = joint_covariance(SONG, poses, known, deviation, calibration, misfit=misfit)
+    factors = np.array([1.0, 1.0, 3.0, 1.0])
+    np.testing.assert_allclose(found, factors[:, None, None, None] ** 2 * sound)
+
+
 def test_frames_that_nothing_refined_have_no_covariance() -> None:
     """As all of those of the papers' presets, whose particles' spread nobody calibrated."""
     information = np.stack([1e4 * np.eye(31), np.zeros((31, 31))])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers import scenes
+from scipy import ndimage
 
 from psfs.diagnostics.cloud_scores import mean_scores, score_cloud
 from psfs.reference.surface import surface_voxels
@@ -44,10 +45,25 @@ def test_lost_and_added_voxels_cost() -> None:
     assert lost.ceiling == added.ceiling == whole.ceiling
 
 
+@pytest.mark.parametrize("closed", [True, False])
+def test_the_volume_is_that_within_the_surface(closed: bool) -> None:
+    inside = hull().reshape(GRID.shape)
+    thin = ndimage.binary_erosion(inside)
+    whole, less = (score_cloud(RIG, cloud_of(voxels, closed), MASKS) for voxels in (inside, thin))
+    seen = np.all([camera.look_up(GRID.centres())[0] for camera in RIG], axis=0)
+    kept = seen & inside.ravel()
+    assert whole.volume == 1
+    assert less.volume == pytest.approx((kept & thin.ravel()).sum() / kept.sum())
+    nothing = score_cloud(RIG, cloud_of(np.zeros_like(inside), closed), MASKS)
+    assert nothing.volume == 0
+
+
 def test_cameras_without_a_mask_and_nothing_at_all() -> None:
     cloud = cloud_of(hull())
     score = score_cloud(RIG, cloud, [None, *MASKS[1:]])
     assert score.iou > 0.75
     nothing = score_cloud(RIG, cloud, [None] * len(RIG))
-    assert np.isnan(nothing.iou) and mean_scores([nothing])["iou"] is None
+    assert (
+        np.isnan(nothing.volume) and np.isnan(nothing.iou) and mean_scores([nothing])["iou"] is None
+    )
     assert mean_scores([score, nothing])["iou"] == pytest.approx(score.iou)

@@ -18,6 +18,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cli import main
 from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.faults import diagnose
+from psfs.diagnostics.rig_faults import find_rig_faults
 from psfs.diagnostics.sequence_info import rig_warnings
 from psfs.sequence import Sequence
 from psfs.session import Session
@@ -218,6 +219,23 @@ def test_a_camera_in_another_unit(tmp_path: Path, masks: np.ndarray) -> None:
     cameras[2] = replace(rig()[2], K=np.array([[6.0, 0, 80], [0, 6, 60], [0, 0, 1]]))
     (fault,) = faults(write(tmp_path / "b", masks, CameraRig(tuple(cameras))))
     assert fault.kind == "focal" and "expected pixels, not mm" in str(fault)
+
+
+def test_lenses_that_form_no_picture() -> None:
+    """Coefficients of another unit fold the picture or squeeze it; pixels are no long strips."""
+    whole = rig()
+    assert find_rig_faults(whole) == []
+    usual = np.array([-0.3, 0.1, 1e-3, -1e-3, 0.02])  # a wide lens
+    for distortion, expected in (
+        (usual, []),
+        (-5 * np.eye(5)[0], ["lens"]),
+        (1e5 * np.eye(5)[0], ["lens"]),
+    ):
+        cameras = (replace(whole[0], distortion=distortion), *list(whole)[1:])
+        assert [fault.kind for fault in find_rig_faults(CameraRig(cameras))] == expected
+    strips = whole[0].K * np.array([[1.0], [10.0], [1.0]])
+    (fault,) = find_rig_faults(CameraRig((replace(whole[0], K=strips), *list(whole)[1:])))
+    assert fault.kind == "focal" and "about the same along both sides" in str(fault)
 
 
 def test_a_calibration_of_camera_to_world(tmp_path: Path, masks: np.ndarray) -> None:
