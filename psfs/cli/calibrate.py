@@ -82,6 +82,7 @@ def run(args: argparse.Namespace) -> None:
             refuse_unused(
                 args, ["calibration"], "applies only to given cameras; expected --refine with it"
             )
+            refuse_unused(args, ["sync"], "is found from the person; expected none with --person")
             calibrate_from_person(args)
         else:
             refuse_unused(args, ["stature"], "applies only to a person; expected --person with it")

@@ -11,7 +11,6 @@ from rich.table import Table
 
 from cl import InputError, select_device
 from psfs.calibration.intrinsics import read_intrinsics
-from psfs.calibration.targets.detection import open_uncalibrated
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import progress_bar, stdout, warn
@@ -20,14 +19,15 @@ from psfs.cli.settings import write_settings
 from psfs.common.files import write_json
 from psfs.common.ranges import check_number
 from psfs.common.versions import versions
-from psfs.footage.layouts.uncalibrated import read_uncalibrated
+from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
 from psfs.footage.settings import SequenceSettings
 from psfs.self_calibration.calibrator import PersonCalibration, calibrate_by_person
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.footage import extract_outlines
+from psfs.sequence import Sequence
 
-#: Keys of `sequence.toml` that may be stated.
-_STATED = ("cameras", "fps", "sync")
+#: Keys of `sequence.toml` that may be stated; delays are found, so those of the file do not apply.
+_STATED = ("cameras", "fps")
 
 
 def calibrate_from_person(args: argparse.Namespace) -> None:
@@ -41,15 +41,14 @@ def calibrate_from_person(args: argparse.Namespace) -> None:
             "--person without --intrinsics; expected the cameras' intrinsics: a calibration, of "
             "which only the lenses are taken, as psfs calibrate --board writes"
         )
-    stated = SequenceSettings.from_dict(
-        {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}
-    )
+    stated = {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}
     folder = Path(args.folder)
-    views = open_uncalibrated(folder, stated)
-    large = read_intrinsics(args.intrinsics, views.rig, None)
-    footage = replace(
-        read_uncalibrated(folder, views.settings, silhouettes=True), images=views.footage.images
+    settings = SequenceSettings.from_dict({**stated, "sync": {}}).fill_from(
+        SequenceSettings.read(folder / "sequence.toml")
     )
+    footage = read_uncalibrated(folder, settings, silhouettes=True)
+    views = Sequence(folder, LAYOUT, footage, settings)
+    large = read_intrinsics(args.intrinsics, views.rig, None)
     device = select_device(args.device)
     factor = min(1.0, config.longest_side / max(views.rig.width, views.rig.height))
     small = [camera.scaled(factor) for camera in large]
@@ -57,7 +56,7 @@ def calibrate_from_person(args: argparse.Namespace) -> None:
     with progress_bar() as bar:
         for view in bar.track(range(len(small)), len(small), description="silhouettes"):
             outlines.append(
-                extract_outlines(footage, view, small[view], device, config.most_frames)
+                extract_outlines(views.footage, view, small[view], device, config.most_frames)
             )
     found = calibrate_by_person(small, outlines, views.fps, config)
     placed = zip(large, found.rig, strict=True)
@@ -69,7 +68,7 @@ def _write(
     args: argparse.Namespace, rig: CameraRig, found: PersonCalibration, config: PersonConfig
 ) -> None:
     out: Path = args.output
-    verdict = f"good: frontier points differ by {found.residual:.2f} px"
+    verdict = f"silhouettes differ by at most {found.misfits.max():.2f} px"
     warnings = []
     if args.stature is None:
         warnings.append(
@@ -80,7 +79,7 @@ def _write(
         camera.name: round(float(lag - min(found.lags)))
         for camera, lag in zip(rig, found.lags, strict=True)
     }
-    sync = ",".join(f"{name}={late}" for name, late in whole.items() if late)
+    sync = ",".join(f"{name}={late}" for name, late in whole.items())
     write_toml_tables(out / CALIBRATION, rig)
     report = _summary(args, rig, found, config)
     write_json(out / REPORT, {"verdict": verdict, "sync": sync, **report, "warnings": warnings})
@@ -88,7 +87,7 @@ def _write(
     stdout.print(_table(rig, found))
     for text in warnings:
         warn(text, stdout)
-    use = f"--calibration {out / CALIBRATION}" + (f" --sync {sync}" if sync else "")
+    use = f"--calibration {out / CALIBRATION} --sync {sync}"
     text = f"{verdict}; wrote {out}; the take's flags: {use}"
     stdout.print(text, soft_wrap=True, markup=False)
 
@@ -96,23 +95,20 @@ def _write(
 def _summary(
     args: argparse.Namespace, rig: CameraRig, found: PersonCalibration, config: PersonConfig
 ) -> dict[str, Any]:
-    columns = zip(rig, found.lags, found.lag_sigmas, found.sigmas, strict=True)
     return {
         "folder": str(args.folder),
         "intrinsics": str(args.intrinsics),
         "stature_m": config.stature,
         "frontier_points": found.count,
         "residual_px": round(found.residual, 4),
+        "path_m": round(found.path, 3),
         "cameras": {
             camera.name: {
-                "late_frames": {
-                    "value": round(float(lag), 3),
-                    "standard_deviation": round(float(lag_sigma), 3),
-                },
+                "late_frames": round(float(lag), 3),
                 "position_m": camera.centre.round(4).tolist(),
-                "position_sigma_percent_of_radius": round(100 * float(sigma), 3),
+                "misfit_px": round(float(misfit), 3),
             }
-            for camera, lag, lag_sigma, sigma in columns
+            for camera, lag, misfit in zip(rig, found.lags, found.misfits, strict=True)
         },
         "versions": versions(),
     }
@@ -120,11 +116,9 @@ def _summary(
 
 def _table(rig: CameraRig, found: PersonCalibration) -> Table:
     table = Table("camera", title="Cameras from the person", title_justify="left")
-    for title in ("late, frames", "position, m", "± % of the radius"):
+    for title in ("late, frames", "position, m", "misfit, px"):
         table.add_column(title, justify="right")
-    for camera, lag, lag_sigma, sigma in zip(
-        rig, found.lags, found.lag_sigmas, found.sigmas, strict=True
-    ):
+    for camera, lag, misfit in zip(rig, found.lags, found.misfits, strict=True):
         place = ", ".join(f"{value:.2f}" for value in camera.centre)
-        table.add_row(camera.name, f"{lag:+.2f} ± {lag_sigma:.2f}", place, f"{100 * sigma:.1f}")
+        table.add_row(camera.name, f"{lag:+.2f}", place, f"{misfit:.2f}")
     return table

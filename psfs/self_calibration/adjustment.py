@@ -29,6 +29,8 @@ from psfs.self_calibration.hulls import HullRays
 
 #: Least distance of the line between two cameras from the person, m.
 _NEAREST = 0.4
+#: Fewest outermost points by which two cameras are judged.
+_LEAST_SHARED = 20
 #: Outermost planes count as frontier points up to so many times the gate.
 _OUTERMOST = 1.5
 #: Steps while the arrangement is uncertain, and when it is known: lenses are kept.
@@ -173,7 +175,9 @@ def _adjust(
         fit = RigFit(rig, [], config.replace(gate=gate), search)
         start = np.zeros((len(rig), 8))
         start[:, 7] = shifts - lags
-        found = fit.solve(start=start, rounds=1)
+        # Cameras without common points have no variances; they are refused later.
+        with np.errstate(invalid="ignore"):
+            found = fit.solve(start=start, rounds=1)
         if found is None:
             return None
         rig, lags = found.apply(rig), shifts - found.offsets
@@ -192,3 +196,21 @@ def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int, cap: fl
     residuals, _ = epipolar_residuals(adjusted.rig.cameras, found, shifts - adjusted.lags)
     total = np.minimum(np.abs(residuals), cap).sum() + 0.5 * cap * max(0.0, wanted - len(found))
     return float(total / max(wanted, len(found), 1))
+
+
+def measure_misfits(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
+    """Return by how much the silhouettes of each camera (V,) and of another differ at most, px.
+
+    That is the median distance of their outermost points from the epipolar lines, of all of them,
+    whether they agree or not; infinity if the camera shares too few with all others.
+    """
+    cameras, shifts = adjusted.rig.cameras, np.round(adjusted.lags).astype(int)
+    found = points.find_extremes(cameras, shifts)
+    residuals, _ = epipolar_residuals(cameras, found, shifts - adjusted.lags)
+    medians = np.full((len(cameras), len(cameras)), -np.inf)
+    for a, b in combinations(range(len(cameras)), 2):
+        own = np.abs(residuals[(found.views == (a, b)).all(axis=1)])
+        if len(own) >= _LEAST_SHARED:
+            medians[a, b] = medians[b, a] = np.median(own)
+    worst = medians.max(axis=1)
+    return np.where(np.isfinite(worst), worst, np.inf)

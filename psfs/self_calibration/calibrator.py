@@ -23,6 +23,7 @@ from psfs.self_calibration.adjustment import (
     adjust_extremes,
     adjust_frontier,
     measure_misfit,
+    measure_misfits,
 )
 from psfs.self_calibration.bobbing import compare_bobbing, measure_bobbing
 from psfs.self_calibration.config import PersonConfig
@@ -31,7 +32,7 @@ from psfs.self_calibration.pairing import Walker, compare_pair
 from psfs.self_calibration.search import ArrangementSearch
 from psfs.self_calibration.start import place_cameras
 from psfs.self_calibration.upright import UprightView, fit_upright
-from psfs.self_calibration.world import align_to_person
+from psfs.self_calibration.world import align_to_person, measure_path
 
 Outlines = Sequence[Sequence[Outline | None]]
 #: Tilts beside the fitted one that are tried, rad.
@@ -52,17 +53,20 @@ class PersonCalibration:
     """Cameras found from a person.
 
     rig: small cameras, metres, Z up. lags: (V,) frames: frame t of the first camera shows the time
-    of frame t + lags[v] of camera v. sigmas: (V,) standard deviation of the cameras' places as a
-    share of the rig's radius. residual: median distance of frontier points from the epipolar lines,
-    px. count: of frontier points. lag_sigmas: (V,) frames.
+    of frame t + lags[v] of camera v. residual: median distance of the frontier points that agree
+    from the epipolar lines, px. count: of these points. misfits: (V,) px, see `measure_misfits`.
+    path: standard deviation of the person's places along the main direction of the walk, m.
+
+    Standard deviations are not stated: silhouettes are wrong alike in neighbouring frames, so those
+    of the least squares are several times too small.
     """
 
     rig: CameraRig
     lags: np.ndarray
-    sigmas: np.ndarray
-    lag_sigmas: np.ndarray
     residual: float
     count: int
+    misfits: np.ndarray
+    path: float
 
 
 def calibrate_by_person(
@@ -153,21 +157,28 @@ def _check(
     """Return the calibration in its world. Raises InputError if it cannot be trusted."""
     if best is None:
         raise InputError(f"no arrangement of the cameras fits the silhouettes; {FILM}")
-    rig, last = best.rig, best.last
-    radius = float(np.linalg.norm(rig.centres - rig.centres.mean(axis=0), axis=1).mean())
-    sigmas = np.sqrt((last.sigmas[:, 3:6] ** 2).mean(axis=1)) / radius
-    if last.residual > config.worst_residual:
+    rig = best.rig
+    misfits = measure_misfits(best, points)
+    worst = int(np.argmax(misfits))
+    if not np.isfinite(misfits[worst]):
         raise InputError(
-            f"the silhouettes fit no arrangement of the cameras: {last.residual:.2f} px, expected "
-            f"at most {config.worst_residual:g}; {FILM}"
+            f"{rig[worst].name} shares too few pictures of the whole person with the other "
+            f"cameras; {FILM}"
         )
-    if sigmas.max() > config.worst_position:
-        name = rig[int(sigmas.argmax())].name
+    if misfits[worst] > config.worst_residual:
         raise InputError(
-            f"the place of {name} is known to {100 * sigmas.max():.1f} % of the rig's radius only, "
-            f"expected {100 * config.worst_position:g}; {FILM}"
+            f"the silhouettes fit no arrangement of the cameras: those of {rig[worst].name} and "
+            f"another camera differ by {misfits[worst]:.2f} px, expected at most "
+            f"{config.worst_residual:g}; {FILM}"
         )
     shifts = np.round(best.lags).astype(int)
     touched = points.find_all(rig.cameras, shifts, _GATES[-1])
     world = align_to_person(rig, ups, touched, config.stature)
-    return PersonCalibration(world, best.lags, sigmas, last.sigmas[:, 7], last.residual, last.count)
+    path = measure_path(world, touched)
+    if path < config.least_path * config.stature:
+        raise InputError(
+            f"the person walks too little: the places' standard deviation is {path:.2f} m, "
+            f"expected {config.least_path * config.stature:.2f} or more; {FILM}"
+        )
+    last = best.last
+    return PersonCalibration(world, best.lags, last.residual, last.count, misfits, path)

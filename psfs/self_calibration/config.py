@@ -10,7 +10,7 @@ from psfs.common.config import Config, setting
 class PersonConfig(Config):
     """Settings of the calibration of cameras by a person who walks about."""
 
-    SOURCE: ClassVar = "by hand on `synth_walk_4cam`, `synth_run_6cam` and `synth_box_4cam`"
+    SOURCE: ClassVar = "by hand on `synth_walk_4cam` and `synth_run_6cam`"
 
     stature: float = setting(
         1.7,
@@ -43,10 +43,14 @@ class PersonConfig(Config):
         40, "Fewest frames of a camera that must show the whole person.", least=8
     )
     worst_residual: float = setting(
-        1.2, "Greatest median distance of frontier points from epipolar lines.", unit="px", above=0
-    )
-    worst_position: float = setting(
-        0.03,
-        "Greatest standard deviation of a camera's position, as a share of the rig's radius.",
+        1.2,
+        "Greatest median distance of the outermost points of two cameras from epipolar lines.",
+        unit="px",
         above=0,
+    )
+    least_path: float = setting(
+        0.15,
+        "Least standard deviation of the person's places along the walk's main direction, as a "
+        "share of the stature.",
+        least=0,
     )

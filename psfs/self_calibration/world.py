@@ -59,8 +59,17 @@ def align_to_person(
     factor = stature / (np.percentile(top[:, 2], _STANDING) - floor)
     origin = np.array([*np.median(local[:, :2], axis=0), floor])
     turned = CalibrationScene(rig.cameras, {}).transform(rigid_transform(R, -origin))
-
     return CameraRig(tuple(replace(camera, t=camera.t * factor) for camera in turned.cameras))
+
+
+def measure_path(rig: CameraRig, points: FrontierPoints) -> float:
+    """Return the standard deviation of the person's places on the floor along the direction in
+    which it is greatest, m."""
+    places = triangulate_points(rig, points)[:, :2]
+    own = [np.median(places[points.frames == frame], axis=0) for frame in np.unique(points.frames)]
+    if len(own) < 2:
+        return 0.0
+    return float(np.sqrt(np.linalg.eigvalsh(np.cov(np.array(own).T))[-1]))
 
 
 def _axes(up: np.ndarray, right: np.ndarray) -> np.ndarray:
