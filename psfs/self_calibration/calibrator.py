@@ -41,7 +41,7 @@ _TILTS = (-0.105, 0.0, 0.105)
 _GATES = (16, 8, 6, 4, 4, 2, 2, 2)
 #: Rounds of the first adjustment, and of the finalists'.
 _FIRST, _SECOND = 4, 10
-#: What to film where cameras cannot be told.
+#: What to film if the cameras cannot be found.
 FILM = (
     "film one person who walks about for ten seconds or more, towards and past all cameras, wholly "
     "seen by all of them, with a second of the empty room in background/"
@@ -75,7 +75,7 @@ def calibrate_by_person(
     """Estimate the cameras' poses and lags from outlines [view][frame] at `rate` per second.
 
     cameras: small, with the intrinsics that are kept. Raises InputError, which says what to film,
-    if they cannot be told.
+    if they cannot be found.
     """
     if len(cameras) < 3:
         raise InputError(

@@ -28,8 +28,8 @@ _FEWEST, _SHARE = 12, 0.3
 
 @dataclass(frozen=True, eq=False)
 class Walker:
-    """What one camera shows of the person: its upright view, and its hulls with their rays (N, 3)
-    in the floor's axes."""
+    """The person in one camera: the upright view, and the hulls with their rays (N, 3) in the
+    floor's axes."""
 
     view: UprightView
     hulls: HullRays

@@ -115,7 +115,7 @@ def test_a_person_seldom_seen_is_refused_with_what_to_film():
 
 def test_two_cameras_are_refused():
     with pytest.raises(InputError, match="2 cameras; expected three or more"):
-        calibrate_by_person(uncalibrated()[:2], outlines()[:2], RATE, CONFIG)
+        calibrate_by_person(uncalibrated()[:2], [[], []], RATE, CONFIG)
 
 
 def test_unrelated_films_are_refused():
