@@ -69,6 +69,8 @@ def run(args: argparse.Namespace) -> None:
     inputs = [Path(args.folder), *(p for p in (args.c3d, args.intrinsics) if p is not None)]
     expected = (CALIBRATION, REPORT, RIG, FILE, f"{PICTURES}/*.png")
     with output_folder(args.output, args.parser.prog, inputs, expected):
+        if not args.person:
+            refuse_unused(args, ["stature"], "applies only to a person; expected --person with it")
         if args.refine:
             refuse_unused(
                 args, _OF_TARGETS, "applies only to boards and wands; expected none with --refine"
@@ -85,7 +87,6 @@ def run(args: argparse.Namespace) -> None:
             refuse_unused(args, ["sync"], "is found from the person; expected none with --person")
             calibrate_from_person(args)
         else:
-            refuse_unused(args, ["stature"], "applies only to a person; expected --person with it")
             refuse_unused(
                 args, ["calibration"], "applies only to given cameras; expected --refine with it"
             )
@@ -94,10 +95,10 @@ def run(args: argparse.Namespace) -> None:
 
 def _print_board(args: argparse.Namespace) -> None:
     """Write the PDF of a ChArUco board."""
-    of_footage = {"folder", "output", "board", "wand", "c3d", "refine", "person", *_OF_TARGETS}
+    of_footage = {"folder", "output", "board", "wand", "c3d", "refine", "person", "stature"}
     refuse_unused(
         args,
-        of_footage.difference(_OF_BOARDS),
+        of_footage.union(_OF_TARGETS).difference(_OF_BOARDS),
         "applies only to footage; expected none with --print-board",
     )
     path: Path = args.print_board
