@@ -19,6 +19,7 @@ from psfs.diagnostics.config import (
 from psfs.diagnostics.picture_config import PictureConfig
 from psfs.footage import settings as footage
 from psfs.people.config import PeopleConfig
+from psfs.self_calibration.config import PersonConfig
 from psfs.voxels.config import EdgeConfig, ReconstructionConfig
 
 
@@ -61,3 +62,4 @@ class Settings(Config):
     )
     people: PeopleConfig = part(PeopleConfig, "Counting and following of people.")
     calibration: CalibrationConfig = part(CalibrationConfig, "Calibration of cameras.")
+    person: PersonConfig = part(PersonConfig, "Calibration of cameras by a person.")

@@ -40,6 +40,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import rotation_to_z_up
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.cli.flags.calibrate import CALIBRATION, PICTURES, REPORT, RIG
+from psfs.cli.person import calibrate_from_person
 from psfs.cli.refinement import refine
 from psfs.cli.settings import FILE, refuse_unused, write_settings
 from psfs.common.files import write_json
@@ -68,11 +69,23 @@ def run(args: argparse.Namespace) -> None:
     inputs = [Path(args.folder), *(p for p in (args.c3d, args.intrinsics) if p is not None)]
     expected = (CALIBRATION, REPORT, RIG, FILE, f"{PICTURES}/*.png")
     with output_folder(args.output, args.parser.prog, inputs, expected):
+        if not args.person:
+            refuse_unused(args, ["stature"], "applies only to a person; expected --person with it")
         if args.refine:
             refuse_unused(
                 args, _OF_TARGETS, "applies only to boards and wands; expected none with --refine"
             )
             refine(args)
+        elif args.person:
+            unused = [flag for flag in _OF_TARGETS if flag != "intrinsics"]
+            refuse_unused(
+                args, unused, "applies only to boards and wands; expected none with --person"
+            )
+            refuse_unused(
+                args, ["calibration"], "applies only to given cameras; expected --refine with it"
+            )
+            refuse_unused(args, ["sync"], "is found from the person; expected none with --person")
+            calibrate_from_person(args)
         else:
             refuse_unused(
                 args, ["calibration"], "applies only to given cameras; expected --refine with it"
@@ -82,10 +95,10 @@ def run(args: argparse.Namespace) -> None:
 
 def _print_board(args: argparse.Namespace) -> None:
     """Write the PDF of a ChArUco board."""
-    of_footage = {"folder", "output", "board", "wand", "c3d", "refine", *_OF_TARGETS}
+    of_footage = {"folder", "output", "board", "wand", "c3d", "refine", "person", "stature"}
     refuse_unused(
         args,
-        of_footage.difference(_OF_BOARDS),
+        of_footage.union(_OF_TARGETS).difference(_OF_BOARDS),
         "applies only to footage; expected none with --print-board",
     )
     path: Path = args.print_board
@@ -131,7 +144,9 @@ def _make_board_finder(args: argparse.Namespace) -> CharucoFinder | ChessboardFi
     """Return the detector of the board; None for a wand. Raises InputError for flags that exclude
     each other."""
     if args.board is None and args.wand is None and args.c3d is None:
-        raise InputError("no target is stated; expected --board, --wand, --c3d or --refine")
+        raise InputError(
+            "no target is stated; expected --board, --wand, --c3d, --person or --refine"
+        )
     if args.c3d is None:
         refuse_unused(args, _OF_C3D, "applies only to motion capture; expected --c3d with it")
     if args.floor is None:

@@ -7,7 +7,7 @@ What silhouettes cannot tell, a motion of the whole scene and its size, is held 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -67,19 +67,27 @@ def correct_camera(camera: Camera, correction: np.ndarray) -> Camera:
     return replace(camera, K=K, R=R, t=-R @ (camera.centre + correction[3:6]))
 
 
+#: Find the points of given cameras that agree to a number of pixels.
+Find = Callable[[Sequence[Camera], float], FrontierPoints]
+
+
 class RigFit:
-    """Corrections of a rig to outlines [frame][view] in pictures of its size."""
+    """Corrections of a rig to outlines [frame][view] in pictures of its size.
+
+    find: finds the points instead, without outlines.
+    """
 
     def __init__(
         self,
         rig: CameraRig,
         outlines: Sequence[Sequence[Outline | None]],
         config: AlignmentConfig | None = None,
+        find: Find | None = None,
     ) -> None:
         self.rig, self.config = rig, config or AlignmentConfig()
-        self.contours = [SilhouetteContours([row[v] for row in outlines]) for v in range(len(rig))]
-        self.scene = intersect_axes_ahead(rig)
-        self.n_frames = len(outlines)
+        contours = [SilhouetteContours([row[v] for row in outlines]) for v in range(len(rig))]
+        self.scene = scene = intersect_axes_ahead(rig)
+        self._search = find or (lambda rig, gate: find_frontier_points(rig, contours, scene, gate))
         self._held = self.scene_moves() / _HELD
 
     def measure(self, values: np.ndarray, frames: np.ndarray | None = None) -> float:
@@ -118,7 +126,7 @@ class RigFit:
     def _find(
         self, cameras: Sequence[Camera], gate: float, frames: np.ndarray | None
     ) -> FrontierPoints:
-        points = find_frontier_points(cameras, self.contours, self.scene, gate)
+        points = self._search(cameras, gate)
         if frames is None:
             return points
         kept = frames[points.frames]

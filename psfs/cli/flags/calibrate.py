@@ -63,11 +63,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     stated = ("cameras", "fps", "sync", "calibration")
     add_setting_flags(group, footage.SequenceSettings, only=stated, parsers=PARSERS)
     add_device_flag(group)
-    add_configs(parser, Settings, "calibration")
+    add_configs(parser, Settings, "calibration", "person")
 
 
 def _add_target_flags(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("target", "one of --board, --wand, --c3d and --refine")
+    group = parser.add_argument_group(
+        "target", "one of --board, --wand, --c3d, --person and --refine"
+    )
     kind = group.add_mutually_exclusive_group()
     kind.add_argument("--board", choices=_BOARDS, help="a board with squares")
     kind.add_argument(
@@ -84,6 +86,15 @@ def _add_target_flags(parser: argparse.ArgumentParser) -> None:
         help="no target: correct the cameras of FOLDER, and estimate their sub-frame times, from "
         "the silhouettes of a moving person; the cameras are kept as they are unless held-out "
         "frames fit better",
+    )  # fmt: skip
+    kind.add_argument(
+        "--person", action="store_true",
+        help="no target: cameras and times from the silhouettes of somebody who walks about; "
+        "needs --intrinsics",
+    )  # fmt: skip
+    group.add_argument(
+        "--stature", type=float, metavar="M",
+        help="height of the person of --person, m, which gives the scale (default: 1.7)",
     )  # fmt: skip
     group.add_argument(
         "--squares", type=_squares, metavar="CxR", help="squares of the board, as 7x5, not "

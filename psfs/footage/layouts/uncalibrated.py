@@ -12,8 +12,8 @@ import numpy as np
 
 from cl import InputError, MissingFileError
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.footage.layouts.common import Footage, Found
-from psfs.footage.media import list_media, open_media
+from psfs.footage.layouts.common import Footage, Found, assign_pictures
+from psfs.footage.media import Media, list_media, open_media
 from psfs.footage.settings import SequenceSettings
 
 LAYOUT = "uncalibrated"
@@ -42,10 +42,13 @@ def list_pictures(folder: Path) -> Found:
     raise InputError(f"{folder}: no pictures; {wanted}")
 
 
-def read_uncalibrated(folder: Path, settings: SequenceSettings) -> Footage:
+def read_uncalibrated(
+    folder: Path, settings: SequenceSettings, silhouettes: bool = False
+) -> Footage:
     """Read the chosen cameras' pictures; of the rig only names and sizes are meaningful.
 
-    Raises InputError as `list_pictures` does.
+    silhouettes: read the pictures of the empty scene in `background/` and the `masks/`, too, where
+    there are some. Raises InputError as `list_pictures` does.
     """
     found = list_pictures(folder)
     names = list(found) if settings.cameras is None else list(settings.cameras)
@@ -54,7 +57,13 @@ def read_uncalibrated(folder: Path, settings: SequenceSettings) -> Footage:
         raise InputError(f"{folder}: no camera {', '.join(missing)}; found {', '.join(found)}")
     media = tuple(open_media(name, found[name]) for name in names)
     rig = CameraRig(tuple(_nominal_camera(item.name, item.size) for item in media))
-    return Footage(rig, images=media)
+    others: dict[str, tuple[Media, ...]] = {}
+    for name in ("background", "masks") if silhouettes else ():
+        if (folder / name).is_dir() and (own := list_media(folder / name)):
+            others[name], _ = assign_pictures(rig, own, folder / name, settings, extras=True)
+    return Footage(
+        rig, images=media, masks=others.get("masks"), background=others.get("background")
+    )
 
 
 def _nominal_camera(name: str, size: tuple[int, int]) -> Camera:

@@ -140,3 +140,9 @@ def test_what_cannot_be_is_one_line(
     assert "no such file" in line(
         wands, "--wand", "0.5", "--intrinsics", str(tmp_path / "none.toml")
     )
+    assert "--person without --intrinsics" in line(wands, "--person")
+    assert "expected none with --person" in line(wands, "--person", "--sync", "cam01=1")
+    assert "expected --person with it" in line(wands, "--wand", "0.5", "--stature", "1.8")
+    lenses = ("--intrinsics", str(wands / "lens.toml"))
+    seldom = line(wands, "--person", *lenses, "--cameras", "cam01,cam02,cam03")
+    assert "the whole person is in" in seldom and "film one person" in seldom

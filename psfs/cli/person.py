@@ -1,0 +1,124 @@
+"""`psfs calibrate FOLDER --person -o OUT`: cameras and times from somebody who walks about."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from cl import InputError, select_device
+from psfs.calibration.intrinsics import read_intrinsics
+from psfs.cameras.calibration.toml_tables import write_toml_tables
+from psfs.cameras.camera import CameraRig
+from psfs.cli.commandline import progress_bar, stdout, warn
+from psfs.cli.flags.calibrate import CALIBRATION, REPORT
+from psfs.cli.settings import write_settings
+from psfs.common.files import write_json
+from psfs.common.ranges import check_number
+from psfs.common.versions import versions
+from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
+from psfs.footage.settings import SequenceSettings
+from psfs.self_calibration.calibrator import PersonCalibration, calibrate_by_person
+from psfs.self_calibration.config import PersonConfig
+from psfs.self_calibration.footage import extract_outlines
+from psfs.sequence import Sequence
+
+#: Keys of `sequence.toml` that may be stated; delays are found, so those of the file do not apply.
+_STATED = ("cameras", "fps")
+
+
+def calibrate_from_person(args: argparse.Namespace) -> None:
+    """Estimate the cameras of a folder from the person in it, and write them."""
+    config: PersonConfig = args.configs.get("person", PersonConfig())
+    if args.stature is not None:
+        check_number("--stature, m,", args.stature, 0.3, 3)
+        config = config.replace(stature=args.stature)
+    if args.intrinsics is None:
+        raise InputError(
+            "--person without --intrinsics; expected the cameras' intrinsics: a calibration, of "
+            "which only the lenses are taken, as psfs calibrate --board writes"
+        )
+    stated = {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}
+    folder = Path(args.folder)
+    settings = SequenceSettings.from_dict({**stated, "sync": {}}).fill_from(
+        SequenceSettings.read(folder / "sequence.toml")
+    )
+    footage = read_uncalibrated(folder, settings, silhouettes=True)
+    views = Sequence(folder, LAYOUT, footage, settings)
+    large = read_intrinsics(args.intrinsics, views.rig, None)
+    device = select_device(args.device)
+    factor = min(1.0, config.longest_side / max(views.rig.width, views.rig.height))
+    small = [camera.scaled(factor) for camera in large]
+    outlines = []
+    with progress_bar() as bar:
+        for view in bar.track(range(len(small)), len(small), description="silhouettes"):
+            outlines.append(
+                extract_outlines(views.footage, view, small[view], device, config.most_frames)
+            )
+    found = calibrate_by_person(small, outlines, views.fps, config)
+    placed = zip(large, found.rig, strict=True)
+    rig = CameraRig(tuple(replace(camera, R=own.R, t=own.t) for camera, own in placed))
+    _write(args, rig, found, config)
+
+
+def _write(
+    args: argparse.Namespace, rig: CameraRig, found: PersonCalibration, config: PersonConfig
+) -> None:
+    out: Path = args.output
+    verdict = f"silhouettes differ by at most {found.misfits.max():.2f} px"
+    warnings = []
+    if args.stature is None:
+        warnings.append(
+            f"no --stature is stated: the person is taken to be {config.stature:g} m tall, which "
+            "gives the scale"
+        )
+    whole = {
+        camera.name: round(float(lag - min(found.lags)))
+        for camera, lag in zip(rig, found.lags, strict=True)
+    }
+    sync = ",".join(f"{name}={late}" for name, late in whole.items())
+    write_toml_tables(out / CALIBRATION, rig)
+    report = _summary(args, rig, found, config)
+    write_json(out / REPORT, {"verdict": verdict, "sync": sync, **report, "warnings": warnings})
+    write_settings(out, args, {"person": config})
+    stdout.print(_table(rig, found))
+    for text in warnings:
+        warn(text, stdout)
+    use = f"--calibration {out / CALIBRATION} --sync {sync}"
+    text = f"{verdict}; wrote {out}; the take's flags: {use}"
+    stdout.print(text, soft_wrap=True, markup=False)
+
+
+def _summary(
+    args: argparse.Namespace, rig: CameraRig, found: PersonCalibration, config: PersonConfig
+) -> dict[str, Any]:
+    return {
+        "folder": str(args.folder),
+        "intrinsics": str(args.intrinsics),
+        "stature_m": config.stature,
+        "frontier_points": found.count,
+        "residual_px": round(found.residual, 4),
+        "path_m": round(found.path, 3),
+        "cameras": {
+            camera.name: {
+                "late_frames": round(float(lag), 3),
+                "position_m": camera.centre.round(4).tolist(),
+                "misfit_px": round(float(misfit), 3),
+            }
+            for camera, lag, misfit in zip(rig, found.lags, found.misfits, strict=True)
+        },
+        "versions": versions(),
+    }
+
+
+def _table(rig: CameraRig, found: PersonCalibration) -> Table:
+    table = Table("camera", title="Cameras from the person", title_justify="left")
+    for title in ("late, frames", "position, m", "misfit, px"):
+        table.add_column(title, justify="right")
+    for camera, lag, misfit in zip(rig, found.lags, found.misfits, strict=True):
+        place = ", ".join(f"{value:.2f}" for value in camera.centre)
+        table.add_row(camera.name, f"{lag:+.2f}", place, f"{misfit:.2f}")
+    return table

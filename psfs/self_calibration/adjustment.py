@@ -1,0 +1,216 @@
+"""Adjustment of all cameras and their times to the silhouettes of one person.
+
+Robust least squares over epipolar residuals (see `psfs.diagnostics.refinement`): first of the
+outermost planes that touch the silhouettes, which need no matching and so bear errors of many
+degrees and frames, then of all frontier points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.rig_geometry import intersect_axes_ahead
+from psfs.diagnostics.config import AlignmentConfig
+from psfs.diagnostics.frontier import (
+    FrontierPoints,
+    SilhouetteContours,
+    epipolar_residuals,
+    find_frontier_points,
+)
+from psfs.diagnostics.refinement import RigCorrections, RigFit
+from psfs.diagnostics.small_views import Outline
+from psfs.self_calibration.hulls import HullRays
+
+#: Least distance of the line between two cameras from the person, m.
+_NEAREST = 0.4
+#: Fewest outermost points by which two cameras are judged.
+_LEAST_SHARED = 20
+#: Outermost planes count as frontier points up to so many times the gate.
+_OUTERMOST = 1.5
+#: Steps while the arrangement is uncertain, and when it is known: lenses are kept.
+WIDE = AlignmentConfig().replace(turn=0.1, shift=0.3, focal=1e-4, time=5.0)
+NARROW = WIDE.replace(turn=0.05, shift=0.2, noise=0.25)
+
+#: Find points in the cameras' pictures of shifted frames that agree to a number of pixels.
+_Find = Callable[[Sequence[Camera], np.ndarray, float], FrontierPoints]
+
+
+@dataclass(frozen=True, eq=False)
+class Adjusted:
+    """An adjusted rig. lags: (V,) frame t of the first camera shows the time of frame t + lags[v]
+    of camera v. last: the corrections of the last step, with their standard deviations."""
+
+    rig: CameraRig
+    lags: np.ndarray
+    last: RigCorrections
+
+
+class PersonPoints:
+    """The tangent points of the person's silhouettes [view][frame] of small `cameras`."""
+
+    def __init__(
+        self, cameras: Sequence[Camera], outlines: Sequence[Sequence[Outline | None]]
+    ) -> None:
+        self.hulls = [HullRays(c, own) for c, own in zip(cameras, outlines, strict=True)]
+        self._contours = [SilhouetteContours(own) for own in outlines]
+        self.shortest = min(len(own) for own in outlines)
+
+    def find_extremes(
+        self, cameras: Sequence[Camera], shifts: np.ndarray, every: int = 1
+    ) -> FrontierPoints:
+        """Return the points in which the outermost planes touch both silhouettes, of every
+        `every`-th frame."""
+        scene, found = intersect_axes_ahead(CameraRig(tuple(cameras))), []
+        for pair in combinations(range(len(cameras)), 2):
+            axes = _plane_axes(cameras, pair, scene)
+            if axes is None:
+                continue
+            sides = []
+            for view in pair:
+                flat = self.hulls[view].rays @ (cameras[view].R @ axes)
+                angles = np.arctan2(flat[:, 1], flat[:, 0])
+                sides.append((*self.hulls[view].extreme_points(angles), int(shifts[view])))
+            found.append(_match_extremes(pair, sides[0], sides[1], every))
+        return _join(found)
+
+    def find_all(
+        self, cameras: Sequence[Camera], shifts: np.ndarray, gate: float
+    ) -> FrontierPoints:
+        """Return the outermost points and the tips of contours that agree to `gate` px."""
+        outermost = self.find_extremes(cameras, shifts)
+        residuals, _ = epipolar_residuals(cameras, outermost, np.zeros(len(cameras)))
+        kept = np.abs(residuals) < _OUTERMOST * gate
+        columns = outermost.views, outermost.frames, outermost.pixels, outermost.rates
+        moved = []
+        for contours, shift in zip(self._contours, shifts, strict=True):
+            own = copy(contours)
+            own.frames = contours.frames - int(shift)
+            moved.append(own)
+        scene = intersect_axes_ahead(CameraRig(tuple(cameras)))
+        tips = find_frontier_points(cameras, moved, scene, gate)
+        return _join([FrontierPoints(*(column[kept] for column in columns)), tips])
+
+
+def _plane_axes(
+    cameras: Sequence[Camera], pair: tuple[int, int], scene: np.ndarray
+) -> np.ndarray | None:
+    """Return two directions (3, 2) across the line between two cameras, the first towards the
+    scene; None if the line passes too near to it."""
+    a, b = (cameras[view].centre for view in pair)
+    length = float(np.linalg.norm(b - a))
+    if length < 1e-3:
+        return None
+    line = (b - a) / length
+    ahead = scene - a - line * (line @ (scene - a))
+    distance = float(np.linalg.norm(ahead))
+    if distance < _NEAREST:
+        return None
+    return np.stack([ahead / distance, np.cross(line, ahead / distance)], -1)
+
+
+def _match_extremes(
+    pair: tuple[int, int],
+    first: tuple[np.ndarray, np.ndarray, int],
+    second: tuple[np.ndarray, np.ndarray, int],
+    every: int,
+) -> FrontierPoints:
+    """Return the points of two cameras whose angles and pixels [frame][side] and shifts are
+    given."""
+    begin = max(-first[2], -second[2])
+    end = min(len(first[0]) - first[2], len(second[0]) - second[2])
+    if end - begin < 3:
+        return _join([])
+    angles = [of[0][begin + of[2] : end + of[2]] for of in (first, second)]
+    pixels = [of[1][begin + of[2] : end + of[2]][1:-1] for of in (first, second)]
+    rates = 0.25 * sum(of[2:] - of[:-2] for of in angles)
+    known = np.isfinite(rates) & np.isfinite(angles[0][1:-1]) & np.isfinite(angles[1][1:-1])
+    known[(np.arange(len(known)) + begin) % every != 0] = False
+    frames, sides = np.nonzero(known)
+    both = np.stack([of[frames, sides] for of in pixels], 1)
+    views = np.tile(pair, (len(frames), 1))
+    return FrontierPoints(views, frames + begin + 1, both, rates[frames, sides])
+
+
+def _join(found: Sequence[FrontierPoints]) -> FrontierPoints:
+    empty = np.zeros((0, 2), int), np.zeros(0, int), np.zeros((0, 2, 2)), np.zeros(0)
+    columns = [empty, *((p.views, p.frames, p.pixels, p.rates) for p in found)]
+    return FrontierPoints(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+
+
+def adjust_extremes(
+    rig: CameraRig, lags: np.ndarray, points: PersonPoints, rounds: int, every: int = 1
+) -> Adjusted | None:
+    """Adjust the rig to the outermost planes; None if there are too few."""
+    return _adjust(
+        rig, lags, lambda cameras, shifts, gate: points.find_extremes(cameras, shifts, every),
+        WIDE, [WIDE.gate] * rounds,
+    )  # fmt: skip
+
+
+def adjust_frontier(
+    rig: CameraRig, lags: np.ndarray, points: PersonPoints, gates: Sequence[float]
+) -> Adjusted | None:
+    """Adjust the rig to all frontier points, in a round per gate, px; None if there are too few."""
+    return _adjust(rig, lags, points.find_all, NARROW, gates)
+
+
+def _adjust(
+    rig: CameraRig, lags: np.ndarray, find: _Find, config: AlignmentConfig, gates: Sequence[float]
+) -> Adjusted | None:
+    found = None
+    for gate in gates:
+        shifts = np.round(lags).astype(int)
+
+        def search(
+            cameras: Sequence[Camera], gate: float, shifts: np.ndarray = shifts
+        ) -> FrontierPoints:
+            return find(cameras, shifts, gate)
+
+        fit = RigFit(rig, [], config.replace(gate=gate), search)
+        start = np.zeros((len(rig), 8))
+        start[:, 7] = shifts - lags
+        # Cameras without common points have no variances; they are refused later.
+        with np.errstate(invalid="ignore"):
+            found = fit.solve(start=start, rounds=1)
+        if found is None:
+            return None
+        rig, lags = found.apply(rig), shifts - found.offsets
+        lags = lags - lags[0]
+    return None if found is None else Adjusted(rig, lags, found)
+
+
+def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int, cap: float = 8.0) -> float:
+    """Return the mean distance, px, at most `cap`, of the outermost points from the epipolar
+    lines. Half the cap counts for points that the shorter recording would have and that lags leave
+    out."""
+    shifts = np.round(adjusted.lags).astype(int)
+    found = points.find_extremes(adjusted.rig.cameras, shifts, every)
+    n = len(adjusted.rig)
+    wanted = 0.5 * n * (n - 1) * points.shortest / every
+    residuals, _ = epipolar_residuals(adjusted.rig.cameras, found, shifts - adjusted.lags)
+    total = np.minimum(np.abs(residuals), cap).sum() + 0.5 * cap * max(0.0, wanted - len(found))
+    return float(total / max(wanted, len(found), 1))
+
+
+def measure_misfits(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
+    """Return by how much the silhouettes of each camera (V,) and of another differ at most, px.
+
+    That is the median distance of their outermost points from the epipolar lines, of all of them,
+    whether they agree or not; infinity if the camera shares too few with all others.
+    """
+    cameras, shifts = adjusted.rig.cameras, np.round(adjusted.lags).astype(int)
+    found = points.find_extremes(cameras, shifts)
+    residuals, _ = epipolar_residuals(cameras, found, shifts - adjusted.lags)
+    medians = np.full((len(cameras), len(cameras)), -np.inf)
+    for a, b in combinations(range(len(cameras)), 2):
+        own = np.abs(residuals[(found.views == (a, b)).all(axis=1)])
+        if len(own) >= _LEAST_SHARED:
+            medians[a, b] = medians[b, a] = np.median(own)
+    worst = medians.max(axis=1)
+    return np.where(np.isfinite(worst), worst, np.inf)

@@ -1,0 +1,184 @@
+"""Cameras, times and floor from the silhouettes of somebody who walks about.
+
+Each camera tells its tilt and height, and the person's places, by itself (`upright`); angles and
+lags are searched in tables of all pairs (`pairing`, `bobbing`, `search`); the best arrangements are
+adjusted, and the best of these is adjusted to all frontier points (`adjustment`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from cl import InputError
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.names import join_names
+from psfs.diagnostics.small_views import Outline
+from psfs.self_calibration.adjustment import (
+    Adjusted,
+    PersonPoints,
+    adjust_extremes,
+    adjust_frontier,
+    measure_misfit,
+    measure_misfits,
+)
+from psfs.self_calibration.bobbing import compare_bobbing, measure_bobbing
+from psfs.self_calibration.config import PersonConfig
+from psfs.self_calibration.hulls import HullRays
+from psfs.self_calibration.pairing import Walker, compare_pair
+from psfs.self_calibration.search import ArrangementSearch
+from psfs.self_calibration.start import place_cameras
+from psfs.self_calibration.upright import UprightView, fit_upright
+from psfs.self_calibration.world import align_to_person, measure_path
+
+Outlines = Sequence[Sequence[Outline | None]]
+#: Tilts beside the fitted one that are tried, rad.
+_TILTS = (-0.105, 0.0, 0.105)
+#: Gates of the last rounds, px.
+_GATES = (16, 8, 6, 4, 4, 2, 2, 2)
+#: Rounds of the first adjustment, and of the finalists'.
+_FIRST, _SECOND = 4, 10
+#: What to film if the cameras cannot be found.
+FILM = (
+    "film one person who walks about for ten seconds or more, towards and past all cameras, wholly "
+    "seen by all of them, with a second of the empty room in background/"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PersonCalibration:
+    """Cameras found from a person.
+
+    rig: small cameras, metres, Z up. lags: (V,) frames: frame t of the first camera shows the time
+    of frame t + lags[v] of camera v. residual: median distance of the frontier points that agree
+    from the epipolar lines, px. count: of these points. misfits: (V,) px, see `measure_misfits`.
+    path: standard deviation of the person's places along the main direction of the walk, m.
+
+    Standard deviations are not stated: silhouettes are wrong alike in neighbouring frames, so those
+    of the least squares are several times too small.
+    """
+
+    rig: CameraRig
+    lags: np.ndarray
+    residual: float
+    count: int
+    misfits: np.ndarray
+    path: float
+
+
+def calibrate_by_person(
+    cameras: Sequence[Camera], outlines: Outlines, rate: float, config: PersonConfig
+) -> PersonCalibration:
+    """Estimate the cameras' poses and lags from outlines [view][frame] at `rate` per second.
+
+    cameras: small, with the intrinsics that are kept. Raises InputError, which says what to film,
+    if they cannot be found.
+    """
+    if len(cameras) < 3:
+        raise InputError(
+            f"{len(cameras)} cameras; expected three or more, for two cameras' silhouettes do not "
+            "tell their arrangement"
+        )
+    _check_seen(cameras, outlines, config)
+    step = max(1, round(rate / config.table_rate))
+    views = [fit_upright(c, own[::step], _TILTS) for c, own in zip(cameras, outlines, strict=True)]
+    if any(own is None for own in views):
+        unseen = [c.name for c, own in zip(cameras, views, strict=True) if own is None]
+        raise InputError(f"{join_names(unseen)}: the person is seldom seen wholly; {FILM}")
+    upright = [own for own in views if own is not None]
+    points = PersonPoints(cameras, outlines)
+    starts = _search(cameras, outlines, upright, rate, config)
+    best = _adjust_best(starts, points, step, config)
+    return _check(best, [own[1].axes[2] for own in upright], points, config)
+
+
+def _check_seen(cameras: Sequence[Camera], outlines: Outlines, config: PersonConfig) -> None:
+    for camera, own in zip(cameras, outlines, strict=True):
+        seen = sum(of is not None and not of.at_border.any() for of in own)
+        if seen < config.least_frames:
+            raise InputError(
+                f"{camera.name}: the whole person is in {seen} of {len(own)} pictures; expected "
+                f"{config.least_frames} or more; {FILM}"
+            )
+
+
+def _search(
+    cameras: Sequence[Camera], outlines: Outlines, views: list[list[UprightView]], rate: float,
+    config: PersonConfig,
+) -> list[tuple[CameraRig, np.ndarray]]:  # fmt: skip
+    """Return rigs and lags (V,) frames that may be right, the best first."""
+    step = max(1, round(rate / config.table_rate))
+    most = int(np.ceil(config.longest_lag * rate / step))
+    hulls = [HullRays(c, own[::step]) for c, own in zip(cameras, outlines, strict=True)]
+    walkers = [[Walker.create(v, h) for v in own] for own, h in zip(views, hulls, strict=True)]
+    bobbing = [
+        measure_bobbing(HullRays(c, own), view[1], rate)
+        for c, own, view in zip(cameras, outlines, views, strict=True)
+    ]
+    angles = 2 * np.pi * np.arange(config.angles) / config.angles
+    tables = {}
+    for a, b in combinations(range(len(cameras)), 2):
+        pair = [[compare_pair(x, y, angles, most) for y in walkers[b]] for x in walkers[a]]
+        tables[a, b] = np.array(pair) + compare_bobbing(bobbing[a], bobbing[b], most, step)
+    found = []
+    for arrangement in ArrangementSearch(tables, len(cameras)).find(config.candidates):
+        chosen = [own[variant] for own, variant in zip(views, arrangement.variants, strict=True)]
+        turned = angles[list(arrangement.angles)]
+        rig = place_cameras(cameras, chosen, turned, arrangement.lags, config.stature)
+        found.append((rig, step * np.array(arrangement.lags, float)))
+    return found
+
+
+def _adjust_best(
+    starts: list[tuple[CameraRig, np.ndarray]], points: PersonPoints, step: int,
+    config: PersonConfig,
+) -> Adjusted | None:  # fmt: skip
+    """Return the start that fits best after adjustment."""
+    first = [adjust_extremes(rig, lags, points, _FIRST, step) for rig, lags in starts]
+    found = [(measure_misfit(own, points, step), own) for own in first if own is not None]
+    found.sort(key=lambda of: of[0])
+    second = [
+        adjust_extremes(own.rig, own.lags, points, _SECOND, step)
+        for _, own in found[: config.finalists]
+    ]
+    final = [own for own in second if own is not None]
+    if not final:
+        return None
+    best = min(final, key=lambda own: measure_misfit(own, points, step))
+    return adjust_frontier(best.rig, best.lags, points, _GATES)
+
+
+def _check(
+    best: Adjusted | None, ups: list[np.ndarray], points: PersonPoints, config: PersonConfig
+) -> PersonCalibration:
+    """Return the calibration in its world. Raises InputError if it cannot be trusted."""
+    if best is None:
+        raise InputError(f"no arrangement of the cameras fits the silhouettes; {FILM}")
+    rig = best.rig
+    misfits = measure_misfits(best, points)
+    worst = int(np.argmax(misfits))
+    if not np.isfinite(misfits[worst]):
+        raise InputError(
+            f"{rig[worst].name} shares too few pictures of the whole person with the other "
+            f"cameras; {FILM}"
+        )
+    if misfits[worst] > config.worst_residual:
+        raise InputError(
+            f"the silhouettes fit no arrangement of the cameras: those of {rig[worst].name} and "
+            f"another camera differ by {misfits[worst]:.2f} px, expected at most "
+            f"{config.worst_residual:g}; {FILM}"
+        )
+    shifts = np.round(best.lags).astype(int)
+    touched = points.find_all(rig.cameras, shifts, _GATES[-1])
+    world = align_to_person(rig, ups, touched, config.stature)
+    path = measure_path(world, touched)
+    if path < config.least_path * config.stature:
+        raise InputError(
+            f"the person walks too little: the places' standard deviation is {path:.2f} m, "
+            f"expected {config.least_path * config.stature:.2f} or more; {FILM}"
+        )
+    last = best.last
+    return PersonCalibration(world, best.lags, last.residual, last.count, misfits, path)

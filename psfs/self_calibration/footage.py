@@ -1,0 +1,97 @@
+"""Outlines of the person in the pictures of cameras that are not yet calibrated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from cl import Device, NumpyDevice
+from psfs.backend import make_evidence_function
+from psfs.background.estimation_config import BackgroundModelConfig
+from psfs.background.gaussian import Background, estimate_background, median_moments
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.diagnostics.small_views import Outline, Shrink, extract_outline
+from psfs.footage.layouts.common import Footage
+from psfs.sequence import Frame
+from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
+
+#: No appearance model, and no shadows on the floor, which is not yet known.
+_SILHOUETTES = SilhouetteConfig(
+    appearance=AppearanceConfig(learn=False), floor=FloorConfig(height=-1000.0)
+)
+#: Gaps in a silhouette that are closed, and between parts that belong together, as shares of the
+#: picture's longest side; least area of such a part, as a share of the largest.
+_CLOSED, _NEAR, _PART = 0.012, 0.05, 0.02
+
+
+def extract_outlines(
+    footage: Footage, view: int, small: Camera, device: Device | NumpyDevice, most: int
+) -> list[Outline | None]:
+    """Return the outlines of the person in the first `most` pictures of a camera, each silhouette
+    by itself. small: the camera, scaled to the pictures that are used."""
+    return [outline_person(mask) for mask in _silhouettes(footage, view, small, device, most)]
+
+
+def _silhouettes(
+    footage: Footage, view: int, small: Camera, device: Device | NumpyDevice, most: int
+) -> Iterator[np.ndarray]:
+    """Yield the silhouettes (h, w) bool of a camera."""
+    if footage.masks is not None:
+        masks = footage.masks[view]
+        for mask in masks.frames(range(min(most, masks.count))):
+            grey = mask.max(axis=-1)
+            yield cv2.resize(grey, small.size, interpolation=cv2.INTER_AREA) > 127
+        return
+    assert footage.images is not None
+    media = footage.images[view]
+    rig = CameraRig((footage.rig[view],))
+    shrink = Shrink(rig, max(small.size))
+    background = shrink.background(_empty_scene(footage, view, rig))
+    evidence_of = make_evidence_function(device, shrink.small, background, _SILHOUETTES)
+    for index, picture in enumerate(media.frames(range(min(most, media.count)))):
+        yield evidence_of(shrink.frame(Frame(index, picture[None], None)))[0] > 0
+
+
+def _empty_scene(footage: Footage, view: int, rig: CameraRig) -> Background:
+    """Return the empty scene of a camera: from its own film, else the median of the take."""
+    if footage.background is not None:
+        return estimate_background(rig, (footage.background[view],))
+    assert footage.images is not None
+    media = footage.images[view]
+    model = BackgroundModelConfig()
+    frames = np.stack(list(media.frames(media.spread(model.samples))))
+    mean, std = median_moments(frames, model)
+    return Background(mean[None], std[None])
+
+
+def outline_person(mask: np.ndarray) -> Outline | None:
+    """Return the outline of the largest silhouette (h, w) bool and of the parts near it.
+
+    A belt or a collar in the colours of the room cuts silhouettes: small gaps are closed, and the
+    hull is that of all parts; the contour is the largest part's.
+    """
+    longest = max(mask.shape)
+    closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, _disc(_CLOSED * longest))
+    whole = extract_outline(closed > 0)
+    if whole is None:
+        return None
+    groups = cv2.connectedComponents(cv2.dilate(closed, _disc(_NEAR * longest)))[1]
+    x, y = whole.contour[0].astype(int)
+    _, labels, facts, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
+    large = np.nonzero(facts[:, cv2.CC_STAT_AREA] >= _PART * whole.area)[0]
+    own = np.isin(labels, large[large > 0]) & (groups == groups[y, x])
+    rows, columns = np.nonzero(own)
+    hull = cv2.convexHull(np.stack([columns, rows], -1).astype(np.int32)).reshape(-1, 2)
+    points = hull.astype(float)
+    last = np.array(mask.shape[::-1]) - 2
+    return replace(
+        whole, points=points, at_border=np.asarray(((points <= 1) | (points >= last)).any(axis=1))
+    )
+
+
+def _disc(diameter: float) -> np.ndarray:
+    size = 2 * int(diameter / 2) + 1
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))

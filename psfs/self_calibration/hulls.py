@@ -1,0 +1,58 @@
+"""The convex hulls of one camera's silhouettes as rays, and their extremes in every frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from psfs.cameras.camera import Camera
+from psfs.diagnostics.small_views import Outline
+
+
+class HullRays:
+    """Rays through the corners of the hulls of one camera's silhouettes in F frames.
+
+    rays: (N, 3) directions of depth 1 in the camera's axes, one frame's after another's. starts:
+    (M,) the first of each frame with a silhouette. frames: (M,) these frames. at_border: (N,) bool,
+    whether the silhouette may go on beyond the picture. pixels: (N, 2).
+    """
+
+    def __init__(self, camera: Camera, outlines: Sequence[Outline | None]) -> None:
+        found = [(number, of) for number, of in enumerate(outlines) if of is not None]
+        self.n_frames = len(outlines)
+        self.frames = np.array([number for number, _ in found], int)
+        self.pixels = np.concatenate([of.points for _, of in found] or [np.zeros((0, 2))])
+        borders = [of.at_border for _, of in found] or [np.zeros(0, bool)]
+        self.at_border = np.concatenate(borders)
+        self.starts = np.cumsum([0, *(len(of.points) for _, of in found)])[:-1]
+        rays = camera.rays(self.pixels) @ camera.R.T if len(self.pixels) else np.zeros((0, 3))
+        self.rays = rays
+
+    def extremes(self, values: np.ndarray) -> np.ndarray:
+        """Return the least and the greatest of values (N,) in every frame (F, 2); NaN without a
+        silhouette, or if it may go on beyond the picture there."""
+        out = np.full((self.n_frames, 2), np.nan)
+        if not len(values):
+            return out
+        least = np.minimum.reduceat(values, self.starts)
+        greatest = np.maximum.reduceat(values, self.starts)
+        if self.at_border.any():
+            low = np.minimum.reduceat(np.where(self.at_border, values, np.inf), self.starts)
+            high = np.maximum.reduceat(np.where(self.at_border, values, -np.inf), self.starts)
+            least = np.where(low <= least, np.nan, least)
+            greatest = np.where(high >= greatest, np.nan, greatest)
+        out[self.frames] = np.stack([least, greatest], -1)
+        return out
+
+    def extreme_points(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return `extremes` and the pixels (F, 2, 2) of their corners."""
+        found = self.extremes(values)
+        pixels = np.full((self.n_frames, 2, 2), np.nan)
+        lengths = np.diff([*self.starts, len(values)])
+        for side in range(2):
+            wanted = np.repeat(found[self.frames, side], lengths)
+            at = np.nonzero(values == wanted)[0]
+            rows = np.repeat(self.frames, lengths)[at]
+            pixels[rows, side] = self.pixels[at]
+        return found, pixels

@@ -1,0 +1,130 @@
+"""How well two cameras' silhouettes fit at every angle between the cameras and every lag.
+
+With up and the person's places known from each camera alone (see `upright`), the pose of one camera
+relative to another is an angle around the vertical. At the right angle and lag the planes through
+both cameras that touch the silhouettes move alike (see `psfs.diagnostics.tangency`), and so does
+the person on the floor. Steady differences do not count, since tilts are known to some degrees
+only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from psfs.self_calibration.hulls import HullRays
+from psfs.self_calibration.upright import UprightView
+
+#: Noise of the planes' and of the places' positions, statures.
+_PLANE_NOISE, _PLACE_NOISE = 0.006, 0.1
+#: Least distance of the line between two cameras from the person, statures.
+_NEAREST = 0.3
+#: Height of the person's middle, statures; shortest line between two cameras, statures.
+_MIDDLE, _SHORTEST = 0.55, 0.2
+#: Fewest frames that are compared, and as a share of the shorter recording.
+_FEWEST, _SHARE = 12, 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Walker:
+    """The person in one camera: the upright view, and the hulls with their rays (N, 3) in the
+    floor's axes."""
+
+    view: UprightView
+    hulls: HullRays
+    rays: np.ndarray
+
+    @classmethod
+    def create(cls, view: UprightView, hulls: HullRays) -> Walker:
+        return cls(view, hulls, hulls.rays @ view.axes.T)
+
+
+def compare_pair(
+    first: Walker, second: Walker, angles: np.ndarray, most: int, stride: int = 5
+) -> np.ndarray:
+    """Return the costs (A, 2 most + 1) of two cameras at all angles (A,), rad, and lags.
+
+    At an angle the second camera's axes are turned by it, counter-clockwise from above. At lag l,
+    frame t of the first shows the time of frame t + l of the second. NaN where they cannot be
+    compared. The translation is the same for `stride` consecutive lags.
+    """
+    costs = np.full((len(angles), 2 * most + 1), np.nan)
+    a, b = first.view.places, second.view.places
+    fewest = max(_FEWEST, int(_SHARE * min(len(a), len(b))))
+    for begin in range(0, 2 * most + 1, stride):
+        lags = np.arange(begin, min(begin + stride, 2 * most + 1)) - most
+        one, other = _overlap(a, b, int(lags[len(lags) // 2]))
+        known = np.isfinite(one).all(1) & np.isfinite(other).all(1)
+        if known.sum() < fewest:
+            continue
+        here, there = one[known].mean(0), other[known].mean(0)
+        for row, angle in enumerate(angles):
+            cosine, sine = np.cos(angle), np.sin(angle)
+            turn = np.array([[cosine, -sine], [sine, cosine]])
+            shift = here - turn @ there
+            planes = _planes(first, second, turn, shift, here)
+            if planes is None:
+                continue
+            path = differing_shares(a, b @ turn.T + shift, lags, _PLACE_NOISE)
+            costs[row, begin : begin + len(lags)] = path + differing_shares(
+                *planes, lags, _PLANE_NOISE
+            )
+    return costs
+
+
+def _overlap(a: np.ndarray, b: np.ndarray, lag: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows of `a` and `b` of the same times: row t of a, row t + lag of b."""
+    first, end = max(0, -lag), max(0, -lag, min(len(a), len(b) - lag))
+    return a[first:end], b[first + lag : end + lag]
+
+
+def differing_shares(a: np.ndarray, b: np.ndarray, lags: np.ndarray, noise: float) -> np.ndarray:
+    """Return (L,) by how much the motions of signals (F, K) and (G, K) differ at consecutive lags
+    (L,), as a share of the motions themselves; 1 without motion, NaN with too few frames."""
+    first, end = max(0, -int(lags[0])), min(len(a), len(b) - int(lags[-1]))
+    if end - first < _FEWEST:
+        return np.full(len(lags), np.nan)
+    one = a[first:end].T[:, None]
+    windows = np.lib.stride_tricks.sliding_window_view(b, end - first, axis=0)
+    start = first + int(lags[0])
+    other = np.moveaxis(windows[start : start + len(lags)], 0, 1)
+    known = np.isfinite(one) & np.isfinite(other)
+    signals = [np.where(known, of, np.nan) for of in (one, other, one - other)]
+    count = known.sum(-1, keepdims=True)
+    still = [np.abs(of - _medians(of, count)) for of in signals]
+    moving = np.nansum(np.maximum(still[0], still[1]), axis=(0, 2))
+    apart = np.nansum(still[2], axis=(0, 2))
+    total = count.sum((0, 2))
+    share = (apart + noise * total) / np.maximum(moving + noise * total, 1e-12)
+    return np.where(total >= _FEWEST, share, np.nan)
+
+
+def _medians(values: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Return the upper medians (..., 1) of values (..., F), of which count (..., 1) are not NaN."""
+    return np.take_along_axis(np.sort(values), np.minimum(count // 2, values.shape[-1] - 1), -1)
+
+
+def _planes(
+    first: Walker, second: Walker, turn: np.ndarray, shift: np.ndarray, person: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the positions (F, 2) of the planes that touch both cameras' silhouettes, statures at
+    the person; None if the line between the cameras passes too near to the person."""
+    line = np.array([*shift, second.view.height - first.view.height])
+    length = float(np.linalg.norm(line))
+    if length < _SHORTEST:
+        return None
+    line /= length
+    ahead = np.array([*person, _MIDDLE - first.view.height])
+    ahead -= line * (line @ ahead)
+    distance = float(np.linalg.norm(ahead))
+    if distance < _NEAREST:
+        return None
+    axes = np.stack([ahead / distance, np.cross(line, ahead / distance)], -1)
+    turned = axes.copy()
+    turned[:2] = turn.T @ axes[:2]
+    found = []
+    for walker, own in ((first, axes), (second, turned)):
+        flat = walker.rays @ own
+        found.append(distance * walker.hulls.extremes(np.arctan2(flat[:, 1], flat[:, 0])))
+    return found[0], found[1]

@@ -1,0 +1,154 @@
+"""Up and the person's places from one camera's silhouettes of somebody upright.
+
+A person who stands or walks is a vertical line of constant length, whose ends are seen: head and
+feet. With the focal length known, this tells the camera's tilt, roll and height over the floor, in
+units of the person's stature, and where the person is in every frame (Lv, Zhao & Nevatia, PAMI 28,
+2006).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from psfs.cameras.camera import Camera
+from psfs.diagnostics.small_views import Outline
+from psfs.self_calibration.hulls import HullRays
+
+#: Share of the person's apparent height that counts as head, and as feet.
+_HEAD, _FEET = 0.12, 0.2
+#: Standard deviations: of the head's elevation, rad; of the head's azimuth from the feet's, rad.
+_ELEVATION, _AZIMUTH = 0.02, 0.04
+#: Independent measurements per frame.
+_INFORMATION = 0.1
+#: Standard deviations of usual cameras' roll, rad; of their tilt around the third number, rad; of
+#: their height around the fifth, statures.
+_ROLL, _TILT, _LOOKING, _HEIGHT, _USUAL = 0.06, 0.5, -0.1, 0.35, 0.9
+#: Fewest frames that must show the whole person.
+_FEWEST = 8
+
+
+@dataclass(frozen=True, eq=False)
+class UprightView:
+    """One camera's view of somebody upright.
+
+    axes: (3, 3) rows: right, forward and up in the camera's axes. height: of the camera over the
+    floor, statures. places: (F, 2) the person's places right and forward of the camera, statures;
+    NaN where the person is not wholly seen.
+    """
+
+    axes: np.ndarray
+    height: float
+    places: np.ndarray
+
+
+def floor_axes(tilt: float, roll: float) -> np.ndarray:
+    """Return the axes (3, 3), rows right, forward, up, of a camera that looks up by `tilt` and
+    whose right side is up by `roll`, rad."""
+    up = np.array([np.sin(roll), -np.cos(roll) * np.cos(tilt), np.cos(roll) * np.sin(tilt)])
+    right = np.cross([0, 0, 1.0], up)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(up, right), up])
+
+
+def fit_upright(
+    camera: Camera, outlines: Sequence[Outline | None], tilts: Sequence[float] = (0.0,)
+) -> list[UprightView] | None:
+    """Fit the camera's tilt, roll and height to its outlines [frame].
+
+    Returns a view for each of `tilts`, rad, added to the fitted tilt; None if too few frames show
+    the whole person.
+    """
+    hulls, ends = HullRays(camera, outlines), _Ends(camera, outlines)
+    values = np.array([_LOOKING, 0.0, _USUAL])
+    for _ in range(2):
+        seen = _measure(hulls, ends, floor_axes(values[0], values[1]))
+        if np.isfinite(seen).all(axis=1).sum() < _FEWEST:
+            return None
+        found = minimize(
+            lambda x: _cost(hulls, ends, x),
+            values,
+            method="Nelder-Mead",
+            options={
+                "initial_simplex": values + np.vstack([np.zeros(3), np.diag([0.1, 0.05, 0.2])]),
+                "xatol": 1e-3,
+                "fatol": 1e-3,
+                "maxfev": 120,
+            },
+        )
+        values = found.x
+    return [_describe(hulls, ends, values[0] + more, values[1]) for more in tilts]
+
+
+def _cost(hulls: HullRays, ends: _Ends, x: np.ndarray) -> float:
+    """Return the robust sum of squares of the misfits and of the deviations from usual cameras."""
+    elevation, azimuth = _misfits(hulls, ends, x)
+    own = np.concatenate([elevation / _ELEVATION, azimuth / _AZIMUTH])
+    robust = 2 * _INFORMATION * (np.sqrt(1 + own[np.isfinite(own)] ** 2) - 1).sum()
+    prior = [(x[0] - _LOOKING) / _TILT, x[1] / _ROLL, (x[2] - _USUAL) / _HEIGHT]
+    return float(robust + np.square(prior).sum())
+
+
+def _describe(hulls: HullRays, ends: _Ends, tilt: float, roll: float) -> UprightView:
+    """Return the view at a given tilt and roll."""
+    axes = floor_axes(tilt, roll)
+    top, bottom, head, feet = _measure(hulls, ends, axes).T
+    a, b = np.tan(top), np.tan(-bottom)
+    distance = 1 / np.maximum(a + b, 1e-3)
+    azimuth = 0.5 * (head + feet)
+    places = distance[:, None] * np.stack([np.sin(azimuth), np.cos(azimuth)], -1)
+    return UprightView(axes, float(np.nanmedian(b * distance)), places)
+
+
+class _Ends:
+    """Rays of the contours, thinned out, for the places of head and feet."""
+
+    def __init__(self, camera: Camera, outlines: Sequence[Outline | None]) -> None:
+        found = [(n, of.contour[::4]) for n, of in enumerate(outlines) if of is not None]
+        pixels = np.concatenate([of for _, of in found] or [np.zeros((0, 2))])
+        self.rays = camera.rays(pixels) @ camera.R.T if len(pixels) else np.zeros((0, 3))
+        self.frames = np.repeat([n for n, _ in found], [len(of) for _, of in found]).astype(int)
+        self.starts = np.cumsum([0, *(len(of) for _, of in found)])[:-1]
+        self.seen = np.array([n for n, _ in found], int)
+
+    def middle(self, azimuth: np.ndarray, inside: np.ndarray, n: int) -> np.ndarray:
+        """Return the middle (n,) of the azimuths (N,) of the points `inside` in every frame."""
+        out = np.full(n, np.nan)
+        low = np.minimum.reduceat(np.where(inside, azimuth, np.inf), self.starts)
+        high = np.maximum.reduceat(np.where(inside, azimuth, -np.inf), self.starts)
+        out[self.seen] = 0.5 * (low + high)
+        return out
+
+
+def measure_elevations(hulls: HullRays, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the elevations (F,) of the person's top and bottom over the horizon, rad."""
+    local = hulls.rays @ axes.T
+    elevation = np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1]))
+    bottom, top = hulls.extremes(elevation).T
+    return top, bottom
+
+
+def _measure(hulls: HullRays, ends: _Ends, axes: np.ndarray) -> np.ndarray:
+    """Return elevations of top and bottom, azimuths of head and feet (F, 4), rad."""
+    top, bottom = measure_elevations(hulls, axes)
+    own = ends.rays @ axes.T
+    rise = np.arctan2(own[:, 2], np.hypot(own[:, 0], own[:, 1]))
+    share = (rise - bottom[ends.frames]) / (top - bottom)[ends.frames]
+    azimuth = np.arctan2(own[:, 0], own[:, 1])
+    with np.errstate(invalid="ignore"):
+        head = ends.middle(azimuth, share > 1 - _HEAD, hulls.n_frames)
+        feet = ends.middle(azimuth, share < _FEET, hulls.n_frames)
+    out = np.stack([top, bottom, head, feet], -1)
+    out[~np.isfinite(out).all(1)] = np.nan
+    return out
+
+
+def _misfits(hulls: HullRays, ends: _Ends, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the misfits of the head's elevation and azimuth (F,), rad."""
+    top, bottom, head, feet = _measure(hulls, ends, floor_axes(x[0], x[1])).T
+    b = np.tan(-bottom)
+    predicted = np.arctan(b * (1 - x[2]) / max(x[2], 0.05))
+    return np.where(b > 0, top - predicted, np.nan), head - feet

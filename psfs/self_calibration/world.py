@@ -1,0 +1,93 @@
+"""The world's axes and scale from the person: the floor under the feet, and the stature."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from psfs.calibration.scene import CalibrationScene, rigid_transform
+from psfs.cameras.camera import CameraRig
+from psfs.diagnostics.frontier import FrontierPoints
+
+#: Standard deviations: of the mean up of the single cameras, rad; of a lowest point over the floor,
+#: m; independent frames per frame.
+_UP, _FEET, _INFORMATION = 0.026, 0.02, 0.1
+#: Percentile of the heights of the topmost points that is the stature.
+_STANDING = 90
+
+
+def triangulate_points(rig: CameraRig, points: FrontierPoints) -> np.ndarray:
+    """Return the places (M, 3), m, nearest to both rays of each point."""
+    centres = rig.centres[points.views]
+    rays = np.empty((len(points), 2, 3))
+    for view, camera in enumerate(rig):
+        for side in range(2):
+            mine = points.views[:, side] == view
+            if mine.any():
+                rays[mine, side] = camera.rays(points.pixels[mine, side])
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    across = np.eye(3) - rays[..., :, None] * rays[..., None, :]
+    moments = np.einsum("mkij,mkj->mi", across, centres)
+    total = across.sum(axis=1) + 1e-9 * np.eye(3)
+    found: np.ndarray = np.linalg.solve(total, moments[..., None])[..., 0]
+    return found
+
+
+def align_to_person(
+    rig: CameraRig, ups: Sequence[np.ndarray], points: FrontierPoints, stature: float
+) -> CameraRig:
+    """Return the rig in metres with Z up and Z = 0 on the floor, below the person's middle.
+
+    ups: (3,) of each camera in its own axes. points: where silhouettes touch common planes.
+    stature: m. X is the first camera's right.
+    """
+    up = np.mean([camera.R.T @ own for camera, own in zip(rig, ups, strict=True)], axis=0)
+    places = triangulate_points(rig, points)
+    R = _axes(up, rig[0].R[0])
+    low, _ = _frame_extremes(places @ R.T, points.frames)
+    middle = np.median(low, axis=0)
+    plane = np.column_stack([low[:, :2] - middle[:2], np.ones(len(low))])
+    weight = _INFORMATION / _FEET**2
+    normal = weight * plane.T @ plane + np.diag([_UP**-2, _UP**-2, 0.0])
+    slope = np.linalg.solve(normal, weight * plane.T @ low[:, 2])
+    R = _axes(R.T @ np.array([-slope[0], -slope[1], 1.0]), rig[0].R[0])
+    local = places @ R.T
+    low, top = _frame_extremes(local, points.frames)
+    floor = np.median(low[:, 2])
+    factor = stature / (np.percentile(top[:, 2], _STANDING) - floor)
+    origin = np.array([*np.median(local[:, :2], axis=0), floor])
+    turned = CalibrationScene(rig.cameras, {}).transform(rigid_transform(R, -origin))
+    return CameraRig(tuple(replace(camera, t=camera.t * factor) for camera in turned.cameras))
+
+
+def measure_path(rig: CameraRig, points: FrontierPoints) -> float:
+    """Return the standard deviation of the person's places on the floor along the direction in
+    which it is greatest, m."""
+    places = triangulate_points(rig, points)[:, :2]
+    own = [np.median(places[points.frames == frame], axis=0) for frame in np.unique(points.frames)]
+    if len(own) < 2:
+        return 0.0
+    return float(np.sqrt(np.linalg.eigvalsh(np.cov(np.array(own).T))[-1]))
+
+
+def _axes(up: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return the axes (3, 3) with Z along `up` and X near `right`."""
+    z = up / np.linalg.norm(up)
+    x = right - z * (z @ right)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
+def _frame_extremes(places: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the second lowest and the second highest place (F, 3) of every frame with four or
+    more; the outermost ones are more often wrong."""
+    low, top = [], []
+    for frame in np.unique(frames):
+        own = places[frames == frame]
+        if len(own) >= 4:
+            order = np.argsort(own[:, 2])
+            low.append(own[order[1]])
+            top.append(own[order[-2]])
+    return np.array(low).reshape(-1, 3), np.array(top).reshape(-1, 3)

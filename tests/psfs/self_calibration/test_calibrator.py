@@ -1,0 +1,149 @@
+"""Cameras and times from the silhouettes of a walker that is drawn as capsules."""
+
+from dataclasses import replace
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+from cl import InputError
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.self_calibration import calibrator
+from psfs.self_calibration.calibrator import calibrate_by_person
+from psfs.self_calibration.config import PersonConfig
+from psfs.self_calibration.footage import outline_person
+from psfs.self_calibration.upright import fit_upright
+
+RATE, FRAMES, STATURE = 30.0, 100, 1.77
+LAGS = (0, 4, -3, 6)
+CONFIG = PersonConfig(stature=STATURE, longest_lag=0.35, candidates=6, angles=24)
+
+
+def place(name, azimuth, distance, height):
+    """A camera around the origin that looks at the walker's middle."""
+    centre = np.array([distance * np.cos(azimuth), distance * np.sin(azimuth), height])
+    forward = np.array([0, 0, 0.9]) - centre
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0, 0, 1.0])
+    right /= np.linalg.norm(right)
+    R = np.stack([right, np.cross(forward, right), forward])
+    K = np.array([[420.0, 0, 239.5], [0, 420, 179.5], [0, 0, 1]])
+    return Camera(name, K, np.zeros(5), R, -R @ centre, (480, 360))
+
+
+CAMERAS = [
+    place("a", 0.3, 4.6, 1.2), place("b", 1.7, 4.3, 2.1), place("c", 3.5, 4.8, 1.6),
+    place("d", 5.0, 4.4, 2.4),
+]  # fmt: skip
+
+
+def capsules(time):
+    """Ends (K, 2, 3), m, and radii (K,) of the walker's parts at a time, s."""
+    heading = 0.5 * time
+    ahead = np.array([np.cos(heading), np.sin(heading), 0])
+    aside = np.array([-ahead[1], ahead[0], 0])
+    phase = 2 * np.pi * time
+    hips = np.array([1.6 * np.sin(0.5 * time) - 1.0, 1.0 - 1.6 * np.cos(0.5 * time), 0.92])
+    hips[2] += 0.02 * np.cos(2 * phase)
+    up = np.array([0, 0, 1.0])
+    neck = hips + 0.55 * up
+    parts = [(hips, neck, 0.14), (neck + 0.15 * up, neck + 0.2 * up, 0.1)]
+    for side in (1, -1):
+        swing = side * np.sin(phase)
+        foot = hips + 0.1 * side * aside + 0.3 * swing * ahead
+        foot[2] = 0.06 + max(0.0, 0.1 * side * np.cos(phase))
+        hand = neck + 0.22 * side * aside - 0.25 * swing * ahead - 0.6 * up
+        parts += [(hips + 0.08 * side * aside, foot, 0.07), (foot, foot + 0.15 * ahead, 0.05)]
+        parts.append((neck + 0.18 * side * aside, hand, 0.05))
+    ends = np.array([(a, b) for a, b, _ in parts])
+    return ends, np.array([radius for *_, radius in parts])
+
+
+def draw(camera, time):
+    """The silhouette (h, w) bool: discs along every capsule."""
+    ends, radii = capsules(time)
+    mask = np.zeros(camera.size[::-1], np.uint8)
+    for share in np.linspace(0, 1, 25):
+        pixels, depth = camera.project(ends[:, 0] + share * (ends[:, 1] - ends[:, 0]))
+        for (x, y), size in zip(pixels, camera.K[0, 0] * radii / depth, strict=True):
+            centre = round(16 * x), round(16 * y)
+            cv2.circle(mask, centre, round(16 * size), 1, cv2.FILLED, cv2.LINE_8, 4)
+    return mask > 0
+
+
+@cache
+def outlines():
+    return [
+        [outline_person(draw(camera, (frame - lag) / RATE)) for frame in range(FRAMES)]
+        for camera, lag in zip(CAMERAS, LAGS, strict=True)
+    ]
+
+
+def uncalibrated():
+    return [replace(camera, R=np.eye(3), t=np.zeros(3)) for camera in CAMERAS]
+
+
+def test_one_camera_tells_its_tilt_and_height():
+    """Over a whole round of the walk, as the start of the search: the adjustment does the rest."""
+    for camera in CAMERAS:
+        own = [outline_person(draw(camera, time)) for time in np.linspace(0, 12.5, 50)]
+        (view,) = fit_upright(camera, own)
+        assert np.degrees(np.arccos(view.axes[2] @ camera.R[:, 2])) < 3
+        assert abs(view.height - camera.centre[2] / STATURE) < 0.15
+
+
+def test_cameras_times_floor_and_scale_are_found():
+    found = calibrate_by_person(uncalibrated(), outlines(), RATE, CONFIG)
+    np.testing.assert_allclose(found.lags, LAGS, atol=0.03)
+    centres, truth = found.rig.centres, np.array([camera.centre for camera in CAMERAS])
+    own, true = (np.linalg.norm(c[:, None] - c[None], axis=-1) for c in (centres, truth))
+    np.testing.assert_allclose(own, true, rtol=0.015)
+    np.testing.assert_allclose(own / own.sum(), true / true.sum(), atol=0.003 / own.size)
+    np.testing.assert_allclose(centres[:, 2], truth[:, 2], atol=0.05)
+    ups = [own.R.T @ camera.R[:, 2] for own, camera in zip(found.rig, CAMERAS, strict=True)]
+    assert np.degrees(np.arccos(np.array(ups)[:, 2])).max() < 0.6
+    assert found.residual < 0.3
+    assert found.misfits.max() < 0.5
+
+
+def test_a_person_seldom_seen_is_refused_with_what_to_film():
+    few = [own[:30] for own in outlines()]
+    with pytest.raises(InputError, match=r"a: the whole person is in 30 of 30.*film one person"):
+        calibrate_by_person(uncalibrated(), few, RATE, CONFIG)
+
+
+def test_two_cameras_are_refused():
+    with pytest.raises(InputError, match="2 cameras; expected three or more"):
+        calibrate_by_person(uncalibrated()[:2], [[], []], RATE, CONFIG)
+
+
+def test_unrelated_films_are_refused():
+    """Of one camera the film runs backwards."""
+    own = [*outlines()[:3], outlines()[3][::-1]]
+    with pytest.raises(InputError, match="film one person"):
+        calibrate_by_person(uncalibrated(), own, RATE, CONFIG)
+
+
+def test_a_camera_that_shares_nothing_is_refused(monkeypatch):
+    start = [(CameraRig(tuple(CAMERAS)), np.array(LAGS, float))]
+    monkeypatch.setattr(calibrator, "_search", lambda *_: start)
+    own = [*outlines()[:3], [None] * 60 + outlines()[3][:40]]
+    own[:3] = [[*of[:55], *[None] * 45] for of in own[:3]]
+    with pytest.raises(InputError, match=r"d shares too few .*film one person"):
+        calibrate_by_person(uncalibrated(), own, RATE, CONFIG)
+
+
+def test_one_who_stays_in_place_is_refused(monkeypatch):
+    """The walker's places spread by 0.7 m; more is required here."""
+    start = [(CameraRig(tuple(CAMERAS)), np.array(LAGS, float))]
+    monkeypatch.setattr(calibrator, "_search", lambda *_: start)
+    with pytest.raises(InputError, match=r"walks too little: .* 0.7. m, expected 1.77"):
+        calibrate_by_person(uncalibrated(), outlines(), RATE, CONFIG.replace(least_path=1.0))
+
+
+def test_parts_cut_by_a_belt_belong_to_one_hull():
+    mask = np.zeros((240, 320), bool)
+    mask[40:100, 100:130], mask[106:180, 100:130] = True, True
+    mask[10:14, 300:304] = True  # noise elsewhere
+    assert outline_person(mask).points[:, 1].max() == 179
