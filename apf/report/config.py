@@ -8,7 +8,7 @@ from psfs.common.config import Config, setting
 
 
 class QualityConfig(Config):
-    """Limits of the verdict on a track without truth, see `apf.report.quality`."""
+    """Limits of the verdict on a track without truth, see `apf/report/quality.py`."""
 
     SOURCE: ClassVar = "by hand, on synthetic walks and the recordings at hand"
 

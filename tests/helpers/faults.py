@@ -18,6 +18,7 @@ import psfs.cli
 from apf.body import save_body
 from apf.formats import write_trc
 from apf.formats.pose import write_pose
+from apf.tracking.settings import DEFAULT_BODY
 from helpers import footage, scenes, tracks
 
 #: What may stand in a file of tables for something else.
@@ -102,7 +103,7 @@ def stock(folder: Path) -> Path:
     done = run(["psfs", "reconstruct", str(folder / "seq"), "-o", str(folder / "out"),
                 "--voxel-size", "0.08", "--volume", "-0.6,0.6,-0.6,0.6,0,1.9"])  # fmt: skip
     assert done.code == 0, done
-    track = tracks.walker(6)
+    track = tracks.walker(6, body_name=DEFAULT_BODY)
     (folder / "track").mkdir()
     track.save(folder / "track/track.npz")
     assert track.body is not None

@@ -11,9 +11,9 @@ from apf.formats.trc import JointSeries
 from apf.tracking.track import Track
 
 
-def walker(frames: int = 30, start: int = 0, fps: float = 60.0) -> Track:
-    """Return a track of the default body walking a curve and swinging its limbs."""
-    body = load_body("song31")
+def walker(frames: int = 30, start: int = 0, fps: float = 60.0, body_name: str = "song31") -> Track:
+    """Return a track of a body walking a curve and swinging its limbs."""
+    body = load_body(body_name)
     phase = np.linspace(0, 4, frames)
     poses = np.tile(body.rest_pose, (frames, 1))
     place = {name: body.dof_names.index(f"pelvis.{name}") for name in ("tx", "ty", "tz", "rz")}

@@ -225,8 +225,11 @@ def test_bad_input_is_one_line(
         (["--keypoints", "none.npz"], f"{folder / 'none.npz'}: no such file"),
         (["--low-pass", "60"], "expected between 0 and 12.5, half of the frame rate"),
         (["--max-error", "-3"], "--max-error is -3"),
-        (["--init", str(folder / "truth.npz")], "--init is of bodies, which --method triangulate"),
-        (["--seeds", "3"], "--seeds is of bodies, which --method triangulate"),
+        (
+            ["--init", str(folder / "truth.npz")],
+            "--init applies only to bodies, which --method triangulate",
+        ),
+        (["--seeds", "3"], "--seeds applies only to bodies, which --method triangulate"),
     ):
         assert command(folder, tmp_path / "out", *flags) == 2
         said = capsys.readouterr()

@@ -51,7 +51,7 @@ def test_a_page_in_its_true_size(tmp_path: Path, capsys: pytest.CaptureFixture[s
     ("flags", "message"),
     [
         (["--squares", "60x60"], "choose another --dictionary"),
-        (["--marker", "0.05"], "markers smaller than squares"),
+        (["--marker", "0.05"], "smaller than the squares"),
         (["--wand", "0.5"], "expected none with --print-board"),
         (["--square", "3"], "at most"),
     ],

@@ -17,6 +17,7 @@ from helpers.shared import shared_data
 import apf.cli
 import psfs
 from apf.body import load_body
+from apf.tracking.settings import DEFAULT_BODY
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cli import main
 from psfs.diagnostics.camera_consistency import find_inconsistent_cameras
@@ -140,7 +141,7 @@ def test_tracking_leaves_a_late_camera_out(
     late_walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], flags: tuple[str, ...]
 ) -> None:
     folder, pose = late_walk, tmp_path / "pose.txt"
-    np.savetxt(pose, load_body("song31").rest_pose)
+    np.savetxt(pose, load_body(DEFAULT_BODY).rest_pose)
     small = ["--frames", "0:2", "--particles", "40", "--layers", "2", "--objective", "sp"]
     command = ["track", str(folder), "-o", str(tmp_path / "out"), "--init", str(pose)]
     assert apf.cli.main([*command, *small, "--no-overlay", "--no-report", *flags]) == 0
