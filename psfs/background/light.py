@@ -134,7 +134,7 @@ def light_launch(
     kernel = device.kernel(
         "reconstruction/light",
         "estimate_light",
-        **{"WIDTH": rig.width, "HEIGHT": rig.height, "SAMPLES": places.shape[1]},
+        SAMPLES=places.shape[1],
         **packs,
         STEPS=config.steps,
         **{"WIDEST": float(config.widest), "NARROWEST": float(config.narrowest)},
@@ -148,6 +148,7 @@ def light_launch(
         kernel,
         (packs["GROUP"] * len(rig),),
         (packs["GROUP"],),
+        picture=rig.picture,
         images=pictures,
         sizes=sizes,
         places=device.to_device(places, "the light's samples"),

@@ -30,11 +30,9 @@ class ForegroundJoin:
     def __init__(
         self, device: Device, rig: CameraRig, silhouette: Array, config: ForegroundJoinConfig
     ) -> None:
-        self.device, self._views = device, len(rig)
+        self.device, self._views, self._picture = device, len(rig), rig.picture
         self._n_cells = -(-rig.width // MARK) * -(-rig.height // MARK)
         self._defines = {
-            "WIDTH": rig.width,
-            "HEIGHT": rig.height,
             "MARK": MARK,
             "SIDES": config.sides,
             "BELOW": config.below,
@@ -50,12 +48,14 @@ class ForegroundJoin:
             self._kernel("person_box"),
             (group, len(rig)),
             (group, 1),
+            picture=self._picture,
             silhouette=self._silhouette,
             boxes=self._boxes,
         )
         self._join = device.launch(
             self._kernel("join_foreground"),
             *self._size(),
+            picture=self._picture,
             boxes=self._boxes,
             bits=self._bits,
             silhouette=self._silhouette,
@@ -75,6 +75,7 @@ class ForegroundJoin:
         return self.device.launch(
             self._kernel("foreground_bits"),
             *self._size(),
+            picture=self._picture,
             evidence=evidence,
             boxes=self._boxes,
             bits=self._bits,
