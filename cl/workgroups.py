@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from cl import Device
 
-#: Largest work-group along a row on CPUs.
-_LONGEST = 1024
+#: Work-group along a row on CPUs.
+_ALONG = 64
 #: Neighbouring pixels that a CPU's work-item works on at once.
 _PIXELS = 8
 
 
-def row_group(device: Device, n: int) -> tuple[int, int, int]:
-    """Return the work-group of kernels whose dimension 0 runs along rows of `n` elements.
+def row_group(device: Device) -> tuple[int, int, int]:
+    """Return the work-group of kernels whose dimension 0 runs along rows.
 
-    A CPU gets the whole row, or equal parts of a long one: PoCL turns a work-group into one
-    loop, which becomes vector code. A GPU gets small tiles.
+    PoCL turns a CPU's work-group into one loop, which becomes vector code, and compiles a kernel
+    anew for every shape of work-group: so the shape does not depend on the row. A GPU gets small
+    tiles.
     """
-    if device.is_gpu:
-        return (32, 4, 1)
-    parts = -(-n // _LONGEST)
-    return (-(-n // parts), 1, 1)
+    return (32, 4, 1) if device.is_gpu else (_ALONG, 1, 1)
 
 
 def stated_group(device: Device, *group: int) -> tuple[int, ...] | None:

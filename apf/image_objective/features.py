@@ -116,7 +116,7 @@ class Features:
         strips = name.startswith("gradient")
         width = -(-self.rig.width // _STRIP) if strips else self.rig.width
         size = (width, self.rig.height + more_rows, len(self.rig))
-        group = row_group(self.device, width)
+        group = row_group(self.device)
         return self.device.launch(self._kernel(name), size, group, **self._where, **arrays)
 
     def _kernel(self, name: str) -> Kernel:

@@ -64,7 +64,7 @@ class Adaptation:
                 device.launch,
                 adapt,
                 size,
-                row_group(device, blocks),
+                row_group(device),
                 picture=rig.picture,
                 **vars(arrays),
             )

@@ -167,5 +167,5 @@ def key_launch(
         LIGHT_WEIGHT=float(config.light_width**-2),
     )
     arrays = {"images": pictures, "keys": keys, "screen": screen, "ratios": ratios}
-    size, group = (width, height), row_group(device, width)
+    size, group = (width, height), row_group(device)
     return device.launch(kernel, (*size, views), group, picture=size, **arrays)

@@ -157,7 +157,7 @@ class Foreground:
             launch(
                 "observe",
                 (columns, rows, views),
-                row_group(device, columns),
+                row_group(device),
                 picture=picture,
                 **seen,
                 odds=self._odds,

@@ -238,7 +238,7 @@ class Silhouette:
         if stage == "silhouette":
             defines["PACK"] = pixel_pack(device, self.rig.width)
         kernel = device.kernel(f"reconstruction/{stage}", name, **defines)
-        group = row_group(device, size[0])
+        group = row_group(device)
         return device.launch(
             kernel, (*size, len(self.rig)), group, picture=self.rig.picture, **arguments
         )

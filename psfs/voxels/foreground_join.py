@@ -82,7 +82,7 @@ class ForegroundJoin:
         )
 
     def _size(self) -> tuple[tuple[int, int], tuple[int, int]]:
-        local = row_group(self.device, self._n_cells)[0]
+        local = row_group(self.device)[0]
         return (self._n_cells, self._views), (local, 1)
 
     def _kernel(self, name: str) -> Kernel:

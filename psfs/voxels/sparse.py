@@ -101,7 +101,7 @@ class SparseSurface:
         device.launch(
             device.kernel("reconstruction/occupancy", "spread", **self._defines),
             (nz, ny, nx),
-            row_group(device, nz),
+            row_group(device),
             **self._stored,
             probability=probability,
         )()

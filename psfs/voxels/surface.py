@@ -28,7 +28,7 @@ class SurfaceList:
     def __init__(
         self, device: Device, shape: tuple[int, int, int], bits: Array, closed: bool = False
     ) -> None:
-        nx, ny, nz = shape
+        nx, ny, _ = shape
         size = math.prod(shape)
         self._device = device
         self._gather: Launch | None = None
@@ -106,7 +106,7 @@ class Surface:
         bits = device.empty((nx, ny, words), np.uint16, f"a grid of {size:,} voxels")
         self.list = SurfaceList(device, shape, bits, config.closed_surface)
         defines = {"LANES": 1, "FACES": int(config.smoothing == "faces")}
-        row, word = row_group(device, nz), (64,)
+        row, word = row_group(device), (64,)
         smooth, threshold_, self._gather = (
             device.kernel("reconstruction/surface", name, **defines)
             for name in ("smooth", "threshold", "gather")

@@ -9,15 +9,16 @@
 #include "reconstruction/cells.h"
 #include "common/camera.h"
 
-// Light factor that explains the colour of a pixel of the background best, and in *left the squared
+// Light factor that explains the colour of pixel (x, y) of the background best, and in *left the squared
 // distance that it leaves. `images`, `background` and `light` are those of all views.
 static inline float light_factor(int2 picture, __global const uchar *images,
-                                 __global const float *background, __global const float *light, int view, int pixel, float *left)
+                                 __global const float *background, __global const float *light, int view, int x, int y, float *left)
 {
+    const int pixel = y * WIDTH + x;
     __global const float *plane = background + (size_t)view * 8 * PIXELS + pixel;
     __global const float *own = light + LIGHT_FLOATS * view;
     const Colour shown = colour_of(images + 3 * (view * PIXELS + pixel));
-    const Colour mean = lit_planes(picture, own, plane, pixel % WIDTH, pixel / WIDTH);
+    const Colour mean = lit_planes(picture, own, plane, x, y);
     const Colour w = weight_in(own, planes_of(picture, plane, 3));
     const float alpha = fitting(w, shown, mean);
     *left = distance_left(w, shown, alpha, mean);
@@ -44,10 +45,11 @@ __kernel void floor_light(int2 picture, float floor, __global const float *restr
     const int x = min(max(column - 1, 0), CELLS_X - 1), y = min(max(row - 1, 0), CELLS_Y - 1);
     const float2 point = points[(view * CELLS_Y + y) * CELLS_X + x];
     const int on_floor = point.x == point.x;
-    const int middle = min(CELL * y + CELL / 2, HEIGHT - 1) * WIDTH +
-                       min(CELL * x + CELL / 2, WIDTH - 1);
+    const int middle_x = min(CELL * x + CELL / 2, WIDTH - 1);
+    const int middle_y = min(CELL * y + CELL / 2, HEIGHT - 1);
     float left;
-    const float own = light_factor(picture, images, background, light, view, middle, &left);
+    const float own =
+        light_factor(picture, images, background, light, view, middle_x, middle_y, &left);
     const int asks = on_floor && (own <= FLOOR_LIT || left >= FLOOR_LEFT);
     int asked = 0;
     float nearest = 1.0f, second = 1.0f, nearest_off = 1e9f, second_off = 1e9f;
@@ -56,9 +58,9 @@ __kernel void floor_light(int2 picture, float floor, __global const float *restr
         __global const float *camera = cameras + other * CAMERA_FLOATS;
         float2 pixel;
         const float depth = camera_project(camera, point.x, point.y, floor, &pixel);
-        const int at = camera_offset(camera, pixel, WIDTH);
-        if (depth <= 0.0f || at < 0) continue;
-        const float alpha = light_factor(picture, images, background, light, other, at, &left);
+        if (depth <= 0.0f || camera_offset(camera, pixel, WIDTH) < 0) continue;
+        const float alpha = light_factor(picture, images, background, light, other,
+                                         (int)(pixel.x + 0.5f), (int)(pixel.y + 0.5f), &left);
         if (left >= FLOOR_LEFT || alpha >= SHADOW_HIGH) continue;
         ++asked;
         const float off = fabs(alpha - own);
