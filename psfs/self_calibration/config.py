@@ -4,13 +4,177 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, part, setting
+from psfs.diagnostics.config import AlignmentConfig
+
+#: Provenance of what was set while the calibration by a person was developed.
+_BY_HAND = "by hand on `synth_walk_4cam` and `synth_run_6cam`"
+
+
+class OutlineConfig(Config):
+    """Outline of the person in a silhouette."""
+
+    SOURCE: ClassVar = _BY_HAND
+
+    closed: float = setting(
+        0.012, "Gaps that are closed, as a share of the picture's longest side.", least=0, most=1
+    )
+    near: float = setting(
+        0.05,
+        "Gaps between parts that belong together, as a share of the same side.",
+        least=0,
+        most=1,
+    )
+    part: float = setting(
+        0.02, "Least area of such a part, as a share of the largest.", least=0, most=1
+    )
+
+
+class UprightConfig(Config):
+    """Fit of one camera's tilt, roll and height to silhouettes of somebody upright."""
+
+    SOURCE: ClassVar = _BY_HAND
+
+    head: float = setting(
+        0.12, "Share of the person's apparent height that counts as head.", above=0, below=0.5
+    )
+    feet: float = setting(
+        0.2, "Share of the person's apparent height that counts as feet.", above=0, below=0.5
+    )
+    elevation: float = setting(
+        0.02, "Standard deviation of the head's elevation.", unit="rad", above=0
+    )
+    azimuth: float = setting(
+        0.04, "Standard deviation of the head's azimuth from the feet's.", unit="rad", above=0
+    )
+    information: float = setting(0.1, "Independent measurements per frame.", above=0)
+    roll: float = setting(0.06, "Standard deviation of cameras' roll.", unit="rad", above=0)
+    tilt: float = setting(-0.1, "Usual tilt of cameras, upwards.", unit="rad", least=-1.5, most=1.5)
+    tilt_spread: float = setting(0.5, "Standard deviation of the tilt.", unit="rad", above=0)
+    height: float = setting(0.9, "Usual height of cameras.", unit="statures", above=0)
+    height_spread: float = setting(
+        0.35, "Standard deviation of the height.", unit="statures", above=0
+    )
+    fewest: int = setting(8, "Fewest frames that must show the whole person.", least=3)
+    turn: float = setting(
+        0.105,
+        "Turn of the fitted tilt, upwards and downwards, that is tried too.",
+        unit="rad",
+        above=0,
+    )
+
+
+class PairConfig(Config):
+    """Comparison of two cameras at every angle and lag."""
+
+    SOURCE: ClassVar = _BY_HAND
+
+    planes: float = setting(
+        0.006, "Noise of the touching planes' positions.", unit="statures", above=0
+    )
+    places: float = setting(
+        0.1, "Noise of the person's places on the floor.", unit="statures", above=0
+    )
+    bobbing: float = setting(0.003, "Noise of the head's height.", unit="statures", above=0)
+    window: float = setting(
+        1.0, "Window that separates the head's steps from slower motion.", unit="s", above=0
+    )
+    outlier: float = setting(
+        0.15,
+        "Deviation from the smoothed distance, as a share, beyond which a frame is not used.",
+        above=0,
+    )
+    nearest: float = setting(
+        0.3,
+        "Least distance of the line between two cameras from the person.",
+        unit="statures",
+        above=0,
+    )
+    middle: float = setting(0.55, "Height of the person's middle.", unit="statures", above=0)
+    shortest: float = setting(
+        0.2, "Shortest line between two cameras that are compared.", unit="statures", above=0
+    )
+    fewest: int = setting(12, "Fewest frames that are compared.", least=3)
+    share: float = setting(0.3, "The same as a share of the shorter recording.", above=0, most=1)
+
+
+class BeamConfig(Config):
+    """Search for the angles and lags of all cameras in the tables of pairs."""
+
+    SOURCE: ClassVar = _BY_HAND
+
+    kept: int = setting(80, "Partial arrangements that are kept.", least=1)
+    places: int = setting(12, "Places that are tried of each camera.", least=1)
+    same_angle: int = setting(
+        2, "Steps of the angle up to which arrangements are the same.", least=0
+    )
+    same_lag: int = setting(2, "Steps of the lag up to which arrangements are the same.", least=0)
+
+
+class AdjustmentConfig(Config):
+    """Adjustment of all cameras to the silhouettes."""
+
+    SOURCE: ClassVar = _BY_HAND
+
+    nearest: float = setting(
+        0.4, "Least distance of the line between two cameras from the person.", unit="m", above=0
+    )
+    least_shared: int = setting(
+        20, "Fewest outermost points by which two cameras are judged.", least=1
+    )
+    outermost: float = setting(
+        1.5, "Multiple of the gate up to which outermost planes count as frontier points.", above=0
+    )
+    first: int = setting(4, "Rounds of the first adjustment.", least=1)
+    second: int = setting(10, "Rounds of the finalists' adjustment.", least=1)
+    gates: tuple[float, ...] = setting(
+        (16, 8, 6, 4, 4, 2, 2, 2), "Gates of the last rounds.", unit="px"
+    )
+    wide: AlignmentConfig = part(
+        AlignmentConfig,
+        "Steps while the arrangement is uncertain; lenses are kept.",
+        turn=0.1,
+        shift=0.3,
+        focal=1e-4,
+        time=5.0,
+    )
+    narrow: AlignmentConfig = part(
+        AlignmentConfig,
+        "Steps when the arrangement is known; lenses are kept.",
+        turn=0.05,
+        shift=0.2,
+        focal=1e-4,
+        time=5.0,
+        noise=0.25,
+    )
+
+
+class FloorFitConfig(Config):
+    """Up, floor and scale from the person."""
+
+    SOURCE: ClassVar = _BY_HAND
+
+    up: float = setting(
+        0.026, "Standard deviation of the mean up of the single cameras.", unit="rad", above=0
+    )
+    feet: float = setting(
+        0.02, "Standard deviation of a lowest point over the floor.", unit="m", above=0
+    )
+    information: float = setting(0.1, "Independent frames per frame.", above=0)
+    standing: float = setting(
+        90,
+        "Percentile of the heights of the topmost points that is the stature.",
+        "by hand",
+        "%",
+        least=0,
+        most=100,
+    )
 
 
 class PersonConfig(Config):
     """Settings of the calibration of cameras by a person who walks about."""
 
-    SOURCE: ClassVar = "by hand on `synth_walk_4cam` and `synth_run_6cam`"
+    SOURCE: ClassVar = _BY_HAND
 
     stature: float = setting(
         1.7,
@@ -54,3 +218,11 @@ class PersonConfig(Config):
         "share of the stature.",
         least=0,
     )
+    outline: OutlineConfig = part(OutlineConfig, "Outline of the person in a silhouette.")
+    upright: UprightConfig = part(UprightConfig, "Fit of one camera's tilt, roll and height.")
+    pairs: PairConfig = part(PairConfig, "Comparison of two cameras at every angle and lag.")
+    search: BeamConfig = part(BeamConfig, "Search for the angles and lags of all cameras.")
+    adjustment: AdjustmentConfig = part(
+        AdjustmentConfig, "Adjustment of all cameras to the silhouettes."
+    )
+    floor: FloorFitConfig = part(FloorFitConfig, "Up, floor and scale from the person.")
