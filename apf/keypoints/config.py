@@ -89,6 +89,9 @@ class AssociationConfig(Config):
         "persons of different cameras are the same.",
         above=0,
     )
+    least_points: int = setting(
+        5, "Least number of points that persons in two cameras must share.", least=1
+    )
     followed: float = setting(
         0.3,
         "Median distance, as a share of the person's size, up to which a person in a picture may "

@@ -6,17 +6,30 @@ from typing import ClassVar
 
 from psfs.common.config import Config, part, setting
 
+#: Provenance of most settings of people.
+_BY_HAND = "by hand, on `hard_duo_6cam` and single people in other rooms"
+
 
 class FollowingConfig(Config):
     """Settings of trajectories: their regions in the next frame, exchanges, and contacts."""
 
-    SOURCE: ClassVar = "by hand, on `hard_duo_6cam` and single people in other rooms"
+    SOURCE: ClassVar = _BY_HAND
 
     axis_weight: float = setting(
         0.5,
         "Weight of the distance from a person's predicted axis, added to the distance from the "
         "person's voxels in the frame before, where people touch.",
         least=0,
+    )
+    reach: float = setting(
+        0.4, "Least distance at which a trajectory looks for its region.", unit="m", least=0
+    )
+    overlap: float = setting(
+        0.2,
+        "Least share of a trajectory's moved voxels that must fall into a region for it to be "
+        "theirs.",
+        least=0,
+        most=1,
     )
     newest: float = setting(
         0.5, "Weight of the last step in the running mean of a velocity.", above=0, most=1
@@ -47,10 +60,68 @@ class FollowingConfig(Config):
     )
 
 
+class IdentityConfig(Config):
+    """Criteria by which two trajectories are one person who left and came back."""
+
+    SOURCE: ClassVar = _BY_HAND
+
+    speed: float = setting(4.0, "Greatest speed of a person.", unit="m/s", above=0)
+    slack: float = setting(
+        0.3, "Distance that may be added to what the speed allows.", unit="m", least=0
+    )
+    likeness: float = setting(
+        0.45,
+        "Least similarity (Bhattacharyya coefficient) of the colours of two trajectories.",
+        least=0,
+        most=1,
+    )
+    size: float = setting(
+        0.7, "Greatest difference of the logarithms of two trajectories' volumes.", least=0
+    )
+    size_weight: float = setting(
+        0.3, "Weight of that difference beside the unlikeness of colours.", least=0
+    )
+    distance_weight: float = setting(
+        0.2, "Weight of the distance, up to 1 m, beside the same.", unit="1/m", least=0
+    )
+    looks: float = setting(
+        4.0, "Frames per second whose colours are compared.", unit="frames/s", above=0
+    )
+
+
+class SeparationConfig(Config):
+    """Assignment of voxels and pixels to one of several people."""
+
+    SOURCE: ClassVar = _BY_HAND
+
+    near: float = setting(
+        0.2,
+        "Distance from a person's coarse voxels up to which voxels are theirs.",
+        unit="m",
+        above=0,
+    )
+    beside: float = setting(
+        0.35,
+        "Distance from a person's silhouette up to which foreground may be theirs: an arm that was "
+        "carved away.",
+        unit="m",
+        least=0,
+    )
+    before: float = setting(
+        0.05,
+        "Depth by which another one must be nearer to the camera to hide a person.",
+        unit="m",
+        least=0,
+    )
+    margin: float = setting(
+        0.2, "Room around the coarse voxels of all people, and of one.", unit="m", least=0
+    )
+
+
 class PeopleConfig(Config):
     """Criteria for a person, and settings of following people from frame to frame."""
 
-    SOURCE: ClassVar = "by hand, on `hard_duo_6cam` and single people in other rooms"
+    SOURCE: ClassVar = _BY_HAND
 
     voxel: float = setting(
         0.08, "Edge of the voxels that people are counted in.", unit="m", above=0
@@ -86,12 +157,10 @@ class PeopleConfig(Config):
     least_seconds: float = setting(
         0.5, "Time for which somebody must be seen to count.", unit="s", least=0
     )
-    speed: float = setting(4.0, "Greatest speed of a person.", unit="m/s", above=0)
-    likeness: float = setting(
-        0.45,
-        "Least similarity (Bhattacharyya coefficient) of the colours of two trajectories for them "
-        "to be one person who left and came back.",
-        least=0,
-        most=1,
-    )
     following: FollowingConfig = part(FollowingConfig, "Trajectories of people and objects.")
+    identity: IdentityConfig = part(
+        IdentityConfig, "When two trajectories are one person who came back."
+    )
+    separation: SeparationConfig = part(
+        SeparationConfig, "Assignment of voxels and pixels to one of several people."
+    )

@@ -184,7 +184,7 @@ def faults_in(file: Path) -> Iterator[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef) and node.name.endswith(ENDINGS):
             yield f"{where}:{node.lineno}: {node.name} ends with a preposition; expected an object"
-    for function in module_functions(tree) if where.parts[0] != "scripts" else ():
+    for function in module_functions(tree):
         if is_participle(function.name) or function.name.strip("_").split("_")[0] in PREPOSITIONS:
             yield f"{where}:{function.lineno}: {function.name} has no verb; expected one"
 

@@ -233,7 +233,7 @@ def test_a_start_that_is_not_found_is_a_run(folder: Path, monkeypatch) -> None:
     monkeypatch.setattr(suite, "track_take", lost)
     (run,) = suite.done(Device.best(), Job(folder / "walk", FOUND, (7,)), lambda: None)
     assert (run.seed, run.frames, run.failed) == (7, 0, "nobody stands there")
-    row = Row.of(FOUND, [run, a_run(FOUND, 0, 40.0)], float("nan"))
+    row = Row.create(FOUND, [run, a_run(FOUND, 0, 40.0)], float("nan"))
     assert (row.runs, row.failed, row.mean, row.heading_right) == (2, 1, 40.0, 1)
     assert row.cells()[5] == "2, 1 failed" and row.cells()[13] == "1/2"
 
