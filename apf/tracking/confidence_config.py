@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, fraction, nonnegative, positive, setting
 
 
 class ConfidenceConfig(Config):
@@ -30,57 +30,44 @@ class ConfidenceConfig(Config):
     )
     margin: float = setting(36.1, "Coefficient of the square root of the margin.")
     jitter: float = setting(-0.033, "Coefficient of the jitter.", unit="s")
-    most_margin: float = setting(
-        0.3, "Upper limit of the margin; larger margins carry no more information.", above=0
+    most_margin: float = positive(
+        0.3, "Upper limit of the margin; larger margins carry no more information."
     )
-    at_rest: float = setting(
+    at_rest: float = positive(
         0.5,
         "Offset added to the speed, so that an end at rest has little jitter.",
         "by hand",
         "m/s",
-        above=0,
     )
-    apart: float = setting(
+    apart: float = positive(
         0.045,
         "Distance between the end in the track and in the passes at which a limb is as likely "
         "wrong as right.",
         unit="m",
-        above=0,
     )
     disagreement: float = setting(
         -10.9, "Change of the log-odds if the distance grows by a factor of e."
     )
-    least: float = setting(
-        0.02,
-        "Lower limit of the distance; smaller ones carry no more information.",
-        "by hand",
-        "m",
-        above=0,
+    least: float = positive(
+        0.02, "Lower limit of the distance; smaller ones carry no more information.", "by hand", "m"
     )
-    window: float = setting(
-        0.4,
-        "Time over which all inputs are averaged; distances by their logarithms.",
-        unit="s",
-        above=0,
+    window: float = positive(
+        0.4, "Time over which all inputs are averaged; distances by their logarithms.", unit="s"
     )
-    least_time: float = setting(
+    least_time: float = nonnegative(
         0.5,
         "Time that a track must last for its limbs to be judged: the passes over a shorter one all "
         "begin at nearly the same pose, and agree on it even if it is wrong.",
         "by hand",
         "s",
-        least=0,
     )
-    elsewhere: float = setting(
+    elsewhere: float = positive(
         0.15,
         "Distance from the limb's end beyond which another candidate counts as a different place.",
         "by hand",
         "m",
-        above=0,
     )
-    lost: float = setting(
-        0.5, "Confidence below which a limb counts as lost.", "even odds", least=0, most=1
-    )
+    lost: float = fraction(0.5, "Confidence below which a limb counts as lost.", "even odds")
 
     def lasts(self, times: np.ndarray) -> bool:
         """Return whether frames at `times` (F,) s last for `least_time`."""
@@ -109,11 +96,10 @@ class CorrectionConfig(Config):
         least=0.001,
         most=1,
     )
-    fade: int = setting(
+    fade: int = nonnegative(
         3,
         "Frames at each end of what is tracked again over which it passes into the track as it "
         "was.",
         "by hand",
         "frames",
-        least=0,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from psfs.common.config import Config, part, setting
+from psfs.common.config import Config, fraction, natural, part, positive, setting
 
 
 class MarkerConfig(Config):
@@ -31,12 +31,10 @@ class MarkerConfig(Config):
         least=0,
         below=1,
     )
-    smallest: int = setting(2, "Fewest pixels of a marker.", unit="px", least=1)
+    smallest: int = natural(2, "Fewest pixels of a marker.", unit="px")
     largest: float = setting(0.02, "Largest share of the picture of a marker.", above=0, most=1)
-    off_line: float = setting(
-        0.06,
-        "Largest deviation of three markers from a line, as a share of the wand's length.",
-        above=0,
+    off_line: float = positive(
+        0.06, "Largest deviation of three markers from a line, as a share of the wand's length."
     )
     least_ratio: float = setting(
         1.1,
@@ -59,7 +57,7 @@ class DisagreementConfig(Config):
     remaining: float = setting(
         0.5, "Largest share of its errors that may remain if a reason is right.", above=0, most=1
     )
-    delay: int = setting(5, "Largest delay that is tried.", unit="frames", least=1)
+    delay: int = natural(5, "Largest delay that is tried.", unit="frames")
     usual: float = setting(
         1.5, "Largest usual ratio of errors by which the limit for an outlier grows.", least=1
     )
@@ -69,18 +67,13 @@ class DisagreementConfig(Config):
         "1 if they are right",
         above=1,
     )
-    false_share: float = setting(
+    false_share: float = fraction(
         0.1,
         "Share of a camera's sightings that may be false detections; with more, the camera "
         "disagrees.",
-        least=0,
-        most=1,
     )
-    failed: float = setting(
-        20.0,
-        "Root mean square error above which the calibration has failed.",
-        unit="px",
-        above=0,
+    failed: float = positive(
+        20.0, "Root mean square error above which the calibration has failed.", unit="px"
     )
 
 
@@ -135,11 +128,8 @@ class CalibrationConfig(Config):
         least=1,
         most=10_000,
     )
-    coverage: float = setting(
-        0.3,
-        "Share of a camera's picture, of 8 x 6 cells, that should have held the target.",
-        least=0,
-        most=1,
+    coverage: float = fraction(
+        0.3, "Share of a camera's picture, of 8 x 6 cells, that should have held the target."
     )
     centre_sigma: float = setting(
         0.05,

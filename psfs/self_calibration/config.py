@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from psfs.common.config import Config, part, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
 from psfs.diagnostics.config import AlignmentConfig
 
 #: Provenance of what was set while the calibration by a person was developed.
@@ -16,18 +16,13 @@ class OutlineConfig(Config):
 
     SOURCE: ClassVar = _BY_HAND
 
-    closed: float = setting(
-        0.012, "Gaps that are closed, as a share of the picture's longest side.", least=0, most=1
+    closed: float = fraction(
+        0.012, "Gaps that are closed, as a share of the picture's longest side."
     )
-    near: float = setting(
-        0.05,
-        "Gaps between parts that belong together, as a share of the same side.",
-        least=0,
-        most=1,
+    near: float = fraction(
+        0.05, "Gaps between parts that belong together, as a share of the same side."
     )
-    part: float = setting(
-        0.02, "Least area of such a part, as a share of the largest.", least=0, most=1
-    )
+    part: float = fraction(0.02, "Least area of such a part, as a share of the largest.")
 
 
 class UprightConfig(Config):
@@ -41,26 +36,19 @@ class UprightConfig(Config):
     feet: float = setting(
         0.2, "Share of the person's apparent height that counts as feet.", above=0, below=0.5
     )
-    elevation: float = setting(
-        0.02, "Standard deviation of the head's elevation.", unit="rad", above=0
+    elevation: float = positive(0.02, "Standard deviation of the head's elevation.", unit="rad")
+    azimuth: float = positive(
+        0.04, "Standard deviation of the head's azimuth from the feet's.", unit="rad"
     )
-    azimuth: float = setting(
-        0.04, "Standard deviation of the head's azimuth from the feet's.", unit="rad", above=0
-    )
-    information: float = setting(0.1, "Independent measurements per frame.", above=0)
-    roll: float = setting(0.06, "Standard deviation of cameras' roll.", unit="rad", above=0)
+    information: float = positive(0.1, "Independent measurements per frame.")
+    roll: float = positive(0.06, "Standard deviation of cameras' roll.", unit="rad")
     tilt: float = setting(-0.1, "Usual tilt of cameras, upwards.", unit="rad", least=-1.5, most=1.5)
-    tilt_spread: float = setting(0.5, "Standard deviation of the tilt.", unit="rad", above=0)
-    height: float = setting(0.9, "Usual height of cameras.", unit="statures", above=0)
-    height_spread: float = setting(
-        0.35, "Standard deviation of the height.", unit="statures", above=0
-    )
+    tilt_spread: float = positive(0.5, "Standard deviation of the tilt.", unit="rad")
+    height: float = positive(0.9, "Usual height of cameras.", unit="statures")
+    height_spread: float = positive(0.35, "Standard deviation of the height.", unit="statures")
     fewest: int = setting(8, "Fewest frames that must show the whole person.", least=3)
-    turn: float = setting(
-        0.105,
-        "Turn of the fitted tilt, upwards and downwards, that is tried too.",
-        unit="rad",
-        above=0,
+    turn: float = positive(
+        0.105, "Turn of the fitted tilt, upwards and downwards, that is tried too.", unit="rad"
     )
 
 
@@ -69,30 +57,21 @@ class PairConfig(Config):
 
     SOURCE: ClassVar = _BY_HAND
 
-    planes: float = setting(
-        0.006, "Noise of the touching planes' positions.", unit="statures", above=0
+    planes: float = positive(0.006, "Noise of the touching planes' positions.", unit="statures")
+    places: float = positive(0.1, "Noise of the person's places on the floor.", unit="statures")
+    bobbing: float = positive(0.003, "Noise of the head's height.", unit="statures")
+    window: float = positive(
+        1.0, "Window that separates the head's steps from slower motion.", unit="s"
     )
-    places: float = setting(
-        0.1, "Noise of the person's places on the floor.", unit="statures", above=0
+    outlier: float = positive(
+        0.15, "Deviation from the smoothed distance, as a share, beyond which a frame is not used."
     )
-    bobbing: float = setting(0.003, "Noise of the head's height.", unit="statures", above=0)
-    window: float = setting(
-        1.0, "Window that separates the head's steps from slower motion.", unit="s", above=0
+    nearest: float = positive(
+        0.3, "Least distance of the line between two cameras from the person.", unit="statures"
     )
-    outlier: float = setting(
-        0.15,
-        "Deviation from the smoothed distance, as a share, beyond which a frame is not used.",
-        above=0,
-    )
-    nearest: float = setting(
-        0.3,
-        "Least distance of the line between two cameras from the person.",
-        unit="statures",
-        above=0,
-    )
-    middle: float = setting(0.55, "Height of the person's middle.", unit="statures", above=0)
-    shortest: float = setting(
-        0.2, "Shortest line between two cameras that are compared.", unit="statures", above=0
+    middle: float = positive(0.55, "Height of the person's middle.", unit="statures")
+    shortest: float = positive(
+        0.2, "Shortest line between two cameras that are compared.", unit="statures"
     )
     fewest: int = setting(12, "Fewest frames that are compared.", least=3)
     share: float = setting(0.3, "The same as a share of the shorter recording.", above=0, most=1)
@@ -103,12 +82,10 @@ class BeamConfig(Config):
 
     SOURCE: ClassVar = _BY_HAND
 
-    kept: int = setting(80, "Partial arrangements that are kept.", least=1)
-    places: int = setting(12, "Places that are tried of each camera.", least=1)
-    same_angle: int = setting(
-        2, "Steps of the angle up to which arrangements are the same.", least=0
-    )
-    same_lag: int = setting(2, "Steps of the lag up to which arrangements are the same.", least=0)
+    kept: int = natural(80, "Partial arrangements that are kept.")
+    places: int = natural(12, "Places that are tried of each camera.")
+    same_angle: int = nonnegative(2, "Steps of the angle up to which arrangements are the same.")
+    same_lag: int = nonnegative(2, "Steps of the lag up to which arrangements are the same.")
 
 
 class AdjustmentConfig(Config):
@@ -116,17 +93,15 @@ class AdjustmentConfig(Config):
 
     SOURCE: ClassVar = _BY_HAND
 
-    nearest: float = setting(
-        0.4, "Least distance of the line between two cameras from the person.", unit="m", above=0
+    nearest: float = positive(
+        0.4, "Least distance of the line between two cameras from the person.", unit="m"
     )
-    least_shared: int = setting(
-        20, "Fewest outermost points by which two cameras are judged.", least=1
+    least_shared: int = natural(20, "Fewest outermost points by which two cameras are judged.")
+    outermost: float = positive(
+        1.5, "Multiple of the gate up to which outermost planes count as frontier points."
     )
-    outermost: float = setting(
-        1.5, "Multiple of the gate up to which outermost planes count as frontier points.", above=0
-    )
-    first: int = setting(4, "Rounds of the first adjustment.", least=1)
-    second: int = setting(10, "Rounds of the finalists' adjustment.", least=1)
+    first: int = natural(4, "Rounds of the first adjustment.")
+    second: int = natural(10, "Rounds of the finalists' adjustment.")
     gates: tuple[float, ...] = setting(
         (16, 8, 6, 4, 4, 2, 2, 2), "Gates of the last rounds.", unit="px"
     )
@@ -154,13 +129,11 @@ class FloorFitConfig(Config):
 
     SOURCE: ClassVar = _BY_HAND
 
-    up: float = setting(
-        0.026, "Standard deviation of the mean up of the single cameras.", unit="rad", above=0
+    up: float = positive(
+        0.026, "Standard deviation of the mean up of the single cameras.", unit="rad"
     )
-    feet: float = setting(
-        0.02, "Standard deviation of a lowest point over the floor.", unit="m", above=0
-    )
-    information: float = setting(0.1, "Independent frames per frame.", above=0)
+    feet: float = positive(0.02, "Standard deviation of a lowest point over the floor.", unit="m")
+    information: float = positive(0.1, "Independent frames per frame.")
     standing: float = setting(
         90,
         "Percentile of the heights of the topmost points that is the stature.",
@@ -185,38 +158,30 @@ class PersonConfig(Config):
         most=3.0,
     )
     longest_lag: float = setting(
-        1.5,
-        "Longest time by which one camera may be behind another.",
-        unit="s",
-        least=0,
-        most=60,
+        1.5, "Longest time by which one camera may be behind another.", unit="s", least=0, most=60
     )
     longest_side: int = setting(640, "Longest side of the pictures used.", unit="px", least=64)
     most_frames: int = setting(
         300, "Number of frames of a camera that are used, the first ones.", least=20
     )
-    table_rate: float = setting(
-        15.0, "Frames per second at which lags are searched first.", unit="1/s", above=0
+    table_rate: float = positive(
+        15.0, "Frames per second at which lags are searched first.", unit="1/s"
     )
     angles: int = setting(36, "Number of angles around the vertical that are tried.", least=8)
-    candidates: int = setting(
-        40, "Number of arrangements from the search that are adjusted.", least=1
-    )
-    finalists: int = setting(3, "Number of these that are adjusted to frontier points.", least=1)
+    candidates: int = natural(40, "Number of arrangements from the search that are adjusted.")
+    finalists: int = natural(3, "Number of these that are adjusted to frontier points.")
     least_frames: int = setting(
         40, "Fewest frames of a camera that must show the whole person.", least=8
     )
-    worst_residual: float = setting(
+    worst_residual: float = positive(
         1.2,
         "Greatest median distance of the outermost points of two cameras from epipolar lines.",
         unit="px",
-        above=0,
     )
-    least_path: float = setting(
+    least_path: float = nonnegative(
         0.15,
         "Least standard deviation of the person's places along the walk's main direction, as a "
         "share of the stature.",
-        least=0,
     )
     outline: OutlineConfig = part(OutlineConfig, "Outline of the person in a silhouette.")
     upright: UprightConfig = part(UprightConfig, "Fit of one camera's tilt, roll and height.")

@@ -72,7 +72,7 @@ def test_runs_are_kept_and_resumed(tmp_path: Path) -> None:
     again = Results.resume(path, {"filter": {"noise": 0.5}})
     assert again.runs == results.runs
     assert again.lacks(BASE, 2) and not again.lacks(BASE, 1)
-    summary = Summary.create(again.of(BASE))
+    summary = Summary.create(again.select(BASE))
     assert summary is not None and str(summary) == f"42.0 ± {np.sqrt(8):.1f}, 1 lost"
     table = Table.parse("cameras")
     plan = {table: list(table.settings("walk", VALUES))}

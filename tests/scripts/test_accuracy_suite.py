@@ -365,4 +365,4 @@ def test_silhouettes_of_other_conditions_are_not_known(tmp_path: Path) -> None:
     assert np.isnan(kept.iou("walk"))
     kept.add("walk", {"mean_iou": 0.8, "frames": {}})
     assert kept.iou("walk") == 0.8
-    assert KeptSilhouettes(tmp_path, {"commit": "b"}).of("walk") is None
+    assert KeptSilhouettes(tmp_path, {"commit": "b"}).select("walk") is None
