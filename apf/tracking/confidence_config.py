@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
-import numpy as np
+from typing import TYPE_CHECKING, ClassVar
 
 from psfs.common.config import Config, fraction, nonnegative, positive, setting
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 class ConfidenceConfig(Config):
@@ -71,6 +72,8 @@ class ConfidenceConfig(Config):
 
     def lasts(self, times: np.ndarray) -> bool:
         """Return whether frames at `times` (F,) s last for `least_time`."""
+        import numpy as np
+
         if len(times) < 2:
             return False
         step = float(np.median(np.diff(times)))
