@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from cl import Array
+from cl.signature import Argument
 from cl.workgroups import row_group
 from psfs.voxels.bricks import BRICK, COARSE_BRICK, Bricks, count_bricks, lane_defines
 from psfs.voxels.surface import SurfaceList
@@ -47,7 +48,7 @@ class SparseSurface:
         self.slots = device.empty(along, np.int32, what)
         self._listed = device.empty(n_bricks, np.int32, what)
         self._pool = device.empty((self.capacity, brick_voxels), np.float32, what)
-        self._stored = {"grid": shape, "capacity": self.capacity}
+        self._stored: dict[str, Argument] = {"grid": shape, "capacity": self.capacity}
         self._stored |= {"pool": self._pool, "slots": self.slots}
         lanes = lane_defines(device, 1)
         self._defines = {**bricks.defines, **lanes}
