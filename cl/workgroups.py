@@ -44,6 +44,22 @@ def pack_defines(device: Device, group: int) -> dict[str, int]:
     return {"PACK": 16 if device.handle.native_vector_width_float >= 16 else 8, "GROUP": 1}
 
 
+def size_defines(
+    device: Device,
+    picture: tuple[int, int] | None = None,
+    grid: tuple[int, int, int] | None = None,
+) -> dict[str, int]:
+    """Return the sizes of sizes.h for a GPU; none for a CPU, for which they are arguments alone.
+
+    GPUs compile quickly and gain 2 % of a streamed frame (H200). A CPU loses 1 %, but PoCL compiles
+    for half a second per kernel.
+    """
+    if not device.is_gpu:
+        return {}
+    pictures = {} if picture is None else dict(zip(("WIDTH", "HEIGHT"), picture, strict=True))
+    return pictures | ({} if grid is None else dict(zip(("NX", "NY", "NZ"), grid, strict=True)))
+
+
 def pack_size(n: int, defines: dict[str, int]) -> tuple[int]:
     """Return the global size for `n` particles: a work-group for every pack of them."""
     return (-(-n // defines["PACK"]) * defines["GROUP"],)

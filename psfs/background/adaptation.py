@@ -8,7 +8,7 @@ from functools import cache, partial
 import numpy as np
 
 from cl import Array, Device
-from cl.workgroups import pixel_pack, row_group
+from cl.workgroups import pixel_pack, row_group, size_defines
 from psfs.background.config import AdaptationConfig, BackgroundConfig
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
@@ -95,6 +95,7 @@ def _defines(
     """Return the definitions of adaptation.cl except the border of its marks."""
     mean_rate, variance_rate = config.rates()
     return {
+        **size_defines(device, rig.picture),
         "CELL": CELL,
         **{"PARTS": _parts(device), "PACK": pixel_pack(device, rig.width)},
         **{"PERIOD": config.period, "MEAN_RATE": mean_rate, "VARIANCE_RATE": variance_rate},

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array, Device, Launch
-from cl.workgroups import pack_defines
+from cl.workgroups import pack_defines, size_defines
 from psfs.background.config import BackgroundConfig, LightConfig
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
@@ -134,6 +134,7 @@ def light_launch(
     kernel = device.kernel(
         "reconstruction/light",
         "estimate_light",
+        **size_defines(device, rig.picture),
         SAMPLES=places.shape[1],
         **packs,
         STEPS=config.steps,

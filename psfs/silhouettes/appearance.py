@@ -12,7 +12,7 @@ import numpy as np
 
 from cl import Array, Device, Launch
 from cl.signature import Argument
-from cl.workgroups import row_group
+from cl.workgroups import row_group, size_defines
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
 from psfs.cameras.footprints import voxel_footprints
@@ -130,7 +130,8 @@ class Foreground:
         self._surface, device = voxels.surface, self._device
         n_bins = BINS**3
         views, rows, columns = self.prior.location.shape
-        defines, picture = self._defines(), self._rig.picture
+        picture = self._rig.picture
+        defines = self._defines() | size_defines(device, picture, voxels.grid.shape)
         most = max_samples(self._rig, self._config.appearance)
 
         def launch(

@@ -8,7 +8,7 @@ import numpy as np
 
 from cl import Array, Device, Launch
 from cl.signature import Argument
-from cl.workgroups import pixel_pack, row_group
+from cl.workgroups import pixel_pack, row_group, size_defines
 from psfs.background.adaptation import Adaptation, AdaptationArrays
 from psfs.background.chroma_key import ChromaKey, key_launch
 from psfs.background.config import BackgroundConfig
@@ -206,6 +206,7 @@ class Silhouette:
         config = self._config
         floor, evidence, light = config.floor, config.evidence, config.background
         return {
+            **size_defines(self.device, self.rig.picture),
             **self.rig.defines,
             "SHADOW_LOW": float(light.shadow_low),
             "SHADOW_HIGH": float(light.shadow_high),

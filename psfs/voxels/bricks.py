@@ -8,6 +8,7 @@ import numpy as np
 from cl import Array, Device
 from cl.program import Define
 from cl.signature import Argument
+from cl.workgroups import size_defines
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.distortion import distort, distortion_jacobian
 from psfs.silhouettes.hidden import UNKNOWN
@@ -48,6 +49,7 @@ class Bricks:
         columns, rows = -(-width // COARSE_TILE), -(-height // COARSE_TILE)
         fine = -(-width // TILE) * -(-height // TILE)
         self.defines: dict[str, Define] = {
+            **size_defines(device, rig.picture, grid.shape),
             "N_CAMERAS": views,
             "MIN_CAMERAS": config.seeing_cameras(views),
             "THRESHOLD": float(config.threshold),

@@ -6,6 +6,7 @@ import numpy as np
 
 from cl import Array, Device
 from cl.signature import Argument
+from cl.workgroups import size_defines
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.voxels.config import ColourConfig
@@ -44,9 +45,12 @@ class SurfaceColour:
         self._geometry = device.empty(4, np.float32, "the grid's position")
         cameras = device.to_device(rig.packed(), "the cameras")
         extents = voxel_footprints(rig, grid.voxel_size).astype(np.float32)
+        sizes = size_defines(device, rig.picture, grid.shape)
         tolerance = float((config or ColourConfig()).tolerance)
         nearest_depth, surface_colour = (
-            device.kernel("reconstruction/colour", name, **rig.defines, TOLERANCE=tolerance)
+            device.kernel(
+                "reconstruction/colour", name, **rig.defines, **sizes, TOLERANCE=tolerance
+            )
             for name in ("nearest_depth", "surface_colour")
         )
         voxels: dict[str, Argument] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array, Device, Kernel, Launch
-from cl.workgroups import row_group
+from cl.workgroups import row_group, size_defines
 from psfs.cameras.camera import CameraRig
 from psfs.voxels.config import ForegroundJoinConfig
 
@@ -33,6 +33,7 @@ class ForegroundJoin:
         self.device, self._views, self._picture = device, len(rig), rig.picture
         self._n_cells = -(-rig.width // MARK) * -(-rig.height // MARK)
         self._defines = {
+            **size_defines(device, rig.picture),
             "MARK": MARK,
             "SIDES": config.sides,
             "BELOW": config.below,

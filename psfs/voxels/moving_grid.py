@@ -24,7 +24,9 @@ class MeanPosition:
         lanes = 128 if device.is_gpu else 1
         self._launch = device.launch(
             device.kernel(
-                "reconstruction/surface", "mean_position", LANES=lanes, FACES=0, SAMPLES=SAMPLES
+                "reconstruction/surface",
+                "mean_position",
+                **{"LANES": lanes, "CLOSED": 0, "FACES": 0, "SAMPLES": SAMPLES},
             ),
             (lanes,),
             (lanes,),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array, Device, InputError, Launch
+from cl.workgroups import size_defines
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.edge_distance import LOT, count_tiles, distance_defines
@@ -64,6 +65,7 @@ class Reprojection:
         table = device.to_device(proximity_table(self.sigma, self.radius), "the proximity table")
         self._defines = distance_defines(device, self.radius)
         self._defines |= {**self.rig.defines, "MARK": MARK}
+        self._defines |= size_defines(device, self.rig.picture, grid.shape)
         self._join: ForegroundJoin | None = None
         if join is not None and join.on:
             self._join = ForegroundJoin(device, rig, self._silhouette, join)

@@ -8,7 +8,7 @@ import numpy as np
 
 from cl import Array, Device, InputError, Kernel, Launch
 from cl.signature import Argument
-from cl.workgroups import row_group
+from cl.workgroups import row_group, size_defines
 from psfs.voxels.config import OccupancyConfig
 
 #: Number of voxels for which the list always has room; for larger grids it has room for one voxel
@@ -42,13 +42,19 @@ class SurfaceList:
         starts = device.empty(nx * ny, np.int32, "the rows of the grid")
         totals = device.empty((nx, 2), np.int32, "the slabs of the grid")
         rows = {"bits": bits, "starts": starts, "totals": totals}
-        sizes: dict[str, Argument] = {"grid": shape, "closed": closed}
+        sizes: dict[str, Argument] = {"grid": shape}
+        defines = {
+            "LANES": lanes,
+            "CLOSED": int(closed),
+            "FACES": 0,
+            **size_defines(device, grid=shape),
+        }
         listed = {"n_surface": self.count, "n_occupied": self.occupied, "found": self._found}
         listed["indices"] = self.indices
         room: dict[str, Argument] = {"capacity": self.capacity}
         self._launches = [
             device.launch(
-                device.kernel("reconstruction/surface", name, LANES=lanes, FACES=0),
+                device.kernel("reconstruction/surface", name, **defines),
                 (nx * lanes,),
                 (lanes,),
                 **sizes,
@@ -105,7 +111,8 @@ class Surface:
         self.probability = device.empty(shape, np.float32, f"a grid of {size:,} voxels")
         bits = device.empty((nx, ny, words), np.uint16, f"a grid of {size:,} voxels")
         self.list = SurfaceList(device, shape, bits, config.closed_surface)
-        defines = {"LANES": 1, "FACES": int(config.smoothing == "faces")}
+        defines = {"LANES": 1, "CLOSED": 0, "FACES": int(config.smoothing == "faces")}
+        defines |= size_defines(device, grid=shape)
         row, word = row_group(device), (64,)
         smooth, threshold_, self._gather = (
             device.kernel("reconstruction/surface", name, **defines)

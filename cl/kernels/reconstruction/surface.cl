@@ -1,9 +1,9 @@
 // From occupancy to surface voxels: smoothing, threshold, removal of the inside, stream
 // compaction in ascending order. Twin: psfs/reference/surface.py. The grid is that
-// without padding. Defines: LANES; that of smoothing.h.
+// without padding. Defines: LANES; CLOSED (0 or 1); that of smoothing.h.
 // Occupied voxels are bits: WORDS ushorts per row along z, voxel z is bit z % 16 of word z / 16.
-#ifndef LANES
-#error "reconstruction/surface.cl needs LANES"
+#if !defined(CLOSED) || !defined(LANES)
+#error "reconstruction/surface.cl needs CLOSED and LANES"
 #endif
 #include "common/sizes.h"
 #include "reconstruction/smoothing.h"
@@ -50,8 +50,8 @@ static inline uint within_row(int3 grid, __global const ushort *restrict bits, i
 }
 
 // The occupied voxels of a word that have an empty neighbour or lie on the grid's border: one of 26
-// neighbours if `closed`, else of 6.
-static inline uint surface_bits(int3 grid, int closed, __global const ushort *restrict bits,
+// neighbours if CLOSED, else of 6.
+static inline uint surface_bits(int3 grid, __global const ushort *restrict bits,
                                 int x, int y, int word)
 {
     const int at = (x * NY + y) * WORDS + word;
@@ -59,7 +59,7 @@ static inline uint surface_bits(int3 grid, int closed, __global const ushort *re
     if (here == 0 || x == 0 || x == NX - 1 || y == 0 || y == NY - 1) return here;
     uint enclosed = within_row(grid, bits, at, word) & bits[at - WORDS] & bits[at + WORDS] &
                     bits[at - NY * WORDS] & bits[at + NY * WORDS];
-    if (closed && enclosed != 0) {
+    if (CLOSED && enclosed != 0) {
         // Unrolled, the loads do not wait for each other.
 #pragma unroll
         for (int dx = -1; dx <= 1; ++dx)
@@ -72,7 +72,7 @@ static inline uint surface_bits(int3 grid, int closed, __global const ushort *re
 
 // One work-group per slab of rows with the same x: where each row's surface voxels start within
 // the slab, and the slab's numbers of surface and occupied voxels.
-__kernel void count_slabs(int3 grid, int closed, __global const ushort *restrict bits, __global int *restrict starts,
+__kernel void count_slabs(int3 grid, __global const ushort *restrict bits, __global int *restrict starts,
                           __global int2 *restrict totals)
 {
     __local int2 sums[LANES];
@@ -85,7 +85,7 @@ __kernel void count_slabs(int3 grid, int closed, __global const ushort *restrict
         for (int word = 0; word < WORDS; ++word) {
             const uint occupied = bits[(x * NY + y) * WORDS + word];
             if (occupied == 0) continue;
-            sum.x += popcount(surface_bits(grid, closed, bits, x, y, word));
+            sum.x += popcount(surface_bits(grid, bits, x, y, word));
             sum.y += popcount(occupied);
         }
     }
@@ -102,7 +102,7 @@ __kernel void count_slabs(int3 grid, int closed, __global const ushort *restrict
 
 // Write the flat indices of the surface voxels, one work-group per slab. `found` is all of them,
 // n_surface those that the list has room for.
-__kernel void list_surface(int3 grid, int closed, int capacity,
+__kernel void list_surface(int3 grid, int capacity,
                            __global const ushort *restrict bits,
                            __global const int *restrict starts,
                            __global const int2 *restrict totals, __global int *restrict n_surface,
@@ -135,7 +135,7 @@ __kernel void list_surface(int3 grid, int closed, int capacity,
         int at = base + starts[x * NY + y];
         const int end = y + 1 < NY ? base + starts[x * NY + y + 1] : base + totals[x].x;
         for (int word = 0; word < WORDS && at < end; ++word)
-            for (uint left = surface_bits(grid, closed, bits, x, y, word); left != 0; left &= left - 1u) {
+            for (uint left = surface_bits(grid, bits, x, y, word); left != 0; left &= left - 1u) {
                 const int z = word * 16 + 31 - (int)clz(left & (0u - left));
                 if (at < capacity) indices[at] = (x * NY + y) * NZ + z;
                 ++at;
