@@ -72,8 +72,8 @@ def main() -> int:
     )  # fmt: skip
     parser.add_argument(
         "--tracks", type=Path, metavar="FOLDER",
-        help="SEQUENCE.voxels.npz and SEQUENCE.both.npz of apf track: our runs with seed 0, instead "
-        "of new ones; --device-name says where they were made",
+        help="SEQUENCE.voxels.npz and SEQUENCE.both.npz of apf track: our runs with seed 0, in the "
+        "place of new ones; --device-name says where they were made",
     )  # fmt: skip
     parser.add_argument("--device-name", default="unknown", metavar="TEXT", help="see --tracks")
     parser.add_argument("--commit", help="the commit, where there is no git to ask")
