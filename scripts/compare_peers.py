@@ -63,8 +63,9 @@ def main() -> int:
         help="where the peers are installed",
     )  # fmt: skip
     parser.add_argument(
-        "--tables", action="store_true", help="no run; tables, also that of docs/accuracy.md"
-    )
+        "--tables", nargs="?", const="peers", metavar="MARK",
+        help="no run; tables, also that of docs/accuracy.md between the marks of this name (peers)",
+    )  # fmt: skip
     parser.add_argument(
         "--ours-from", type=Path, metavar="FILE",
         help="results.json of accuracy.py --suite --by: our runs on the same keypoints, instead of "
@@ -89,14 +90,14 @@ def _run(args: argparse.Namespace) -> None:
         add_suite_runs(results, args.ours_from)
     if args.tracks is not None:
         _add_tracks(args, results)
-    if not args.tables:
+    if not args.tables and args.tracks is None:
         _do_runs(args, results)
     if not results.runs:
         raise InputError(f"{args.out}: no runs; expected a suite with keypoints.npz and truth.npz")
     write_tables(args.out, results)
     if args.tables:
         shown = f"{summary_table(results).markdown()}\n\n{sequence_table(results).markdown()}"
-        replace_marked(_ROOT / "docs" / "accuracy.md", "peers", shown)
+        replace_marked(_ROOT / "docs" / "accuracy.md", args.tables, shown)
     print_tables(results)
 
 
