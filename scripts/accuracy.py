@@ -140,7 +140,7 @@ def main() -> int:
     parser.add_argument("--commit", help="the commit, where there is no git to ask")
     add_message_flags(parser)
     add_device_flag(parser)
-    parser.set_defaults(run=_run)
+    parser.set_defaults(run=_run, overwrite=True)  # its own tables, in any checkout
     return run_command(parser)
 
 

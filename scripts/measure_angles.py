@@ -62,7 +62,7 @@ def main() -> int:
     parser.add_argument("--device", default="", help="on which the tracks were made")
     parser.add_argument("--commit", help="of the tracks, where there is no git to ask")
     add_message_flags(parser)
-    parser.set_defaults(run=_run)
+    parser.set_defaults(run=_run, overwrite=True)  # its own tables, in any checkout
     return run_command(parser)
 
 
@@ -172,10 +172,11 @@ def joint_table(results: dict[str, Any]) -> Grid:
     shown = [[name, *_cells(rows, hows, (name,))] for name in _GROUPS]
     shown.append(["hip and knee", *_cells(rows, hows, _LEGS)])
     shown.append(["all", *_cells(rows, hows, tuple(_GROUPS))])
-    count = len({row["sequence"] for row in rows})
+    counts = [f"{how} {sum(row['by'] == how for row in rows)}" for how in hows]
     about = (
-        f"{count} sequences, seed 0; {results['device']}, {results['made']}, commit "
-        f"{results['commit']}. Angles as in motion.mot."
+        f"Sequences: {', '.join(counts)}; seed 0; {results['device']}, {results['made']}, commit "
+        f"{results['commit']}. Angles as in motion.mot; those of a "
+        "shoulder have a pole where the arm is level at the side."
     )
     heads = ["joint", *_heads(hows)]
     return Grid("Joint angles, degrees: RMS / without the mean offset", heads, shown, about)

@@ -32,7 +32,7 @@ def main() -> int:
     parser.add_argument("-o", "--out", type=Path, default=_RESULTS, metavar="OUT")
     parser.add_argument("--readme", action="store_true", help="bring docs/speed.md up to date")
     add_message_flags(parser)
-    parser.set_defaults(run=_run)
+    parser.set_defaults(run=_run, overwrite=True)  # its own tables, in any checkout
     return run_command(parser)
 
 

@@ -64,7 +64,7 @@ def test_tables(tmp_path: Path) -> None:
     ]
     results = {"tracks": rows, "device": "a device", "made": "today", "commit": "1"}
     joints = joint_table(results).markdown()
-    assert "| knee | 4.0 / 2.0 | - |" in joints and "2 sequences" in joints
+    assert "| knee | 4.0 / 2.0 | - |" in joints and "voxels 2;" in joints
     assert "| a | 3.0 / 1.0; 3.0 / 1.0 | -; - |" in sequence_table(results).markdown()
     mot = tmp_path / "a.mot"
     mot.write_text("Coordinates\nendheader\ntime\tknee\n0.0\t1.5\n0.1\t2.5\n")

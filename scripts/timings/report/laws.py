@@ -40,10 +40,11 @@ def core_laws(machines: Sequence[Machine]) -> Grid | None:
             serial = karp_flatt(gain, cores)
             scaled = cores - share * (cores - 1)
             rows.append([
-                machine.title, str(cores), number(ms), ratio(gain), f"{100 * gain / cores:.0f} %",
-                ratio(1 / (share + (1 - share) / cores)), f"{100 * serial:.1f} %", ratio(scaled),
+                machine.title, f"OpenCL CPU, p = {cores} cores", number(ms), ratio(gain),
+                f"{100 * gain / cores:.0f} %", ratio(1 / (share + (1 - share) / cores)),
+                f"{100 * serial:.1f} %", ratio(scaled),
             ])  # fmt: skip
-    heads = ["machine", "cores p", "ms", "speed-up S", "efficiency", "Amdahl",
+    heads = ["machine", "program", "ms", "speed-up S", "efficiency", "Amdahl",
              "Karp-Flatt e", "Gustafson"]  # fmt: skip
     return Grid("Laws of speed-up", heads, rows, _CORES_NOTE) if rows else None
 
