@@ -126,7 +126,6 @@ def write_trc(path: str | Path, series: JointSeries, convention: str = "y-up") -
             file.write("\t".join(cells) + "\n")
         for index, row in zip(series.frames, points, strict=True):
             cells = ["" if np.isnan(value) else f"{value:.5f}" for value in row]
-            cells += [""] if cells and not cells[-1] else []  # OpenSim drops a blank at the end
             file.write("\t".join([f"{index + 1}", f"{index / series.fps:.6f}", *cells]) + "\n")
 
 
