@@ -191,6 +191,20 @@ class ShapePrior(Config):
     radius: float = setting(
         0.08, "Standard deviation of a part's radius beside size and girth.", above=0
     )
+    loose: float = setting(
+        3.0,
+        "Excess of a part's radius over that of the other parts, from which on it is clothes that "
+        "hang from the body.",
+        "`hard_skirt_4cam`: thighs 3.3 to 5.5; six other sequences: shoulders 2.5, all else below 2",
+        unit="standard deviations of `radius`",
+        above=0,
+    )
+    clothes: float = setting(
+        0.5,
+        "Standard deviation of such a part's radius, which then says nothing about the others.",
+        "by hand",
+        above=0,
+    )
     stature: float = setting(
         0.005,
         "Standard deviation of a known stature.",
