@@ -195,7 +195,7 @@ class ShapePrior(Config):
         3.0,
         "Excess of a part's radius over that of the other parts, from which on it is clothes that "
         "hang from the body.",
-        "`hard_skirt_4cam`: thighs 3.3 to 5.5; six other sequences: shoulders 2.5, all else below 2",
+        "thighs of `hard_skirt_4cam`: 3.3 to 5.5; in six other sequences at most 2.5",
         unit="standard deviations of `radius`",
         above=0,
     )

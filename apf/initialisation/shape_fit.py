@@ -172,7 +172,9 @@ class _ShapeFit:
     def find_loose(self, shape: np.ndarray) -> np.ndarray:
         """Return (S',) bool: the free scales of `shape` (S,) that are radii of loose parts."""
         own = self._chosen >= len(shape) - len(self._model.radii)
-        excess: np.ndarray = own & (shape[self._chosen] > self._config.prior.loose * self._deviation)
+        excess: np.ndarray = own & (
+            shape[self._chosen] > self._config.prior.loose * self._deviation
+        )
         return excess
 
     def loosen(self, loose: np.ndarray) -> _ShapeFit:

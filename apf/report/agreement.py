@@ -116,7 +116,7 @@ def _score_cones(
     silhouette: np.ndarray,
     known: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Draw posed cones (C, 16) in one camera, and score them at pixels that are `known` (H, W) bool.
+    """Draw posed cones (C, 16) in one camera, and score them at its `known` pixels (H, W) bool.
 
     Returns the pixels (H, W) bool that they cover, and scores (1 + n,): their IoU with the
     silhouette (H, W) bool, and for each `drawn` cone its share in the silhouette; NaN if too little

@@ -99,7 +99,7 @@ def test_what_most_cameras_see_behind_the_body_is_explained(
     rig, track = scene[0].rig, scene[1]
     cones = posed_cones(track.its_body, track.poses[:1])[0]
     middle = cones[0, :3]
-    points = np.array([middle, middle + [0.45, 0.0, 0.0]])
+    points = middle + np.array([[0.0, 0.0, 0.0], [0.45, 0.0, 0.0]])
     size = (rig.height, rig.width)
     drawings = [np.full(size, number < covering) for number in range(4)]
     known = np.ones((4, *size), bool)
