@@ -14,7 +14,7 @@ def row_group(device: Device) -> tuple[int, int, int]:
     """Return the work-group of kernels whose dimension 0 runs along rows.
 
     PoCL turns a CPU's work-group into one loop, which becomes vector code, and compiles a kernel
-    anew for every shape of work-group: so the shape does not depend on the row. A GPU gets small
+    again for every shape of work-group: so the shape does not depend on the row. A GPU gets small
     tiles.
     """
     return (32, 4, 1) if device.is_gpu else (_ALONG, 1, 1)
