@@ -174,17 +174,27 @@ class DeviceTracker(Tracker):
         queue = self.device.new_queue() if self.device.is_gpu else self.device.queue
         under_way: Callable[[], list[Estimate]] | None = None
         for observation in observations:
-            show = self.likelihood.prepare(observation)
-            with self.device.enqueue_on(queue) as own:
-                show()
-                self.device.make_wait(own)  # the next observation overwrites this one
-                following = self._begin_search()
-            self._streaming = queue
+            following = self.begin(self.likelihood.prepare(observation), queue)
             if under_way is not None:
                 yield under_way()
             under_way = following
         if under_way is not None:
             yield under_way()
+
+    def begin(
+        self, show: Step, queue: Any, finish: Step | None = None
+    ) -> Callable[[], list[Estimate]]:
+        """Enqueue on `queue` the search of a frame that `likelihood.prepare` prepared and `show`
+        shows, and after it `finish`; return a function that waits for the search and returns each
+        run's estimate."""
+        with self.device.enqueue_on(queue) as own:
+            show()
+            self.device.make_wait(own)  # the next observation overwrites this one
+            following = self._begin_search()
+            if finish is not None:
+                finish()
+        self._streaming = queue
+        return following
 
     def observe(self, observation: Observation) -> None:
         """Enqueue the likelihood's preparation of a frame: the first half of `step`."""

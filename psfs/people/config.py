@@ -47,6 +47,28 @@ class FollowingConfig(Config):
     )
 
 
+class DivisionConfig(Config):
+    """How voxels and foreground are divided among people whose bodies are tracked."""
+
+    SOURCE: ClassVar = "by hand, as `psfs.people.separation` does"
+
+    reach: float = setting(
+        0.35, "Distance from a body up to which voxels are the person's.", unit="m", above=0
+    )
+    beside: float = setting(
+        0.35,
+        "Distance from a body's image up to which foreground may be the person's.",
+        unit="m",
+        above=0,
+    )
+    before: float = setting(
+        0.05,
+        "Depth by which another person must be nearer to the camera to hide this one.",
+        unit="m",
+        least=0,
+    )
+
+
 class PeopleConfig(Config):
     """Criteria for a person, and settings of following people from frame to frame."""
 

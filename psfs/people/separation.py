@@ -88,7 +88,7 @@ def _person_session(
     """Return the session of one person."""
     frames, step = people.persons[number].frames, session.frames.step
     sequence = session.sequence.with_masks(lambda index: store.get(number, index))
-    sequence.rig = _with_hidden_maps(session.rig)
+    sequence.rig = with_hidden_maps(session.rig)
     changes = {
         "silhouette": {"evidence": {"unknown_mask": _UNKNOWN_MASK}},
         "occupancy": {"min_cameras": 1},  # what others hide is not seen, yet may be occupied
@@ -104,7 +104,7 @@ def _person_session(
     return own
 
 
-def _with_hidden_maps(rig: CameraRig) -> CameraRig:
+def with_hidden_maps(rig: CameraRig) -> CameraRig:
     """Return the rig with a map of hidden pixels in every camera, empty where it had none: its
     evidence may then be unknown."""
     return CameraRig(
