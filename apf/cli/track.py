@@ -268,7 +268,7 @@ def _track(
         keep_shape=keep_shape,
         height=args.height,
         given=given,
-        keypoints=read_keypoints(args, sequence, examination.diagnosis),
+        keypoints=job.keypoints or read_keypoints(args, sequence, examination.diagnosis),
     )
     with explain_failed_start(sequence):
         take = track_take(session, settings, line, Keeper(job.folders))

@@ -95,6 +95,13 @@ class AssociationConfig(Config):
         "be from where somebody was last seen.",
         above=0,
     )
+    from_voxels: float = setting(
+        0.6,
+        "Distance of the mean of a person's keypoints from the middle of the voxels up to which they "
+        "may be the same person's.",
+        unit="m",
+        above=0,
+    )
     longest_gap: float = setting(
         0.5, "Time for which somebody who is not seen is still followed.", unit="s", least=0
     )

@@ -10,16 +10,19 @@ from pathlib import Path
 import numpy as np
 
 from apf.body import BodyModel
+from apf.cli.keypoints.flags import keypoints_path
 from apf.cli.takes.job import TrackJob
 from apf.cli.takes.take_report import Line
 from apf.filters.method import Method
+from apf.keypoints import Keypoints
+from apf.keypoints.matching import match_to_people
 from apf.report.judged import OVERLAY
 from apf.report.names import PAGE
 from apf.report.people_page import write_people_overlay, write_people_page
 from apf.tracking.people import MOST_PEOPLE, PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
-from psfs.cli.commandline import stderr, stdout, warn
+from psfs.cli.commandline import remark, stderr, stdout, warn
 from psfs.people.people import People, count_people, follow_people
 from psfs.people.separation import separate
 from psfs.sequence import Sequence
@@ -28,16 +31,18 @@ from psfs.session import Session
 
 @dataclass(frozen=True, eq=False)
 class Persons:
-    """Several people, and the session of each."""
+    """Several people, the session of each, and the keypoints of each if there are some."""
 
     people: People
     sessions: list[Session]
+    keypoints: list[Keypoints] | None = None
 
     def jobs(self, job: TrackJob) -> Iterator[tuple[TrackJob, Session]]:
         """Yield the job and the session of each person."""
         for number, session in enumerate(self.sessions, start=1):
             seen = self.people.persons[number - 1].frames
-            yield job.person(number, len(self.sessions), seen), session
+            own = self.keypoints[number - 1] if self.keypoints is not None else None
+            yield job.person(number, len(self.sessions), seen, own), session
 
     def gather(self, tracks: list[Track], verdicts: list[str]) -> PeopleTracks:
         """Return the tracks of the first people, or of all, with the frames that show them."""
@@ -73,7 +78,7 @@ def _explain_one_person(args: argparse.Namespace, method: Method) -> str | None:
     if not method.uses_voxels:
         return f"--objective {method.objective} tracks one person"
     own_body = args.body is not None and Path(args.body).suffix == ".toml"
-    flags = {"--init": args.init, "--height": args.height, "--keypoints": args.keypoints}
+    flags = {"--init": args.init, "--height": args.height}
     stated = [flag for flag, value in flags.items() if value is not None]
     stated += ["--body FILE"] if own_body else []
     return f"{stated[0]} applies only to one person" if stated else None
@@ -100,7 +105,30 @@ def find_persons(
     if len(people) < 2:
         return None
     stderr.print(f"{sequence.name}: {people.describe()}", soft_wrap=True, markup=False)
-    return Persons(people, separate(session, people, lambda: line("people")))
+    keypoints = _read_keypoints(args, session, people)
+    return Persons(people, separate(session, people, lambda: line("people")), keypoints)
+
+
+def _read_keypoints(
+    args: argparse.Namespace, session: Session, people: People
+) -> list[Keypoints] | None:
+    """Return the keypoints of --keypoints of each person; None without the flag. Raises InputError
+    if somebody has none."""
+    if args.keypoints is None:
+        return None
+    sequence = session.sequence
+    path = keypoints_path(args, sequence.folder)
+    found = match_to_people(Keypoints.open_people(path, sequence), people, session.rig)
+    for note in found[0].notes:
+        remark("note", "cyan", note)
+    shown = [int(np.isfinite(own.points).any((0, 2, 3)).sum()) for own in found]
+    if min(shown) == 0:
+        number = shown.index(0) + 1
+        raise InputError(
+            f"{path}: no keypoints lie on person {number} of {len(people)} that the voxels show; "
+            "expected some of each person, or --people 1"
+        )
+    return found
 
 
 def write_together(
