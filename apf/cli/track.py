@@ -92,13 +92,13 @@ def run(args: argparse.Namespace) -> None:
 
 @dataclass(frozen=True, eq=False)
 class FinishedTake:
-    """A tracked take of one person with the judgement of each seed's track. n_frames: that were to
-    be tracked. folder: of its files."""
+    """A tracked take of one person. n_frames: that were to be tracked. folder: of its files.
+    judgements: of each seed's track."""
 
     take: Take
-    judgements: list[Judgement]
     n_frames: int
     folder: Path
+    judgements: list[Judgement]
 
     @property
     def interrupted(self) -> bool:
@@ -111,9 +111,9 @@ def track_one(
     device: Device | NumpyDevice,
     line: Line,
     before_words: Callable[[], object] = lambda: None,
-) -> Take:
-    """Track one take, named by the flags, on `device`; write its files and print the results. Of
-    several people, return the first one's take.
+) -> list[FinishedTake]:
+    """Track one take, named by the flags, on `device`; write its files and print the results.
+    Return the take of each person.
 
     before_words: called after the line has ended, before anything is printed. Raises UserError;
     raises KeyboardInterrupt after writing the track so far, if `line` raised one.
@@ -132,7 +132,7 @@ def track_one(
                 raise KeyboardInterrupt
             for line_of_spread in describe_spread(done.take):
                 stdout.print(line_of_spread)
-    return everybody[0].take
+    return everybody
 
 
 def _run_many(args: argparse.Namespace, method: Method) -> None:
@@ -231,7 +231,7 @@ def _track_person(
         take = _track(job, examination, given, line)
     _write_tracks(job, take)
     judgements = finish_take(job, examination, take, line)
-    return FinishedTake(take, judgements, line.n_frames, job.args.output)
+    return FinishedTake(take, line.n_frames, job.args.output, judgements)
 
 
 def _open_sequence(out: OutputFolder, job: TrackJob) -> Sequence:

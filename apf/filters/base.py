@@ -190,7 +190,7 @@ class DeviceTracker(Tracker):
         with self.device.enqueue_on(queue) as own:
             show()
             self.device.make_wait(own)  # the next observation overwrites this one
-            following = self._begin_search()
+            following = self.begin_search()
             if finish is not None:
                 finish()
         self._streaming = queue
@@ -207,7 +207,16 @@ class DeviceTracker(Tracker):
 
     def search_runs(self) -> list[Estimate]:
         """Return each run's estimate for what was observed, the second half of `step_runs`."""
-        return self._begin_search()()
+        return self.begin_search()()
+
+    def begin_search(self) -> Callable[[], list[Estimate]]:
+        """Enqueue the search; return a function that waits for it and returns each run's
+        estimate."""
+        for launch in self._layers[self._n_frames % 2]:
+            launch()
+        self._n_frames += 1
+        report, n_layers = self._download.fetch(), self.particles.config.n_layers
+        return lambda: unpack_report(report(), self.body, self.particles.n_runs, n_layers)
 
     def score_poses(self, poses: np.ndarray) -> np.ndarray:
         """Score poses (N, D) against the last observation; return errors (N,) in the likelihood's
@@ -241,15 +250,6 @@ class DeviceTracker(Tracker):
         if self._streaming is not None:
             self.device.wait_for(self._streaming)
             self._streaming = None
-
-    def _begin_search(self) -> Callable[[], list[Estimate]]:
-        """Enqueue the search; return a function that waits for it and returns each run's
-        estimate."""
-        for launch in self._layers[self._n_frames % 2]:
-            launch()
-        self._n_frames += 1
-        report, n_layers = self._download.fetch(), self.particles.config.n_layers
-        return lambda: unpack_report(report(), self.body, self.particles.n_runs, n_layers)
 
     def _frame_launches(self, source: int) -> list[Step]:
         """Return the launches of a frame that starts from the particles in set `source`."""

@@ -79,3 +79,11 @@ class Places:
         slots = {"newest": newest % SLOTS, "before": (newest - 1) % SLOTS}
         self._expect.set(**slots, ahead=float(ahead))
         self._expect()
+
+
+def body_spheres(body: BodyModel, pose: np.ndarray) -> np.ndarray:
+    """Return spheres (K, 4), centres and radii, m, along the cones of `body` in `pose` (D,)."""
+    cones = posed_cones(body, pose[None])[0]
+    share = np.linspace(0, 1, ALONG)[:, None]
+    start, end = cones[:, None, 0:4], cones[:, None, 4:8]
+    return np.asarray((start + share * (end - start)).reshape(-1, 4))

@@ -23,9 +23,9 @@ def test_expected_places_equal_the_twin(device: Device) -> None:
             given = device.to_device(poses[person, frame].astype(np.float32))
             places.pose_launches(device, person, given)[frame % SLOTS]()
     places.expect(3, 2)
-    expected = [expect_spheres(body, own[3], own[2], 2, ALONG) for own in poses]
+    expected = [expect_spheres(body, own[3], own[2], 2) for own in poses]
     np.testing.assert_allclose(spheres.get(), expected, atol=2e-5)
     places.start(1, poses[1, 0])  # at rest from now on
     places.expect(3, 2)
-    at_rest = expect_spheres(body, poses[1, 0], poses[1, 0], 2, ALONG)
+    at_rest = expect_spheres(body, poses[1, 0], poses[1, 0], 2)
     np.testing.assert_allclose(spheres.get()[1], at_rest, atol=2e-5)
