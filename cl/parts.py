@@ -16,9 +16,7 @@ class Parts:
     """An array `whole`, flat, and `n` arrays of a shape and type that lie in it, `step` elements
     apart, as the device's alignment asks for."""
 
-    def __init__(
-        self, device: Device, n: int, shape: Sequence[int], dtype: npt.DTypeLike
-    ) -> None:
+    def __init__(self, device: Device, n: int, shape: Sequence[int], dtype: npt.DTypeLike) -> None:
         dtype = np.dtype(dtype)
         align = max(dtype.itemsize, device.handle.mem_base_addr_align // 8)
         nbytes = math.prod(shape) * dtype.itemsize

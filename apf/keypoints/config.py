@@ -97,8 +97,8 @@ class AssociationConfig(Config):
     )
     from_voxels: float = setting(
         0.6,
-        "Distance of the mean of a person's keypoints from the middle of the voxels up to which they "
-        "may be the same person's.",
+        "Distance of the mean of a person's keypoints from the middle of somebody's voxels up to "
+        "which both may be of one person.",
         unit="m",
         above=0,
     )

@@ -1,4 +1,4 @@
-"""One person of a live run: the trackers in all sizes, the last good pose, what is expected next."""
+"""One person of a live run: the trackers in all sizes, the last good pose, the expected place."""
 
 from __future__ import annotations
 
@@ -66,10 +66,7 @@ class LivePerson:
         """Return the estimate with its confidence. A lost one gets the last good pose, moved with
         the voxels, so that the track does not drift."""
         estimate = self._judge.judge(estimate)
-        if (
-            not self._uses_voxels
-            and estimate.least_error[-1] >= self._config.max_objective_error
-        ):
+        if not self._uses_voxels and estimate.least_error[-1] >= self._config.max_objective_error:
             estimate = replace(estimate, lost=True)
         if estimate.lost:
             self.tracker.start(self.pose)

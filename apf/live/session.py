@@ -39,8 +39,9 @@ class ObservedFrame:
 @dataclass
 class LiveResult:
     """Result of a live run. frames: indices with a pose. estimates: of these frames, of the first
-    person; others: of these frames, a list of the further people's each. latencies: s from each frame's appearance to its pose. sizes: (frame, particles, layers) of each change of
-    the search, with the first frame that used it."""
+    person; others: of these frames, a list of the further people's each. latencies: s from each
+    frame's appearance to its pose. sizes: (frame, particles, layers) of each change of the search,
+    with the first frame that used it."""
 
     frames: list[int] = field(default_factory=list)
     estimates: list[Estimate] = field(default_factory=list)

@@ -117,3 +117,4 @@ class PeopleConfig(Config):
         most=1,
     )
     following: FollowingConfig = part(FollowingConfig, "Trajectories of people and objects.")
+    division: DivisionConfig = part(DivisionConfig, "Voxels and foreground of tracked bodies.")

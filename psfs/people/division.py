@@ -57,8 +57,9 @@ class Division:
     """Division of the latest frame of `voxels` among `n_people`.
 
     spheres: (P, K, 4) float32, to be written before each call: centres and radii, m, of `n_spheres`
-    spheres about where each person's body is. persons: the voxels of each. A surface voxel belongs to the nearest person; so does a pixel of the foreground, but it is unknown to
-    those that stand behind another one there. Twin: reference/division.py.
+    spheres about where each person's body is. persons: the voxels of each. A surface voxel belongs
+    to the nearest person; so does a pixel of the foreground, but it is unknown to those that stand
+    behind another one there. Twin: reference/division.py.
     """
 
     def __init__(

@@ -47,7 +47,7 @@ def separate(
 ) -> list[Session]:
     """Return a session for each of `people`, over the frames from the first to the last that show
     them. progress: called after each frame."""
-    everybody = _joint_session(session, people)
+    everybody = join_session(session, people)
     store = MaskStore(len(session.rig), session.rig.height, session.rig.width)
     attribution = Attribution(session.rig, session.reconstruction)
     grid = automatic_grid(everybody)
@@ -70,7 +70,7 @@ def separate(
     ]
 
 
-def _joint_session(session: Session, people: People) -> Session:
+def join_session(session: Session, people: People) -> Session:
     """Return a session whose volume holds everybody."""
     points = [people.grid.centres(np.concatenate(list(p.voxels.values()))) for p in people]
     low = np.min([of.min(0) for of in points], axis=0) - _MARGIN

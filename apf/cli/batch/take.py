@@ -132,8 +132,8 @@ def write_take(
     **facts: object,
 ) -> TakeDone:
     """Return the take that `write(args, device)` wrote into the folder `args.output`, and of which
-    it returned the part of each person. The folder gets its final name when the record and all other files of the take are in it. facts: for
-    `TakeRow`."""
+    it returned the part of each person. The folder gets its final name when the record and all
+    other files of the take are in it. facts: for `TakeRow`."""
     progress.begin("reading")
     wanted = job.record()
     began = time.monotonic()

@@ -215,3 +215,42 @@ def test_bad_flags(more: list[str], filmed: Path, tmp_path: Path, capfd) -> None
     lines = capfd.readouterr().err.strip().splitlines()
     assert len(lines) == 1 and lines[0].startswith("apf: error: "), lines
     assert not (tmp_path / "out").exists()
+
+
+def test_two_people_have_a_tracker_each(filmed: Path) -> None:
+    """Who stands where nobody is has no voxels, is lost, and takes none of the other's."""
+    run = prepared(filmed)
+    alone = seen(run, 0).seen[0]
+    body, pose = run.body, run.persons[0].pose
+    aside = pose + translation(body) @ [1.2, 0.0, 0.0]
+    session = Session(Sequence.open(filmed), NumpyDevice(), SessionSettings(voxel_size=0.03))
+    start = LiveStart(automatic_grid(session), body, pose, ((body, aside),))
+    search = Method.create("apf", "voxel", n_particles=48, n_layers=6)
+    both = Live(run.device, run.source, start, [search])
+    first, second = both.observe(run.source.first(), 0.0)
+    both.processor.finish()
+    count = [int(part.count.get()[0]) for part in (alone[0], first[0], second[0])]
+    assert count[2] < 0.05 * count[0] < 0.9 * count[0] < count[1]
+    observed = ObservedFrame(Shot(run.source.first(), 0.0), [first, second])
+    both.expect(observed)
+    for person, (shown, _) in zip(both.persons, observed.seen, strict=True):
+        person.tracker.observe(shown)
+    both.keep(observed, both.search(), 0.1)
+    assert [estimate.lost for estimate in both.result.newest] == [False, True]
+    assert [len(each) for each in both.result.list_estimates()] == [1, 1]
+    np.testing.assert_allclose(both.result.newest[1].pose, aside, atol=1e-6)
+
+
+def test_several_people_are_tracked_by_voxels_in_a_stated_volume(
+    filmed: Path, tmp_path: Path, capfd
+) -> None:
+    out = tmp_path / "out"
+    assert live(filmed, out, "--people", "2", "--objective", "sp") == 2
+    assert "--objective sp tracks one person" in capfd.readouterr().err
+    truth = dict(np.load(filmed / "truth.npz"))
+    joints = np.stack([truth["joints"], truth["joints"] + [1.0, 0.0, 0.0]], 1)
+    np.savez(tmp_path / "both.npz", **{**truth, "joints": joints})
+    videos = [str(path) for path in sorted((filmed / "videos").iterdir())]
+    flags = ["--people", "2", "--init", str(tmp_path / "both.npz"), "--captures", *videos]
+    assert main(["live", str(filmed), "-o", str(out), *flags]) == 2
+    assert "expected --volume that holds all people" in capfd.readouterr().err

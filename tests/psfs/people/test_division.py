@@ -65,7 +65,9 @@ def test_parts_equal_the_twins(device: Device, n_voxels: int) -> None:
     divide = Division(device, rig, voxels, 3, 9, config)
     divide.spheres.set(spheres)
     persons = divide()
-    for person, expected in zip(persons, divide_voxels(GRID, surface, spheres, config), strict=True):
+    for person, expected in zip(
+        persons, divide_voxels(GRID, surface, spheres, config), strict=True
+    ):
         found = person.surface.get(int(person.count.get()[0]))
         np.testing.assert_array_equal(found, np.sort(found))
         assert len(np.setxor1d(found, expected)) <= 2  # at equal distances
@@ -81,7 +83,7 @@ def test_the_nearer_one_hides_the_other_and_others_are_no_foreground() -> None:
     camera = scenes.looking_at("before", np.array([4.0, 0.0, 0.8]), target, size, 140)
     rig = scenes.without_distortion(CameraRig((camera,)))
     low = np.array([[0.0, 0.0, 0.4, 0.2], [0.0, 0.0, 1.0, 0.2]])
-    nearer, aside = low + [1.0, 0.0, 0.0, 0.0], low + [0.0, 0.9, 0.0, 0.0]
+    nearer, aside = low + np.array([1.0, 0, 0, 0]), low + np.array([0, 0.9, 0, 0])
     evidence = np.full((1, 120, 120), 9, np.int8)
     evidence[:, :4] = -9
     own = divide_evidence(rig, evidence, np.stack([low, nearer, aside]))[:, 0]
