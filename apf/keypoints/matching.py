@@ -21,7 +21,7 @@ def match_to_people(
     rig: CameraRig,
     config: AssociationConfig | None = None,
 ) -> list[Keypoints]:
-    """Return the keypoints of each of `people`, NaN in frames in which nobody's are near.
+    """Return the keypoints of each of `people`, NaN in frames that have none near the voxels.
 
     keypoints: of each person that was associated in the pictures, see `Keypoints.open_people`. In
     every frame they are given to the people whose voxels are nearest in the pictures (Hungarian

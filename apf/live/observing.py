@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from apf.backend import make_observer
+from apf.body.spheres import ALONG
 from apf.filters.method import Method
 from apf.likelihood.observations import Shown
 from apf.live.config import LiveConfig
 from apf.live.person import LivePerson
 from apf.live.pictures import Smaller
-from apf.tracking.places import ALONG
 from cl import Device
-from psfs.people.division import Division
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame
 from psfs.voxels.device_voxels import CarvedVoxels
+from psfs.voxels.division import Division
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.moving_grid import MeanPosition
 

@@ -10,12 +10,12 @@ import numpy as np
 from apf.backend import make_device_tracker
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
+from apf.body.spheres import body_spheres
 from apf.filters.base import DeviceTracker, Estimate
 from apf.filters.config import SIGMA_FPS
 from apf.filters.method import Method
 from apf.live.config import LiveConfig
 from apf.scene import Scene
-from apf.tracking.places import body_spheres
 from apf.tracking.recovery import Judge
 
 #: Greatest speed at which a person is expected elsewhere, m/s.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from apf.body.model import BodyModel
-from apf.tracking.places import body_spheres
+from apf.body.spheres import body_spheres
 
 
 def expect_spheres(

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from apf.body.cones import FAR_OUT
 from apf.body.kinematics import CONE_FLOATS, posed_cones
 from apf.body.model import BodyModel
-from apf.body.posing import body_defines, pack_body
+from apf.body.posing import CONE_DEFINES, body_defines, pack_body
+from apf.body.spheres import ALONG
 from cl import Array, Device, Launch
 from cl.parts import Parts
 from cl.workgroups import pack_defines
 
-#: Spheres along a cone.
-ALONG = 4
 #: Frames whose poses are held: the two that the next frame is predicted from, and the one that a
 #: search may be writing.
 SLOTS = 3
@@ -59,10 +57,9 @@ class Places:
         body = self.bodies[person]
         table = device.to_device(pack_body(body), "the body model")
         defines = body_defines(body) | pack_defines(device, 64)
-        defines |= {"CONE_FLOATS": CONE_FLOATS, "FAR_OUT": FAR_OUT}
         return [
             device.launch(
-                device.kernel("tracking/kinematics", "pose_cones", **defines),
+                device.kernel("tracking/kinematics", "pose_cones", **defines, **CONE_DEFINES),
                 (defines["GROUP"],),
                 (defines["GROUP"],),
                 n_particles=1,
@@ -79,11 +76,3 @@ class Places:
         slots = {"newest": newest % SLOTS, "before": (newest - 1) % SLOTS}
         self._expect.set(**slots, ahead=float(ahead))
         self._expect()
-
-
-def body_spheres(body: BodyModel, pose: np.ndarray) -> np.ndarray:
-    """Return spheres (K, 4), centres and radii, m, along the cones of `body` in `pose` (D,)."""
-    cones = posed_cones(body, pose[None])[0]
-    share = np.linspace(0, 1, ALONG)[:, None]
-    start, end = cones[:, None, 0:4], cones[:, None, 4:8]
-    return np.asarray((start + share * (end - start)).reshape(-1, 4))

@@ -8,22 +8,23 @@ import numpy as np
 
 from apf.backend import make_device_tracker
 from apf.body.model import BodyModel
+from apf.body.spheres import ALONG
 from apf.filters.base import DeviceTracker, Estimate
 from apf.filters.method import Method
 from apf.scene import Scene
-from apf.tracking.places import ALONG, SLOTS, Places
+from apf.tracking.places import SLOTS, Places
 from cl import Device, Launch
 from psfs.cameras.camera import CameraRig
-from psfs.people.division import Division
 from psfs.people.separation import with_hidden_maps
 from psfs.voxels.device_voxels import CarvedVoxels
+from psfs.voxels.division import Division
 
 
 class PeopleTracker:
     """Trackers of several people, each on a part of `voxels`, which all were carved in together.
 
     The people's places are predicted from their last two poses; voxels and foreground are divided
-    by them, see `psfs.people.division`; then each person's search is enqueued on a queue of its
+    by them, see `psfs.voxels.division`; then each person's search is enqueued on a queue of its
     own. Places stay on the device: the host enqueues a frame before it knows the poses of the one
     before. A single person has all voxels, and the same track as a tracker alone, to the bit.
     """
@@ -90,6 +91,6 @@ class PeopleTracker:
         pairs = zip(self.trackers, parts, strict=True)
         shows = [tracker.likelihood.prepare(part) for tracker, part in pairs]
         slot, self._n_frames = self._n_frames % SLOTS, self._n_frames + 1
-        poses = [launches[slot] for launches in self._pose] or [None]
-        chain = zip(self.trackers, shows, self._queues, poses, strict=True)
+        poses: list[Launch | None] = [launches[slot] for launches in self._pose]
+        chain = zip(self.trackers, shows, self._queues, poses or [None], strict=True)
         return [tracker.begin(show, queue, pose) for tracker, show, queue, pose in chain]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from psfs.common.config import Config, part, setting
+from psfs.voxels.config import DivisionConfig
 
 
 class FollowingConfig(Config):
@@ -44,28 +45,6 @@ class FollowingConfig(Config):
         "Share of frames with contact above which a trajectory is part of another person.",
         least=0,
         most=1,
-    )
-
-
-class DivisionConfig(Config):
-    """How voxels and foreground are divided among people whose bodies are tracked."""
-
-    SOURCE: ClassVar = "by hand, as `psfs.people.separation` does"
-
-    reach: float = setting(
-        0.35, "Distance from a body up to which voxels are the person's.", unit="m", above=0
-    )
-    beside: float = setting(
-        0.35,
-        "Distance from a body's image up to which foreground may be the person's.",
-        unit="m",
-        above=0,
-    )
-    before: float = setting(
-        0.05,
-        "Depth by which another person must be nearer to the camera to hide this one.",
-        unit="m",
-        least=0,
     )
 
 

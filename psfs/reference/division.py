@@ -1,4 +1,4 @@
-"""The NumPy twin of `psfs.people.division.Division`."""
+"""The NumPy twin of `psfs.voxels.division.Division`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from psfs.background.config import UNKNOWN
 from psfs.cameras.camera import CameraRig
-from psfs.people.config import DivisionConfig
+from psfs.voxels.config import DivisionConfig
 from psfs.voxels.grid import VoxelGrid
 
 

@@ -10,19 +10,17 @@ from pathlib import Path
 import numpy as np
 
 from apf.body import BodyModel
-from apf.cli.keypoints.flags import keypoints_path
 from apf.cli.takes.job import TrackJob
 from apf.cli.takes.take_report import Line
 from apf.filters.method import Method
 from apf.keypoints import Keypoints
-from apf.keypoints.matching import match_to_people
 from apf.report.judged import OVERLAY
 from apf.report.names import PAGE
 from apf.report.people_page import write_people_overlay, write_people_page
 from apf.tracking.people import MOST_PEOPLE, PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
-from psfs.cli.commandline import remark, stderr, stdout, warn
+from psfs.cli.commandline import stderr, stdout, warn
 from psfs.people.people import People, count_people, follow_people
 from psfs.people.separation import separate
 from psfs.sequence import Sequence
@@ -105,30 +103,7 @@ def find_persons(
     if len(people) < 2:
         return None
     stderr.print(f"{sequence.name}: {people.describe()}", soft_wrap=True, markup=False)
-    keypoints = _read_keypoints(args, session, people)
-    return Persons(people, separate(session, people, lambda: line("people")), keypoints)
-
-
-def _read_keypoints(
-    args: argparse.Namespace, session: Session, people: People
-) -> list[Keypoints] | None:
-    """Return the keypoints of --keypoints of each person; None without the flag. Raises InputError
-    if somebody has none."""
-    if args.keypoints is None:
-        return None
-    sequence = session.sequence
-    path = keypoints_path(args, sequence.folder)
-    found = match_to_people(Keypoints.open_people(path, sequence), people, session.rig)
-    for note in found[0].notes:
-        remark("note", "cyan", note)
-    shown = [int(np.isfinite(own.points).any((0, 2, 3)).sum()) for own in found]
-    if min(shown) == 0:
-        number = shown.index(0) + 1
-        raise InputError(
-            f"{path}: no keypoints lie on person {number} of {len(people)} that the voxels show; "
-            "expected some of each person, or --people 1"
-        )
-    return found
+    return Persons(people, separate(session, people, lambda: line("people")))
 
 
 def write_together(

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from apf.body import load_body
+from apf.body.spheres import ALONG
 from apf.reference.people import expect_spheres
-from apf.tracking.places import ALONG, SLOTS, Places
+from apf.tracking.places import SLOTS, Places
 from cl import Device
 
 

@@ -11,9 +11,9 @@ from helpers import scenes
 from cl import Array, Device, InputError
 from psfs.background.config import UNKNOWN
 from psfs.cameras.camera import CameraRig
-from psfs.people.config import DivisionConfig
-from psfs.people.division import Division
 from psfs.reference.division import divide_evidence, divide_voxels
+from psfs.voxels.config import DivisionConfig
+from psfs.voxels.division import Division
 from psfs.voxels.grid import VoxelGrid
 
 GRID = scenes.small_grid()

@@ -12,7 +12,7 @@ from cl.signature import Argument
 from cl.workgroups import pack_defines
 from psfs.background.config import UNKNOWN
 from psfs.cameras.camera import CameraRig
-from psfs.people.config import DivisionConfig
+from psfs.voxels.config import DivisionConfig
 from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
@@ -83,46 +83,61 @@ class Division:
         maps = Parts(device, n_people, voxels.evidence.shape, np.int8)
         parts = zip(lists.arrays, counts.arrays, maps.arrays, strict=True)
         self.persons = [PersonVoxels(voxels, *part) for part in parts]
-        seen = device.empty((len(rig), n_people * n_spheres, 4), np.float32, "the people's images")
-        boxes = device.empty((len(rig), n_people, 4), np.float32, "the people's boxes")
-        owners = device.empty(voxels.surface.shape, np.uint8, "the owners of voxels")
-        listed = {"indices": voxels.surface, "n_surface": voxels.count, "owners": owners}
         _, ny, nz = voxels.grid.shape
         lanes = 256 if device.is_gpu else 1
-        defines = {
+        self._defines: dict[str, int] = {
             **{"PEOPLE": n_people, "SPHERES": n_spheres, "NY": ny, "NZ": nz, **rig.defines},
             **{"LANES": lanes, "ROOM": lists.step, "UNKNOWN": UNKNOWN},
             **{"WIDTH": rig.width, "HEIGHT": rig.height},
             **pack_defines(device, 64),
         }
-        packs = -(-rig.width * rig.height // defines["PACK"])
-
-        def launch(name: str, size: tuple[int, ...], **arguments: Argument) -> Launch:
-            kernel = device.kernel("reconstruction/people", name, **defines)
-            group = (lanes,) if name == "list_voxels" else None
-            return device.launch(kernel, size, group, **arguments)
-
-        self._assign = launch(
+        self._device = device
+        owners = device.empty(voxels.surface.shape, np.uint8, "the owners of voxels")
+        listed = {"indices": voxels.surface, "n_surface": voxels.count, "owners": owners}
+        self._assign = self._launch(
             "assign_voxels", (65536 if device.is_gpu else 256,),
             spheres=self.spheres, geometry=self._geometry(), reach=config.reach**2, **listed,
         )  # fmt: skip
-        self._launches = [
-            self._assign,
-            launch(
-                "list_voxels", (n_people * lanes,),
-                step=counts.step, lists=lists.whole, counts=counts.whole, **listed,
-            ),
-            launch(
+        list_voxels = self._launch(
+            "list_voxels", (n_people * lanes,), (lanes,),
+            step=counts.step, lists=lists.whole, counts=counts.whole, **listed,
+        )  # fmt: skip
+        evidence = self._evidence_launches(rig, voxels.evidence, maps, config)
+        self._launches = [self._assign, list_voxels, *evidence]
+
+    def _evidence_launches(
+        self, rig: CameraRig, evidence: Array, maps: Parts, config: DivisionConfig
+    ) -> list[Launch]:
+        """Return the launches that divide the evidence into `maps`."""
+        n_people, n_spheres, _ = self.spheres.shape
+        images = {
+            "spheres": self.spheres,
+            "seen": self._device.empty((len(rig), n_people * n_spheres, 4), np.float32, "images"),
+            "boxes": self._device.empty((len(rig), n_people, 4), np.float32, "images' boxes"),
+        }
+        cameras = self._device.to_device(rig.packed(), "the cameras")
+        packs = -(-rig.width * rig.height // self._defines["PACK"])
+        return [
+            self._launch(
                 "project_spheres", (n_people, len(rig)),
-                cameras=device.to_device(rig.packed(), "the cameras"), reach=config.beside,
-                spheres=self.spheres, seen=seen, boxes=boxes,
+                cameras=cameras, reach=config.beside, **images,
             ),
-            launch(
+            self._launch(
                 "divide_evidence", (packs, len(rig)),
-                spheres=self.spheres, seen=seen, boxes=boxes, beside=config.beside**2,
-                before=config.before, step=maps.step, evidence=voxels.evidence, own=maps.whole,
+                beside=config.beside**2, before=config.before, step=maps.step, evidence=evidence,
+                own=maps.whole, **images,
             ),
         ]  # fmt: skip
+
+    def _launch(
+        self,
+        name: str,
+        size: tuple[int, ...],
+        group: tuple[int, ...] | None = None,
+        **arguments: Argument,
+    ) -> Launch:
+        kernel = self._device.kernel("reconstruction/people", name, **self._defines)
+        return self._device.launch(kernel, size, group, **arguments)
 
     def __call__(self) -> list[PersonVoxels]:
         """Enqueue the division of the latest frame; return each person's voxels."""
