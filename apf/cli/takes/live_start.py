@@ -21,6 +21,7 @@ from apf.live.sources import Replay, Source
 from cl import Device, InputError
 from psfs.cli.commandline import stderr, warn
 from psfs.cli.sequence_flags import collect_overrides, open_sequence, select_common_frames
+from psfs.people.config import PeopleConfig
 from psfs.people.people import count_people, follow_people
 from psfs.people.separation import join_session, separate
 from psfs.session import Session, SessionSettings
@@ -110,7 +111,7 @@ def _start_people(
         if number is not None:
             warn(f"{sequence.name}: --people is {number}; {people.describe()}")
         return None
-    grid = automatic_grid(join_session(session, people))
+    grid = automatic_grid(join_session(session, people, PeopleConfig().separation.margin))
     if args.init is not None:
         return grid, _read_starts(args, frames[0], number)
     return grid, _find_starts(args, session, frames, number, method)
