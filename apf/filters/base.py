@@ -174,27 +174,12 @@ class DeviceTracker(Tracker):
         queue = self.device.new_queue() if self.device.is_gpu else self.device.queue
         under_way: Callable[[], list[Estimate]] | None = None
         for observation in observations:
-            following = self.begin(self.likelihood.prepare(observation), queue)
+            (following,) = begin_searches([self], [self.likelihood.prepare(observation)], queue)
             if under_way is not None:
                 yield under_way()
             under_way = following
         if under_way is not None:
             yield under_way()
-
-    def begin(
-        self, show: Step, queue: Any, finish: Step | None = None
-    ) -> Callable[[], list[Estimate]]:
-        """Enqueue on `queue` the search of a frame that `likelihood.prepare` prepared and `show`
-        shows, and after it `finish`; return a function that waits for the search and returns each
-        run's estimate."""
-        with self.device.enqueue_on(queue) as own:
-            show()
-            self.device.make_wait(own)  # the next observation overwrites this one
-            following = self.begin_search()
-            if finish is not None:
-                finish()
-        self._streaming = queue
-        return following
 
     def observe(self, observation: Observation) -> None:
         """Enqueue the likelihood's preparation of a frame: the first half of `step`."""
@@ -209,12 +194,14 @@ class DeviceTracker(Tracker):
         """Return each run's estimate for what was observed, the second half of `step_runs`."""
         return self.begin_search()()
 
-    def begin_search(self) -> Callable[[], list[Estimate]]:
+    def begin_search(self, queue: Any = None) -> Callable[[], list[Estimate]]:
         """Enqueue the search; return a function that waits for it and returns each run's
-        estimate."""
+        estimate. queue: the queue that is enqueued on, if that is not the device's own."""
         for launch in self._layers[self._n_frames % 2]:
             launch()
         self._n_frames += 1
+        if queue is not None:
+            self._streaming = queue
         report, n_layers = self._download.fetch(), self.particles.config.n_layers
         return lambda: unpack_report(report(), self.body, self.particles.n_runs, n_layers)
 
@@ -271,6 +258,26 @@ class DeviceTracker(Tracker):
 
     def _search(self, source: int) -> Sequence[Step]:
         raise NotImplementedError
+
+
+def begin_searches(
+    trackers: Sequence[DeviceTracker],
+    shows: Sequence[Step],
+    queue: Any,
+    finish: Sequence[Step] = (),
+) -> list[Callable[[], list[Estimate]]]:
+    """Enqueue on `queue` the searches of the trackers of one device in the frame that each one's
+    `likelihood.prepare` prepared and `shows` show, and then `finish`; return, for each tracker, a
+    function that waits for its search and returns each run's estimate."""
+    device = trackers[0].device
+    with device.enqueue_on(queue) as own:
+        for show in shows:
+            show()
+        device.make_wait(own)  # the next observations overwrite these
+        searches = [tracker.begin_search(queue) for tracker in trackers]
+        for step in finish:
+            step()
+    return searches
 
 
 def check_pose(body: BodyModel, pose: np.ndarray) -> np.ndarray:

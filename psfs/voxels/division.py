@@ -134,6 +134,7 @@ class Division:
         name: str,
         size: tuple[int, ...],
         group: tuple[int, ...] | None = None,
+        /,
         **arguments: Argument,
     ) -> Launch:
         kernel = self._device.kernel("reconstruction/people", name, **self._defines)

@@ -71,7 +71,7 @@ def _run(args: argparse.Namespace) -> None:
     distinct = 4 if args.quick else _DISTINCT
     for place in places():
         for number in numbers:
-            measure = partial(streamed, place, number, distinct, frames, repetitions)
+            measure = partial(measure_stream, place, number, distinct, frames, repetitions)
             results.plan(f"{number} people, {place.label}", measure)
     results.measure()
     print_report(results)
@@ -89,7 +89,7 @@ def make_crowd(device: Device, number: int, frames: int) -> Crowd:
     return Crowd(scene, bodies, poses)
 
 
-def streamed(
+def measure_stream(
     place: Place, number: int, distinct: int, frames: int, repetitions: int
 ) -> dict[str, Any]:
     """Return ms from poses to poses of streamed runs, and of a frame after the other; the mean

@@ -58,8 +58,8 @@ def start_replay(
     if number != 1:
         everybody = _start_people(args, session, frames, number, method)
         if everybody is not None:
-            grid, given = everybody
-            return Replay(sequence, frames), LiveStart(grid, *given[0], tuple(given[1:]))
+            room, given = everybody
+            return Replay(sequence, frames), LiveStart(room, *given[0], tuple(given[1:]))
     one = read_given_start(sequence.folder, frames[0], args.body, args.init, args.convention)
     grid = None
     if method.uses_voxels or one is None:
