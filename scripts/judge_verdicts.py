@@ -72,11 +72,13 @@ class Job:
         return f"{self.sequence}.{self.by}.{self.how.replace(' ', '_')}.{self.seed}"
 
 
-def plan(folder: Path, seed: int) -> list[Job]:
-    """Return the jobs: all sequences with truth of one person, sound ones first."""
+def plan(folder: Path, seed: int, chosen: list[str] | None = None) -> list[Job]:
+    """Return the jobs in random order: all sequences with truth of one person, spoilt in all ways or
+    the chosen ones."""
     names = sorted(path.parent.name for path in folder.glob("*/truth.npz"))
     names = [name for name in names if not list(folder.glob(f"{name}/truth_person*.npz"))]
     ways = [*(("voxels", how) for how in FOOTAGE), *(("keypoints", how) for how in KEYPOINTS)]
+    ways = [way for way in ways if chosen is None or way[1] in chosen]
     jobs = [Job(name, by, how, seed) for by, how in ways for name in names]
     random.Random(1 + seed).shuffle(jobs)  # so that a part of them is a fair sample
     return jobs
@@ -144,7 +146,10 @@ def main() -> int:
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("-o", "--out", type=Path, default=Path("verdicts"), metavar="OUT")
     parser.add_argument("--part", default="0/1", metavar="K/N", help="every Nth job, from the Kth")
-    parser.add_argument("--seed", type=int, default=0, help="of spoiling and search; chooses frames")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of spoiling and search; chooses frames"
+    )
+    parser.add_argument("--ways", nargs="+", metavar="WAY", help="see FOOTAGE and KEYPOINTS")
     parser.add_argument("--backward", action="store_true", help="the last jobs first")
     parser.add_argument("--frames", type=int, default=40, metavar="N")
     parser.add_argument(
@@ -176,7 +181,7 @@ def _run(args: argparse.Namespace) -> None:
     began = time.monotonic()
     part, n_parts = map(int, args.part.split("/"))
     device = select_device(args.device)
-    jobs = plan(args.folder, args.seed)[part::n_parts]
+    jobs = plan(args.folder, args.seed, args.ways)[part::n_parts]
     for job in reversed(jobs) if args.backward else jobs:
         if time.monotonic() - began > args.seconds:
             break

@@ -111,7 +111,7 @@ def spoil_keypoints(keypoints: Keypoints, rig: CameraRig, how: str, seed: int) -
         begin = points.shape[1] // 3
         points[view, begin:] = points[view, begin]
     elif how == "aside":
-        points[view, ..., 0] += _ASIDE * sizes[view, 0, 1]
+        points[view, ..., 0] += _ASIDE * sizes[view, 0, 0, 1]
     elif how == "coarse":
         points[..., :2] += random.normal(0, 1, points[..., :2].shape) * _COARSE * sizes[..., 1:]
     return replace(keypoints, points=points)
