@@ -73,8 +73,8 @@ class Job:
 
 
 def plan(folder: Path, seed: int, chosen: list[str] | None = None) -> list[Job]:
-    """Return the jobs in random order: all sequences with truth of one person, spoilt in all ways or
-    the chosen ones."""
+    """Return the jobs in random order: all sequences with truth of one person, spoilt in all ways
+    or the chosen ones."""
     names = sorted(path.parent.name for path in folder.glob("*/truth.npz"))
     names = [name for name in names if not list(folder.glob(f"{name}/truth_person*.npz"))]
     ways = [*(("voxels", how) for how in FOOTAGE), *(("keypoints", how) for how in KEYPOINTS)]
@@ -146,9 +146,7 @@ def main() -> int:
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("-o", "--out", type=Path, default=Path("verdicts"), metavar="OUT")
     parser.add_argument("--part", default="0/1", metavar="K/N", help="every Nth job, from the Kth")
-    parser.add_argument(
-        "--seed", type=int, default=0, help="of spoiling and search; chooses frames"
-    )
+    parser.add_argument("--seed", type=int, default=0, help="of spoiling, search and frames")
     parser.add_argument("--ways", nargs="+", metavar="WAY", help="see FOOTAGE and KEYPOINTS")
     parser.add_argument("--backward", action="store_true", help="the last jobs first")
     parser.add_argument("--frames", type=int, default=40, metavar="N")

@@ -3,8 +3,8 @@ nothing may be left behind, neither beside the results nor in the temporary dire
 
     python scripts/kill_runs.py [--kills 20] [--seed 1] [--commands reconstruct convert ...]
 
-With `--interrupt` the commands are interrupted as by Ctrl-C instead: besides, they must end with exit
-code 130 (or 0, if they were done) and one line without a traceback.
+With `--interrupt` the commands are interrupted as by Ctrl-C instead: besides, they must end with
+exit code 130 (or 0, if they were done) and one line without a traceback.
 """
 
 from __future__ import annotations

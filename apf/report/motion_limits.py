@@ -1,11 +1,11 @@
-"""Motion that no person makes: walking backward, falling faster than gravity, steps that are too fast
-for the legs.
+"""Motion that people do not make: long walks backward, falls faster than gravity's, steps that are
+too fast for the legs.
 
 The first comes from a start that faced the wrong way, the others from a frame rate that is stated
 too high. The ground pushes and does not pull, so the centre of mass accelerates downward by at most
-g; at twice the rate accelerations are four times as high. Legs swing as pendulums: people walk and
-jog with f sqrt(L / g) = 0.5 to 1 steps (Alexander 1989, "Optimization and gaits in the locomotion of
-vertebrates"), from a slow walk to a run of v^2 / (g L) = 3.
+g; at twice the rate accelerations are four times as high. Legs swing as pendulums: from a slow walk
+to a run of v^2 / (g L) = 3 people take f = 0.4 to 1.0 sqrt(g / L) steps per second (Alexander 1989,
+"Optimization and gaits in the locomotion of vertebrates").
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ def _find_backward_walk(
     if backward < config.backward_path or backward < config.backward_share * total:
         return None
     return (
-        f"the person walks backward ({backward:.1f} m of {total:.1f} m); expected somebody who faces "
-        "where they go: if they did, the start faced the wrong way"
+        f"the person walks backward ({backward:.1f} m of {total:.1f} m); expected somebody who "
+        "faces where they go: if they did, the start faced the wrong way"
     )
 
 
@@ -86,8 +86,8 @@ def _find_fast_fall(track: Track, place: dict[str, np.ndarray], config: MotionCo
     if greatest < config.fall * _GRAVITY:
         return None
     return (
-        f"the body accelerates downward by {greatest / _GRAVITY:.1f} times gravity; expected at most "
-        f"1: {track.fps:g} frames per second may be too high"
+        f"the body accelerates downward by {greatest / _GRAVITY:.1f} times gravity; expected at "
+        f"most 1: {track.fps:g} frames per second may be too high"
     )
 
 

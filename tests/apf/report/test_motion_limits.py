@@ -26,8 +26,8 @@ def walk() -> Track:
 
 
 def jumper(rate: float) -> Track:
-    """A track whose whole body is thrown 0.4 m up and falls by gravity, once a second, and is stated
-    `rate` times too fast."""
+    """A track whose whole body is thrown 0.4 m up and falls, once a second; its frames per second
+    are stated `rate` times too high."""
     track = strider(180)
     flight = np.sqrt(8 * 0.4 / 9.81)
     since = np.clip(track.times % 1.0, 0, flight)
