@@ -98,7 +98,7 @@ def find_flipped_cameras(
     tried: dict[tuple[Way, int], tuple[float, float]] = {}
     for way in ways:
         for view in views if len(views) > 2 else ():
-            found = tangency.compare(**{way: [view]})
+            found = tangency.compare(**{way: [view]}, base=present)
             if present.cameras[view] - found.cameras[view] > _FLIP_GAIN:
                 tried[way, view] = found.cameras[view] / present.cameras[view], found.cost
     known = {flip: of for flip, of in tried.items() if np.isfinite(of).all()}
