@@ -45,7 +45,7 @@ _SIZE = ["--cameras", "4", "--frames", "20", "--size", "96x72"]
 _PATIENCE = 10.0
 
 
-def commands(work: Path) -> dict[str, list[str]]:
+def list_commands(work: Path) -> dict[str, list[str]]:
     """Return the commands by name; each writes to a folder of its name."""
     seq, truth = str(work / "sequence"), str(work / "sequence/truth.npz")
     small = ["--all-cameras", "--voxel-size", "0.06"]
@@ -70,11 +70,11 @@ def commands(work: Path) -> dict[str, list[str]]:
 
 def make_inputs(work: Path, names: list[str]) -> None:
     """Make the footage, and the track, that the commands read."""
-    done(["apf", "synth", "-o", str(work / "sequence"), *_SIZE], work)
+    run_whole(["apf", "synth", "-o", str(work / "sequence"), *_SIZE], work)
     if "batch" in names:
         shutil.copytree(work / "sequence", work / "other")
     if {"smooth", "export"} & {*names}:
-        done(commands(work)["track"], work)
+        run_whole(list_commands(work)["track"], work)
     if "calibrate" in names:
         cameras, rng = made.ring(size=(160, 120), focal=126.0), np.random.default_rng(2)
         points = np.array([[0, 0, 0], [0.5, 0, 0]])
@@ -116,7 +116,7 @@ def check(out: Path) -> int:
     return count
 
 
-def started(words: list[str], work: Path) -> subprocess.Popen:
+def start(words: list[str], work: Path) -> subprocess.Popen:
     temporary = work / "temporary"
     temporary.mkdir(exist_ok=True)
     return subprocess.Popen(
@@ -127,23 +127,23 @@ def started(words: list[str], work: Path) -> subprocess.Popen:
     )  # fmt: skip
 
 
-def done(words: list[str], work: Path) -> float:
+def run_whole(words: list[str], work: Path) -> float:
     """Run to the end and return the seconds that it took."""
     began = time.perf_counter()
-    process = started(words, work)
+    process = start(words, work)
     _, stderr = process.communicate()
     if process.returncode:
         raise SystemExit(f"{' '.join(words)}: exit code {process.returncode}: {stderr.decode()}")
     return time.perf_counter() - began
 
 
-def leftovers(work: Path) -> list[str]:
+def find_leftovers(work: Path) -> list[str]:
     """Return hidden files anywhere, and all that lies in the temporary directory."""
     found = {*work.rglob(".psfs-*"), *(work / "temporary").iterdir()}
     return sorted(str(path.relative_to(work)) for path in found)
 
 
-def state(out: Path) -> int:
+def read_state(out: Path) -> int:
     """Return what changes when a run begins to write its folder."""
     manifest = out / "manifest.txt"
     return manifest.stat().st_mtime_ns if manifest.exists() else 0
@@ -170,23 +170,23 @@ def stop(process: subprocess.Popen, interrupt: bool) -> str:
 
 def try_command(name: str, work: Path, moments: list[float], interrupt: bool) -> dict[str, object]:
     """Stop a command at `moments`, shares of the time that it takes, then run it to the end."""
-    words, out = commands(work)[name], work / name
-    seconds = done(words, work)
+    words, out = list_commands(work)[name], work / name
+    seconds = run_whole(words, work)
     hits, wrong = 0, []
     for share in moments:
         if interrupt:
             shutil.rmtree(out)  # or a second batch has nothing to start workers for
-        before = state(out)
-        process = started(words, work)
+        before = read_state(out)
+        process = start(words, work)
         time.sleep(share * seconds)
         if process.poll() is None:
             fault = stop(process, interrupt)
             wrong += [f"at {share * seconds:.2f} s: {fault}"] if fault else []
-            hits += bool(leftovers(work)) or state(out) != before
+            hits += bool(find_leftovers(work)) or read_state(out) != before
         else:
             process.communicate()
         check(out)
-    done(words, work)
+    run_whole(words, work)
     return {
         "command": name,
         "seconds": round(seconds, 1),
@@ -195,13 +195,13 @@ def try_command(name: str, work: Path, moments: list[float], interrupt: bool) ->
         "wrong": wrong,
         "files": check(out),
         "whole": find_unfinished_command(out) is None,
-        "left behind": leftovers(work),
+        "left behind": find_leftovers(work),
     }
 
 
 def main() -> None:
     work = Path(tempfile.mkdtemp(prefix="kill_runs"))
-    names = list(commands(work))
+    names = list(list_commands(work))
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)

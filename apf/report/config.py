@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, fraction, nonnegative, positive, setting
 
 
 class QualityConfig(Config):
@@ -19,58 +19,41 @@ class QualityConfig(Config):
         above=0,
         below=1,
     )
-    halved: float = setting(
+    halved: float = positive(
         0.1,
         "Standard deviation of a limb's end that halves its confidence.",
         "half of the error from which `apf evaluate` counts a limb as lost",
         unit="m",
-        above=0,
     )
     steepness: float = setting(
         4.0, "Power of that deviation by which the confidence falls.", above=0, most=100
     )
-    explained: float = setting(
+    explained: float = fraction(
         0.9,
         "Share of surface voxels near the body below which a frame should be checked.",
         "an arm is more than the rest; hulls of few cameras leave up to 0.06 without a fault",
-        least=0,
-        most=1,
     )
-    near: float = setting(
+    near: float = fraction(
         0.88,
         "Share of keypoints near their points on the body below which a frame should be checked.",
         "sound keypoints: 0.92 and more; left and right exchanged in one camera of five: 0.86",
-        least=0,
-        most=1,
     )
-    good: float = setting(
-        0.02, "Greatest share of doubtful frames of a good track.", least=0, most=1
+    good: float = fraction(0.02, "Greatest share of doubtful frames of a good track.")
+    bad: float = fraction(0.25, "Least share of doubtful frames of a bad track.")
+    doubtful_parts: float = fraction(
+        0.1, "Least share of doubtful parts that confirms, with `overlap`, that a track is bad."
     )
-    bad: float = setting(0.25, "Least share of doubtful frames of a bad track.", least=0, most=1)
-    doubtful_parts: float = setting(
-        0.1,
-        "Least share of doubtful parts that confirms, with `overlap`, that a track is bad.",
-        least=0,
-        most=1,
-    )
-    overlap: float = setting(
+    overlap: float = nonnegative(
         0.76,
         "Overlap of body and silhouettes, as a share of that of the voxels, below which they do "
         "not fit.",
         "right tracks: 0.80 and more, in a skirt 0.75",
-        least=0,
     )
-    away: float = setting(
-        0.5,
-        "Share of frames with voxels away from the body that confirms that a track is bad.",
-        least=0,
-        most=1,
+    away: float = fraction(
+        0.5, "Share of frames with voxels away from the body that confirms that a track is bad."
     )
-    fitting: float = setting(
-        0.25,
-        "Share of keypoints near the body below which a track is certainly bad.",
-        least=0,
-        most=1,
+    fitting: float = fraction(
+        0.25, "Share of keypoints near the body below which a track is certainly bad."
     )
 
 
@@ -79,21 +62,18 @@ class MotionConfig(Config):
 
     SOURCE: ClassVar = "by hand, on the true motion of the sequences at hand"
 
-    lost: float = setting(
-        0.1, "Share of frames with a lost person from which nothing is judged.", least=0, most=1
+    lost: float = fraction(0.1, "Share of frames with a lost person from which nothing is judged.")
+    walk_speed: float = positive(
+        0.4, "Least speed of the pelvis that counts as walking.", unit="m/s"
     )
-    walk_speed: float = setting(
-        0.4, "Least speed of the pelvis that counts as walking.", unit="m/s", above=0
-    )
-    backward_path: float = setting(
+    backward_path: float = positive(
         0.6,
         "Least path of a walk backward.",
         "a lunge goes back by 0.54; 40 frames of a walk at 60 frames/s by 0.9",
         "m",
-        above=0,
     )
-    backward_share: float = setting(
-        0.75, "Least share of it in all that is walked; in lunges 0.3.", least=0, most=1
+    backward_share: float = fraction(
+        0.75, "Least share of it in all that is walked; in lunges 0.3."
     )
     fall: float = setting(
         1.5,
@@ -101,30 +81,25 @@ class MotionConfig(Config):
         "1 for a point mass; a kick, whose mass is estimated, reaches 1.25",
         above=1,
     )
-    window: float = setting(
+    window: float = positive(
         0.05,
         "Standard deviation of the filter of joints, velocities and accelerations.",
         unit="s",
-        above=0,
     )
     fall_share: float = setting(
         0.05, "Share of the frames in which it must be as high.", above=0, most=1
     )
-    fast_steps: float = setting(
+    fast_steps: float = positive(
         1.1,
         "Most steps, times sqrt(leg / g), of a quick walk or a run.",
         "walks 0.4 to 0.6, a run 0.7; twice as fast 1.14 and 1.41",
-        above=0,
     )
-    most_steps: float = setting(
-        1.5, "Most steps, times sqrt(leg / g), at any speed.", "a dance reaches 1.0", above=0
+    most_steps: float = positive(
+        1.5, "Most steps, times sqrt(leg / g), at any speed.", "a dance reaches 1.0"
     )
-    walks_on: float = setting(
+    walks_on: float = positive(
         0.5,
         "Froude number from which people run rather than walk.",
         "Alexander 1989",
-        above=0,
     )
-    sprints: float = setting(
-        3.0, "Froude number from which people sprint, with quicker steps.", above=0
-    )
+    sprints: float = positive(3.0, "Froude number from which people sprint, with quicker steps.")
