@@ -207,13 +207,14 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--commands", nargs="+", default=names, choices=names, metavar="NAME")
     parser.add_argument("--interrupt", action="store_true", help="as Ctrl-C does")
+    parser.add_argument("--since", type=float, default=0.05, help="share of the time that it takes")
     parser.add_argument("--until", type=float, default=1.0, help="share of the time that it takes")
     args = parser.parse_args()
     rng = random.Random(args.seed)
     try:
         make_inputs(work, args.commands)
         for name in args.commands:
-            moments = [rng.uniform(0.05, args.until) for _ in range(args.kills)]
+            moments = [rng.uniform(args.since, args.until) for _ in range(args.kills)]
             found = try_command(name, work, moments, args.interrupt)
             print("; ".join(f"{key}: {value}" for key, value in found.items()), flush=True)
     finally:
