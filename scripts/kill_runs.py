@@ -175,7 +175,9 @@ def try_command(name: str, work: Path, moments: list[float], interrupt: bool) ->
     hits, wrong = 0, []
     for share in moments:
         if interrupt:
-            shutil.rmtree(out)  # or a second batch has nothing to start workers for
+            shutil.rmtree(
+                out, ignore_errors=True
+            )  # or a second batch has nothing to start workers for
         before = read_state(out)
         process = start(words, work)
         time.sleep(share * seconds)
