@@ -56,7 +56,7 @@ def _record() -> Iterator[None]:
         return compiled(device, source, name, file, **defines)
 
     with pytest.MonkeyPatch.context() as patch, parity.launched() as names:
-        patch.setattr(Device, "compiled", recording)
+        patch.setattr(Device, compiled.__name__, recording)
         patch.setattr(pyopencl, "enqueue_fill_buffer", fill_by_copy)
         yield
     _write({"programs": sorted(programs), "launched": sorted(names)})
