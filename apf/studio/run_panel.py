@@ -161,10 +161,10 @@ class RunPanel:
                 self._show(work.output)
             time.sleep(_INTERVAL)
         self._tell(work)
-        self.progress.visible = self.cancel_button.visible = False
-        self.start_button.disabled = self._sequence is None
         if (work.output / "track.npz").exists() or shown:
             self._show(work.output)
+        self.progress.visible = self.cancel_button.visible = False
+        self.start_button.disabled = self._sequence is None
 
     def _tell(self, work: Work) -> None:
         self.progress.value = min(100.0, 100.0 * work.count_frames() / max(1, work.n_frames))
