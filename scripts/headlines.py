@@ -3,7 +3,6 @@ scripts/headlines.py`."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from timings.tables.whole import columns, median_ms, papers, streams
 
 _ROOT = Path(__file__).parents[1]
 _RESULTS = _ROOT / "scripts" / "results"
-#: What is special about the sequences of hard.json.
+#: What is special about the sequences outside a laboratory.
 _HARD = {
     "hard_chair_6cam": "furniture hides the person",
     "hard_light_6cam": "light that changes",
@@ -30,28 +29,37 @@ _HARD = {
 
 def accuracy_table() -> str:
     """Return Markdown: mean errors with an automatic start."""
-    results = Results.read(_RESULTS / "accuracy" / "suite" / "results.json")
-    settings = dict.fromkeys(run.setting for run in results.runs if not run.setting.preset)
-    rows = [r for r in suite_rows(results, list(settings), lambda _: np.nan) if r.start != "true"]
+    laboratory, rows = _read_rows("suite")
     own = [row for row in rows if row.observations == "voxels"]
     both = [row for row in rows if row.observations == "both"]
     cells = [
         _row(f"laboratory, {len(own)} sequences", [row.mean for row in own], own),
         _row("the same, with keypoints of a network, 12 joints", [r.limbs for r in both], both),
     ]
-    hard = json.loads((_RESULTS / "hard.json").read_text())
+    hard, rows = _read_rows("hard")
+    others = {row.sequence: row for row in rows if row.observations == "voxels"}
     for name, what in _HARD.items():
-        errors = [run["mean_mm"] for run in hard["runs"][name]]
-        cells.append([what, name.rsplit("_", 1)[1].removesuffix("cam"), f"{np.mean(errors):.0f}"])
+        cells.append([what, str(others[name].cameras), f"{others[name].mean:.0f}"])
     about = (
-        f"Synthetic people with exact truth. Laboratory: {own[0].runs} seeds, "
-        f"{results.conditions['device']}, {results.made}, {results.conditions['commit']}; the "
-        f"others: {len(errors)} seeds, {hard['device'].split(',')[0]}, {hard['made']}, "
-        f"{hard['commit']}."
+        f"Synthetic people with exact truth. Laboratory: {_describe_runs(laboratory, own)}; the "
+        f"others: {_describe_runs(hard, list(others.values()))}."
     )
     return Grid(
         "Mean error of the joints", ["footage", "cameras", "mean error, mm"], cells, about
     ).markdown()
+
+
+def _read_rows(suite: str) -> tuple[Results, list[Row]]:
+    """Return the results of a suite and its rows of the defaults from an automatic start."""
+    results = Results.read(_RESULTS / "accuracy" / suite / "results.json")
+    settings = dict.fromkeys(run.setting for run in results.runs if not run.setting.preset)
+    rows = suite_rows(results, list(settings), lambda _: np.nan)
+    return results, [row for row in rows if row.start != "true"]
+
+
+def _describe_runs(results: Results, rows: list[Row]) -> str:
+    conditions = results.conditions
+    return f"{rows[0].runs} seeds, {conditions['device']}, {results.made}, {conditions['commit']}"
 
 
 def _row(what: str, errors: list[float], rows: list[Row]) -> list[str]:

@@ -27,28 +27,39 @@ def suite_headline(results: Results) -> str:
     for name, own in sorted(voxels.items()):
         by = {row.observations: row for row in rows if row.sequence == name}
         shown = [f"{by[w].limbs:.1f}" if w in by else NONE for w in kinds]
-        cells.append([name, str(own.cameras), f"{own.mean:.1f} ± {own.std:.1f}", *shown])
+        cells.append(
+            [name, str(own.cameras), f"{own.mean:.1f} ± {own.std:.1f}", *_spread(own), *shown]
+        )
     own = list(voxels.values())
     means = [np.mean([r.limbs for r in rows if r.observations == w]) for w in kinds]
     mean = f"{np.mean([row.mean for row in own]):.1f}"
-    cells.append(["mean", "", mean, *(f"{value:.1f}" for value in means)])
-    columns = ["sequence", "cameras", "15 joints: voxels", *(f"12 joints: {w}" for w in kinds)]
+    cells.append(["mean", "", mean, *_spread(*own), *(f"{value:.1f}" for value in means)])
+    columns = ["sequence", "cameras", "15 joints: voxels", "offset-free", "beyond 150 mm"]
+    columns += [f"12 joints: {w}" for w in kinds]
     about = (
         f"{own[0].runs} seeds, from a start of their own; "
         f"{results.conditions['device']}, {results.made}, commit "
-        f"{results.conditions['commit'] or 'unknown'}. Keypoints are of a pose network; "
-        "triangulation has nothing else, both: voxels and keypoints."
+        f"{results.conditions['commit'] or 'unknown'}. Offset-free: without the offset that a "
+        "joint keeps in the body's own frame. Triangulation has keypoints alone, both: voxels and "
+        "keypoints."
     )
     return Grid("Mean error, mm", columns, cells, about).markdown()
 
 
+def _spread(*rows: Row) -> list[str]:
+    """Return the cells of the mean offset-free error, mm, and of joint-frames beyond 150 mm."""
+    far = 100 * np.mean([row.lost_joints for row in rows])
+    return [f"{np.mean([row.rest for row in rows]):.1f}", f"{far:.1f} %"]
+
+
 def publish_suite(root: Path, results: Results) -> None:
-    """Write the first table of docs/accuracy.md. For a suite of presets only, write that of the
-    presets, beside the defaults in the neighbouring folder `suite`; of presets that start from the
-    true joints only, that of docs/papers.md."""
+    """Write the table of docs/accuracy.md that has the name of the results' folder, `suite` or
+    `hard`. For a suite of presets only, write that of the presets, beside the defaults in the
+    neighbouring folder `suite`; of presets that start from the true joints only, that of
+    docs/papers.md."""
     page = root / "docs" / "accuracy.md"
     if any(not run.setting.preset for run in results.runs):
-        replace_marked(page, "suite", suite_headline(results))
+        replace_marked(page, results.path.parent.name, suite_headline(results))
         return
     if all(run.setting.start in _TRUE_STARTS for run in results.runs):
         replace_marked(root / "docs" / "papers.md", "trial", trial_headline(results))
