@@ -269,7 +269,8 @@ def test_the_report(tmp_path: Path) -> None:
         "50.0 | 15.0 | 12.5 % | 70 | 2/3 | 2.0 % | 0.900 | 50 % | 88 % | 3.9 % | 95 % |" in text
     )
     shown = suite_headline(results)
-    assert "| walk | 4 | 42.0 ± 2.8 | 20.0 | 25.0 % | 41.0 |" in shown and "| mean |  | 51.0 |" in shown
+    assert "| walk | 4 | 42.0 ± 2.8 | 20.0 | 25.0 % | 41.0 |" in shown
+    assert "| mean |  | 51.0 | 20.0 |" in shown
     with pytest.raises(InputError, match="no runs of a suite"):
         suite_headline(Results(tmp_path / "none.json", results.conditions))
     write_suite(tmp_path, results, rows)
