@@ -25,7 +25,8 @@ _REACH_FLOATS = 8
 class Bricks:
     """Inputs that the occupancy kernels of one grid share: maps, tables, tiles and definitions.
 
-    evidence: (V, H, W) int8 in counts of `step` nats. A call enqueues the computation of the tiles:
+    evidence: (V, H, W) int8 in counts of `step` nats. body: a tracked body by
+    `psfs.voxels.body_prior.pack_body`, if there is one. A call enqueues the computation of the tiles:
     least and greatest evidence count of each.
     """
 
@@ -37,9 +38,12 @@ class Bricks:
         evidence: Array,
         step: float,
         config: OccupancyConfig | None = None,
+        *,
+        body: Array | None = None,
     ) -> None:
         check_size(grid)
         config = config or OccupancyConfig()
+        self.body = body
         self.device, self.shape, self.evidence = device, grid.shape, evidence
         self.closed_surface = config.closed_surface
         views, width, height = len(rig), rig.width, rig.height
@@ -52,6 +56,7 @@ class Bricks:
             "THRESHOLD": float(config.threshold),
             "FACES": int(config.smoothing == "faces"),
             "UNKNOWN": UNKNOWN,
+            "BODY": int(body is not None),
             "FIND_LANES": 32 if device.is_gpu else 1,
             "TILE_LANES": 16 if device.is_gpu else 1,
             **rig.defines,
@@ -87,7 +92,7 @@ class Bricks:
         )
 
     @property
-    def inputs(self) -> dict[str, Array]:
+    def inputs(self) -> dict[str, Array | None]:
         """The arrays that all occupancy kernels read besides the evidence, by the names of the
         kernels' arguments."""
         return {
@@ -96,6 +101,7 @@ class Bricks:
             "tiles": self.tiles,
             "table": self.table,
             "geometry": self.geometry,
+            "body": self.body,
         }
 
     def move_to(self, grid: VoxelGrid) -> None:

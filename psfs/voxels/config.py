@@ -17,6 +17,14 @@ class OccupancyConfig(Config):
     prior: float = setting(
         0.5, "Prior probability P(V = 1) that a voxel is occupied.", "even odds", above=0, below=1
     )
+    camera_odds: float = setting(
+        0.0,
+        "Log odds by which a voxel is less likely for each camera of the rig beyond four, whose "
+        "errors add up.",
+        "trial",
+        "nats",
+        least=0,
+    )
     smoothing: Literal["faces", "cube"] = setting(
         "faces",
         "The voxels whose mean probability is a voxel's: itself and its six neighbours, or a cube "
@@ -61,16 +69,59 @@ class OccupancyConfig(Config):
             return self.min_cameras
         return required_cameras(n_cameras, self.camera_share, self.least_cameras)
 
+    def prior_log_odds(self, n_cameras: int) -> float:
+        """Return the log odds of a voxel before any picture, nats."""
+        import math
+
+        logit = math.log(self.prior / (1 - self.prior))
+        return logit - self.camera_odds * max(0, n_cameras - 4)
+
     def probabilities(self, n_cameras: int, step: float) -> np.ndarray:
         """Return the occupancy for every sum of evidence counts from -127 V to 127 V, (254 V + 1,).
 
-        Entry s + 127 V is 1 / (1 + exp(-(logit(prior) + s step))): Song et al. eq. (3).
+        Entry s + 127 V is 1 / (1 + exp(-(prior_log_odds + s step))): Song et al. eq. (3).
         """
         import numpy as np
 
         counts = np.arange(-127 * n_cameras, 127 * n_cameras + 1)
-        logit = np.log(self.prior / (1 - self.prior))
+        logit = self.prior_log_odds(n_cameras)
         return np.asarray(1 / (1 + np.exp(-(logit + counts * step))))
+
+
+class BodyPriorConfig(Config):
+    """A tracked body as a prior of the voxels' occupancy, see `psfs reconstruct --track`: its log
+    odds fall linearly between the two bounds."""
+
+    SOURCE: ClassVar = (
+        "tried on pickup, kick and walk with 8 cameras, with true masks: docs/lab/accuracy.md"
+    )
+
+    inside: float = setting(
+        5.0, "Log odds that a voxel in the body's cones is occupied.", unit="nats", least=0
+    )
+    outside: float = setting(
+        -2.0,
+        "Log odds that a voxel outside of them is; 0 in a frame in which a limb is lost.",
+        unit="nats",
+        most=0,
+    )
+    depth: float = setting(
+        0.02, "Depth below the cones' surface from which a voxel is inside.", unit="m", above=0
+    )
+    distance: float = setting(
+        0.02, "Distance from their surface beyond which it is outside.", unit="m", above=0
+    )
+    samples: int = setting(
+        5, "Number of frames in which the track is compared with the silhouettes.", least=1
+    )
+    least_agreement: float = setting(
+        0.4,
+        "Least share of the body's axes that lies on silhouettes; below it, the track is of "
+        "another take.",
+        "by hand",
+        least=0,
+        most=1,
+    )
 
 
 class ColourConfig(Config):
@@ -197,5 +248,6 @@ class ReconstructionConfig(Config):
 
     silhouette: SilhouetteConfig = part(SilhouetteConfig, "From pictures to silhouettes.")
     occupancy: OccupancyConfig = part(OccupancyConfig, "From silhouettes to voxels.")
+    body: BodyPriorConfig = part(BodyPriorConfig, "From a track to voxels.")
     colour: ColourConfig = part(ColourConfig, "From pictures to the voxels' colours.")
     volume: VolumeConfig = part(VolumeConfig, "How the volume is found, see `psfs.volume`.")
