@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""A copy of a sequence in which one camera is blind for a colour: its room is painted with the shirt's.
+"""A copy of a sequence in which one camera's room is painted with the colour of the shirt.
 
     scripts/blind_camera.py FOLDER -o OUT [--camera cam01]
 
-The room of the painted camera keeps its noise, light and shadows: every pixel that is not the person's
-differs from the painted background as it did from the true one. The person is what the untouched
-sequence's silhouettes and true masks show. All other files are links to those of FOLDER.
+That room keeps its noise, light and shadows: every pixel that is not the person's differs from
+the painted background as it did from the true one. The person is what the untouched sequence's
+silhouettes and true masks show. All other files are links to those of FOLDER.
 """
 
 from __future__ import annotations

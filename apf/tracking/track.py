@@ -75,8 +75,8 @@ class Track:
     person's size; None if an older file does not hold it. Raises InputError if shapes disagree.
 
     A `track.npz` has a key for each field by its name, the body as TOML, `cones` (F, C, 16) of that
-    body in the world (see `psfs.common.cones`; NaN where the person or the limb is lost), and `diagnostic_<name>`
-    for each of the diagnostics. ess, beta, best_log_weight (F, n_layers): effective sample size,
+    body in the world (see `psfs.common.cones`; NaN where the person or the limb is lost), and
+    `diagnostic_<name>` for each of the diagnostics. ess, beta, best_log_weight (F, n_layers): effective sample size,
     annealing exponent, and log weight of the best particle at exponent 1. deviation (F, D):
     standard deviation of the particles, rad or m. misfit (F,): see `apf.likelihood.base`. restart
     (F,): 0 tracked, 1 found near the last good pose, 2 found by a global search. limb_margin,

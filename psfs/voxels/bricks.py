@@ -26,8 +26,8 @@ class Bricks:
     """Inputs that the occupancy kernels of one grid share: maps, tables, tiles and definitions.
 
     evidence: (V, H, W) int8 in counts of `step` nats. body: a tracked body by
-    `psfs.voxels.body_prior.pack_body`, if there is one. A call enqueues the computation of the tiles:
-    least and greatest evidence count of each.
+    `psfs.voxels.body_prior.pack_body`, if there is one. A call enqueues the computation of the
+    tiles: least and greatest evidence count of each.
     """
 
     def __init__(
