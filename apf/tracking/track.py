@@ -78,10 +78,11 @@ class Track:
     body in the world (see `psfs.common.cones`; NaN where the person or the limb is lost), and
     `diagnostic_<name>` for each of the diagnostics. ess, beta, best_log_weight (F, n_layers):
     effective sample size, annealing exponent, and log weight of the best particle at exponent 1.
-    deviation (F, D): standard deviation of the particles, rad or m. misfit (F,): see `apf.likelihood.base`. restart
-    (F,): 0 tracked, 1 found near the last good pose, 2 found by a global search. limb_margin,
-    limb_disagreement (F, L): the inputs of `limb_confidence`; the latter exists if several passes
-    were compared. confidence, lost, covariance, standing, limb_confidence: see the properties.
+    deviation (F, D): standard deviation of the particles, rad or m. misfit (F,): see
+    `apf.likelihood.base`. restart (F,): 0 tracked, 1 found near the last good pose, 2 found by a
+    global search. limb_margin, limb_disagreement (F, L): the inputs of `limb_confidence`; the
+    latter exists if several passes were compared. confidence, lost, covariance, standing,
+    limb_confidence: see the properties.
     """
 
     body_name: str

@@ -116,8 +116,8 @@ class NumpyReconstructor:
         config, step = self.config.occupancy, self.config.silhouette.evidence.step
         body = None
         if self.body is not None:
-            prior = {"cones": self.body[frame.index], "config": self.config.body, "step": step}
-            body = partial(body_evidence, **prior)
+            cones = self.body[frame.index]
+            body = partial(body_evidence, cones=cones, config=self.config.body, step=step)
         padded = occupancy(self.rig, self.grid, evidence, step, config, body=body)
         probability = smooth(padded, config.smoothing == "faces")
         occupied = probability > config.threshold
