@@ -80,8 +80,8 @@ def reconstruct(
     if volume is not None:
         low, high = SequenceSettings(volume=volume).volume
     settings = SessionSettings(config or ReconstructionConfig(), frames or slice(None), voxel_size)
-    body = None if track is None else TrackedBody.open(track)
     session = Session(sequence, resolve_device(device), settings)
+    body = None if track is None else TrackedBody.open(track)
     session = exclude_inconsistent_cameras(session, all_cameras)
     if volume is not None:
         session.replace_result(find_volume, Volume(low, high))
@@ -91,10 +91,8 @@ def reconstruct(
     if sparse:
         reconstructor = session.reconstructor(grid, body)
     else:
-        reconstructor = make_reconstructor(
-            *(session.device, session.rig, grid, session.background, session.reconstruction),
-            body=body,
-        )
+        where = (session.device, session.rig, grid, session.background)
+        reconstructor = make_reconstructor(*where, session.reconstruction, body=body)
 
     def clouds() -> Iterator[VoxelCloud]:
         for frame in session.sequence.frames(frames):

@@ -53,7 +53,7 @@ def _run(args: argparse.Namespace) -> None:
     within = volume_region(sequence.rig, grid)[view][size]
     reconstruct = session.reconstructor(grid)
     room = _read(args.folder / "background" / f"{args.camera}.mp4")
-    plate = np.mean(room, 0, dtype=np.float32)
+    empty = np.mean(room, 0, dtype=np.float32)
     pictures, people = [], []
     for frame in sequence.frames(slice(None)):
         reconstruct(frame)
@@ -68,10 +68,10 @@ def _run(args: argparse.Namespace) -> None:
         if path.is_file() and path.name != f"{args.camera}.mp4":
             link.parent.mkdir(parents=True, exist_ok=True)
             link.symlink_to(path.resolve())
-    nobody = [np.zeros(camera.size[::-1], bool)] * len(room)
-    for name, shown, persons in (("background", room, nobody), ("videos", pictures, people)):
+    nowhere = [np.zeros(camera.size[::-1], bool)] * len(room)
+    for name, shown, persons in (("background", room, nowhere), ("videos", pictures, people)):
         painted = [
-            np.where(m[..., None], p, np.clip(p - plate + colour, 0, 255)).astype(np.uint8)
+            np.where(m[..., None], p, np.clip(p - empty + colour, 0, 255)).astype(np.uint8)
             for p, m in zip(shown, persons, strict=True)
         ]
         _write(args.output / name / f"{args.camera}.avi", painted, sequence.fps)

@@ -324,8 +324,7 @@ class Track:
             np.savez_compressed(temporary, **arrays)
 
     def _known_cones(self, body: BodyModel) -> np.ndarray:
-        """Return the body's cones (F, C, 16) float32 in the world, NaN where the person or the limb
-        is lost. `psfs` reads them, which knows no bodies."""
+        """Return the cones that the npz holds for `psfs`, which knows no bodies."""
         cones = posed_cones(body, self.poses).astype(np.float32)
         lost = self.lost_limbs @ limb_bones(body)[:, [cone.bone for cone in body.cones]]
         cones[lost | self.lost[:, None]] = np.nan

@@ -47,7 +47,7 @@ def occupancy(
         seeing[inside] += known
     if body is not None:
         total = np.clip(total + body(centres), -127 * len(rig), 127 * len(rig))
-    log_odds = config.prior_log_odds(len(rig)) + total * step
+    log_odds = np.log(config.prior / (1 - config.prior)) + total * step
     probability = np.where(
         seeing >= config.seeing_cameras(len(rig)), 1 / (1 + np.exp(-log_odds)), 0.0
     )

@@ -117,7 +117,10 @@ class NumpyReconstructor:
         body = None
         if self.body is not None:
             cones = self.body[frame.index]
-            body = partial(body_evidence, cones=cones, config=self.config.body, step=step)
+            own = self.config.body
+            body = partial(
+                body_evidence, cones=cones, config=own, step=step, n_cameras=len(self.rig)
+            )
         padded = occupancy(self.rig, self.grid, evidence, step, config, body=body)
         probability = smooth(padded, config.smoothing == "faces")
         occupied = probability > config.threshold

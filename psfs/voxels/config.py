@@ -17,14 +17,6 @@ class OccupancyConfig(Config):
     prior: float = setting(
         0.5, "Prior probability P(V = 1) that a voxel is occupied.", "even odds", above=0, below=1
     )
-    camera_odds: float = setting(
-        0.0,
-        "Log odds by which a voxel is less likely for each camera of the rig beyond four, whose "
-        "errors add up.",
-        "trial",
-        "nats",
-        least=0,
-    )
     smoothing: Literal["faces", "cube"] = setting(
         "faces",
         "The voxels whose mean probability is a voxel's: itself and its six neighbours, or a cube "
@@ -69,22 +61,15 @@ class OccupancyConfig(Config):
             return self.min_cameras
         return required_cameras(n_cameras, self.camera_share, self.least_cameras)
 
-    def prior_log_odds(self, n_cameras: int) -> float:
-        """Return the log odds of a voxel before any picture, nats."""
-        import math
-
-        logit = math.log(self.prior / (1 - self.prior))
-        return logit - self.camera_odds * max(0, n_cameras - 4)
-
     def probabilities(self, n_cameras: int, step: float) -> np.ndarray:
         """Return the occupancy for every sum of evidence counts from -127 V to 127 V, (254 V + 1,).
 
-        Entry s + 127 V is 1 / (1 + exp(-(prior_log_odds + s step))): Song et al. eq. (3).
+        Entry s + 127 V is 1 / (1 + exp(-(logit(prior) + s step))): Song et al. eq. (3).
         """
         import numpy as np
 
         counts = np.arange(-127 * n_cameras, 127 * n_cameras + 1)
-        logit = self.prior_log_odds(n_cameras)
+        logit = np.log(self.prior / (1 - self.prior))
         return np.asarray(1 / (1 + np.exp(-(logit + counts * step))))
 
 
@@ -100,8 +85,9 @@ class BodyPriorConfig(Config):
         5.0, "Log odds that a voxel in the body's cones is occupied.", unit="nats", least=0
     )
     outside: float = setting(
-        -2.0,
-        "Log odds that a voxel outside of them is; 0 in a frame in which a limb is lost.",
+        -0.25,
+        "Log odds that a voxel outside of them is, for each camera of the rig, since what cameras "
+        "say for a voxel adds up, too; 0 in a frame in which a limb is lost.",
         unit="nats",
         most=0,
     )
