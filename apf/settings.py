@@ -17,6 +17,7 @@ from apf.keypoints.config import (
 from apf.live.config import CaptureConfig, LiveConfig
 from apf.report.config import QualityConfig
 from apf.synthetic.config import SceneConfig
+from apf.tracking.confidence_config import ConfidenceConfig, CorrectionConfig
 from apf.tracking.config import (
     BatchConfig,
     GaitConfig,
@@ -64,6 +65,8 @@ class Settings(of_psfs.Settings):
     )
     two_way: TwoWayConfig = part(TwoWayConfig, "Fusion of the forward and backward passes.")
     smoothing: SmoothingConfig = part(SmoothingConfig, "Smoothing of a track.")
+    confidence: ConfidenceConfig = part(ConfidenceConfig, "Confidence of a track's limbs.")
+    correction: CorrectionConfig = part(CorrectionConfig, "Corrections of a track by hand.")
     gait: GaitConfig = part(GaitConfig, "Definition of walking.")
     keypoints: KeypointSettings = part(KeypointSettings, "Keypoints in the pictures.")
     triangulated: TriangulatedConfig = part(

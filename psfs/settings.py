@@ -18,6 +18,7 @@ from psfs.diagnostics.config import (
 )
 from psfs.diagnostics.picture_config import PictureConfig
 from psfs.footage import settings as footage
+from psfs.footage.config import SoundConfig
 from psfs.people.config import PeopleConfig
 from psfs.self_calibration.config import PersonConfig
 from psfs.voxels.config import EdgeConfig, ReconstructionConfig
@@ -50,6 +51,7 @@ class Settings(Config):
         footage.SequenceSettings,
         "Facts of a sequence that its files do not state: the keys of sequence.toml.",
     )
+    sound: SoundConfig = part(SoundConfig, "Delays of cameras by the sound of their videos.")
     background: BackgroundSettings = part(
         BackgroundSettings, "Estimation of the background from pictures."
     )

@@ -187,10 +187,10 @@ def _run(args: argparse.Namespace) -> None:
         )  # fmt: skip
     else:
         folders = folders or make_scenes(args.out / "scenes", OWN_WALKS, device)
-        tables = [Table.named(text) for text in args.tables]
+        tables = [Table.parse(text) for text in args.tables]
         plan = _plan(folders, tables, {name: getattr(args, name) for name in DIMENSIONS})
     conditions = _conditions(args, device, folders)
-    results = Results.resumed(args.out / "results.json", conditions)
+    results = Results.resume(args.out / "results.json", conditions)
     by_name = {folder.name: folder for folder in folders}
     try:
         do_runs(device, by_name, plan, results, args)
@@ -199,7 +199,7 @@ def _run(args: argparse.Namespace) -> None:
             results.write_csv(args.out / "runs.csv")
             write_summary(args.out / "tables.csv", plan, results)
             plot(args.out / "accuracy.png", plan, results)
-            shown = _shown(plan, results)
+            shown = _print_tables(plan, results)
             for grid in shown:
                 grid.show()
             if args.thesis is not None:
@@ -240,11 +240,11 @@ def _run_suite(args: argparse.Namespace, device: Device) -> None:
     presets += list(ABLATIONS) if args.ablation else []
     settings = dict(suite_settings(folders, args.start, args.by, first, presets))
     conditions = _conditions(args, device, folders)
-    results = Results.resumed(args.out / "results.json", conditions)
+    results = Results.resume(args.out / "results.json", conditions)
     same = {name: conditions[name] for name in ("version", "commit", "device")}
     silhouettes = KeptSilhouettes(args.out / "silhouettes", same)
     jobs = lacking_jobs(
-        settings, results, args.seeds, lambda name: silhouettes.of(name) is not None
+        settings, results, args.seeds, lambda name: silhouettes.select(name) is not None
     )
     errors: list[str] = []
     try:
@@ -281,10 +281,10 @@ def _run_suite(args: argparse.Namespace, device: Device) -> None:
         raise InputError("; ".join(dict.fromkeys(errors)))
 
 
-def _shown(plan: dict[Table, list[Setting]], results: Results) -> list[Grid]:
+def _print_tables(plan: dict[Table, list[Setting]], results: Results) -> list[Grid]:
     """Print the tables, and for every sequence the joints in its first setting."""
-    firsts = [s for s in _first_settings(plan) if results.of(s)]
-    return [*grids(plan, results), *(joints(s, results.of(s)) for s in firsts)]
+    firsts = [s for s in _first_settings(plan) if results.select(s)]
+    return [*grids(plan, results), *(joints(s, results.select(s)) for s in firsts)]
 
 
 def _update_readme(args: argparse.Namespace) -> None:
@@ -301,8 +301,8 @@ def _update_readme(args: argparse.Namespace) -> None:
     for table in map(Table.named, args.tables):
         names = dict.fromkeys(run.setting.sequence for run in results.runs)
         settings = [setting for name in names for setting in table.settings(name, values)]
-        plan[table] = [setting for setting in settings if results.of(setting)]
-    write_tables(args.out / "tables.md", _shown(plan, results), results)
+        plan[table] = [setting for setting in settings if results.select(setting)]
+    write_tables(args.out / "tables.md", _print_tables(plan, results), results)
     replace_marked(_ROOT / "docs" / "accuracy.md", "cameras", headline(plan, results))
 
 
@@ -361,7 +361,7 @@ def do_runs(
                 recording = record(device, folder, *wanted[1:3], cache, advance, settings=settings)
                 bar.remove_task(frames)
                 shown = wanted
-            bar.update(task, description=_described(setting, part))
+            bar.update(task, description=_describe(setting, part))
             for done in run(device, recording, setting, part):
                 results.add(done)
             bar.advance(task, len(part))
@@ -377,7 +377,7 @@ def lacking(
     return sorted(todo, key=lambda item: (item[0].recording, item[1][0]))
 
 
-def _described(setting: Setting, seeds: list[int]) -> str:
+def _describe(setting: Setting, seeds: list[int]) -> str:
     return (
         f"{setting.sequence}, {setting.cameras} cameras, 1/{setting.step} frames, "
         f"{setting.method} {setting.objective} {setting.particles} x {setting.layers}, "

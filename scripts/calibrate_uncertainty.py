@@ -43,7 +43,7 @@ class Sample:
     offsets: np.ndarray
     raw: np.ndarray
 
-    def kept(self) -> Sample:
+    def drop_lost(self) -> Sample:
         """Return the sample without the lost joints."""
         near = np.linalg.norm(self.offsets, axis=-1) <= LOST_LIMB
         return Sample(self.offsets[near], self.raw[near])
@@ -81,10 +81,10 @@ def main() -> int:
 
 def _run(args: argparse.Namespace) -> None:
     walks = samples_by_walk(args.tracks)
-    samples = pooled(list(walks.values()))
-    held_out = pooled(list(samples_by_walk(args.held_out).values()))
-    near, held_near = _kept(samples), _kept(held_out)
-    found = fitted(near)
+    samples = pool_samples(list(walks.values()))
+    held_out = pool_samples(list(samples_by_walk(args.held_out).values()))
+    near, held_near = _drop_lost(samples), _drop_lost(held_out)
+    found = fit_calibration(near)
     stdout.print(f"scale = {found.scale:g}, floors in mm:")
     stdout.print({name: round(1000 * floor, 1) for name, floor in found.floor.items()})
     table = Table(title="Truth inside the stated 95 %", title_justify="left")
@@ -99,14 +99,14 @@ def _run(args: argparse.Namespace) -> None:
         table.add_column(heading, justify="left" if heading == "joint" else "right")
     for name in samples:
         table.add_row(
-            name, *(_shown(_share(part, used, [name])) for part, used in columns.values())
+            name, *(_format_share(_share(part, used, [name])) for part, used in columns.values())
         )
     table.add_section()
     table.add_row(
-        "all", *(_shown(_share(part, used, list(part))) for part, used in columns.values())
+        "all", *(_format_share(_share(part, used, list(part))) for part, used in columns.values())
     )
     stdout.print(table)
-    _tell_left_out({truth: _kept(walk) for truth, walk in walks.items()})
+    _tell_left_out({truth: _drop_lost(walk) for truth, walk in walks.items()})
 
 
 def _tell_left_out(walks: dict[str, dict[str, Sample]]) -> None:
@@ -116,7 +116,7 @@ def _tell_left_out(walks: dict[str, dict[str, Sample]]) -> None:
     shares = []
     for truth, walk in walks.items():
         others = [other for name, other in walks.items() if name != truth]
-        shares.append(_share(walk, fitted(pooled(others)), list(walk)) or 0.0)
+        shares.append(_share(walk, fit_calibration(pool_samples(others)), list(walk)) or 0.0)
         stdout.print(f"{truth}: {shares[-1]:.1%} by a fit to the others", soft_wrap=True)
     stdout.print(f"mean of the walks: {np.mean(shares):.1%}")
 
@@ -129,7 +129,7 @@ def samples_by_walk(pairs: list[str]) -> dict[str, dict[str, Sample]]:
     return {truth: load_samples(part) for truth, part in walks.items()}
 
 
-def pooled(walks: list[dict[str, Sample]]) -> dict[str, Sample]:
+def pool_samples(walks: list[dict[str, Sample]]) -> dict[str, Sample]:
     """Return the samples of several walks, by joint."""
     names = dict.fromkeys(name for walk in walks for name in walk)
     parts = {name: [walk[name] for walk in walks if name in walk] for name in names}
@@ -165,7 +165,7 @@ def load_samples(pairs: list[str]) -> dict[str, Sample]:
     }
 
 
-def fitted(samples: dict[str, Sample]) -> DeviationCalibration:
+def fit_calibration(samples: dict[str, Sample]) -> DeviationCalibration:
     """Return a calibration with which enough offsets of every joint are inside.
 
     Of those whose ellipsoids are about as small as the smallest, see `_SLACK`, it has the largest
@@ -184,8 +184,8 @@ def fitted(samples: dict[str, Sample]) -> DeviationCalibration:
     return [found for radius, found in radii if radius <= _SLACK * least][-1]
 
 
-def _kept(samples: dict[str, Sample]) -> dict[str, Sample]:
-    return {name: sample.kept() for name, sample in samples.items()}
+def _drop_lost(samples: dict[str, Sample]) -> dict[str, Sample]:
+    return {name: sample.drop_lost() for name, sample in samples.items()}
 
 
 def _share(
@@ -200,7 +200,7 @@ def _share(
     return float(np.average(shares, weights=counts)) if shares else None
 
 
-def _shown(share: float | None) -> str:
+def _format_share(share: float | None) -> str:
     return "-" if share is None else f"{share:.1%}"
 
 

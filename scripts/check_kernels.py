@@ -201,7 +201,7 @@ def _pytest(place: Path, arguments: Sequence[str], limit: float, simulated: bool
     paths = [str(ROOT), str(ROOT / "tests"), str(ROOT / "scripts")]
     environment = {
         **os.environ,
-        **(_simulated(place) if simulated else {"RECORD_AS_GPU": "1"}),
+        **(_simulate_device(place) if simulated else {"RECORD_AS_GPU": "1"}),
         **{"KERNEL_RECORD": str(place / "record.json"), "PYTHONPATH": os.pathsep.join(paths)},
     }
     options = ("-p", "no:cacheprovider", "-p", "kernel_recorder", "-n", "0", "-q", "-s")
@@ -209,7 +209,7 @@ def _pytest(place: Path, arguments: Sequence[str], limit: float, simulated: bool
     return _output(command, limit, environment)
 
 
-def _simulated(place: Path) -> dict[str, str]:
+def _simulate_device(place: Path) -> dict[str, str]:
     """Return the environment in which Oclgrind's is the only device."""
     (place / "icd").mkdir(exist_ok=True)
     (place / "icd" / "oclgrind.icd").write_text(f"{ICD}\n")

@@ -72,7 +72,7 @@ def draw_example(device: Device, folder: Path, camera: str, frame: int) -> np.nd
     truth = found.truth[view]
     if truth is None or not truth.any():
         raise InputError(f"{folder}: no true mask of {camera} in frame {frame}")
-    around = _around(truth)
+    around = _crop_square(truth)
     picture = crop_view(found.frame, view, sequence.rig[view])[around]
     drawn = draw_differences(picture, found.masks[view][around], truth[around])
     both = np.hstack([picture, drawn])
@@ -80,7 +80,7 @@ def draw_example(device: Device, folder: Path, camera: str, frame: int) -> np.nd
     return cv2.resize(both, (width, _HEIGHT), interpolation=cv2.INTER_AREA)
 
 
-def _around(mask: np.ndarray) -> tuple[slice, slice]:
+def _crop_square(mask: np.ndarray) -> tuple[slice, slice]:
     """Return rows and columns of a square around the mask (H, W), as far as there are pixels."""
     rows, columns = bounding_box(mask)
     half = (0.5 + _AROUND) * max(rows.stop - rows.start, columns.stop - columns.start)

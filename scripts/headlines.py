@@ -65,7 +65,7 @@ def speed_table() -> str:
     machines = read_machines(
         [folder for folder in sorted(_RESULTS.iterdir()) if (folder / "whole.json").is_file()]
     )
-    cells = [list(row) for machine in machines for row in _shown(machine)]
+    cells = [list(row) for machine in machines for row in _list_headlines(machine)]
     name, *_, ms = papers()["song2012"]["tables"]["2"]["rows"][-1]
     cells.append([f"Song et al. 2012, {name}", number(ms), number(1e3 / ms)])
     about = (
@@ -75,7 +75,7 @@ def speed_table() -> str:
     return Grid("One frame", ["machine", "ms per frame", "frames/s"], cells, about).markdown()
 
 
-def _shown(machine: Machine) -> Iterator[tuple[str, str, str]]:
+def _list_headlines(machine: Machine) -> Iterator[tuple[str, str, str]]:
     """Yield title, ms and frames/s of a machine's fastest columns."""
     results = machine.results["whole"]
     found = [(title, median_ms(column)) for title, column in columns(results)]

@@ -46,7 +46,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _recorded() -> Iterator[None]:
+def _record() -> Iterator[None]:
     """Write the programs and the launches of the session to the file."""
     programs: set[tuple[str, str, str]] = set()
     compiled = Device.compile_kernel

@@ -72,7 +72,7 @@ def check(out: Path) -> int:
     return count
 
 
-def started(words: list[str]) -> subprocess.Popen:
+def start(words: list[str]) -> subprocess.Popen:
     return subprocess.Popen(
         [sys.executable, "-c", f"import sys; from {words[0]}.cli import main; sys.exit(main())",
          *words[1:]],
@@ -83,14 +83,14 @@ def started(words: list[str]) -> subprocess.Popen:
 def done(words: list[str]) -> float:
     """Run to the end and return the seconds that it took."""
     began = time.perf_counter()
-    process = started(words)
+    process = start(words)
     _, stdout = process.communicate()
     if process.returncode:
         raise SystemExit(f"{' '.join(words)}: exit code {process.returncode}: {stdout.decode()}")
     return time.perf_counter() - began
 
 
-def hidden(folder: Path) -> list[str]:
+def list_hidden(folder: Path) -> list[str]:
     return [str(path) for path in folder.rglob(".psfs-*")]
 
 
@@ -117,15 +117,15 @@ def main() -> None:
             while hits < args.kills and tries < 5 * args.kills:
                 tries += 1
                 before = state(out)
-                process = started(words)
+                process = start(words)
                 time.sleep(rng.uniform(0.05, 1) * seconds)
                 process.kill()
                 process.communicate()
-                writing = bool(hidden(work)) or state(out) != before
+                writing = bool(list_hidden(work)) or state(out) != before
                 hits += process.returncode == -9 and writing
                 check(out)
             done(words)
-            left = hidden(work)
+            left = list_hidden(work)
             files = check(out)
             print(
                 f"{name}: killed {tries} times within {seconds:.1f} s, {hits} of them while it was "

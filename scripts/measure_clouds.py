@@ -60,14 +60,16 @@ def _run(args: argparse.Namespace) -> None:
     device = select_device(args.device)
     rows: dict[str, Any] = {}
     for folder in args.folders:
-        rows[folder.name] = measured(device, folder, configs)
+        rows[folder.name] = measure_sequence(device, folder, configs)
         write_json(
             args.output, {"definition": DEFINITION, "device": device.name, "sequences": rows}
         )
     stdout.print(_table(rows))
 
 
-def measured(device: Any, folder: Path, configs: dict[str, ReconstructionConfig]) -> dict[str, Any]:
+def measure_sequence(
+    device: Any, folder: Path, configs: dict[str, ReconstructionConfig]
+) -> dict[str, Any]:
     """Return the figures of a sequence by the name of the settings."""
     sequence = Sequence.open(folder)
     session = examine(Session(sequence, device, SessionSettings())).session

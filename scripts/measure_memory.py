@@ -63,7 +63,7 @@ def handles(process: int) -> int:
     return sum(1 for _ in Path(f"/proc/{process}/fd").iterdir())
 
 
-def reached(out: Path, command: str) -> int:
+def read_progress(out: Path, command: str) -> int:
     """Return the frame that a run has reached."""
     if command == "reconstruct":
         try:
@@ -102,7 +102,7 @@ def main() -> None:
             time.sleep(0.5)
             with suppress(OSError, IndexError):  # the process has just ended
                 peak = max(peak, resident(process.pid))
-            frame = reached(work / "out", args.command)
+            frame = read_progress(work / "out", args.command)
             if marks and frame >= marks[0]:
                 marks.pop(0)
                 print(f"{args.command}, frame {frame}: {resident(process.pid):.1f} MiB, "

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, natural, nonnegative, positive
 
 
 class ChunksConfig(Config):
     """Overlap of chunks, and when they agree."""
 
-    overlap: float = setting(
+    overlap: float = nonnegative(
         1.0,
         "Time that two chunks share.",
         "a track has settled on a start that was found within about half",
         "s",
-        least=0,
     )
-    agreement: float = setting(
+    agreement: float = positive(
         0.05,
         "Mean distance over the joints up to which two tracks of a frame are the same but for "
         "noise.",
         "runs with different seeds lie about 10 to 20 mm apart, a wrong start 100 and more",
         "m",
-        above=0,
     )
 
 
@@ -29,22 +27,19 @@ class WorkerConfig(Config):
     """Number of workers of an embedded cluster. A worker is a process that does one take at a
     time."""
 
-    per_gpu: int = setting(
+    per_gpu: int = natural(
         8,
         "Greatest number of workers of a GPU: a take leaves it idle while its host decodes and "
         "fits; contexts on one GPU take turns.",
         "on an H200 with 16 cores 2 did 24 takes per minute, 4 41 and 8 70, see docs/cluster.md",
-        least=1,
     )
-    beside_gpu: float = setting(
+    beside_gpu: float = positive(
         2.0,
         "Number of cores for each worker of a GPU.",
         "number of cores that one take keeps busy with decoding and waiting",
-        above=0,
     )
-    cores: int = setting(
+    cores: int = natural(
         1,
         "Number of cores of a worker that computes on the CPU.",
         "by hand: a take's decoding and start use one core",
-        least=1,
     )

@@ -15,7 +15,7 @@ from pydantic import model_validator
 from apf.likelihood.config import KeypointConfig, LikelihoodConfig
 from apf.likelihood.terms import TERMS as REGISTERED
 from cl import InputError
-from psfs.common.config import Config, fields_below, part, setting
+from psfs.common.config import Config, fields_below, natural, nonnegative, part, positive, setting
 
 if TYPE_CHECKING:
     import numpy as np
@@ -146,55 +146,48 @@ class RefinementConfig(Config):
 
     SOURCE: ClassVar = "by hand"
 
-    steps: int = setting(
+    steps: int = nonnegative(
         4,
         "Number of steps; 0 for no refinement and no limb search.",
         "tuned: a fifth one changes nothing",
-        least=0,
     )
-    scale: float = setting(
+    scale: float = positive(
         0.03,
         "Distance at which a voxel is half unexplained in the cost (Geman & McClure 1987).",
         "by hand: about a voxel",
         "m",
-        above=0,
     )
-    reach: float = setting(
+    reach: float = positive(
         0.06,
         "Scale of the voxels' weights in the first step; it shrinks to `scale` (graduated "
         "non-convexity, Blake & Zisserman 1987).",
         unit="m",
-        above=0,
     )
-    strength: float = setting(
-        1350.0, "Weight of the voxels' mean cost against the prior's squared distance.", above=0
+    strength: float = positive(
+        1350.0, "Weight of the voxels' mean cost against the prior's squared distance."
     )
-    width: float = setting(
+    width: float = positive(
         4.0,
         "Standard deviation of the prior about the particles' mean.",
         "by hand: as far as the particles reach",
         "of the first layer's noise",
-        above=0,
     )
-    point_strength: float = setting(
+    point_strength: float = positive(
         1.0,
         "Weight of each observed point's squared distance, in standard deviations, relative to"
         " the prior's.",
         "1 for independent errors",
-        above=0,
     )
-    point_scale: float = setting(
+    point_scale: float = positive(
         2.5,
         "Distance at which the cost of an observed point is half its maximum.",
         unit="standard deviations",
-        above=0,
     )
-    point_reach: float = setting(
+    point_reach: float = positive(
         10.0,
         "Scale of the observed points' weights in the first step; it shrinks to `point_scale`,"
         " as `reach` does.",
         unit="standard deviations",
-        above=0,
     )
 
     @property
@@ -218,67 +211,58 @@ class LimbSearchConfig(Config):
 
     SOURCE: ClassVar = "by hand"
 
-    reach: float = setting(
+    reach: float = nonnegative(
         16.0,
         "Distance within which limbs are searched, beside a search anywhere within their "
         "limits; 0 turns the limb search off.",
         "tuned on the synthetic walks",
         "of the body's sigmas",
-        least=0,
     )
-    rounds: int = setting(
+    rounds: int = nonnegative(
         4,
         "Number of further rounds, each around the best poses of the previous round and half "
         "as wide.",
         "tuned on synth_box_4cam and synth_salsa_4cam_hd: without them lost arms were seldom "
         "found again, because few random poses have the forearm in its outline",
-        least=0,
     )
-    round_reach: float = setting(
+    round_reach: float = positive(
         8.0,
         "Standard deviation in the first of these rounds.",
         "tuned with them",
         "of the body's sigmas",
-        above=0,
     )
-    near_margin: float = setting(
+    near_margin: float = nonnegative(
         0.01,
         "Least relative decrease of the error for a limb to be moved within `reach`.",
         "tuned on the synthetic walks",
-        least=0,
     )
-    far_margin: float = setting(
+    far_margin: float = nonnegative(
         0.05,
         "Least relative decrease of the error for a limb to be moved anywhere.",
         "tuned: with 0.03 limbs were moved that had been right",
-        least=0,
     )
-    least_recall: float = setting(
+    least_recall: float = nonnegative(
         2.0,
         "Least weight of the silhouette recall when the best poses are compared, because both "
         "legs may lie in the silhouette of one.",
         "tuned on the synthetic walks",
-        least=0,
     )
-    point_steps: int = setting(
+    point_steps: int = natural(
         6,
         "Number of Gauss-Newton steps on the observed points alone; the limbs of their result "
         "are among the poses that are compared.",
-        least=1,
     )
-    point_reach: float = setting(
+    point_reach: float = positive(
         60.0,
         "Scale of the observed points' weights in the first of these steps.",
         "by hand: about 250 px",
         "standard deviations",
-        above=0,
     )
-    point_width: float = setting(
+    point_width: float = positive(
         40.0,
         "Standard deviation of the prior about the mean in these steps.",
         "by hand: about the motion of a limb in a few frames",
         "of the first layer's noise",
-        above=0,
     )
 
     @property

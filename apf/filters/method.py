@@ -15,7 +15,7 @@ from apf.filters.searches.sir import SirConfig
 from apf.filters.searches.swarm import SwarmConfig
 from apf.filters.term_weights import KEYPOINTS_ON
 from apf.image_objective.config import FeatureConfig, ObjectiveConfig
-from psfs.common.config import Config, part, setting, with_parts
+from psfs.common.config import Config, natural, part, setting, with_parts
 
 #: Settings of single searches and objectives, by their field names in `Method`.
 _OWN_SETTINGS = dict(
@@ -54,12 +54,11 @@ class Method(Config):
         "features.",
         "docs/accuracy.md",
     )
-    runs: int = setting(
+    runs: int = natural(
         2,
         "Number of runs, each with a forward and a backward pass, that are then fused into a "
         "track.",
         "docs/accuracy.md",
-        least=1,
     )
     filter: FilterConfig = part(
         FilterConfig,

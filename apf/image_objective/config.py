@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, get_args
 from pydantic import model_validator
 
 from cl import InputError
-from psfs.common.config import Config, part, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
 
 if TYPE_CHECKING:
     import numpy as np
@@ -76,12 +76,11 @@ class ProximityConfig(Config):
         above=0,
         most=1,
     )
-    decay: float = setting(
+    decay: float = positive(
         0.25,
         "Decay of the exponential.",
         "by hand: exp(-1) of it is left 4 px from the edge",
         "1/px",
-        above=0,
     )
     metric: Literal["euclidean", "chessboard"] = setting(
         "euclidean",
@@ -138,15 +137,14 @@ class FeatureConfig(Config):
         above=0,
         below=1500,
     )
-    canny_low: float = setting(
-        40.0, "Canny's lower threshold of the same magnitude.", unit="grey levels", above=0
+    canny_low: float = positive(
+        40.0, "Canny's lower threshold of the same magnitude.", unit="grey levels"
     )
-    canny_high: float = setting(
+    canny_high: float = positive(
         100.0,
         "Canny's upper threshold; not below the lower one.",
         "by hand, in the ratio of 2 to 3 that Canny 1986 recommends",
         "grey levels",
-        above=0,
     )
     dilation: float = setting(
         3.0,
@@ -155,25 +153,22 @@ class FeatureConfig(Config):
         least=0,
         most=100,
     )
-    margin: float = setting(
+    margin: float = nonnegative(
         10.0,
         "Margin of the region of interest around the silhouette (Rymut 2016, 4.5).",
         unit="px of 640",
-        least=0,
     )
-    cell: int = setting(
+    cell: int = natural(
         8,
         "Side of the cells that the region consists of, in the pictures themselves.",
         "by hand: small against a limb",
         "px",
-        least=1,
     )
-    cell_pixels: int = setting(
+    cell_pixels: int = natural(
         16,
         "Least number of silhouette pixels in a cell of the region; at most `cell` squared.",
         "by hand: specks of noise are smaller",
         "px",
-        least=1,
     )
     blobs: int = setting(
         0,
@@ -218,22 +213,16 @@ class ObjectiveConfig(Config):
     kind: ObjectiveKind = setting(
         "sp", "Kind of objective.", "the smoothed product is Kwolek & Rymut 2016 eq. (1)"
     )
-    silhouette_weight: float = setting(
+    silhouette_weight: float = nonnegative(
         0.5,
         "Weight w1 of Rymut 2016 eq. (4.46)-(4.50): a factor for the weighted kinds, where "
         "w1 + w2 = 1, and an exponent for the others.",
         "by hand: silhouettes and edges count alike",
-        least=0,
         flag="--silhouette-weight",
     )
-    edge_weight: float = setting(
-        0.5, "Weight w2 of the same equations.", least=0, flag="--edge-weight"
-    )
-    balance: float = setting(
-        0.5,
-        "Share of the image's silhouette against the model's, beta of eq. (4.41).",
-        least=0,
-        most=1,
+    edge_weight: float = nonnegative(0.5, "Weight w2 of the same equations.", flag="--edge-weight")
+    balance: float = fraction(
+        0.5, "Share of the image's silhouette against the model's, beta of eq. (4.41)."
     )
     vertices_per_part: Literal[4, 8, 18, 34, 66, 130, 258, 514] = setting(
         4,

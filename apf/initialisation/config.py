@@ -10,7 +10,7 @@ from pydantic import Field
 from apf.filters.config import FilterConfig
 from apf.initialisation.frame_config import TUNED as TUNED
 from apf.initialisation.frame_config import FrameChoice as FrameChoice
-from psfs.common.config import Config, part, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
 
 
 class HeadingConfig(Config):
@@ -18,13 +18,9 @@ class HeadingConfig(Config):
 
     SOURCE: ClassVar = TUNED
 
-    n_headings: int = setting(
-        8, "Number of headings from which the search begins, evenly around.", least=1
-    )
-    n_kept: int = setting(3, "Number of best headings that are pursued.", least=1)
-    separation: float = setting(
-        0.8, "Least angle between the pursued headings.", unit="rad", least=0
-    )
+    n_headings: int = natural(8, "Number of headings from which the search begins, evenly around.")
+    n_kept: int = natural(3, "Number of best headings that are pursued.")
+    separation: float = nonnegative(0.8, "Least angle between the pursued headings.", unit="rad")
     max_first_ratio: float = setting(
         1.4,
         "Ratio to the least cost up to which the limbs of a hypothesis are searched; wrong "
@@ -34,16 +30,13 @@ class HeadingConfig(Config):
     max_cost_ratio: float = setting(
         1.2, "Ratio to the least cost up to which hypotheses are then tracked.", least=1
     )
-    backwards_cost: float = setting(
-        0.25,
-        "Share by which the cost grows if the person moves backwards, which people seldom do.",
-        least=0,
+    backwards_cost: float = nonnegative(
+        0.25, "Share by which the cost grows if the person moves backwards, which people seldom do."
     )
-    min_way: float = setting(
+    min_way: float = nonnegative(
         0.25,
         "Distance that the person must move over the first frames for `backwards_cost` to apply.",
         unit="m",
-        least=0,
     )
 
 
@@ -52,36 +45,28 @@ class SpreadConfig(Config):
 
     SOURCE: ClassVar = TUNED
 
-    root_horizontal: float = setting(
+    root_horizontal: float = nonnegative(
         0.08,
         "Standard deviation of the root along x and y around the middle of the voxels.",
         unit="m",
-        least=0,
     )
-    root_vertical: float = setting(
-        0.06, "Standard deviation of the root along z.", unit="m", least=0
+    root_vertical: float = nonnegative(0.06, "Standard deviation of the root along z.", unit="m")
+    root_tilt: float = nonnegative(
+        0.15, "Standard deviation of the root about x and y: people stand upright.", unit="rad"
     )
-    root_tilt: float = setting(
-        0.15,
-        "Standard deviation of the root about x and y: people stand upright.",
-        unit="rad",
-        least=0,
-    )
-    root_heading: float = setting(
+    root_heading: float = nonnegative(
         0.35,
         "Standard deviation of the root about z: about half the angle between two headings.",
         unit="rad",
-        least=0,
     )
-    body_share: float = setting(
+    body_share: float = nonnegative(
         0.2,
         "Standard deviation of another axis, as a share of what its limits span, when the whole "
         "body is searched for.",
-        least=0,
     )
-    body_max: float = setting(0.6, "Most of that standard deviation.", unit="rad", least=0)
-    limb_share: float = setting(0.25, "The same share when one limb is searched for.", least=0)
-    limb_max: float = setting(0.8, "Most of that standard deviation.", unit="rad", least=0)
+    body_max: float = nonnegative(0.6, "Most of that standard deviation.", unit="rad")
+    limb_share: float = nonnegative(0.25, "The same share when one limb is searched for.")
+    limb_max: float = nonnegative(0.8, "Most of that standard deviation.", unit="rad")
 
     def root(self, kind: str) -> float:
         """Return the deviation of the root's axis of this kind (`tx` .. `rz`), m or rad."""
@@ -101,42 +86,28 @@ class PoseSearchConfig(Config):
     )
     n_particles_limb: int = setting(150, "Number of particles of the search for a limb.", least=2)
     n_particles_near: int = setting(100, "Number of particles of the search near a pose.", least=2)
-    noise: float = setting(
-        1.0, "Scale of the deviations of `SpreadConfig` in the first layer.", above=0
+    noise: float = positive(1.0, "Scale of the deviations of `SpreadConfig` in the first layer.")
+    noise_decay: float = positive(0.75, "Factor of the noise from layer to layer.")
+    near_noise: float = positive(0.1, "Scale of the body's own sigma in the search near a pose.")
+    n_limb_starts: int = natural(
+        4, "Number of initial poses of a limb's search: the present one, at rest, and random."
     )
-    noise_decay: float = setting(0.75, "Factor of the noise from layer to layer.", above=0)
-    near_noise: float = setting(
-        0.1, "Scale of the body's own sigma in the search near a pose.", above=0
-    )
-    n_limb_starts: int = setting(
-        4,
-        "Number of initial poses of a limb's search: the present one, at rest, and random.",
-        least=1,
-    )
-    n_size_steps: int = setting(
-        4, "Number of steps of the fit of size and girth to one frame.", least=0
-    )
-    trunk_low: float = setting(
+    n_size_steps: int = nonnegative(4, "Number of steps of the fit of size and girth to one frame.")
+    trunk_low: float = fraction(
         0.5,
         "Share of the height above which the voxels' middle is that of the trunk.",
         "from the hips to the chest (Drillis & Contini 1966)",
-        least=0,
-        most=1,
     )
-    trunk_high: float = setting(
+    trunk_high: float = fraction(
         0.75,
         "Share of the height below which the voxels' middle is that of the trunk.",
         "from the hips to the chest (Drillis & Contini 1966)",
-        least=0,
-        most=1,
     )
-    part_margin: float = setting(
+    part_margin: float = fraction(
         0.1,
         "Share of the height beyond the hips up to which voxels are used for a body without "
         "head or feet.",
         "the belly ends there",
-        least=0,
-        most=1,
     )
 
 
@@ -148,24 +119,18 @@ class CostConfig(Config):
     registration_exponent: float = setting(
         0.3, "Exponent of the registration error: 1 % of it counts as 0.3 % of likelihood error."
     )
-    surface_scale: float = setting(
-        0.04,
-        "Distance at which a point is half unexplained (Geman & McClure 1987).",
-        unit="m",
-        above=0,
+    surface_scale: float = positive(
+        0.04, "Distance at which a point is half unexplained (Geman & McClure 1987).", unit="m"
     )
-    bend: float = setting(
-        0.003, "Unexplained share that counts as much as one joint bent by `bend_range`.", least=0
+    bend: float = nonnegative(
+        0.003, "Unexplained share that counts as much as one joint bent by `bend_range`."
     )
-    bend_range: float = setting(
-        0.25,
-        "Deviation from rest, as a share of the range of an axis, that `bend` refers to.",
-        above=0,
+    bend_range: float = positive(
+        0.25, "Deviation from rest, as a share of the range of an axis, that `bend` refers to."
     )
-    overlap: float = setting(
+    overlap: float = nonnegative(
         0.1,
         "Unexplained share that counts as much as two parts of which one lies inside the other.",
-        least=0,
     )
 
     def combine(self, error: float, registration_error: float) -> float:
@@ -178,32 +143,25 @@ class ShapePrior(Config):
 
     SOURCE: ClassVar = TUNED
 
-    size: float = setting(
+    size: float = positive(
         0.08,
         "Standard deviation of the whole body's size.",
         "statures of adults vary by 4 % within a sex",
-        above=0,
     )
-    girth: float = setting(0.15, "Standard deviation of all radii beside the size.", above=0)
-    length: float = setting(
-        0.025, "Standard deviation of a bone's length beside the size.", above=0
-    )
-    radius: float = setting(
-        0.08, "Standard deviation of a part's radius beside size and girth.", above=0
-    )
-    stature: float = setting(
+    girth: float = positive(0.15, "Standard deviation of all radii beside the size.")
+    length: float = positive(0.025, "Standard deviation of a bone's length beside the size.")
+    radius: float = positive(0.08, "Standard deviation of a part's radius beside size and girth.")
+    stature: float = positive(
         0.005,
         "Standard deviation of a known stature.",
         "about the accuracy with which people state it",
         "m",
-        above=0,
     )
-    angle: float = setting(
+    angle: float = positive(
         1.0,
         "Standard deviation of an angle from rest; low, so that it matters only where the "
         "voxels do not determine the pose.",
         unit="rad",
-        above=0,
     )
 
 
@@ -214,33 +172,29 @@ class StandingConfig(Config):
     SOURCE: ClassVar = TUNED
 
     height: float = setting(0.0, "Height of the floor.", "by definition", "m")
-    reach: float = setting(
+    reach: float = nonnegative(
         0.3,
         "Height of the lowest voxels above the floor below which a person counts as standing "
         "on it; 0 turns this off.",
         "by hand: more than the height of feet and shins that are missing in silhouettes",
         "m",
-        least=0,
     )
-    below: float = setting(
+    below: float = nonnegative(
         0.1,
         "Depth below the floor down to which the lowest voxels may lie, since hulls are "
         "thicker than people.",
         unit="m",
-        least=0,
     )
-    ankle: float = setting(
+    ankle: float = positive(
         0.012,
         "Standard deviation of the lower ankle from its height when the foot is flat.",
         "by hand",
         "m",
-        above=0,
     )
-    lifted: float = setting(
+    lifted: float = positive(
         0.1,
         "Height of both feet over the floor at which the prior counts half (Geman & McClure 1987).",
         unit="m",
-        above=0,
     )
 
     def stands(self, lowest: float) -> bool:
@@ -255,33 +209,27 @@ class ShapeFitConfig(Config):
 
     prior: ShapePrior = part(ShapePrior, "The prior on people's shapes.")
     standing: StandingConfig = part(StandingConfig, "The prior on their feet.")
-    n_distances: float = setting(
+    n_distances: float = positive(
         300.0,
         "Effective number of independent distances of all clouds together. It does not grow "
         "with the number of frames, because the errors of the cones are the same in every "
         "frame.",
-        above=0,
     )
-    noise: float = setting(0.02, "Standard deviation of one of them.", unit="m", above=0)
-    stray: float = setting(
-        0.002, "Share of the points below the feet or above the head.", least=0, most=1
+    noise: float = positive(0.02, "Standard deviation of one of them.", unit="m")
+    stray: float = fraction(0.002, "Share of the points below the feet or above the head.")
+    spacing: float = positive(0.06, "Distance between points on the body's surface.", unit="m")
+    n_points: int = natural(800, "Number of points of each cloud that are compared.")
+    damping: float = nonnegative(
+        1e-3, "Share of a pose's own normal matrix added to its diagonal (Levenberg 1944)."
     )
-    spacing: float = setting(
-        0.06, "Distance between points on the body's surface.", unit="m", above=0
+    n_steps: int = natural(6, "Number of Gauss-Newton steps.")
+    first_reach: float = positive(
+        0.08, "Distance at which a point counts a quarter in the first step.", unit="m"
     )
-    n_points: int = setting(800, "Number of points of each cloud that are compared.", least=1)
-    damping: float = setting(
-        1e-3, "Share of a pose's own normal matrix added to its diagonal (Levenberg 1944).", least=0
-    )
-    n_steps: int = setting(6, "Number of Gauss-Newton steps.", least=1)
-    first_reach: float = setting(
-        0.08, "Distance at which a point counts a quarter in the first step.", unit="m", above=0
-    )
-    last_reach: float = setting(
+    last_reach: float = positive(
         0.03,
         "The same distance in the last step; those between are spaced geometrically.",
         unit="m",
-        above=0,
     )
 
 
@@ -290,14 +238,13 @@ class AcceptanceConfig(Config):
 
     SOURCE: ClassVar = TUNED
 
-    good: float = setting(
+    good: float = nonnegative(
         0.3,
         "Registration error above which the start is searched again with other random numbers;"
         " the attempt with the least cost is used.",
-        least=0,
     )
-    n_attempts: int = setting(3, "Number of attempts in all.", least=1)
-    hopeless: float = setting(0.55, "Registration error above which no body was found.", least=0)
+    n_attempts: int = natural(3, "Number of attempts in all.")
+    hopeless: float = nonnegative(0.55, "Registration error above which no body was found.")
     rival: float = setting(
         1.1, "Factor of misfit below which another hypothesis makes a start doubtful.", least=1
     )
@@ -315,12 +262,11 @@ class AcceptanceConfig(Config):
         "no start out of five of `hard_skirt_4cam` has the opposite heading; with 2 one has",
         least=1,
     )
-    stout: float = setting(
+    stout: float = nonnegative(
         3.0,
         "Excess of girth over the template's from which on a start is doubtful, because hardly"
         " any standing person has it.",
         unit="standard deviations of the prior",
-        least=0,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, positive, setting
 
 #: The source of defaults that name no other source.
 TUNED = "tuned on the starts of synth_walk_4cam, synth_walk_8cam, synth_box_4cam and bodytrack_walk"
@@ -15,45 +15,35 @@ class FrameChoice(Config):
 
     SOURCE: ClassVar = TUNED
 
-    n_fitted: int = setting(10, "Number of frames that the body is fitted to.", least=1)
-    duration: float = setting(
+    n_fitted: int = natural(10, "Number of frames that the body is fitted to.")
+    duration: float = positive(
         1.0,
         "Time over which these frames are spread; as long as a stride, so that the legs separate.",
         "a person who stoops for 0.8 s is estimated 1 % too short, and so is one with a high "
         "kick within 1.2 s",
         "s",
-        above=0,
     )
-    n_between: int = setting(
-        1, "Approximate number of frames between two fitted ones, which are only tracked.", least=0
+    n_between: int = nonnegative(
+        1, "Approximate number of frames between two fitted ones, which are only tracked."
     )
-    n_searched: int = setting(
-        4,
-        "Number of fitted frames that are searched over all headings, first and last among them.",
-        least=1,
+    n_searched: int = natural(
+        4, "Number of fitted frames that are searched over all headings, first and last among them."
     )
-    min_voxels: int = setting(
-        200, "Fewest surface voxels that can be a person.", unit="voxels", least=1
-    )
-    min_part: float = setting(
+    min_voxels: int = natural(200, "Fewest surface voxels that can be a person.", unit="voxels")
+    min_part: float = fraction(
         0.05,
         "Share of the largest connected part below which another part is debris, unless it is "
         "near.",
-        least=0,
-        most=1,
     )
-    min_near_part: float = setting(
+    min_near_part: float = fraction(
         0.01,
         "The same share for parts near those that are not debris, such as a head without its neck.",
-        least=0,
-        most=1,
     )
-    near: float = setting(0.15, "Distance within which a part is near.", unit="m", least=0)
-    n_looks: int = setting(
+    near: float = nonnegative(0.15, "Distance within which a part is near.", unit="m")
+    n_looks: int = nonnegative(
         12,
         "Number of later frames that are searched for one in which the person stands taller; 0"
         " turns the search off.",
-        least=0,
     )
     taller: float = setting(
         1.08,
@@ -61,15 +51,13 @@ class FrameChoice(Config):
         "by hand",
         least=1,
     )
-    unfolded: float = setting(
+    unfolded: float = fraction(
         0.85,
         "Height of the trunk's highest joint over the body's lowest one, as a share of that of a "
         "standing person, below which a frame does not inform the shape: a visual hull fills the "
         "space between folded limbs and trunk.",
         "by hand: strides have 0.95 and more, hard_floor_8cam's crouch 0.5",
-        least=0,
-        most=1,
     )
-    least_unfolded: int = setting(
-        3, "Least number of frames above it; with fewer, all frames inform the shape.", least=1
+    least_unfolded: int = natural(
+        3, "Least number of frames above it; with fewer, all frames inform the shape."
     )

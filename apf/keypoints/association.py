@@ -19,9 +19,6 @@ from apf.keypoints.persons import person_sizes
 from apf.keypoints.triangulation import reprojection_errors, triangulate
 from psfs.cameras.camera import CameraRig
 
-#: Least number of points that two cameras must share.
-_LEAST_POINTS = 5
-
 
 @dataclass(eq=False)
 class _Person:
@@ -82,7 +79,7 @@ class _Search:
             if camera.lens.any():
                 view[..., :2] = camera.undistort(view[..., :2])
         self.sizes = person_sizes(self.straight)
-        self.there = np.isfinite(self.straight).all(-1).sum(-1) >= _LEAST_POINTS
+        self.there = np.isfinite(self.straight).all(-1).sum(-1) >= config.least_points
         self.people: list[_Person] = []
 
     def step(self, frame: int) -> None:
@@ -118,7 +115,7 @@ class _Search:
         if (own >= 0).sum() < 2:
             return
         found = self._triangulate(own, frame)
-        if np.isfinite(found).all(-1).sum() < _LEAST_POINTS:
+        if np.isfinite(found).all(-1).sum() < self.config.least_points:
             return
         one.points = np.where(np.isfinite(found), found, one.points)
         one.last = frame
@@ -167,7 +164,7 @@ class _Search:
         distance, see `_away`."""
         pair = np.flatnonzero(own >= 0).tolist()
         found = self._triangulate(own, frame)
-        if np.isfinite(found).all(-1).sum() < _LEAST_POINTS:
+        if np.isfinite(found).all(-1).sum() < self.config.least_points:
             return np.inf
         error = max(self._away(found, view, frame)[own[view]] for view in pair)
         for view in range(len(self.rig)):
@@ -198,6 +195,7 @@ class _Search:
         shown = np.broadcast_to(points, (count, k, 3)).reshape(-1, 3)
         off = reprojection_errors(camera, seen.reshape(1, -1, 3), shown)[0].reshape(count, k)
         known = np.isfinite(off)
-        median = np.array([np.median(row[fine]) if fine.sum() >= _LEAST_POINTS else np.inf
+        least = self.config.least_points
+        median = np.array([np.median(row[fine]) if fine.sum() >= least else np.inf
                            for row, fine in zip(off, known, strict=True)])  # fmt: skip
         return np.minimum(median / self.sizes[view, frame], 1e3)

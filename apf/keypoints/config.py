@@ -7,7 +7,7 @@ from typing import ClassVar
 from pydantic import model_validator
 
 from cl import InputError
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, positive, setting
 
 
 class CropConfig(Config):
@@ -15,16 +15,13 @@ class CropConfig(Config):
 
     SOURCE: ClassVar = "by hand"
 
-    margin: float = setting(
-        0.5,
-        "Margin on every side, as a share of the silhouette's larger side; more than `slack`.",
-        above=0,
+    margin: float = positive(
+        0.5, "Margin on every side, as a share of the silhouette's larger side; more than `slack`."
     )
-    slack: float = setting(
+    slack: float = nonnegative(
         0.1,
         "Least distance of the silhouette from the crop's border, as a share of its larger "
         "side; below it, a new crop is made and the network detects the person again.",
-        least=0,
     )
     largest: float = setting(
         4.0,
@@ -32,11 +29,8 @@ class CropConfig(Config):
         "alone makes.",
         above=1,
     )
-    speckle: float = setting(
-        0.1,
-        "Share of the largest part of the silhouette below which others are left out.",
-        least=0,
-        most=1,
+    speckle: float = fraction(
+        0.1, "Share of the largest part of the silhouette below which others are left out."
     )
 
     @model_validator(mode="after")
@@ -56,25 +50,22 @@ class PersonConfig(Config):
 
     SOURCE: ClassVar = "by hand"
 
-    motion: float = setting(
-        2.0, "Cost of a step as long as the person's own size; longer steps cost no more.", least=0
+    motion: float = nonnegative(
+        2.0, "Cost of a step as long as the person's own size; longer steps cost no more."
     )
-    agreement: float = setting(
+    agreement: float = nonnegative(
         3.0,
         "Cost of lying as far as the person's own size from where the other cameras see the "
         "person.",
-        least=0,
     )
-    rounds: int = setting(
+    rounds: int = nonnegative(
         3,
         "Number of rounds that compare cameras, each with the others' choice of the round before.",
-        least=0,
     )
-    largest_error: float = setting(
+    largest_error: float = positive(
         0.3,
         "Reprojection error, as a share of the person's size in the picture, up to which cameras "
         "agree on a point.",
-        above=0,
     )
 
 
@@ -83,26 +74,23 @@ class AssociationConfig(Config):
 
     SOURCE: ClassVar = "by hand, on bodies whose keypoints are known"
 
-    largest_error: float = setting(
+    largest_error: float = positive(
         0.06,
         "Median reprojection error, as a share of the person's size in the picture, up to which "
         "persons of different cameras are the same.",
-        above=0,
     )
-    followed: float = setting(
+    least_points: int = natural(5, "Least number of points that persons in two cameras must share.")
+    followed: float = positive(
         0.3,
         "Median distance, as a share of the person's size, up to which a person in a picture may "
         "be from where somebody was last seen.",
-        above=0,
     )
-    longest_gap: float = setting(
-        0.5, "Time for which somebody who is not seen is still followed.", unit="s", least=0
+    longest_gap: float = nonnegative(
+        0.5, "Time for which somebody who is not seen is still followed.", unit="s"
     )
-    speed: float = setting(
-        4.0, "Greatest speed of a lost person who comes back.", unit="m/s", above=0
-    )
-    least_seconds: float = setting(
-        0.5, "Time for which somebody must be seen to count.", unit="s", least=0
+    speed: float = positive(4.0, "Greatest speed of a lost person who comes back.", unit="m/s")
+    least_seconds: float = nonnegative(
+        0.5, "Time for which somebody must be seen to count.", unit="s"
     )
 
 
@@ -113,22 +101,16 @@ class AgreementConfig(Config):
         "set between what the sequences at hand show untouched and what they show spoilt"
     )
 
-    away: float = setting(
+    away: float = positive(
         0.04,
         "Median distance, as a share of the picture's height, up to which a camera's keypoints may "
         "lie from where the others see them.",
         "untouched sequences: up to 0.025",
-        above=0,
     )
-    n_points: int = setting(
-        100, "Number of examined keypoints, spread over frames and names.", least=1
-    )
-    confidence: float = setting(0.3, "Least confidence of keypoints that count.", least=0, most=1)
-    known: float = setting(
-        0.2,
-        "Share of a camera's keypoints that the others must see somewhere, to be compared.",
-        least=0,
-        most=1,
+    n_points: int = natural(100, "Number of examined keypoints, spread over frames and names.")
+    confidence: float = fraction(0.3, "Least confidence of keypoints that count.")
+    known: float = fraction(
+        0.2, "Share of a camera's keypoints that the others must see somewhere, to be compared."
     )
     resolutions: tuple[float, ...] = setting(
         (0.25, 1 / 3, 0.5, 2 / 3, 1.5, 2.0, 3.0, 4.0),
@@ -143,12 +125,12 @@ class LagConfig(Config):
         "set between what nine sequences show untouched and with one camera, or all, 5 frames late"
     )
 
-    most: int = setting(15, "Greatest lag that is tried, late or early.", unit="frames", least=0)
-    least: int = setting(2, "Least lag that is reported.", unit="frames", least=1)
-    confidence: float = setting(0.3, "Least confidence of keypoints that count.", least=0, most=1)
-    n_frames: int = setting(40, "Number of examined frames.", unit="frames", least=1)
-    error: float = setting(
-        0.02, "Reprojection error of a point, as a share of the picture's height.", above=0
+    most: int = nonnegative(15, "Greatest lag that is tried, late or early.", unit="frames")
+    least: int = natural(2, "Least lag that is reported.", unit="frames")
+    confidence: float = fraction(0.3, "Least confidence of keypoints that count.")
+    n_frames: int = natural(40, "Number of examined frames.", unit="frames")
+    error: float = positive(
+        0.02, "Reprojection error of a point, as a share of the picture's height."
     )
     camera_gain: float = setting(
         1.3,
@@ -157,8 +139,8 @@ class LagConfig(Config):
         "untouched sequences: up to 1.08; late ones: 1.5 and more",
         least=1,
     )
-    camera_noise: float = setting(
-        0.001, "Distance, as a share of the picture's height, that is noise.", above=0
+    camera_noise: float = positive(
+        0.001, "Distance, as a share of the picture's height, that is noise."
     )
     footage_gain: float = setting(
         1.07,
@@ -167,11 +149,11 @@ class LagConfig(Config):
         "untouched sequences: up to 1.01; late ones: 1.10 and more",
         least=1,
     )
-    footage_noise: float = setting(
-        0.0005, "Distance, as a share of the picture's height, that is noise.", above=0
+    footage_noise: float = positive(
+        0.0005, "Distance, as a share of the picture's height, that is noise."
     )
-    footage_cap: float = setting(
-        0.05, "Greatest distance, as a share of the picture's height; more is no worse.", above=0
+    footage_cap: float = positive(
+        0.05, "Greatest distance, as a share of the picture's height; more is no worse."
     )
 
 
@@ -180,12 +162,12 @@ class SideConfig(Config):
 
     SOURCE: ClassVar = "nine sequences: nose and toes lie in front in 95 to 100 % of the frames"
 
-    n_frames: int = setting(60, "Number of examined frames.", unit="frames", least=1)
-    least_frames: int = setting(
-        5, "Least number of frames in which nose or toes are known.", unit="frames", least=1
+    n_frames: int = natural(60, "Number of examined frames.", unit="frames")
+    least_frames: int = natural(
+        5, "Least number of frames in which nose or toes are known.", unit="frames"
     )
-    error: float = setting(
-        0.02, "Reprojection error of a point, as a share of the picture's height.", above=0
+    error: float = positive(
+        0.02, "Reprojection error of a point, as a share of the picture's height."
     )
     backward: float = setting(
         0.8, "Share of the frames in which nose and toes must lie behind.", least=0.5, most=1
@@ -195,22 +177,17 @@ class SideConfig(Config):
 class TriangulationConfig(Config):
     """Limits by which cameras are left out of a point, and points are left out."""
 
-    max_error: float = setting(
+    max_error: float = positive(
         15.0,
         "Mean reprojection error that the cameras of a point must stay below; others are left out.",
         "Pose2Sim's default, for pictures about 1000 px high",
         "px",
-        above=0,
         flag="--max-error",
         flag_help="triangulate: cameras are left out of a point until the mean reprojection "
         "error is below",
         metavar="PX",
     )
-    min_confidence: float = setting(
-        0.3,
-        "Confidence below which a keypoint counts as missing.",
-        "Pose2Sim's default",
-        least=0,
-        most=1,
+    min_confidence: float = fraction(
+        0.3, "Confidence below which a keypoint counts as missing.", "Pose2Sim's default"
     )
     min_cameras: int = setting(2, "Fewest cameras that give a point.", "by geometry", least=2)

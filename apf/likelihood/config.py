@@ -14,7 +14,7 @@ from apf.likelihood.terms import TERMS, TermSettings
 from apf.likelihood.terms.contour import ContourConfig
 from apf.likelihood.terms.motion_prior import MotionPriorConfig
 from apf.likelihood.terms.part_colour import PartColourConfig
-from psfs.common.config import Config, part, setting, with_parts
+from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, with_parts
 from psfs.voxels.config import ForegroundJoinConfig
 
 if TYPE_CHECKING:
@@ -37,39 +37,32 @@ class KeypointConfig(Config):
 
     SOURCE: ClassVar = "by hand"
 
-    weight: float = setting(
+    weight: float = nonnegative(
         0.0,
         "Weight of the missed share in one camera's error.",
         "off, because there are no keypoints unless the user passes some",
-        least=0,
     )
-    reach: float = setting(
+    reach: float = positive(
         5.0,
         "Distance at which the cost of a point is half its maximum of 1 (Geman & McClure 1987).",
         unit="standard deviations",
-        above=0,
     )
-    exchange: float = setting(
+    exchange: float = fraction(
         0.5,
         "Cost of a point at the place of its left or right partner, as a share of the greatest"
         " cost.",
-        least=0,
-        most=1,
     )
-    room: int = setting(
-        512, "Greatest number of sightings of a frame.", "33 points in 15 cameras", least=1
-    )
+    room: int = natural(512, "Greatest number of sightings of a frame.", "33 points in 15 cameras")
 
 
 class ReprojectionConfig(Config):
     """Comparison of cones with the reprojected voxels, by edges and silhouettes."""
 
-    sample_spacing: float = setting(
+    sample_spacing: float = positive(
         0.06,
         "Distance between the samples on a cone.",
         "tuned: as accurate as 0.05, in less time",
         "m",
-        above=0,
     )
     foreground_join: ForegroundJoinConfig = part(
         ForegroundJoinConfig,
@@ -80,14 +73,13 @@ class ReprojectionConfig(Config):
 class SurfaceSamplesConfig(Config):
     """Sampling of the surface voxels for the surface term."""
 
-    n_points: int = setting(
-        1024, "Number of surface voxels, evenly spread over all of them.", "by hand", least=1
+    n_points: int = natural(
+        1024, "Number of surface voxels, evenly spread over all of them.", "by hand"
     )
-    point_turns: int = setting(
+    point_turns: int = natural(
         8,
         "Stride of these voxels in one layer; consecutive layers use different voxels.",
         "tuned: as accurate as 4",
-        least=1,
     )
 
 
@@ -97,61 +89,54 @@ class LikelihoodConfig(Config):
     as the term. For the likelihood of Song et al. set all weights except edge and silhouette to 0.
     """
 
-    edge_weight: float = setting(
+    edge_weight: float = nonnegative(
         4.0,
         "Weight of the edge error, Song et al. eq. (14), who weigh it as the silhouette's.",
         "tuned on nine sequences; it was 2 before",
-        least=0,
         flag="--edge-weight",
         flag_help="weight of the edges, Song et al. eq. (14); or w2, Rymut",
     )
-    silhouette_weight: float = setting(
+    silhouette_weight: float = nonnegative(
         1.0,
         "Weight of the silhouette error, Song et al. eq. (15).",
         "the unit of all weights",
-        least=0,
         flag="--silhouette-weight",
         flag_help="of the silhouettes, eq. (15); or w1, Rymut",
     )
-    surface_weight: float = setting(
+    surface_weight: float = nonnegative(
         2.0,
         "Weight of the share of surface voxels that no cone explains, counted once per camera.",
         "tuned with the colours of parts: the hull of few cameras fills the room between arms and "
         "trunk, and 4 draws arms into it",
-        least=0,
         flag="--surface-weight",
         flag_help="weight of surface voxels left unexplained",
     )
-    overlap_weight: float = setting(
+    overlap_weight: float = nonnegative(
         1.0,
         "Weight of the depth by which parts intersect that must stay apart, counted once per "
         "camera.",
         "by hand",
-        least=0,
         flag="--overlap-weight",
         flag_help="weight of parts lying in each other",
     )
-    silhouette_recall_weight: float = setting(
+    silhouette_recall_weight: float = nonnegative(
         0.0,
         "Weight of the share of the silhouettes that the body leaves uncovered (Rymut 2016 "
         "eq. 4.42); the limb search has one of its own, `LimbSearchConfig.least_recall`.",
         "off in the layers, which the surface's term serves for less work",
-        least=0,
     )
-    posture_prior_weight: float = setting(
+    posture_prior_weight: float = nonnegative(
         0.02,
         "Weight of the squared distance from the rest pose, in the body's posture sigmas, "
         "counted once per camera; it determines the pose of hidden arms.",
         "tuned: 0.04 loses raised arms of low contrast, 0.01 loses more arms with 4 cameras",
-        least=0,
     )
-    surface_scale: float = setting(
+    surface_scale: float = positive(
         0.05,
         "Distance at which a surface voxel is half unexplained (Geman & McClure 1987).",
         "by hand: about the distance of a body's surface from its cones and from the hull of "
         "few cameras",
         "m",
-        above=0,
     )
     samples: SurfaceSamplesConfig = part(
         SurfaceSamplesConfig, "The surface voxels that the surface term uses."

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, TypeAlias, TypeVar
 
@@ -101,27 +100,6 @@ def make_empty_observations() -> PointObservations:
     return PointObservations(
         none, np.zeros((0, 3)), none, none, none, np.zeros((0, 2)), np.zeros(0)
     )
-
-
-def concatenate_observations(parts: Sequence[PointObservations]) -> PointObservations:
-    """Concatenate `parts`, for example keypoints and optical flow."""
-    if not parts:
-        return make_empty_observations()
-    first = np.cumsum([0, *[len(part.bone) for part in parts[:-1]]])
-
-    def numbers(name: str) -> np.ndarray:
-        values = [getattr(part, name) for part in parts]
-        moved = [np.where(v >= 0, v + n, v) for v, n in zip(values, first, strict=True)]
-        return np.concatenate(moved)
-
-    def concatenate(name: str) -> np.ndarray:
-        return np.concatenate([getattr(part, name) for part in parts])
-
-    return PointObservations(
-        concatenate("bone"), concatenate("position"), numbers("point"), numbers("partner"),
-        concatenate("camera"), concatenate("pixel"), concatenate("inverse_scale"),
-        sum(part.most for part in parts), sum(part.usual for part in parts),
-    )  # fmt: skip
 
 
 A = TypeVar("A", covariant=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, fraction, nonnegative, positive, setting
 
 
 class QualityConfig(Config):
@@ -19,56 +19,39 @@ class QualityConfig(Config):
         above=0,
         below=1,
     )
-    halved: float = setting(
+    halved: float = positive(
         0.1,
         "Standard deviation of a limb's end that halves its confidence.",
         "half of the error from which `apf evaluate` counts a limb as lost",
         unit="m",
-        above=0,
     )
     steepness: float = setting(
         4.0, "Power of that deviation by which the confidence falls.", above=0, most=100
     )
-    explained: float = setting(
+    explained: float = fraction(
         0.9,
         "Share of surface voxels near the body below which a frame should be checked.",
         "an arm is more than the rest; hulls of few cameras leave up to 0.06 without a fault",
-        least=0,
-        most=1,
     )
-    near: float = setting(
+    near: float = fraction(
         0.88,
         "Share of keypoints near their points on the body below which a frame should be checked.",
         "sound keypoints: 0.92 and more; left and right exchanged in one camera of five: 0.86",
-        least=0,
-        most=1,
     )
-    good: float = setting(
-        0.02, "Greatest share of doubtful frames of a good track.", least=0, most=1
+    good: float = fraction(0.02, "Greatest share of doubtful frames of a good track.")
+    bad: float = fraction(0.25, "Least share of doubtful frames of a bad track.")
+    doubtful_parts: float = fraction(
+        0.1, "Least share of doubtful parts that confirms, with `overlap`, that a track is bad."
     )
-    bad: float = setting(0.25, "Least share of doubtful frames of a bad track.", least=0, most=1)
-    doubtful_parts: float = setting(
-        0.1,
-        "Least share of doubtful parts that confirms, with `overlap`, that a track is bad.",
-        least=0,
-        most=1,
-    )
-    overlap: float = setting(
+    overlap: float = nonnegative(
         0.76,
         "Overlap of body and silhouettes, as a share of that of the voxels, below which they do "
         "not fit.",
         "right tracks: 0.80 and more, in a skirt 0.75",
-        least=0,
     )
-    away: float = setting(
-        0.5,
-        "Share of frames with voxels away from the body that confirms that a track is bad.",
-        least=0,
-        most=1,
+    away: float = fraction(
+        0.5, "Share of frames with voxels away from the body that confirms that a track is bad."
     )
-    fitting: float = setting(
-        0.25,
-        "Share of keypoints near the body below which a track is certainly bad.",
-        least=0,
-        most=1,
+    fitting: float = fraction(
+        0.25, "Share of keypoints near the body below which a track is certainly bad."
     )

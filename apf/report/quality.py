@@ -20,11 +20,11 @@ from apf.report.agreement import Agreement, choose_rows
 from apf.report.config import QualityConfig
 from apf.report.parts import find_parts
 from apf.tracking.correction import list_corrections
-from apf.tracking.limb_confidence import LOST, REGRESSION
+from apf.tracking.limb_confidence import REGRESSION
 from apf.tracking.track import Track, spans
 
 #: A part with less confidence should be checked; a limb counts as lost below it, too.
-DOUBTFUL = LOST
+DOUBTFUL = REGRESSION.lost
 #: Most frame ranges that a line lists; the page shows all.
 _NAMED = 4
 

@@ -13,7 +13,13 @@ from apf.body.model import plain_name
 from apf.studio.opened import Opened
 from apf.studio.watch import Watch
 from apf.studio.words import make_lines, make_text
-from apf.tracking.correction import REACH, Correction, Corrections, correct_pose, write_corrections
+from apf.tracking.correction import (
+    DEFAULTS,
+    Correction,
+    Corrections,
+    correct_pose,
+    write_corrections,
+)
 from cl import InputError, UserError
 
 if TYPE_CHECKING:
@@ -45,7 +51,7 @@ class CorrectPanel:
         self.joint: Any = gui.add_dropdown("joint", ["-"], initial_value="-")
         self.place = gui.add_button("put it right in this frame", hint="key: C", disabled=True)
         self.reach = gui.add_number(
-            "reach, s", REACH, min=0.0, max=10.0, step=0.1,
+            "reach, s", DEFAULTS.reach, min=0.0, max=10.0, step=0.1,
             hint="time before and after the frame that is tracked again",
         )  # fmt: skip
         self.bad = gui.add_button("mark this frame as bad", hint="key: B", disabled=True)

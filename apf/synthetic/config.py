@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, get_args
 from pydantic import model_validator
 
 from cl import InputError
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, fraction, setting
 
 if TYPE_CHECKING:
     from apf.synthetic.walk import Walk
@@ -62,12 +62,8 @@ class SceneConfig(Config):
         choices=get_args(CourseKind),
         flag="--course",
     )
-    shadow: float = setting(
-        1.0,
-        "Strength of the person's shadow on the floor; 0 for diffuse light.",
-        least=0,
-        most=1,
-        flag="--shadow",
+    shadow: float = fraction(
+        1.0, "Strength of the person's shadow on the floor; 0 for diffuse light.", flag="--shadow"
     )
 
     people: int = setting(

@@ -8,7 +8,7 @@ from pydantic import model_validator
 
 from apf.keypoints.config import TriangulationConfig
 from cl import InputError
-from psfs.common.config import Config, part, setting
+from psfs.common.config import Config, natural, nonnegative, part, positive, setting
 
 if TYPE_CHECKING:
     from apf.body.model import BodyModel
@@ -26,40 +26,32 @@ class RecoveryConfig(Config):
     ratio: float = setting(
         2.0, "Ratio of the limit to the median misfit of the last good frames.", above=1
     )
-    window: int = setting(
-        60, "Number of these good frames; 60 are a second at 60 frames/s.", unit="frames", least=1
+    window: int = natural(
+        60, "Number of these good frames; 60 are a second at 60 frames/s.", unit="frames"
     )
-    least: float = setting(
-        0.4, "Least value of the limit; misfits of good frames differ by as much.", above=0
+    least: float = positive(
+        0.4, "Least value of the limit; misfits of good frames differ by as much."
     )
-    worst: float = setting(
-        0.9,
-        "Greatest value of the limit; at this misfit hardly anything of the body is visible.",
-        above=0,
+    worst: float = positive(
+        0.9, "Greatest value of the limit; at this misfit hardly anything of the body is visible."
     )
-    unknown: float = setting(
-        0.45, "Limit before there are good frames, from `least` to `worst`.", above=0
-    )
-    retry: int = setting(
+    unknown: float = positive(0.45, "Limit before there are good frames, from `least` to `worst`.")
+    retry: int = natural(
         5,
         "Number of lost frames from one global search to the next, because each takes seconds.",
         unit="frames",
-        least=1,
     )
-    steepness: float = setting(
-        4.0,
-        "Power of misfit over limit by which the confidence falls; it is 1/2 at the limit.",
-        above=0,
+    steepness: float = positive(
+        4.0, "Power of misfit over limit by which the confidence falls; it is 1/2 at the limit."
     )
-    n_steps: int = setting(
+    n_steps: int = natural(
         2,
         "Number of consecutive searches in a lost frame, each starting from the result of the "
         "one before.",
-        least=1,
     )
-    wider: float = setting(4.0, "Factor of the noise in these searches.", above=0)
-    longer: int = setting(
-        2, "Factor of the number of layers in these searches; the SIR filter has none.", least=1
+    wider: float = positive(4.0, "Factor of the noise in these searches.")
+    longer: int = natural(
+        2, "Factor of the number of layers in these searches; the SIR filter has none."
     )
     everywhere_too: bool = setting(
         False,
@@ -94,53 +86,44 @@ class TwoWayConfig(Config):
 
     SOURCE: ClassVar = "by hand"
 
-    near: float = setting(
+    near: float = positive(
         0.15,
         "Distance within which joints of two passes agree, so that they are averaged.",
         "tuned on synth_box_4cam and synth_salsa_4cam_hd: 0.1 is nearly as good",
         "m",
-        above=0,
     )
-    jump: float = setting(
+    jump: float = positive(
         0.03,
         "Mean jump of the joints where the pass changes that costs as much as `misfit`.",
         unit="m",
-        above=0,
     )
-    misfit: float = setting(
+    misfit: float = positive(
         0.05,
         "Error of one frame, in the likelihood's unit, that costs as much as `jump`.",
         "three times as much or as little changes nothing",
-        above=0,
     )
-    steady: float = setting(
+    steady: float = positive(
         0.15,
         "Length of the Savitzky-Golay window that smooths the poses, see `smooth_poses`.",
         "longer ones flatten fast motion",
         "s",
-        above=0,
     )
-    steady_within: float = setting(
-        0.01,
-        "Largest distance of a limb's joints from their smoothed positions.",
-        unit="m",
-        above=0,
+    steady_within: float = positive(
+        0.01, "Largest distance of a limb's joints from their smoothed positions.", unit="m"
     )
-    overlap: int = setting(
+    overlap: int = natural(
         30,
         "Number of frames at a window's end that are tracked again in the next window, so that the "
         "backward pass has converged where poses become final; at most a third of the window.",
         unit="frames",
-        least=1,
     )
-    memory: float = setting(
+    memory: float = positive(
         0.5,
         "Size of the observations in a window: about 500 frames of 4 cameras of 640 x 480 with"
         " clean silhouettes, 17 frames of 4 cameras of 1920 x 1080 with specks everywhere.",
         unit="GB",
-        above=0,
     )
-    longest: int = setting(1000, "Greatest number of frames of a window.", unit="frames", least=1)
+    longest: int = natural(1000, "Greatest number of frames of a window.", unit="frames")
 
     def n_steady(self, fps: float) -> int:
         """Return the number of frames of a parabola, an odd number."""
@@ -154,19 +137,15 @@ class TwoWayConfig(Config):
 class BatchConfig(Config):
     """Number of takes that are tracked at the same time. Measured with takes of 172 frames."""
 
-    on_gpu: int = setting(
+    on_gpu: int = natural(
         4,
         "Number of takes at a time on a GPU.",
         "on an H200 with 16 cores four at once took 58 s, in consecutive processes about 150 "
         "s; six took as long per take as four, because their Python code runs in turns, above "
         "all that of the starts",
-        least=1,
     )
-    on_cpu: int = setting(
-        2,
-        "Number of takes at a time on CPUs.",
-        "on 2 cores two at once took an eighth less time",
-        least=1,
+    on_cpu: int = natural(
+        2, "Number of takes at a time on CPUs.", "on 2 cores two at once took an eighth less time"
     )
 
 
@@ -176,63 +155,52 @@ class ContactConfig(Config):
 
     SOURCE: ClassVar = "chosen on synth_walk_8cam and synth_walk_4cam"
 
-    start_speed: float = setting(
+    start_speed: float = positive(
         0.45,
         "Speed along the floor below which a foot may begin to stand.",
         "chosen with `stop_speed` on synth_walk_8cam and synth_walk_4cam, where true feet stand "
         "below 0.3 and swing at up to 4",
         "m/s",
-        above=0,
     )
-    stop_speed: float = setting(
+    stop_speed: float = positive(
         0.5,
         "Speed above which a foot no longer stands, because its heel is off the floor; above "
         "`start_speed`.",
         unit="m/s",
-        above=0,
     )
-    start_height: float = setting(
+    start_height: float = positive(
         0.04,
         "Height above the usual level of the lower foot's ankle below which a foot may begin "
         "to stand.",
         unit="m",
-        above=0,
     )
-    stop_height: float = setting(
+    stop_height: float = positive(
         0.06,
         "Height above that level at which a foot no longer stands; above `start_height`.",
         unit="m",
-        above=0,
     )
-    window: float = setting(0.1, "Time over which the speed is computed.", unit="s", least=0)
-    shortest: float = setting(
+    window: float = nonnegative(0.1, "Time over which the speed is computed.", unit="s")
+    shortest: float = nonnegative(
         0.1,
         "Least duration of a stance, and of a swing between two stances.",
         "a sixth of usual ones",
         "s",
-        least=0,
     )
-    longest_slide: float = setting(
+    longest_slide: float = positive(
         0.12,
         "Distance along the floor above which a foot slides and does not stand.",
         "tracks of synth_walk_4cam slide by up to 0.074 where the true foot stands",
         "m",
-        above=0,
     )
-    flat_height: float = setting(
+    flat_height: float = positive(
         0.025,
         "Height above the lowest one of the stance below which the heel of a standing foot is "
         "on the floor, too.",
         "with it the ankles of synth_walk_8cam and synth_walk_4cam are right to 3 degrees",
         "m",
-        above=0,
     )
-    fade: float = setting(
-        0.12,
-        "Time over which the correction of a held foot fades in and out.",
-        "by hand",
-        "s",
-        above=0,
+    fade: float = positive(
+        0.12, "Time over which the correction of a held foot fades in and out.", "by hand", "s"
     )
 
     @model_validator(mode="after")
@@ -249,13 +217,12 @@ class ContactConfig(Config):
 class SmoothingConfig(Config):
     """Smoothing of a track."""
 
-    cutoff: float = setting(
+    cutoff: float = positive(
         6.0,
         "Frequency of motion that keeps half of its amplitude (where the stated deviation is the "
         "usual one).",
         "the custom of gait analysis (Winter 2009)",
         "Hz",
-        above=0,
         flag="--cutoff",
         flag_help="smoothing: motion this fast keeps half of its amplitude",
         metavar="HZ",
@@ -271,12 +238,11 @@ class SmoothingConfig(Config):
         flag_help="look so many frames ahead, as a program that runs live could",
         metavar="FRAMES",
     )
-    min_deviation: float = setting(
+    min_deviation: float = positive(
         0.1,
         "Least deviation, as a share of the median of the stated deviations; smaller ones are "
         "replaced by it.",
         "by hand",
-        above=0,
     )
     contact: ContactConfig | None = part(
         ContactConfig,
@@ -290,25 +256,17 @@ class GaitConfig(Config):
 
     SOURCE: ClassVar = "by hand"
 
-    speed: float = setting(
+    speed: float = positive(
         0.3,
         "Least speed of the pelvis that counts as walking.",
         "old people's slow walk is about 0.6",
         "m/s",
-        above=0,
     )
-    swing: float = setting(
-        0.15,
-        "Least range of a foot's motion relative to the pelvis in every stride.",
-        unit="m",
-        above=0,
+    swing: float = positive(
+        0.15, "Least range of a foot's motion relative to the pelvis in every stride.", unit="m"
     )
-    window: float = setting(
-        0.5,
-        "Time over which direction and speed of the pelvis are computed.",
-        "about a step",
-        "s",
-        above=0,
+    window: float = positive(
+        0.5, "Time over which direction and speed of the pelvis are computed.", "about a step", "s"
     )
 
 
@@ -318,22 +276,20 @@ class TriangulatedConfig(Config):
     triangulation: TriangulationConfig = part(
         TriangulationConfig, "Criteria by which cameras are excluded from a point."
     )
-    longest_gap: float | None = setting(
+    longest_gap: float | None = nonnegative(
         None,
         "Longest gap that is filled; none to fill all.",
         "all are filled",
         "s",
-        least=0,
         flag="--longest-gap",
         flag_help="triangulate: leave longer gaps open, blank in the files",
         metavar="S",
     )
-    low_pass: float = setting(
+    low_pass: float = nonnegative(
         0.0,
         "Frequency of a Butterworth filter; 0 for none. 6 Hz is usual for walking.",
         "off",
         "Hz",
-        least=0,
         flag="--low-pass",
         flag_help="triangulate: Butterworth filter of the points, such as 6; 0 for none",
         metavar="HZ",

@@ -13,15 +13,15 @@ from pydantic import ConfigDict, Field
 from apf.body.limbs import limb_bones, solve_inverse_kinematics
 from apf.body.model import BodyModel, plain_name
 from apf.likelihood.observations import PointObservations
+from apf.tracking.confidence_config import CorrectionConfig
 from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cameras.camera import CameraRig
 from psfs.common.schema import Name, PathText, Table, Vector, parse_values
 from psfs.common.toml import read_toml, write_toml
 
-#: Time before and after a corrected frame that is tracked again, s, and error of a joint that is
-#: put somewhere by hand, m: that of one joint centre between two people who mark it.
-REACH, ERROR = 0.4, 0.02
+#: The defaults of a file of corrections.
+DEFAULTS = CorrectionConfig()
 _Frame = Annotated[int, Field(ge=0, le=2**40)]
 
 
@@ -32,7 +32,7 @@ class Correction:
     frame: int
     joint: str
     position: tuple[float, float, float]
-    error: float = ERROR
+    error: float = DEFAULTS.error
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Corrections:
     track: Path
     points: tuple[Correction, ...] = ()
     bad: tuple[tuple[int, int], ...] = ()
-    reach: float = REACH
+    reach: float = DEFAULTS.reach
 
     def check(self, track: Track) -> None:
         """Raise InputError unless all frames and joints are those of `track`."""
@@ -90,14 +90,14 @@ class _Point(Table):
     frame: _Frame
     joint: Name
     position: Vector
-    error: Annotated[float, Field(ge=0.001, le=1.0)] = ERROR
+    error: Annotated[float, Field(ge=0.001, le=1.0)] = DEFAULTS.error
 
 
 class _File(Table):
     model_config = ConfigDict(extra="forbid")
 
     track: PathText
-    reach: Annotated[float, Field(ge=0.0, le=60.0)] = REACH
+    reach: Annotated[float, Field(ge=0.0, le=60.0)] = DEFAULTS.reach
     bad: tuple[tuple[_Frame, _Frame], ...] = ()
     point: tuple[_Point, ...] = ()
 

@@ -11,12 +11,10 @@ in every frame, so both are known without further work on the device:
   the search found,
 - the jitter: the acceleration of the limb's end divided by its speed.
 
-Both are averaged over `Regression.window` and enter a logistic regression.
+Both are averaged over `ConfidenceConfig.window` and enter a logistic regression.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -25,60 +23,10 @@ from scipy.special import expit
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_ends
 from apf.body.model import BodyModel
+from apf.tracking.confidence_config import ConfidenceConfig
 
-#: Distance, m, from the limb's end beyond which another candidate counts as a different place.
-ELSEWHERE = 0.15
-#: A limb counts as lost below this confidence.
-LOST = 0.5
-
-
-@dataclass(frozen=True)
-class Regression:
-    """Coefficients of the log-odds that a limb is right.
-
-    Fitted by logistic regression to limbs with errors above 200 mm and below 150 mm, equally many
-    of each, of tracks of box, jacks, kick and run in the shared suite. The constants are such that
-    4 % of the correct limbs count as lost; 3 % if several passes are compared.
-
-    One pass, seven runs: 86 % of the wrong limbs count as lost; on pickup, salsa and walks 85 %,
-    with 4 % of the correct ones. Two runs with two passes each, 25 tracks of box, jacks, run,
-    pickup and salsa, all of which served to choose `apart`: 22 of 24 wrong limbs, with 3 % of the
-    correct ones. Margin and jitter do not improve that, and make correct limbs in real footage
-    count as lost.
-    """
-
-    constant: float = -12.9
-    """Log-odds, for one pass, of a limb with zero margin and zero jitter."""
-    margin: float = 36.1
-    """Coefficient of the square root of the margin."""
-    jitter: float = -0.033
-    """Coefficient of the jitter, per 1/s."""
-    most_margin: float = 0.3
-    """Upper limit of the margin; larger margins carry no more information."""
-    at_rest: float = 0.5
-    """Offset, m/s, added to the speed, so that an end at rest has little jitter. By hand."""
-    apart: float = 0.045
-    """Distance, m, between the end in the track and in the passes at which a limb is as likely
-    wrong as right."""
-    disagreement: float = -10.9
-    """Change of the log-odds if the distance grows by a factor of e."""
-    least: float = 0.02
-    """Lower limit of the distance, m; smaller ones carry no more information. By hand."""
-    window: float = 0.4
-    """Time, s, over which all inputs are averaged; distances by their logarithms."""
-    least_time: float = 0.5
-    """Time, s, that a track must last for its limbs to be judged. The passes over a shorter one all
-    begin at nearly the same pose, and agree on it even if it is wrong. By hand."""
-
-    def lasts(self, times: np.ndarray) -> bool:
-        """Return whether frames at `times` (F,) s last for `least_time`."""
-        if len(times) < 2:
-            return False
-        step = float(np.median(np.diff(times)))
-        return bool(times[-1] - times[0] + step >= self.least_time - 1e-9)
-
-
-REGRESSION = Regression()
+#: The coefficients in use.
+REGRESSION = ConfidenceConfig()
 
 
 def limb_margins(
@@ -87,9 +35,9 @@ def limb_margins(
     """Return the margin (F, L) of each limb of the estimates `poses` (F, D).
 
     The margin is the relative excess of the error of the best candidate, out of `candidates` (F, K,
-    D) with `errors` (F, K), that puts the limb's end elsewhere (see `ELSEWHERE`). It is inf if no
-    candidate does, and NaN without a limb search (K < 2). The error of the estimate is that of the
-    candidate nearest to it.
+    D) with `errors` (F, K), that puts the limb's end elsewhere, see `ConfidenceConfig`. It is inf
+    if no candidate does, and NaN without a limb search (K < 2). The error of the estimate is that
+    of the candidate nearest to it.
     """
     ends, (n_frames, n_candidates) = limb_ends(body), errors.shape
     if n_candidates < 2:
@@ -100,7 +48,7 @@ def limb_margins(
     tried = tried.reshape(n_frames, n_candidates, len(ends), 3)
     moved = np.linalg.norm(tried - posed_joints(body, poses)[:, None, ends], axis=-1)
     excess = (errors - own) / np.maximum(np.abs(own), 1e-6)
-    margins: np.ndarray = np.where(moved > ELSEWHERE, excess[..., None], np.inf).min(1)
+    margins: np.ndarray = np.where(moved > REGRESSION.elsewhere, excess[..., None], np.inf).min(1)
     return np.maximum(margins, 0.0)
 
 
@@ -109,10 +57,10 @@ def limb_confidence(
     ends: np.ndarray,
     times: np.ndarray,
     disagreement: np.ndarray | None = None,
-    regression: Regression = REGRESSION,
+    regression: ConfidenceConfig = REGRESSION,
 ) -> np.ndarray:
     """Return the probability (F, L) that each limb is right; NaN where nothing is known, and
-    everywhere if the frames last for less than `Regression.least_time`.
+    everywhere if the frames last for less than `ConfidenceConfig.least_time`.
 
     margins: (F, L), see `limb_margins`. ends: (F, L, 3) m, the limbs' ends at `times` (F,) s.
     disagreement: (F, L) m, geometric mean of the distances between the ends in the track and in the

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, positive, setting
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,8 +23,8 @@ class BackgroundConfig(Config):
         "tuned on synthetic walks with true masks and on a real person on a green carpet"
     )
 
-    sigma_floor: float = setting(
-        3.0, "Least standard deviation of the background.", unit="grey levels", above=0
+    sigma_floor: float = positive(
+        3.0, "Least standard deviation of the background.", unit="grey levels"
     )
     shadow_low: float = setting(
         0.5,
@@ -33,18 +33,16 @@ class BackgroundConfig(Config):
         most=1,
     )
     shadow_high: float = setting(1.1, "Greatest light factor alpha.", least=1)
-    shadow_width_grey: float = setting(
+    shadow_width_grey: float = positive(
         0.02,
         "Standard deviation of alpha around 1 for a grey background; small, because a grey "
         "wall under less light looks like many clothes.",
-        above=0,
     )
-    shadow_width_colour: float = setting(
+    shadow_width_colour: float = positive(
         0.06,
         "Standard deviation of alpha around 1 for a background of full saturation, "
         "interpolated linearly between the two: a green carpet under less light is not "
         "mistaken for clothes.",
-        above=0,
     )
 
     def shadow_width(self, mean: np.ndarray) -> np.ndarray:
@@ -70,24 +68,21 @@ class LightConfig(Config):
     follow: bool = setting(
         True, "Estimate every picture's light; else it is that of the background."
     )
-    widest: float = setting(
+    widest: float = positive(
         16.0,
         "Scale of the residuals in the first step of the robust fit: wide enough for a change of "
         "light by half.",
         unit="standard deviations",
-        above=0,
     )
-    narrowest: float = setting(
+    narrowest: float = positive(
         3.0,
         "The same scale in the last steps; residuals beyond a few of these belong to a person.",
         unit="standard deviations",
-        above=0,
     )
-    steps: int = setting(
+    steps: int = natural(
         6,
         "Number of steps of iteratively reweighted least squares. The scale halves in each, down "
         "to `narrowest`.",
-        least=1,
     )
     independent: float = setting(
         0.02,
@@ -96,15 +91,14 @@ class LightConfig(Config):
         above=0,
         most=1,
     )
-    gain_width: float = setting(0.3, "Standard deviation of a channel's gain around 1.", above=0)
-    offset_width: float = setting(
-        4.0, "Standard deviation of a channel's offset.", unit="grey levels", above=0
+    gain_width: float = positive(0.3, "Standard deviation of a channel's gain around 1.")
+    offset_width: float = positive(
+        4.0, "Standard deviation of a channel's offset.", unit="grey levels"
     )
-    field_width: float = setting(
+    field_width: float = positive(
         0.1,
         "Standard deviation of the share by which the light grows from the middle of a picture to "
         "its border, along each axis.",
-        above=0,
     )
 
     def scales(self) -> list[float]:
@@ -125,24 +119,20 @@ class AdaptationConfig(Config):
         least=0,
         below=1,
     )
-    period: int = setting(
+    period: int = natural(
         8,
         "Number of frames over which all pixels are updated once, a part of the picture in "
         "each frame; fewer frames take more time.",
         unit="frames",
-        least=1,
     )
-    variance_slowdown: float = setting(
-        4.0,
-        "Factor by which the variance drifts more slowly than the mean: it needs more samples.",
-        above=0,
+    variance_slowdown: float = positive(
+        4.0, "Factor by which the variance drifts more slowly than the mean: it needs more samples."
     )
-    nearest: float = setting(
+    nearest: float = positive(
         30.0,
         "Greatest squared distance to the background of pixels that update it. Shadows and "
         "other changes that count as background are further away and do not change it.",
         unit="squared standard deviations",
-        above=0,
     )
 
     def rates(self) -> tuple[float, float]:
@@ -161,37 +151,27 @@ class ScreenConfig(Config):
 
     SOURCE: ClassVar = "by hand; the tests hold it on synthetic screens under uneven light"
 
-    samples: int = setting(
+    samples: int = natural(
         12,
         "Number of frames of every camera from which the screen's colour is estimated.",
         unit="frames",
-        least=1,
     )
-    stride: int = setting(2, "Stride, along both axes, of the sampled pixels.", unit="px", least=1)
-    brightest: float = setting(
-        30.0,
-        "Brightest channel below which a pixel's chromaticity is noise.",
-        unit="grey levels",
-        least=0,
+    stride: int = natural(2, "Stride, along both axes, of the sampled pixels.", unit="px")
+    brightest: float = nonnegative(
+        30.0, "Brightest channel below which a pixel's chromaticity is noise.", unit="grey levels"
     )
-    saturation: float = setting(
-        0.12,
-        "Least saturation of a screen, see `psfs.common.colours.chromaticity`.",
-        least=0,
-        most=1,
+    saturation: float = fraction(
+        0.12, "Least saturation of a screen, see `psfs.common.colours.chromaticity`."
     )
-    near: float = setting(
-        0.12, "Distance of chromaticities within which a pixel is of the screen's colour.", above=0
+    near: float = positive(
+        0.12, "Distance of chromaticities within which a pixel is of the screen's colour."
     )
-    least_share: float = setting(
-        0.1, "Least share of the pictures that a screen fills.", least=0, most=1
-    )
-    closing: int = setting(9, "Edge of gaps in the screen that are closed.", unit="px", least=1)
-    std: float = setting(
+    least_share: float = fraction(0.1, "Least share of the pictures that a screen fills.")
+    closing: int = natural(9, "Edge of gaps in the screen that are closed.", unit="px")
+    std: float = positive(
         2.0,
         "Standard deviation of the screen's colour where that is stated, not measured.",
         unit="grey levels",
-        above=0,
     )
 
 
@@ -200,26 +180,17 @@ class ChromaKeyConfig(Config):
 
     SOURCE: ClassVar = "by hand; the tests hold it on synthetic screens with shade and spill"
 
-    spread: float = setting(0.03, "Least standard deviation of the screen's chromaticity.", above=0)
-    noise: float = setting(
-        3.0,
-        "Noise of a channel: dark pixels have no sure chromaticity.",
-        unit="grey levels",
-        least=0,
+    spread: float = positive(0.03, "Least standard deviation of the screen's chromaticity.")
+    noise: float = nonnegative(
+        3.0, "Noise of a channel: dark pixels have no sure chromaticity.", unit="grey levels"
     )
-    dark: float = setting(
-        0.3,
-        "Least light of the screen, as a share of its usual one: darker is black clothes.",
-        least=0,
+    dark: float = nonnegative(
+        0.3, "Least light of the screen, as a share of its usual one: darker is black clothes."
     )
-    bright: float = setting(
-        2.0,
-        "Greatest light of the screen, as a share of its usual one: brighter is a lamp.",
-        least=0,
+    bright: float = nonnegative(
+        2.0, "Greatest light of the screen, as a share of its usual one: brighter is a lamp."
     )
-    light_width: float = setting(
-        0.05, "Standard deviation of the light beyond that range.", above=0
-    )
+    light_width: float = positive(0.05, "Standard deviation of the light beyond that range.")
 
 
 class EvidenceConfig(Config):
@@ -258,23 +229,20 @@ class EvidenceConfig(Config):
         least=0,
         most=255,
     )
-    foreground_limit: float = setting(
+    foreground_limit: float = positive(
         6.0,
         "Greatest evidence for the foreground of a single pixel in the mean over 3x3 pixels.",
         unit="nats",
-        above=0,
     )
-    background_limit: float = setting(
+    background_limit: float = positive(
         10.0,
         "Greatest evidence for the background of a single pixel in the mean over 3x3 pixels.",
         unit="nats",
-        above=0,
     )
-    independent_pixels: float = setting(
+    independent_pixels: float = positive(
         1.5,
         "Effective number of independent pixels among those 3x3; low, because errors of "
         "neighbouring pixels are correlated where background and clothes look alike.",
-        above=0,
     )
 
     def log_odds(self, likelihood: np.ndarray, clamp: float) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, positive, setting
 
 
 class BackgroundModelConfig(Config):
@@ -13,56 +13,46 @@ class BackgroundModelConfig(Config):
 
     SOURCE: ClassVar = "by hand"
 
-    std_floor: float = setting(
+    std_floor: float = positive(
         2.0,
         "Least standard deviation of the background's estimate: without it, N(I; mu, sigma) of"
         " a noiseless background would be unbounded.",
         unit="grey levels",
-        above=0,
     )
-    prior_std: float = setting(
-        6.0,
-        "Prior standard deviation of a pixel, before any frame is read.",
-        unit="grey levels",
-        above=0,
+    prior_std: float = positive(
+        6.0, "Prior standard deviation of a pixel, before any frame is read.", unit="grey levels"
     )
-    prior_frames: float = setting(
+    prior_frames: float = nonnegative(
         2.0,
         "Weight of `prior_std`; a background of a single picture thus has a standard deviation"
         " of 4.9 grey levels.",
         unit="frames",
-        least=0,
     )
-    clip: float = setting(
+    clip: float = positive(
         3.0,
         "Distance from the mean beyond which a value is left out of it.",
         "the usual 3 sigma",
         "standard deviations",
-        above=0,
     )
-    samples: int = setting(
+    samples: int = natural(
         25,
         "Number of frames from which the background is estimated if there is no film of the "
         "empty scene.",
         "by hand: enough for a median",
         "frames",
-        least=1,
     )
-    mixture_samples: int = setting(
+    mixture_samples: int = natural(
         50,
         "Number of frames to which mixtures of Gaussians are fitted if there is no film of the"
         " empty scene.",
         unit="frames",
-        least=1,
     )
-    mixture_rate: float = setting(
+    mixture_rate: float = fraction(
         0.0005,
         "Learning rate of an adaptive mixture, alpha of Rymut 2016 eq. (2.5). OpenCV counts a "
         "component as background once it is a tenth of the mixture, so a person may stand "
         "still for 210 frames.",
         "by hand; Rymut does not state his",
-        least=0,
-        most=1,
     )
 
 
@@ -76,29 +66,20 @@ class TakeConfig(Config):
     )
 
     longest_side: int = setting(
-        320,
-        "Longest side of the small pictures in which people are searched.",
-        unit="px",
-        least=32,
+        320, "Longest side of the small pictures in which people are searched.", unit="px", least=32
     )
-    moving: float = setting(
-        18.0,
-        "Least change of a pixel over the take that counts as motion.",
-        unit="grey levels",
-        above=0,
+    moving: float = positive(
+        18.0, "Least change of a pixel over the take that counts as motion.", unit="grey levels"
     )
-    gap: int = setting(
-        9, "Width of the gaps in the moving region that are closed.", unit="px", least=1
+    gap: int = natural(9, "Width of the gaps in the moving region that are closed.", unit="px")
+    least_area: float = nonnegative(
+        40.0, "Area below which a moving region counts as noise.", unit="px^2"
     )
-    least_area: float = setting(
-        40.0, "Area below which a moving region counts as noise.", unit="px^2", least=0
-    )
-    extrapolated_std: float = setting(
+    extrapolated_std: float = positive(
         10.0,
         "Standard deviation of a background that is extrapolated into the region where something "
         "moved.",
         unit="grey levels",
-        above=0,
     )
     least_extrapolated_evidence: float = setting(
         -2.0,
@@ -106,21 +87,19 @@ class TakeConfig(Config):
         "seen.",
         unit="nats",
     )
-    least_std: float = setting(
-        5.0, "Least standard deviation of an estimated background.", unit="grey levels", above=0
+    least_std: float = positive(
+        5.0, "Least standard deviation of an estimated background.", unit="grey levels"
     )
-    median_blur: float = setting(
+    median_blur: float = positive(
         1.5,
         "Standard deviation of the Gaussian that blurs the map of pixels whose median is "
         "background.",
         unit="px",
-        above=0,
     )
-    colour_limit: float = setting(
+    colour_limit: float = positive(
         4.0,
         "Bound of the log ratio of a single pixel's colour, person over background.",
         unit="nats",
-        above=0,
     )
     least_evidence: float = setting(
         -1.0,
@@ -131,54 +110,37 @@ class TakeConfig(Config):
     voxels: int = setting(
         60_000, "Number of voxels of the coarse hull, at most.", unit="voxels", least=1000
     )
-    explained: float = setting(
+    explained: float = fraction(
         0.62,
         "Least share of the silhouettes (against the medians) that the hull of all cameras "
         "explains; below it, the medians are searched for a person.",
         "between people who walk about (0.78) and who stay in a place (0.39, 0.46)",
-        least=0,
-        most=1,
     )
-    explained_stride: int = setting(
-        4, "Stride of the samples for which this share is computed.", least=1
-    )
-    contradicting_cameras: int = setting(
+    explained_stride: int = natural(4, "Stride of the samples for which this share is computed.")
+    contradicting_cameras: int = nonnegative(
         1,
         "Number of cameras, out of more than three, that may contradict a voxel, because their"
         " background may contain a person.",
-        least=0,
     )
-    margin: int = setting(1, "Distance by which the projected hull is dilated.", unit="px", least=0)
-    shadow_width: float = setting(
-        0.06, "Standard deviation of the light factor of background pixels around 1.", above=0
+    margin: int = nonnegative(1, "Distance by which the projected hull is dilated.", unit="px")
+    shadow_width: float = positive(
+        0.06, "Standard deviation of the light factor of background pixels around 1."
     )
-    rounds: int = setting(
-        3,
-        "Greatest number of alternations between estimating the hull and the background.",
-        least=1,
+    rounds: int = natural(
+        3, "Greatest number of alternations between estimating the hull and the background."
     )
-    converged_share: float = setting(
-        0.002,
-        "Share of pixels that change label below which the alternation stops.",
-        least=0,
-        most=1,
+    converged_share: float = fraction(
+        0.002, "Share of pixels that change label below which the alternation stops."
     )
-    least_free: int = setting(
-        3,
-        "Least number of frames in which a background pixel must be visible.",
-        unit="frames",
-        least=1,
+    least_free: int = natural(
+        3, "Least number of frames in which a background pixel must be visible.", unit="frames"
     )
-    free_share: float = setting(
-        0.1,
-        "Least share of the frames in which a background pixel must be visible.",
-        least=0,
-        most=1,
+    free_share: float = fraction(
+        0.1, "Least share of the frames in which a background pixel must be visible."
     )
-    hidden_prior: float = setting(
+    hidden_prior: float = nonnegative(
         1.0,
         "Prior log-odds of a person at pixels whose background is never visible and not "
         "extrapolated.",
         unit="nats",
-        least=0,
     )

@@ -35,11 +35,6 @@ from psfs.calibration.targets.target import Sighting, Target, group_by_frame, gr
 from psfs.cameras.camera import Camera
 from psfs.cameras.names import join_names
 
-#: Share of a camera's sightings that may be false detections; with more, the camera disagrees.
-_MAX_FALSE_SHARE = 0.1
-#: Root mean square error, px, above which the calibration has failed.
-_MAX_RMS_PX = 20.0
-
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
@@ -93,7 +88,8 @@ def calibrate_cameras(
     scene, agreeing, disagreeing = _exclude_outlier_cameras(
         scene, target, kept, freedom, names, config
     )
-    if rms(np.minimum(all_reprojection_errors(scene, target, agreeing), 1e3)) > _MAX_RMS_PX:
+    error = rms(np.minimum(all_reprojection_errors(scene, target, agreeing), 1e3))
+    if error > config.disagreement.failed:
         raise InputError(
             f"the sightings of the {target.name} fit no arrangement of the cameras; expected "
             "pictures of the same time, one rigid target of the stated size, cameras that stay"
@@ -168,7 +164,8 @@ def _reject_false(
     kept: list[Sighting] = []
     for own in group_by_view(sightings, len(scene.cameras)):
         near = [s for s in own if np.median(reprojection_errors(scene, target, s)) < config.outlier]
-        kept += near if len(near) >= (1 - _MAX_FALSE_SHARE) * len(own) else own
+        least = (1 - config.disagreement.false_share) * len(own)
+        kept += near if len(near) >= least else own
     enough = 1 if target.planar or target.known is not None else 2
     counts = {frame: len(here) for frame, here in group_by_frame(kept).items()}
     return [s for s in kept if counts[s.frame] >= enough]

@@ -4,7 +4,77 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, fraction, natural, part, positive, setting
+
+
+class MarkerConfig(Config):
+    """Detection of a wand's bright markers."""
+
+    SOURCE: ClassVar = "by hand"
+
+    brighter: int = setting(
+        40,
+        "Least difference between a marker and the scene without it.",
+        unit="grey levels",
+        least=1,
+        most=255,
+    )
+    share: float = setting(
+        0.5,
+        "Least share of the brightest difference that a marker's pixels reach.",
+        above=0,
+        below=1,
+    )
+    rim: float = setting(
+        0.15,
+        "Share of the brightest difference above which pixels around a marker count to its centre.",
+        least=0,
+        below=1,
+    )
+    smallest: int = natural(2, "Fewest pixels of a marker.", unit="px")
+    largest: float = setting(0.02, "Largest share of the picture of a marker.", above=0, most=1)
+    off_line: float = positive(
+        0.06, "Largest deviation of three markers from a line, as a share of the wand's length."
+    )
+    least_ratio: float = setting(
+        1.1,
+        "Least ratio of the halves of an uneven wand in a picture that distinguishes its ends.",
+        least=1,
+    )
+
+
+class DisagreementConfig(Config):
+    """Search for cameras that disagree with the others, and for the reason."""
+
+    SOURCE: ClassVar = "by hand"
+
+    most_frames: int = setting(
+        80, "Most frames in which cameras are compared.", unit="frames", least=3
+    )
+    most_own: int = setting(
+        50, "Most sightings of a camera that are used to test possible reasons.", least=4
+    )
+    remaining: float = setting(
+        0.5, "Largest share of its errors that may remain if a reason is right.", above=0, most=1
+    )
+    delay: int = natural(5, "Largest delay that is tried.", unit="frames")
+    usual: float = setting(
+        1.5, "Largest usual ratio of errors by which the limit for an outlier grows.", least=1
+    )
+    wrong_lens: float = setting(
+        6.0,
+        "Ratio of variances (F) per intrinsic parameter above which given intrinsics do not fit.",
+        "1 if they are right",
+        above=1,
+    )
+    false_share: float = fraction(
+        0.1,
+        "Share of a camera's sightings that may be false detections; with more, the camera "
+        "disagrees.",
+    )
+    failed: float = positive(
+        20.0, "Root mean square error above which the calibration has failed.", unit="px"
+    )
 
 
 class CalibrationConfig(Config):
@@ -58,11 +128,8 @@ class CalibrationConfig(Config):
         least=1,
         most=10_000,
     )
-    coverage: float = setting(
-        0.3,
-        "Share of a camera's picture, of 8 x 6 cells, that should have held the target.",
-        least=0,
-        most=1,
+    coverage: float = fraction(
+        0.3, "Share of a camera's picture, of 8 x 6 cells, that should have held the target."
     )
     centre_sigma: float = setting(
         0.05,
@@ -99,4 +166,8 @@ class CalibrationConfig(Config):
         "camera is reported as inconsistent.",
         above=1,
         below=100,
+    )
+    markers: MarkerConfig = part(MarkerConfig, "Detection of a wand's bright markers.")
+    disagreement: DisagreementConfig = part(
+        DisagreementConfig, "Search for cameras that disagree, and for the reason."
     )

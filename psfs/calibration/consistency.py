@@ -15,14 +15,8 @@ from psfs.calibration.targets.target import Sighting, Target, group_by_frame
 from psfs.cameras.camera import Camera
 from psfs.common.numbers import pick_evenly
 
-#: Fewest cameras among which an outlier can be found, and most frames to compare them in.
-_FEWEST, _MOST_FRAMES = 3, 80
-#: Most sightings of a camera that are used to test possible reasons.
-_MOST_OWN = 50
-#: Number of intrinsics of a camera, and the F value above which given intrinsics do not fit.
-_PARAMETERS, _MAX_F = 8, 6.0
-#: Largest share of its errors that may remain if a reason is right; largest delay tried, frames.
-_MAX_REMAINING_SHARE, _MAX_DELAY = 0.5, 5
+#: Fewest cameras among which an outlier can be found; number of intrinsics of a camera.
+_FEWEST, _PARAMETERS = 3, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +44,7 @@ def compare_cameras(
 ) -> list[CameraComparison]:
     """Compare each of the cameras `views` with the others, where they share enough frames."""
     frames = sorted({sighting.frame for sighting in sightings})
-    picked = {frames[k] for k in pick_evenly(len(frames), _MOST_FRAMES)}
+    picked = {frames[k] for k in pick_evenly(len(frames), config.disagreement.most_frames)}
     used = [s for s in sightings if s.frame in picked and s.view in views]
     found = [_compare_camera(scene, target, used, view, views, config) for view in views]
     return [trial for trial in found if trial is not None]
@@ -97,7 +91,7 @@ def find_outlier_camera(
     worst = int(scores.argmax())
     usual = float(np.median(np.delete(scores, worst)))
     # An outlier also raises the errors of the others, but not by as much as its own.
-    limit = config.inconsistent * max(1.0, min(usual, 1.5))
+    limit = config.inconsistent * max(1.0, min(usual, config.disagreement.usual))
     return found[worst] if scores[worst] > limit and found[worst].own > config.noise else None
 
 
@@ -110,7 +104,7 @@ def explain_disagreement(
     """
     view, scene = trial.view, trial.scene
     every = [s for s in every if s.view == view and s.frame in scene.poses]
-    picked = pick_evenly(len(every), _MOST_OWN)
+    picked = pick_evenly(len(every), config.disagreement.most_own)
     every = [every[k] for k in picked]
     guesses = [
         _test_moved(scene, target, every, config),
@@ -118,7 +112,7 @@ def explain_disagreement(
         _test_lens(trial, target, config),
     ]
     left, text = min(guesses)
-    if left > _MAX_REMAINING_SHARE * trial.own:
+    if left > config.disagreement.remaining * trial.own:
         return "it was moved, filmed something else, or its lens or focus changed"
     return f"{text} ({left:.1f} px then)"
 
@@ -165,8 +159,8 @@ def _test_moved(
 def _test_late(
     scene: CalibrationScene, target: Target, sightings: list[Sighting], config: CalibrationConfig
 ) -> tuple[float, str]:
-    best = np.inf, ""
-    for late in (*range(-_MAX_DELAY, 0), *range(1, _MAX_DELAY + 1)):
+    best, most = (np.inf, ""), config.disagreement.delay
+    for late in (*range(-most, 0), *range(1, most + 1)):
         shifted = [replace(s, frame=s.frame - late) for s in sightings]
         shifted = [s for s in shifted if s.frame in scene.poses]
         if len(shifted) >= max(4, len(sightings) // 2):
@@ -213,7 +207,7 @@ def find_wrong_intrinsics(
         ratios, fitted = _free_intrinsics(scene, target, sightings, views, tuple(found), config)
         worst = max(ratios, key=lambda view: ratios[view])
         usual = float(np.median([ratios[view] for view in ratios if view != worst] or [1.0]))
-        if ratios[worst] < _MAX_F * max(1.0, usual):
+        if ratios[worst] < config.disagreement.wrong_lens * max(1.0, usual):
             break
         found[worst] = fitted[worst]
     return found

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from cl import InputError
 from psfs.calibration.calibrator import CalibrationResult, calibrate_cameras
-from psfs.calibration.config import CalibrationConfig
+from psfs.calibration.config import CalibrationConfig, MarkerConfig
 from psfs.calibration.intrinsics import read_intrinsics
 from psfs.calibration.pictures import write_rig, write_view
 from psfs.calibration.report import (
@@ -124,7 +124,7 @@ def _calibrate(args: argparse.Namespace) -> None:
     stated = {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}
     views = open_uncalibrated(Path(args.folder), SequenceSettings.from_dict(stated))
     chosen, floor = _choose_frames(args, views, config)
-    finder = board or _marker_finder(args, views, chosen)
+    finder = board or _marker_finder(args, views, chosen, config.markers)
     known = args.intrinsics is not None
     cameras = read_intrinsics(args.intrinsics, views.rig, board) if known else list(views.rig)
     sightings: list[Sighting] = []
@@ -168,12 +168,14 @@ def _make_board_finder(args: argparse.Namespace) -> CharucoFinder | ChessboardFi
     return CharucoFinder(args.squares, args.square, marker, args.dictionary)
 
 
-def _marker_finder(args: argparse.Namespace, views: Sequence, chosen: list[int]) -> MarkerFinder:
+def _marker_finder(
+    args: argparse.Namespace, views: Sequence, chosen: list[int], config: MarkerConfig
+) -> MarkerFinder:
     if args.c3d is not None:
         target = read_measured_wand(args.c3d, args.markers, chosen, views.fps, args.c3d_begins)
     else:
         target = make_wand(args.wand)
-    return MarkerFinder(target, median_pictures(views, chosen))
+    return MarkerFinder(target, median_pictures(views, chosen), config)
 
 
 def _choose_frames(

@@ -55,9 +55,7 @@ def calibrate_from_person(args: argparse.Namespace) -> None:
     outlines = []
     with progress_bar() as bar:
         for view in bar.track(range(len(small)), len(small), description="silhouettes"):
-            outlines.append(
-                extract_outlines(views.footage, view, small[view], device, config.most_frames)
-            )
+            outlines.append(extract_outlines(views.footage, view, small[view], device, config))
     found = calibrate_by_person(small, outlines, views.fps, config)
     placed = zip(large, found.rig, strict=True)
     rig = CameraRig(tuple(replace(camera, R=own.R, t=own.t) for camera, own in placed))

@@ -140,6 +140,26 @@ def setting(
     )
 
 
+def fraction(default: Any, description: str, *text: str, **extra: Any) -> Any:
+    """Return a `setting` from 0 to 1."""
+    return setting(default, description, *text, least=0, most=1, **extra)
+
+
+def positive(default: Any, description: str, *text: str, **extra: Any) -> Any:
+    """Return a `setting` above 0."""
+    return setting(default, description, *text, above=0, **extra)
+
+
+def nonnegative(default: Any, description: str, *text: str, **extra: Any) -> Any:
+    """Return a `setting` of 0 or more."""
+    return setting(default, description, *text, least=0, **extra)
+
+
+def natural(default: Any, description: str, *text: str, **extra: Any) -> Any:
+    """Return a `setting` of 1 or more."""
+    return setting(default, description, *text, least=1, **extra)
+
+
 def part(kind: type[Config], description: str, **defaults: Any) -> Any:
     """Return a field that holds settings of class `kind`, with other `defaults` of some."""
     return Field(default_factory=partial(kind, **defaults), description=description)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, positive, setting
 
 
 class ConsistencyConfig(Config):
@@ -13,53 +13,37 @@ class ConsistencyConfig(Config):
 
     SOURCE: ClassVar = "by hand; the tests hold it on sequences with one spoilt camera"
 
-    samples: int = setting(4, "Number of examined frames, spread over the sequence.", least=1)
-    low_share: float = setting(
+    samples: int = natural(4, "Number of examined frames, spread over the sequence.")
+    low_share: float = fraction(
         0.6,
         "Share of the others' median IoU below which a camera is reported.",
         "at 0.7 a sound camera of `synth_salsa_4cam_hd` with a share of 0.68 was left out, "
         "because with few cameras each view carves another part of the shape",
-        least=0,
-        most=1,
     )
-    agrees: float = setting(
+    agrees: float = fraction(
         0.8,
         "Share of its silhouette that must lie within the others' shape before furniture explains "
         "what it lacks.",
-        least=0,
-        most=1,
     )
-    agreeing: float = setting(
+    agreeing: float = fraction(
         0.2,
         "Median IoU of the other cameras below which these do not agree among themselves, or "
         "no person is visible.",
-        least=0,
-        most=1,
     )
-    voxels: int = setting(250_000, "Greatest number of voxels of the coarse shapes.", least=1)
-    camera_share: float = setting(
-        0.5,
-        "Share of the cameras that must see the space in which the coarse shapes are carved.",
-        least=0,
-        most=1,
+    voxels: int = natural(250_000, "Greatest number of voxels of the coarse shapes.")
+    camera_share: float = fraction(
+        0.5, "Share of the cameras that must see the space in which the coarse shapes are carved."
     )
-    full: float = setting(
-        0.5, "Share of the picture that a person's silhouette fills at most.", least=0, most=1
-    )
-    least_contrast: float = setting(
-        2.0,
-        "Standard deviation below which a picture is of one colour.",
-        unit="grey levels",
-        least=0,
+    full: float = fraction(0.5, "Share of the picture that a person's silhouette fills at most.")
+    least_contrast: float = nonnegative(
+        2.0, "Standard deviation below which a picture is of one colour.", unit="grey levels"
     )
     lags: tuple[int, ...] = setting(
         (-20, -15, -10, -5, 5, 10, 15, 20),
         "Lags by which a camera's pictures may come late, or early, that are tried.",
         unit="frames",
     )
-    rise: float = setting(
-        0.1, "Increase of the IoU that a lag needs in order to be reported.", least=0, most=1
-    )
+    rise: float = fraction(0.1, "Increase of the IoU that a lag needs in order to be reported.")
 
 
 class AlignmentConfig(Config):
@@ -72,39 +56,28 @@ class AlignmentConfig(Config):
     )
 
     on: bool = setting(True, "Whether to correct the rig.")
-    turn: float = setting(
-        0.008,
-        "Standard deviation of a camera's rotation about an axis.",
-        unit="rad",
-        above=0,
+    turn: float = positive(
+        0.008, "Standard deviation of a camera's rotation about an axis.", unit="rad"
     )
-    shift: float = setting(
-        0.01,
-        "Standard deviation of the error of a camera's position along an axis.",
-        unit="m",
-        above=0,
+    shift: float = positive(
+        0.01, "Standard deviation of the error of a camera's position along an axis.", unit="m"
     )
-    focal: float = setting(
-        0.005, "Standard deviation of the relative error of a focal length.", above=0
-    )
-    time: float = setting(
+    focal: float = positive(0.005, "Standard deviation of the relative error of a focal length.")
+    time: float = positive(
         0.5,
         "Standard deviation of a camera's offset in time; larger offsets are lags of whole frames.",
         unit="frames",
-        above=0,
     )
-    noise: float = setting(
+    noise: float = positive(
         0.5,
         "Least standard deviation of the distance of a frontier point from its epipolar line.",
         unit="px",
-        above=0,
     )
-    gate: float = setting(
+    gate: float = positive(
         4.0,
         "Greatest distance between frontier points that are matched in the last round; the first "
         "rounds match four times and twice as far.",
         unit="px",
-        above=0,
     )
     information: float = setting(
         0.2,
@@ -113,40 +86,30 @@ class AlignmentConfig(Config):
         above=0,
         most=1,
     )
-    n_rounds: int = setting(4, "Number of matchings of the frontier points.", least=1)
-    n_steps: int = setting(2, "Number of Gauss-Newton steps after each matching.", least=1)
-    least_rows: int = setting(4, "Least number of measurements per unknown.", least=1)
-    block: int = setting(
+    n_rounds: int = natural(4, "Number of matchings of the frontier points.")
+    n_steps: int = natural(2, "Number of Gauss-Newton steps after each matching.")
+    least_rows: int = natural(4, "Least number of measurements per unknown.")
+    block: int = natural(
         10,
         "Length of the stretches that are alternately fitted and held out to judge the correction.",
         unit="frames",
-        least=1,
     )
-    least_moved: float = setting(
+    least_moved: float = nonnegative(
         1.6 / 640,
         "Least correction, root mean square over the cameras, as a share of the picture's "
         "longer side.",
         "exact rigs seem off by up to 1.4 of 640 px, for silhouettes lose hair and gain shadows",
-        least=0,
     )
-    share: float = setting(
-        0.5,
-        "Share to which the residuals of the held-out frames must shrink.",
-        least=0,
-        most=1,
-    )
-    sound: float = setting(
+    share: float = fraction(0.5, "Share to which the residuals of the held-out frames must shrink.")
+    sound: float = nonnegative(
         0.45,
         "Residual in small pictures below which a rig counts as sound.",
         "exact rigs: 0.25 to 0.36 px, `hard_real_5cam`: 1.2 px",
         unit="px",
-        least=0,
     )
-    first_share: float = setting(
+    first_share: float = fraction(
         0.75,
         "Share to which residuals must shrink in small pictures before larger ones are examined.",
-        least=0,
-        most=1,
     )
     longest_side: int = setting(640, "Longest side of the larger pictures.", unit="px", least=16)
 
@@ -178,40 +141,29 @@ class OccluderConfig(Config):
         unit="cameras",
         least=2,
     )
-    denying: int = setting(
-        2,
-        "Greatest number of cameras that are hidden from the same place at once.",
-        unit="cameras",
-        least=1,
+    denying: int = natural(
+        2, "Greatest number of cameras that are hidden from the same place at once.", unit="cameras"
     )
-    margin: int = setting(
+    margin: int = nonnegative(
         3,
         "Distance from explained pixels within which foreground counts as explained, too.",
         unit="px",
-        least=0,
     )
-    least_frames: int = setting(
-        2,
-        "Least number of frames in which a pixel must contradict what the other cameras see.",
-        least=1,
+    least_frames: int = natural(
+        2, "Least number of frames in which a pixel must contradict what the other cameras see."
     )
-    least_share: float = setting(
+    least_share: float = fraction(
         0.1,
         "Least share of such frames among those in which the pixel either shows the person or "
         "contradicts the other cameras.",
-        least=0,
-        most=1,
     )
-    least_confirmed: float = setting(
+    least_confirmed: float = nonnegative(
         0.5,
         "Least ratio of a camera's pixels that show the person to those that contradict the "
         "other cameras; below it, the camera has another fault.",
-        least=0,
     )
-    gap: int = setting(13, "Width of the holes that are filled.", unit="px", least=1)
-    least_pixels: int = setting(
-        300, "Number of pixels below which a region is noise.", unit="px", least=1
-    )
+    gap: int = natural(13, "Width of the holes that are filled.", unit="px")
+    least_pixels: int = natural(300, "Number of pixels below which a region is noise.", unit="px")
 
 
 class FaultConfig(Config):
@@ -235,21 +187,17 @@ class FaultConfig(Config):
         above=0,
         most=1e15,
     )
-    samples: int = setting(
-        24, "Number of frames among those whose pictures are kept.", unit="frames", least=1
+    samples: int = natural(
+        24, "Number of frames among those whose pictures are kept.", unit="frames"
     )
-    longest_lag: float = setting(
-        2.0,
-        "Greatest lag of a camera, late or early; at most a third of the frames.",
-        unit="s",
-        least=0,
+    longest_lag: float = nonnegative(
+        2.0, "Greatest lag of a camera, late or early; at most a third of the frames.", unit="s"
     )
-    least_lag: int = setting(
+    least_lag: int = natural(
         2,
         "Least lag that is reported; smaller lags are not distinguished from differences of "
         "exposure.",
         unit="frames",
-        least=1,
     )
     lag_gain: float = setting(
         1.1,
@@ -257,65 +205,50 @@ class FaultConfig(Config):
         "untouched sequences: up to 1.06",
         least=1,
     )
-    exchange_share: float = setting(
+    exchange_share: float = fraction(
         0.92,
         "Greatest ratio of the cost after an exchange to the cost before for cameras to count "
         "as exchanged.",
         "untouched sequences: above 1.1",
-        least=0,
-        most=1,
     )
-    mirror_share: float = setting(
+    mirror_share: float = fraction(
         0.6,
         "The same ratio if the pictures of all cameras are mirrored, and for a calibration of "
         "another convention.",
-        least=0,
-        most=1,
     )
-    flip_share: float = setting(
+    flip_share: float = fraction(
         0.8,
         "The same ratio for the pairs of one camera whose pictures are mirrored or upside down.",
         "untouched cameras, late ones and those of other takes: above 0.9",
-        least=0,
-        most=1,
     )
-    healed: float = setting(
+    healed: float = fraction(
         0.9,
         "Greatest ratio of a late camera's cost after the shift to the cost before.",
         "late cameras: up to 0.83; those of other takes: from 0.97",
-        least=0,
-        most=1,
     )
-    foreign_motion: float = setting(
+    foreign_motion: float = nonnegative(
         0.85,
         "Least share of the motion that the others do not see of a camera that films other things.",
         "cameras that were turned: up to 0.75",
-        least=0,
     )
-    foreign_cost: float = setting(
-        0.06, "Least cost of a camera that films something else.", least=0
-    )
-    disagreeing: float = setting(
+    foreign_cost: float = nonnegative(0.06, "Least cost of a camera that films something else.")
+    disagreeing: float = nonnegative(
         0.075,
         "Cost above which the cameras do not fit each other at all.",
         "untouched sequences: up to 0.061",
-        least=0,
     )
     turned_ratio: float = setting(
         2.5,
         "Least factor between a camera's cost and the others' for a search of its rotation.",
         least=1,
     )
-    turned_cost: float = setting(
+    turned_cost: float = nonnegative(
         0.045,
         "Least cost of a camera for a search of its rotation.",
         "0.035 among four frames of four cameras",
-        least=0,
     )
-    turned_share: float = setting(
+    turned_share: float = fraction(
         0.5,
         "Greatest ratio of a camera's cost after a rotation to the cost before for it to count"
         " as turned.",
-        least=0,
-        most=1,
     )

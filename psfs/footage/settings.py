@@ -69,10 +69,7 @@ class SequenceSettings(Config):
         metavar="N",
     )
     background: BackgroundKind | None = setting(
-        None,
-        "How silhouettes are made.",
-        "by what lies in the folder",
-        flag="--background",
+        None, "How silhouettes are made.", "by what lies in the folder", flag="--background"
     )
     key: str | None = setting(
         None,

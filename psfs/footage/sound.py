@@ -13,16 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError
+from psfs.footage.config import SoundConfig
 from psfs.footage.media import Media
 from psfs.footage.settings import SequenceSettings
-
-#: Samples per second, and the most seconds of a track, that are compared.
-_RATE, _MOST_S = 8000, 600
-#: Band that microphones of phones share, Hz.
-_BAND = (200.0, 3000.0)
-#: Least height of the correlation's peak beside its largest value elsewhere, more than `_APART_S`
-#: seconds away.
-_CLEAR, _APART_S = 1.5, 0.05
 
 
 def apply_sound(settings: SequenceSettings, media: Sequence[Media] | None) -> SequenceSettings:
@@ -39,28 +32,32 @@ def apply_sound(settings: SequenceSettings, media: Sequence[Media] | None) -> Se
     return settings.replace(sync=measure_delays(media, rates))
 
 
-def measure_delays(media: Sequence[Media], rates: Sequence[float]) -> dict[str, int]:
+def measure_delays(
+    media: Sequence[Media], rates: Sequence[float], config: SoundConfig | None = None
+) -> dict[str, int]:
     """Return by how many of its own frames each camera comes late, by name.
 
     rates: (V,) frames per second. The first camera is the reference. Raises InputError for pictures
     that are no videos, videos without sound, and sounds that do not match.
     """
-    tracks = [read_sound(_video(item)) for item in media]
+    config = config or SoundConfig()
+    tracks = [read_sound(_video(item), config) for item in media]
     late = {media[0].name: 0}
     for item, track, rate in zip(media[1:], tracks[1:], rates[1:], strict=True):
-        lag, clarity = find_lag(tracks[0], track)
-        if clarity < _CLEAR:
+        lag, clarity = find_lag(tracks[0], track, config)
+        if clarity < config.clear:
             raise InputError(
                 f"{item.where}: its sound fits that of {media[0].where} at no lag (clarity "
-                f"{clarity:.2f}, expected {_CLEAR:g}); expected videos with sound of one room, "
-                "best with a loud clap, or `sync` by camera"
+                f"{clarity:.2f}, expected {config.clear:g}); expected videos with sound of one "
+                "room, best with a loud clap, or `sync` by camera"
             )
         late[item.name] = round(lag * rate)
     return late
 
 
-def read_sound(path: Path) -> np.ndarray:
-    """Return a video's sound (N,) float32, `_RATE` samples per second from its first picture on.
+def read_sound(path: Path, config: SoundConfig) -> np.ndarray:
+    """Return a video's sound (N,) float32, `config.rate` samples per second, from its first picture
+    on.
 
     Raises InputError if there is no sound.
     """
@@ -70,25 +67,25 @@ def read_sound(path: Path) -> np.ndarray:
         with av.open(str(path)) as container:
             if not container.streams.audio:
                 raise InputError(f"{path}: no sound; expected it for sync = audio")
-            sound, first = _decode(container)
+            sound, first = _decode(container, config)
             video = container.streams.video[0]
             begin = float((video.start_time or 0) * (video.time_base or 0))
     except (av.FFmpegError, OSError) as error:
         raise InputError(f"{path}: its sound cannot be read ({error})") from None
     if not len(sound) or not np.any(sound):
         raise InputError(f"{path}: its sound is silent; expected it for sync = audio")
-    missing = round((first - begin) * _RATE)
+    missing = round((first - begin) * config.rate)
     sound = sound - sound.mean()
     if missing <= 0:
         return sound[-missing:]
     return np.concatenate([np.zeros(missing, np.float32), sound])
 
 
-def _decode(container: object) -> tuple[np.ndarray, float]:
+def _decode(container: object, config: SoundConfig) -> tuple[np.ndarray, float]:
     """Return the samples (N,) of a container's first sound track and their first time, s."""
     import av
 
-    resampler = av.AudioResampler(format="flt", layout="mono", rate=_RATE)
+    resampler = av.AudioResampler(format="flt", layout="mono", rate=config.rate)
     parts: list[np.ndarray] = []
     first, count = 0.0, 0
     for frame in container.decode(audio=0):  # type: ignore[attr-defined]
@@ -97,7 +94,7 @@ def _decode(container: object) -> tuple[np.ndarray, float]:
         for piece in resampler.resample(frame):
             parts.append(piece.to_ndarray().ravel())
             count += len(parts[-1])
-        if count > _RATE * _MOST_S:
+        if count > config.rate * config.longest:
             break
     return np.concatenate([*parts, np.zeros(0, np.float32)]), first
 
@@ -108,18 +105,18 @@ def _video(item: Media) -> Path:
     return item.paths[0]
 
 
-def find_lag(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
+def find_lag(a: np.ndarray, b: np.ndarray, config: SoundConfig) -> tuple[float, float]:
     """Return by how many seconds sound comes later in track `b` (M,) than in `a` (N,), and how
     clear that is: the height of the correlation's peak as a multiple of its largest value
     elsewhere."""
     size = 1 << (len(a) + len(b) - 1).bit_length()
     cross = np.conj(np.fft.rfft(a, size)) * np.fft.rfft(b, size)
-    frequencies = np.fft.rfftfreq(size, 1 / _RATE)
-    within = (frequencies > _BAND[0]) & (frequencies < _BAND[1])
+    frequencies = np.fft.rfftfreq(size, 1 / config.rate)
+    within = (frequencies > config.low) & (frequencies < config.high)
     phase = np.where(within, cross / np.maximum(np.abs(cross), 1e-12), 0)
     found = np.abs(np.fft.irfft(phase, size))
     lags = np.arange(size)
     lags[lags > len(b)] -= size
     best = int(found.argmax())
-    far = np.abs(lags - lags[best]) > _APART_S * _RATE
-    return float(lags[best] / _RATE), float(found[best] / max(found[far].max(), 1e-12))
+    far = np.abs(lags - lags[best]) > config.apart * config.rate
+    return float(lags[best] / config.rate), float(found[best] / max(found[far].max(), 1e-12))

@@ -4,94 +4,129 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from psfs.common.config import Config, part, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
+
+#: Provenance of most settings of people.
+_BY_HAND = "by hand, on `hard_duo_6cam` and single people in other rooms"
 
 
 class FollowingConfig(Config):
     """Settings of trajectories: their regions in the next frame, exchanges, and contacts."""
 
-    SOURCE: ClassVar = "by hand, on `hard_duo_6cam` and single people in other rooms"
+    SOURCE: ClassVar = _BY_HAND
 
-    axis_weight: float = setting(
+    axis_weight: float = nonnegative(
         0.5,
         "Weight of the distance from a person's predicted axis, added to the distance from the "
         "person's voxels in the frame before, where people touch.",
-        least=0,
+    )
+    reach: float = nonnegative(
+        0.4, "Least distance at which a trajectory looks for its region.", unit="m"
+    )
+    overlap: float = fraction(
+        0.2,
+        "Least share of a trajectory's moved voxels that must fall into a region for it to be "
+        "theirs.",
     )
     newest: float = setting(
         0.5, "Weight of the last step in the running mean of a velocity.", above=0, most=1
     )
-    debris: int = setting(8, "Number of voxels below which a region is debris.", least=1)
-    detached: float = setting(
-        0.4,
-        "Distance from a trajectory's voxels up to which a region belongs to it.",
-        unit="m",
-        least=0,
+    debris: int = natural(8, "Number of voxels below which a region is debris.")
+    detached: float = nonnegative(
+        0.4, "Distance from a trajectory's voxels up to which a region belongs to it.", unit="m"
     )
-    swap_gain: float = setting(
-        0.1,
-        "Least gain of similarity, summed over both, for two trajectories to be exchanged.",
-        least=0,
+    swap_gain: float = nonnegative(
+        0.1, "Least gain of similarity, summed over both, for two trajectories to be exchanged."
     )
-    present: float = setting(
+    present: float = fraction(
+        0.35, "Least share of the usual volume that a frame must show for the person to be in it."
+    )
+    contact: float = fraction(
+        0.9, "Share of frames with contact above which a trajectory is part of another person."
+    )
+
+
+class IdentityConfig(Config):
+    """Criteria by which two trajectories are one person who left and came back."""
+
+    SOURCE: ClassVar = _BY_HAND
+
+    speed: float = positive(4.0, "Greatest speed of a person.", unit="m/s")
+    slack: float = nonnegative(
+        0.3, "Distance that may be added to what the speed allows.", unit="m"
+    )
+    likeness: float = fraction(
+        0.45, "Least similarity (Bhattacharyya coefficient) of the colours of two trajectories."
+    )
+    size: float = nonnegative(
+        0.7, "Greatest difference of the logarithms of two trajectories' volumes."
+    )
+    size_weight: float = nonnegative(
+        0.3, "Weight of that difference beside the unlikeness of colours."
+    )
+    distance_weight: float = nonnegative(
+        0.2, "Weight of the distance, up to 1 m, beside the same.", unit="1/m"
+    )
+    looks: float = positive(4.0, "Frames per second whose colours are compared.", unit="frames/s")
+
+
+class SeparationConfig(Config):
+    """Assignment of voxels and pixels to one of several people."""
+
+    SOURCE: ClassVar = _BY_HAND
+
+    near: float = positive(
+        0.2, "Distance from a person's coarse voxels up to which voxels are theirs.", unit="m"
+    )
+    beside: float = nonnegative(
         0.35,
-        "Least share of the usual volume that a frame must show for the person to be in it.",
-        least=0,
-        most=1,
+        "Distance from a person's silhouette up to which foreground may be theirs: an arm that was "
+        "carved away.",
+        unit="m",
     )
-    contact: float = setting(
-        0.9,
-        "Share of frames with contact above which a trajectory is part of another person.",
-        least=0,
-        most=1,
+    before: float = nonnegative(
+        0.05, "Depth by which another one must be nearer to the camera to hide a person.", unit="m"
+    )
+    margin: float = nonnegative(
+        0.2, "Room around the coarse voxels of all people, and of one.", unit="m"
     )
 
 
 class PeopleConfig(Config):
     """Criteria for a person, and settings of following people from frame to frame."""
 
-    SOURCE: ClassVar = "by hand, on `hard_duo_6cam` and single people in other rooms"
+    SOURCE: ClassVar = _BY_HAND
 
-    voxel: float = setting(
-        0.08, "Edge of the voxels that people are counted in.", unit="m", above=0
-    )
+    voxel: float = positive(0.08, "Edge of the voxels that people are counted in.", unit="m")
     longest_side: int = setting(
         480, "Longest side of the pictures that people are counted in.", unit="px", least=16
     )
-    rate: float = setting(
-        5.0, "Frames per second in which people are counted.", unit="frames/s", above=0
+    rate: float = positive(5.0, "Frames per second in which people are counted.", unit="frames/s")
+    ceiling: float = positive(2.4, "Upper end of the volume in which people are counted.", unit="m")
+    least_volume: float = positive(
+        0.03, "Volume of silhouettes' hulls below which nothing is followed.", unit="m^3"
     )
-    ceiling: float = setting(
-        2.4, "Upper end of the volume in which people are counted.", unit="m", above=0
+    least_height: float = positive(
+        0.9, "Least height of a second person; what is lower is an object.", unit="m"
     )
-    least_volume: float = setting(
-        0.03, "Volume of silhouettes' hulls below which nothing is followed.", unit="m^3", above=0
-    )
-    least_height: float = setting(
-        0.9, "Least height of a second person; what is lower is an object.", unit="m", above=0
-    )
-    least_share: float = setting(
-        0.35, "Least volume of a second person, as share of the largest one's.", least=0, most=1
+    least_share: float = fraction(
+        0.35, "Least volume of a second person, as share of the largest one's."
     )
     lowest: float = setting(
         0.4, "Height above the floor at which a person's lowest part may be.", unit="m"
     )
-    unexplained: float = setting(
+    unexplained: float = fraction(
         0.15,
         "Least share of a second person's silhouettes, in some camera, that nobody else explains: "
         "a hull of several people has parts that nothing fills.",
-        least=0,
-        most=1,
     )
-    least_seconds: float = setting(
-        0.5, "Time for which somebody must be seen to count.", unit="s", least=0
-    )
-    speed: float = setting(4.0, "Greatest speed of a person.", unit="m/s", above=0)
-    likeness: float = setting(
-        0.45,
-        "Least similarity (Bhattacharyya coefficient) of the colours of two trajectories for them "
-        "to be one person who left and came back.",
-        least=0,
-        most=1,
+    least_seconds: float = nonnegative(
+        0.5, "Time for which somebody must be seen to count.", unit="s"
     )
     following: FollowingConfig = part(FollowingConfig, "Trajectories of people and objects.")
+    identity: IdentityConfig = part(
+        IdentityConfig, "When two trajectories are one person who came back."
+    )
+    separation: SeparationConfig = part(
+        SeparationConfig, "Assignment of voxels and pixels to one of several people."
+    )

@@ -72,7 +72,7 @@ class PeopleFollower:
 
     def __init__(self, grid: VoxelGrid, config: PeopleConfig, fps: float) -> None:
         self.grid, self._config, self._limits = grid, config, config.following
-        self._reach = max(0.4, 1.5 * config.speed / fps)
+        self._reach = max(config.following.reach, 1.5 * config.identity.speed / fps)
         self.all: list[Trajectory] = []
         self._going: list[_ActiveTrajectory] = []
 
@@ -155,7 +155,8 @@ class PeopleFollower:
             distance, nearest = tree.query(were, distance_upper_bound=reach)
             hit = np.isfinite(distance)
             votes = np.bincount(regions[nearest[hit]], minlength=len(sizes))
-            owners.append(int(votes.argmax()) if votes.sum() >= 0.2 * len(were) else -1)
+            enough = votes.sum() >= self._limits.overlap * len(were)
+            owners.append(int(votes.argmax()) if enough else -1)
         self._take_nearest(points, regions, sizes, moved, owners)
         return owners
 

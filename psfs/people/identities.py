@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from psfs.people.coarse_voxels import BANDS, likeness
-from psfs.people.config import FollowingConfig, PeopleConfig
+from psfs.people.config import FollowingConfig, IdentityConfig, PeopleConfig
 from psfs.people.following import Trajectory
 from psfs.voxels.grid import VoxelGrid
 
@@ -81,7 +81,7 @@ def _exchange_after(first: dict[int, T], second: dict[int, T], after: int) -> No
         one.update(other)
 
 
-def join_returning(seen: Seen, grid: VoxelGrid, config: PeopleConfig, fps: float) -> Seen:
+def join_returning(seen: Seen, grid: VoxelGrid, config: IdentityConfig, fps: float) -> Seen:
     """Join trajectories of one person who left and came back, or was lost for some frames: the
     most alike first (Hungarian method), again until none is left."""
     joined = dict(seen)
@@ -109,7 +109,7 @@ def _cost(
     late: Trajectory,
     seen: Seen,
     grid: VoxelGrid,
-    config: PeopleConfig,
+    config: IdentityConfig,
     fps: float,
 ) -> float:
     """Return how unlike both are, 1e3 where they cannot be the same person."""
@@ -118,16 +118,16 @@ def _cost(
     ends = (grid.centres(early.voxels[last]), grid.centres(late.voxels[first]))
     middles = [np.median(points[:, :2], axis=0) for points in ends]
     apart = float(np.linalg.norm(middles[0] - middles[1]))
-    if apart > config.speed * seconds + 0.3:
+    if apart > config.speed * seconds + config.slack:
         return 1e3
     alike = likeness(
         seen[early].sum_colours(-np.inf, np.inf), seen[late].sum_colours(-np.inf, np.inf)
     )
     size = abs(np.log(volume(early) / volume(late)))
     at_once = seconds < 0.5 and apart < 0.5
-    if not at_once and (alike < config.likeness or size > 0.7):
+    if not at_once and (alike < config.likeness or size > config.size):
         return 1e3
-    return 1 - alike + 0.3 * size + min(apart, 1.0) * 0.2
+    return 1 - alike + config.size_weight * size + min(apart, 1.0) * config.distance_weight
 
 
 def is_person(

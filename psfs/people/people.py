@@ -26,9 +26,6 @@ from psfs.session import Session, check_frames
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.voxels.grid import VoxelGrid
 
-#: Number of frames per second whose colours are compared.
-_LOOKS = 4.0
-
 
 @dataclass(frozen=True, eq=False)
 class Person:
@@ -131,7 +128,7 @@ class _Search:
         seen: Seen = {one: Appearance() for one in found}
         self._observe(seen)
         undo_swaps(seen, 2 * fps, self.config.following)
-        seen = join_returning(seen, grid, self.config, fps)
+        seen = join_returning(seen, grid, self.config.identity, fps)
         ranked = sorted(seen, key=lambda one: volume(one) * len(one.voxels), reverse=True)
         largest = ranked[0]
         rest = [one for one in ranked[1:] if len(one.voxels) >= lasting]
@@ -158,7 +155,7 @@ class _Search:
 
     def _observe(self, seen: Seen) -> None:
         """Look at the colours of all trajectories in some frames, and at what only they explain."""
-        every = max(1, round(self.rate / _LOOKS))
+        every = max(1, round(self.rate / self.config.identity.looks))
         for frame in self._read_frames(self.frames[::every]):
             ones = [one for one in seen if frame.index in one.voxels]
             evidence = self._evidence_of(frame)

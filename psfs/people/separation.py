@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
+from psfs.people.config import SeparationConfig
 from psfs.people.people import People
 from psfs.session import Session, SessionSettings
 from psfs.silhouettes.hidden import UNKNOWN
@@ -29,34 +30,27 @@ from psfs.voxels.grid import VoxelCloud
 
 #: Value of masks that says nothing.
 _UNKNOWN_MASK = 128
-#: Distance from a person's coarse voxels up to which voxels are theirs, m.
-_NEAR = 0.2
-#: Distance from a person's silhouette up to which foreground may be theirs, m: an arm that was
-#: carved away.
-_BESIDE = 0.35
-#: Depth by which another one must be nearer to the camera to hide a person, m.
-_BEFORE = 0.05
 #: Depth where nothing is drawn, m.
 FAR = 1e6
-#: Room around the coarse voxels of all people, and of one, m.
-_MARGIN = 0.2
 
 
 def separate(
-    session: Session, people: People, progress: Callable[[], object] | None = None
-) -> list[Session]:
+    session: Session, people: People, progress: Callable[[], object] | None = None,
+    config: SeparationConfig | None = None,
+) -> list[Session]:  # fmt: skip
     """Return a session for each of `people`, over the frames from the first to the last that show
     them. progress: called after each frame."""
-    everybody = _joint_session(session, people)
+    config = config or SeparationConfig()
+    everybody = _joint_session(session, people, config.margin)
     store = MaskStore(len(session.rig), session.rig.height, session.rig.width)
-    attribution = Attribution(session.rig, session.reconstruction)
+    attribution = Attribution(session.rig, session.reconstruction, config)
     grid = automatic_grid(everybody)
     footprints = voxel_footprints(session.rig, grid.voxel_size)
     reconstruct = everybody.reconstructor(grid)
     boxes: list[list[np.ndarray]] = [[] for _ in people]
     for frame in everybody.sequence.frames(everybody.settings.selection):
         cloud = reconstruct(frame).cloud()
-        clouds = split_cloud(cloud, people, frame.index)
+        clouds = split_cloud(cloud, people, frame.index, config.near)
         for box, points in zip(boxes, clouds, strict=False):
             if len(points):
                 box.append(np.stack([points.min(0), points.max(0)]))
@@ -65,16 +59,21 @@ def separate(
             store.add(number, frame.index, own)
         if progress is not None:
             progress()
+    volumes = [
+        Volume(np.min([low for low, _ in box], 0) - config.margin,
+               np.max([high for _, high in box], 0) + config.margin)
+        for box in boxes
+    ]  # fmt: skip
     return [
-        _person_session(session, people, number, box, store) for number, box in enumerate(boxes)
+        _person_session(session, people, number, box, store) for number, box in enumerate(volumes)
     ]
 
 
-def _joint_session(session: Session, people: People) -> Session:
+def _joint_session(session: Session, people: People, margin: float) -> Session:
     """Return a session whose volume holds everybody."""
     points = [people.grid.centres(np.concatenate(list(p.voxels.values()))) for p in people]
-    low = np.min([of.min(0) for of in points], axis=0) - _MARGIN
-    high = np.max([of.max(0) for of in points], axis=0) + _MARGIN
+    low = np.min([of.min(0) for of in points], axis=0) - margin
+    high = np.max([of.max(0) for of in points], axis=0) + margin
     joint = Session(session.sequence, session.device, session.settings)
     if session.background is not None and session.background is not session.sequence.background:
         joint.revise_background(session.background)
@@ -83,7 +82,7 @@ def _joint_session(session: Session, people: People) -> Session:
 
 
 def _person_session(
-    session: Session, people: People, number: int, boxes: list[np.ndarray], store: MaskStore
+    session: Session, people: People, number: int, volume: Volume, store: MaskStore
 ) -> Session:
     """Return the session of one person."""
     frames, step = people.persons[number].frames, session.frames.step
@@ -99,8 +98,7 @@ def _person_session(
         session.settings.voxel_size,
     )
     own = Session(sequence, session.device, settings)
-    low, high = np.min([box[0] for box in boxes], 0), np.max([box[1] for box in boxes], 0)
-    own.replace_result(find_volume, Volume(low - _MARGIN, high + _MARGIN))
+    own.replace_result(find_volume, volume)
     return own
 
 
@@ -116,16 +114,16 @@ def _with_hidden_maps(rig: CameraRig) -> CameraRig:
     )  # fmt: skip
 
 
-def split_cloud(cloud: VoxelCloud, people: People, index: int) -> list[np.ndarray]:
+def split_cloud(cloud: VoxelCloud, people: People, index: int, near: float) -> list[np.ndarray]:
     """Return the centres (N, 3) of the surface voxels of each person in frame `index`, and at the
-    end those of nobody."""
+    end those of nobody, farther than `near` m from all coarse voxels."""
     points = cloud.centres
     nearest = np.full((len(people) + 1, len(points)), np.inf)
-    nearest[-1] = _NEAR
+    nearest[-1] = near
     for number, person in enumerate(people):
         if index in person.voxels:
             tree = cKDTree(people.grid.centres(person.voxels[index]))
-            nearest[number] = tree.query(points, distance_upper_bound=2 * _NEAR)[0]
+            nearest[number] = tree.query(points, distance_upper_bound=2 * near)[0]
     owner = nearest.argmin(0)
     return [points[owner == number] for number in range(len(people) + 1)]
 
@@ -136,6 +134,7 @@ class Attribution:
 
     rig: CameraRig
     config: ReconstructionConfig
+    limits: SeparationConfig
 
     def __call__(
         self, evidence: np.ndarray, clouds: list[np.ndarray], footprints: np.ndarray, n_people: int
@@ -168,9 +167,9 @@ class Attribution:
         other_beside: np.ndarray,
     ) -> np.ndarray:
         """Return the mask (H, W) of one person in one camera."""
-        mine = (beside <= other_beside) & (beside < _BESIDE)
+        mine = (beside <= other_beside) & (beside < self.limits.beside)
         mask = np.where(mine | (counts <= 0), plain, 0).astype(np.uint8)
-        hidden = (beside == 0) & (other_depth < depth - _BEFORE) & (counts > 0)
+        hidden = (beside == 0) & (other_depth < depth - self.limits.before) & (counts > 0)
         mask[hidden] = _UNKNOWN_MASK
         return mask
 

@@ -25,17 +25,8 @@ from psfs.diagnostics.frontier import (
 )
 from psfs.diagnostics.refinement import RigCorrections, RigFit
 from psfs.diagnostics.small_views import Outline
+from psfs.self_calibration.config import AdjustmentConfig
 from psfs.self_calibration.hulls import HullRays
-
-#: Least distance of the line between two cameras from the person, m.
-_NEAREST = 0.4
-#: Fewest outermost points by which two cameras are judged.
-_LEAST_SHARED = 20
-#: Outermost planes count as frontier points up to so many times the gate.
-_OUTERMOST = 1.5
-#: Steps while the arrangement is uncertain, and when it is known: lenses are kept.
-WIDE = AlignmentConfig().replace(turn=0.1, shift=0.3, focal=1e-4, time=5.0)
-NARROW = WIDE.replace(turn=0.05, shift=0.2, noise=0.25)
 
 #: Find points in the cameras' pictures of shifted frames that agree to a number of pixels.
 _Find = Callable[[Sequence[Camera], np.ndarray, float], FrontierPoints]
@@ -55,8 +46,10 @@ class PersonPoints:
     """The tangent points of the person's silhouettes [view][frame] of small `cameras`."""
 
     def __init__(
-        self, cameras: Sequence[Camera], outlines: Sequence[Sequence[Outline | None]]
-    ) -> None:
+        self, cameras: Sequence[Camera], outlines: Sequence[Sequence[Outline | None]],
+        config: AdjustmentConfig,
+    ) -> None:  # fmt: skip
+        self.config = config
         self.hulls = [HullRays(c, own) for c, own in zip(cameras, outlines, strict=True)]
         self._contours = [SilhouetteContours(own) for own in outlines]
         self.shortest = min(len(own) for own in outlines)
@@ -68,7 +61,7 @@ class PersonPoints:
         `every`-th frame."""
         scene, found = intersect_axes_ahead(CameraRig(tuple(cameras))), []
         for pair in combinations(range(len(cameras)), 2):
-            axes = _plane_axes(cameras, pair, scene)
+            axes = _plane_axes(cameras, pair, scene, self.config.nearest)
             if axes is None:
                 continue
             sides = []
@@ -85,7 +78,7 @@ class PersonPoints:
         """Return the outermost points and the tips of contours that agree to `gate` px."""
         outermost = self.find_extremes(cameras, shifts)
         residuals, _ = epipolar_residuals(cameras, outermost, np.zeros(len(cameras)))
-        kept = np.abs(residuals) < _OUTERMOST * gate
+        kept = np.abs(residuals) < self.config.outermost * gate
         columns = outermost.views, outermost.frames, outermost.pixels, outermost.rates
         moved = []
         for contours, shift in zip(self._contours, shifts, strict=True):
@@ -98,10 +91,10 @@ class PersonPoints:
 
 
 def _plane_axes(
-    cameras: Sequence[Camera], pair: tuple[int, int], scene: np.ndarray
+    cameras: Sequence[Camera], pair: tuple[int, int], scene: np.ndarray, nearest: float
 ) -> np.ndarray | None:
     """Return two directions (3, 2) across the line between two cameras, the first towards the
-    scene; None if the line passes too near to it."""
+    scene; None if the line passes nearer to it than `nearest`, m."""
     a, b = (cameras[view].centre for view in pair)
     length = float(np.linalg.norm(b - a))
     if length < 1e-3:
@@ -109,7 +102,7 @@ def _plane_axes(
     line = (b - a) / length
     ahead = scene - a - line * (line @ (scene - a))
     distance = float(np.linalg.norm(ahead))
-    if distance < _NEAREST:
+    if distance < nearest:
         return None
     return np.stack([ahead / distance, np.cross(line, ahead / distance)], -1)
 
@@ -149,15 +142,13 @@ def adjust_extremes(
     """Adjust the rig to the outermost planes; None if there are too few."""
     return _adjust(
         rig, lags, lambda cameras, shifts, gate: points.find_extremes(cameras, shifts, every),
-        WIDE, [WIDE.gate] * rounds,
+        points.config.wide, [points.config.wide.gate] * rounds,
     )  # fmt: skip
 
 
-def adjust_frontier(
-    rig: CameraRig, lags: np.ndarray, points: PersonPoints, gates: Sequence[float]
-) -> Adjusted | None:
-    """Adjust the rig to all frontier points, in a round per gate, px; None if there are too few."""
-    return _adjust(rig, lags, points.find_all, NARROW, gates)
+def adjust_frontier(rig: CameraRig, lags: np.ndarray, points: PersonPoints) -> Adjusted | None:
+    """Adjust the rig to all frontier points, in a round per gate; None if there are too few."""
+    return _adjust(rig, lags, points.find_all, points.config.narrow, points.config.gates)
 
 
 def _adjust(
@@ -210,7 +201,7 @@ def measure_misfits(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
     medians = np.full((len(cameras), len(cameras)), -np.inf)
     for a, b in combinations(range(len(cameras)), 2):
         own = np.abs(residuals[(found.views == (a, b)).all(axis=1)])
-        if len(own) >= _LEAST_SHARED:
+        if len(own) >= points.config.least_shared:
             medians[a, b] = medians[b, a] = np.median(own)
     worst = medians.max(axis=1)
     return np.where(np.isfinite(worst), worst, np.inf)

@@ -6,39 +6,42 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import savgol_filter
 
+from psfs.self_calibration.config import PairConfig
 from psfs.self_calibration.hulls import HullRays
 from psfs.self_calibration.pairing import differing_shares
 from psfs.self_calibration.upright import UprightView, measure_elevations
 
-#: Noise of the head's height, statures. Window that separates steps from slower motion, s.
-_NOISE, _WINDOW = 0.003, 1.0
-#: Deviation from the smoothed distance, as a share, beyond which a frame is not used.
-_OUTLIER = 0.15
 
-
-def measure_bobbing(hulls: HullRays, view: UprightView, rate: float) -> np.ndarray:
-    """Return the height (F,) of the topmost point relative to its mean over a second, statures; NaN
+def measure_bobbing(
+    hulls: HullRays, view: UprightView, rate: float, config: PairConfig
+) -> np.ndarray:
+    """Return the height (F,) of the topmost point relative to its mean over a window, statures; NaN
     where the person is not wholly seen. rate: frames per second."""
     top, bottom = measure_elevations(hulls, view.axes)
     size = np.tan(top) - np.tan(bottom)
     size[~(size > 1e-3)] = np.nan
-    window = 2 * max(2, round(0.5 * _WINDOW * rate)) + 1
+    window = 2 * max(2, round(0.5 * config.window * rate)) + 1
     smooth = _smooth(size, window, 2)
     with np.errstate(invalid="ignore"):
-        top = np.where(np.abs(size / smooth - 1) < _OUTLIER, top, np.nan)
+        top = np.where(np.abs(size / smooth - 1) < config.outlier, top, np.nan)
     smooth = _smooth(np.where(np.isfinite(top), size, np.nan), window, 2)
     height: np.ndarray = np.tan(top) / smooth
     return height - _smooth(height, window, 1)
 
 
-def compare_bobbing(a: np.ndarray, b: np.ndarray, most: int, step: int) -> np.ndarray:
+def compare_bobbing(
+    a: np.ndarray, b: np.ndarray, most: int, step: int, config: PairConfig
+) -> np.ndarray:
     """Return the costs (2 most + 1,) of lags in steps of `step` frames, each the least of those
     around it."""
     reach = most * step + step // 2
     lags = np.arange(-reach, reach + 1)
     one, other = a[:, None], b[:, None]
     costs = np.concatenate(
-        [differing_shares(one, other, lags[k : k + 1], _NOISE) for k in range(len(lags))]
+        [
+            differing_shares(one, other, lags[k : k + 1], config.bobbing, config.fewest)
+            for k in range(len(lags))
+        ]
     )
     costs = np.where(np.isfinite(costs), costs, 1.0)
     around = np.lib.stride_tricks.sliding_window_view(costs, 2 * (step // 2) + 1)

@@ -35,12 +35,6 @@ from psfs.self_calibration.upright import UprightView, fit_upright
 from psfs.self_calibration.world import align_to_person, measure_path
 
 Outlines = Sequence[Sequence[Outline | None]]
-#: Tilts beside the fitted one that are tried, rad.
-_TILTS = (-0.105, 0.0, 0.105)
-#: Gates of the last rounds, px.
-_GATES = (16, 8, 6, 4, 4, 2, 2, 2)
-#: Rounds of the first adjustment, and of the finalists'.
-_FIRST, _SECOND = 4, 10
 #: What to film if the cameras cannot be found.
 FILM = (
     "film one person who walks about for ten seconds or more, towards and past all cameras, wholly "
@@ -84,12 +78,15 @@ def calibrate_by_person(
         )
     _check_seen(cameras, outlines, config)
     step = max(1, round(rate / config.table_rate))
-    views = [fit_upright(c, own[::step], _TILTS) for c, own in zip(cameras, outlines, strict=True)]
+    views = [
+        fit_upright(c, own[::step], config.upright)
+        for c, own in zip(cameras, outlines, strict=True)
+    ]
     if any(own is None for own in views):
         unseen = [c.name for c, own in zip(cameras, views, strict=True) if own is None]
         raise InputError(f"{join_names(unseen)}: the person is seldom seen wholly; {FILM}")
     upright = [own for own in views if own is not None]
-    points = PersonPoints(cameras, outlines)
+    points = PersonPoints(cameras, outlines, config.adjustment)
     starts = _search(cameras, outlines, upright, rate, config)
     best = _adjust_best(starts, points, step, config)
     return _check(best, [own[1].axes[2] for own in upright], points, config)
@@ -115,16 +112,22 @@ def _search(
     hulls = [HullRays(c, own[::step]) for c, own in zip(cameras, outlines, strict=True)]
     walkers = [[Walker.create(v, h) for v in own] for own, h in zip(views, hulls, strict=True)]
     bobbing = [
-        measure_bobbing(HullRays(c, own), view[1], rate)
+        measure_bobbing(HullRays(c, own), view[1], rate, config.pairs)
         for c, own, view in zip(cameras, outlines, views, strict=True)
     ]
     angles = 2 * np.pi * np.arange(config.angles) / config.angles
     tables = {}
     for a, b in combinations(range(len(cameras)), 2):
-        pair = [[compare_pair(x, y, angles, most) for y in walkers[b]] for x in walkers[a]]
-        tables[a, b] = np.array(pair) + compare_bobbing(bobbing[a], bobbing[b], most, step)
+        pair = [
+            [compare_pair(x, y, angles, most, config.pairs) for y in walkers[b]] for x in walkers[a]
+        ]
+        tables[a, b] = np.array(pair) + compare_bobbing(
+            bobbing[a], bobbing[b], most, step, config.pairs
+        )
     found = []
-    for arrangement in ArrangementSearch(tables, len(cameras)).find(config.candidates):
+    for arrangement in ArrangementSearch(tables, len(cameras), config.search).find(
+        config.candidates
+    ):
         chosen = [own[variant] for own, variant in zip(views, arrangement.variants, strict=True)]
         turned = angles[list(arrangement.angles)]
         rig = place_cameras(cameras, chosen, turned, arrangement.lags, config.stature)
@@ -137,18 +140,20 @@ def _adjust_best(
     config: PersonConfig,
 ) -> Adjusted | None:  # fmt: skip
     """Return the start that fits best after adjustment."""
-    first = [adjust_extremes(rig, lags, points, _FIRST, step) for rig, lags in starts]
+    first = [
+        adjust_extremes(rig, lags, points, config.adjustment.first, step) for rig, lags in starts
+    ]
     found = [(measure_misfit(own, points, step), own) for own in first if own is not None]
     found.sort(key=lambda of: of[0])
     second = [
-        adjust_extremes(own.rig, own.lags, points, _SECOND, step)
+        adjust_extremes(own.rig, own.lags, points, config.adjustment.second, step)
         for _, own in found[: config.finalists]
     ]
     final = [own for own in second if own is not None]
     if not final:
         return None
     best = min(final, key=lambda own: measure_misfit(own, points, step))
-    return adjust_frontier(best.rig, best.lags, points, _GATES)
+    return adjust_frontier(best.rig, best.lags, points)
 
 
 def _check(
@@ -172,8 +177,8 @@ def _check(
             f"{config.worst_residual:g}; {FILM}"
         )
     shifts = np.round(best.lags).astype(int)
-    touched = points.find_all(rig.cameras, shifts, _GATES[-1])
-    world = align_to_person(rig, ups, touched, config.stature)
+    touched = points.find_all(rig.cameras, shifts, config.adjustment.gates[-1])
+    world = align_to_person(rig, ups, touched, config)
     path = measure_path(world, touched)
     if path < config.least_path * config.stature:
         raise InputError(

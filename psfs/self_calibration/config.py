@@ -4,13 +4,150 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
+from psfs.diagnostics.config import AlignmentConfig
+
+#: Provenance of what was set while the calibration by a person was developed.
+_BY_HAND = "by hand on `synth_walk_4cam` and `synth_run_6cam`"
+
+
+class OutlineConfig(Config):
+    """Outline of the person in a silhouette."""
+
+    SOURCE: ClassVar = _BY_HAND
+
+    closed: float = fraction(
+        0.012, "Gaps that are closed, as a share of the picture's longest side."
+    )
+    near: float = fraction(
+        0.05, "Gaps between parts that belong together, as a share of the same side."
+    )
+    part: float = fraction(0.02, "Least area of such a part, as a share of the largest.")
+
+
+class UprightConfig(Config):
+    """Fit of one camera's tilt, roll and height to silhouettes of somebody upright."""
+
+    SOURCE: ClassVar = _BY_HAND
+
+    head: float = setting(
+        0.12, "Share of the person's apparent height that counts as head.", above=0, below=0.5
+    )
+    feet: float = setting(
+        0.2, "Share of the person's apparent height that counts as feet.", above=0, below=0.5
+    )
+    elevation: float = positive(0.02, "Standard deviation of the head's elevation.", unit="rad")
+    azimuth: float = positive(
+        0.04, "Standard deviation of the head's azimuth from the feet's.", unit="rad"
+    )
+    information: float = positive(0.1, "Independent measurements per frame.")
+    roll: float = positive(0.06, "Standard deviation of cameras' roll.", unit="rad")
+    tilt: float = setting(-0.1, "Usual tilt of cameras, upwards.", unit="rad", least=-1.5, most=1.5)
+    tilt_spread: float = positive(0.5, "Standard deviation of the tilt.", unit="rad")
+    height: float = positive(0.9, "Usual height of cameras.", unit="statures")
+    height_spread: float = positive(0.35, "Standard deviation of the height.", unit="statures")
+    fewest: int = setting(8, "Fewest frames that must show the whole person.", least=3)
+    turn: float = positive(
+        0.105, "Turn of the fitted tilt, upwards and downwards, that is tried too.", unit="rad"
+    )
+
+
+class PairConfig(Config):
+    """Comparison of two cameras at every angle and lag."""
+
+    SOURCE: ClassVar = _BY_HAND
+
+    planes: float = positive(0.006, "Noise of the touching planes' positions.", unit="statures")
+    places: float = positive(0.1, "Noise of the person's places on the floor.", unit="statures")
+    bobbing: float = positive(0.003, "Noise of the head's height.", unit="statures")
+    window: float = positive(
+        1.0, "Window that separates the head's steps from slower motion.", unit="s"
+    )
+    outlier: float = positive(
+        0.15, "Deviation from the smoothed distance, as a share, beyond which a frame is not used."
+    )
+    nearest: float = positive(
+        0.3, "Least distance of the line between two cameras from the person.", unit="statures"
+    )
+    middle: float = positive(0.55, "Height of the person's middle.", unit="statures")
+    shortest: float = positive(
+        0.2, "Shortest line between two cameras that are compared.", unit="statures"
+    )
+    fewest: int = setting(12, "Fewest frames that are compared.", least=3)
+    share: float = setting(0.3, "The same as a share of the shorter recording.", above=0, most=1)
+
+
+class BeamConfig(Config):
+    """Search for the angles and lags of all cameras in the tables of pairs."""
+
+    SOURCE: ClassVar = _BY_HAND
+
+    kept: int = natural(80, "Partial arrangements that are kept.")
+    places: int = natural(12, "Places that are tried of each camera.")
+    same_angle: int = nonnegative(2, "Steps of the angle up to which arrangements are the same.")
+    same_lag: int = nonnegative(2, "Steps of the lag up to which arrangements are the same.")
+
+
+class AdjustmentConfig(Config):
+    """Adjustment of all cameras to the silhouettes."""
+
+    SOURCE: ClassVar = _BY_HAND
+
+    nearest: float = positive(
+        0.4, "Least distance of the line between two cameras from the person.", unit="m"
+    )
+    least_shared: int = natural(20, "Fewest outermost points by which two cameras are judged.")
+    outermost: float = positive(
+        1.5, "Multiple of the gate up to which outermost planes count as frontier points."
+    )
+    first: int = natural(4, "Rounds of the first adjustment.")
+    second: int = natural(10, "Rounds of the finalists' adjustment.")
+    gates: tuple[float, ...] = setting(
+        (16, 8, 6, 4, 4, 2, 2, 2), "Gates of the last rounds.", unit="px"
+    )
+    wide: AlignmentConfig = part(
+        AlignmentConfig,
+        "Steps while the arrangement is uncertain; lenses are kept.",
+        turn=0.1,
+        shift=0.3,
+        focal=1e-4,
+        time=5.0,
+    )
+    narrow: AlignmentConfig = part(
+        AlignmentConfig,
+        "Steps when the arrangement is known; lenses are kept.",
+        turn=0.05,
+        shift=0.2,
+        focal=1e-4,
+        time=5.0,
+        noise=0.25,
+    )
+
+
+class FloorFitConfig(Config):
+    """Up, floor and scale from the person."""
+
+    SOURCE: ClassVar = _BY_HAND
+
+    up: float = positive(
+        0.026, "Standard deviation of the mean up of the single cameras.", unit="rad"
+    )
+    feet: float = positive(0.02, "Standard deviation of a lowest point over the floor.", unit="m")
+    information: float = positive(0.1, "Independent frames per frame.")
+    standing: float = setting(
+        90,
+        "Percentile of the heights of the topmost points that is the stature.",
+        "by hand",
+        "%",
+        least=0,
+        most=100,
+    )
 
 
 class PersonConfig(Config):
     """Settings of the calibration of cameras by a person who walks about."""
 
-    SOURCE: ClassVar = "by hand on `synth_walk_4cam` and `synth_run_6cam`"
+    SOURCE: ClassVar = _BY_HAND
 
     stature: float = setting(
         1.7,
@@ -21,36 +158,36 @@ class PersonConfig(Config):
         most=3.0,
     )
     longest_lag: float = setting(
-        1.5,
-        "Longest time by which one camera may be behind another.",
-        unit="s",
-        least=0,
-        most=60,
+        1.5, "Longest time by which one camera may be behind another.", unit="s", least=0, most=60
     )
     longest_side: int = setting(640, "Longest side of the pictures used.", unit="px", least=64)
     most_frames: int = setting(
         300, "Number of frames of a camera that are used, the first ones.", least=20
     )
-    table_rate: float = setting(
-        15.0, "Frames per second at which lags are searched first.", unit="1/s", above=0
+    table_rate: float = positive(
+        15.0, "Frames per second at which lags are searched first.", unit="1/s"
     )
     angles: int = setting(36, "Number of angles around the vertical that are tried.", least=8)
-    candidates: int = setting(
-        40, "Number of arrangements from the search that are adjusted.", least=1
-    )
-    finalists: int = setting(3, "Number of these that are adjusted to frontier points.", least=1)
+    candidates: int = natural(40, "Number of arrangements from the search that are adjusted.")
+    finalists: int = natural(3, "Number of these that are adjusted to frontier points.")
     least_frames: int = setting(
         40, "Fewest frames of a camera that must show the whole person.", least=8
     )
-    worst_residual: float = setting(
+    worst_residual: float = positive(
         1.2,
         "Greatest median distance of the outermost points of two cameras from epipolar lines.",
         unit="px",
-        above=0,
     )
-    least_path: float = setting(
+    least_path: float = nonnegative(
         0.15,
         "Least standard deviation of the person's places along the walk's main direction, as a "
         "share of the stature.",
-        least=0,
     )
+    outline: OutlineConfig = part(OutlineConfig, "Outline of the person in a silhouette.")
+    upright: UprightConfig = part(UprightConfig, "Fit of one camera's tilt, roll and height.")
+    pairs: PairConfig = part(PairConfig, "Comparison of two cameras at every angle and lag.")
+    search: BeamConfig = part(BeamConfig, "Search for the angles and lags of all cameras.")
+    adjustment: AdjustmentConfig = part(
+        AdjustmentConfig, "Adjustment of all cameras to the silhouettes."
+    )
+    floor: FloorFitConfig = part(FloorFitConfig, "Up, floor and scale from the person.")

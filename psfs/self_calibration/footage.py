@@ -15,6 +15,7 @@ from psfs.background.gaussian import Background, estimate_background, median_mom
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.small_views import Outline, Shrink, extract_outline
 from psfs.footage.layouts.common import Footage
+from psfs.self_calibration.config import OutlineConfig, PersonConfig
 from psfs.sequence import Frame
 from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
 
@@ -22,17 +23,15 @@ from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteCon
 _SILHOUETTES = SilhouetteConfig(
     appearance=AppearanceConfig(learn=False), floor=FloorConfig(height=-1000.0)
 )
-#: Gaps in a silhouette that are closed, and between parts that belong together, as shares of the
-#: picture's longest side; least area of such a part, as a share of the largest.
-_CLOSED, _NEAR, _PART = 0.012, 0.05, 0.02
 
 
 def extract_outlines(
-    footage: Footage, view: int, small: Camera, device: Device | NumpyDevice, most: int
+    footage: Footage, view: int, small: Camera, device: Device | NumpyDevice, config: PersonConfig
 ) -> list[Outline | None]:
-    """Return the outlines of the person in the first `most` pictures of a camera, each silhouette
-    by itself. small: the camera, scaled to the pictures that are used."""
-    return [outline_person(mask) for mask in _silhouettes(footage, view, small, device, most)]
+    """Return the outlines of the person in the first pictures of a camera, each silhouette by
+    itself. small: the camera, scaled to the pictures that are used."""
+    masks = _silhouettes(footage, view, small, device, config.most_frames)
+    return [outline_person(mask, config.outline) for mask in masks]
 
 
 def _silhouettes(
@@ -67,21 +66,23 @@ def _empty_scene(footage: Footage, view: int, rig: CameraRig) -> Background:
     return Background(mean[None], std[None])
 
 
-def outline_person(mask: np.ndarray) -> Outline | None:
+def outline_person(mask: np.ndarray, config: OutlineConfig) -> Outline | None:
     """Return the outline of the largest silhouette (h, w) bool and of the parts near it.
 
     A belt or a collar in the colours of the room cuts silhouettes: small gaps are closed, and the
     hull is that of all parts; the contour is the largest part's.
     """
     longest = max(mask.shape)
-    closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, _disc(_CLOSED * longest))
+    closed = cv2.morphologyEx(
+        mask.astype(np.uint8), cv2.MORPH_CLOSE, _disc(config.closed * longest)
+    )
     whole = extract_outline(closed > 0)
     if whole is None:
         return None
-    groups = cv2.connectedComponents(cv2.dilate(closed, _disc(_NEAR * longest)))[1]
+    groups = cv2.connectedComponents(cv2.dilate(closed, _disc(config.near * longest)))[1]
     x, y = whole.contour[0].astype(int)
     _, labels, facts, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
-    large = np.nonzero(facts[:, cv2.CC_STAT_AREA] >= _PART * whole.area)[0]
+    large = np.nonzero(facts[:, cv2.CC_STAT_AREA] >= config.part * whole.area)[0]
     own = np.isin(labels, large[large > 0]) & (groups == groups[y, x])
     rows, columns = np.nonzero(own)
     hull = cv2.convexHull(np.stack([columns, rows], -1).astype(np.int32)).reshape(-1, 2)

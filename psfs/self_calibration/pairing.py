@@ -13,17 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from psfs.self_calibration.config import PairConfig
 from psfs.self_calibration.hulls import HullRays
 from psfs.self_calibration.upright import UprightView
-
-#: Noise of the planes' and of the places' positions, statures.
-_PLANE_NOISE, _PLACE_NOISE = 0.006, 0.1
-#: Least distance of the line between two cameras from the person, statures.
-_NEAREST = 0.3
-#: Height of the person's middle, statures; shortest line between two cameras, statures.
-_MIDDLE, _SHORTEST = 0.55, 0.2
-#: Fewest frames that are compared, and as a share of the shorter recording.
-_FEWEST, _SHARE = 12, 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +33,9 @@ class Walker:
 
 
 def compare_pair(
-    first: Walker, second: Walker, angles: np.ndarray, most: int, stride: int = 5
-) -> np.ndarray:
+    first: Walker, second: Walker, angles: np.ndarray, most: int, config: PairConfig,
+    stride: int = 5,
+) -> np.ndarray:  # fmt: skip
     """Return the costs (A, 2 most + 1) of two cameras at all angles (A,), rad, and lags.
 
     At an angle the second camera's axes are turned by it, counter-clockwise from above. At lag l,
@@ -51,7 +44,7 @@ def compare_pair(
     """
     costs = np.full((len(angles), 2 * most + 1), np.nan)
     a, b = first.view.places, second.view.places
-    fewest = max(_FEWEST, int(_SHARE * min(len(a), len(b))))
+    fewest = max(config.fewest, int(config.share * min(len(a), len(b))))
     for begin in range(0, 2 * most + 1, stride):
         lags = np.arange(begin, min(begin + stride, 2 * most + 1)) - most
         one, other = _overlap(a, b, int(lags[len(lags) // 2]))
@@ -63,13 +56,12 @@ def compare_pair(
             cosine, sine = np.cos(angle), np.sin(angle)
             turn = np.array([[cosine, -sine], [sine, cosine]])
             shift = here - turn @ there
-            planes = _planes(first, second, turn, shift, here)
+            planes = _planes((first, second), turn, shift, here, config)
             if planes is None:
                 continue
-            path = differing_shares(a, b @ turn.T + shift, lags, _PLACE_NOISE)
-            costs[row, begin : begin + len(lags)] = path + differing_shares(
-                *planes, lags, _PLANE_NOISE
-            )
+            costs[row, begin : begin + len(lags)] = differing_shares(
+                a, b @ turn.T + shift, lags, config.places, config.fewest
+            ) + differing_shares(*planes, lags, config.planes, config.fewest)
     return costs
 
 
@@ -79,11 +71,14 @@ def _overlap(a: np.ndarray, b: np.ndarray, lag: int) -> tuple[np.ndarray, np.nda
     return a[first:end], b[first + lag : end + lag]
 
 
-def differing_shares(a: np.ndarray, b: np.ndarray, lags: np.ndarray, noise: float) -> np.ndarray:
+def differing_shares(
+    a: np.ndarray, b: np.ndarray, lags: np.ndarray, noise: float, fewest: int
+) -> np.ndarray:
     """Return (L,) by how much the motions of signals (F, K) and (G, K) differ at consecutive lags
-    (L,), as a share of the motions themselves; 1 without motion, NaN with too few frames."""
+    (L,), as a share of the motions themselves; 1 without motion, NaN with fewer than `fewest`
+    frames."""
     first, end = max(0, -int(lags[0])), min(len(a), len(b) - int(lags[-1]))
-    if end - first < _FEWEST:
+    if end - first < fewest:
         return np.full(len(lags), np.nan)
     one = a[first:end].T[:, None]
     windows = np.lib.stride_tricks.sliding_window_view(b, end - first, axis=0)
@@ -97,7 +92,7 @@ def differing_shares(a: np.ndarray, b: np.ndarray, lags: np.ndarray, noise: floa
     apart = np.nansum(still[2], axis=(0, 2))
     total = count.sum((0, 2))
     share = (apart + noise * total) / np.maximum(moving + noise * total, 1e-12)
-    return np.where(total >= _FEWEST, share, np.nan)
+    return np.where(total >= fewest, share, np.nan)
 
 
 def _medians(values: np.ndarray, count: np.ndarray) -> np.ndarray:
@@ -106,19 +101,21 @@ def _medians(values: np.ndarray, count: np.ndarray) -> np.ndarray:
 
 
 def _planes(
-    first: Walker, second: Walker, turn: np.ndarray, shift: np.ndarray, person: np.ndarray
-) -> tuple[np.ndarray, np.ndarray] | None:
+    walkers: tuple[Walker, Walker], turn: np.ndarray, shift: np.ndarray, person: np.ndarray,
+    config: PairConfig,
+) -> tuple[np.ndarray, np.ndarray] | None:  # fmt: skip
     """Return the positions (F, 2) of the planes that touch both cameras' silhouettes, statures at
     the person; None if the line between the cameras passes too near to the person."""
+    first, second = walkers
     line = np.array([*shift, second.view.height - first.view.height])
     length = float(np.linalg.norm(line))
-    if length < _SHORTEST:
+    if length < config.shortest:
         return None
     line /= length
-    ahead = np.array([*person, _MIDDLE - first.view.height])
+    ahead = np.array([*person, config.middle - first.view.height])
     ahead -= line * (line @ ahead)
     distance = float(np.linalg.norm(ahead))
-    if distance < _NEAREST:
+    if distance < config.nearest:
         return None
     axes = np.stack([ahead / distance, np.cross(line, ahead / distance)], -1)
     turned = axes.copy()

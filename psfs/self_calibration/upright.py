@@ -16,19 +16,8 @@ from scipy.optimize import minimize
 
 from psfs.cameras.camera import Camera
 from psfs.diagnostics.small_views import Outline
+from psfs.self_calibration.config import UprightConfig
 from psfs.self_calibration.hulls import HullRays
-
-#: Share of the person's apparent height that counts as head, and as feet.
-_HEAD, _FEET = 0.12, 0.2
-#: Standard deviations: of the head's elevation, rad; of the head's azimuth from the feet's, rad.
-_ELEVATION, _AZIMUTH = 0.02, 0.04
-#: Independent measurements per frame.
-_INFORMATION = 0.1
-#: Standard deviations of usual cameras' roll, rad; of their tilt around the third number, rad; of
-#: their height around the fifth, statures.
-_ROLL, _TILT, _LOOKING, _HEIGHT, _USUAL = 0.06, 0.5, -0.1, 0.35, 0.9
-#: Fewest frames that must show the whole person.
-_FEWEST = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,18 +44,18 @@ def floor_axes(tilt: float, roll: float) -> np.ndarray:
 
 
 def fit_upright(
-    camera: Camera, outlines: Sequence[Outline | None], tilts: Sequence[float] = (0.0,)
+    camera: Camera, outlines: Sequence[Outline | None], config: UprightConfig
 ) -> list[UprightView] | None:
     """Fit the camera's tilt, roll and height to its outlines [frame].
 
-    Returns a view for each of `tilts`, rad, added to the fitted tilt; None if too few frames show
-    the whole person.
+    Returns the views at the fitted tilt less `config.turn`, at the fitted tilt, and at it plus
+    `config.turn`; None if too few frames show the whole person.
     """
-    hulls, ends = HullRays(camera, outlines), _Ends(camera, outlines)
-    values = np.array([_LOOKING, 0.0, _USUAL])
+    hulls, ends = HullRays(camera, outlines), _Ends(camera, outlines, config)
+    values = np.array([config.tilt, 0.0, config.height])
     for _ in range(2):
         seen = _measure(hulls, ends, floor_axes(values[0], values[1]))
-        if np.isfinite(seen).all(axis=1).sum() < _FEWEST:
+        if np.isfinite(seen).all(axis=1).sum() < config.fewest:
             return None
         found = minimize(
             lambda x: _cost(hulls, ends, x),
@@ -80,15 +69,23 @@ def fit_upright(
             },
         )
         values = found.x
-    return [_describe(hulls, ends, values[0] + more, values[1]) for more in tilts]
+    return [
+        _describe(hulls, ends, values[0] + more, values[1])
+        for more in (-config.turn, 0.0, config.turn)
+    ]
 
 
 def _cost(hulls: HullRays, ends: _Ends, x: np.ndarray) -> float:
     """Return the robust sum of squares of the misfits and of the deviations from usual cameras."""
+    config = ends.config
     elevation, azimuth = _misfits(hulls, ends, x)
-    own = np.concatenate([elevation / _ELEVATION, azimuth / _AZIMUTH])
-    robust = 2 * _INFORMATION * (np.sqrt(1 + own[np.isfinite(own)] ** 2) - 1).sum()
-    prior = [(x[0] - _LOOKING) / _TILT, x[1] / _ROLL, (x[2] - _USUAL) / _HEIGHT]
+    own = np.concatenate([elevation / config.elevation, azimuth / config.azimuth])
+    robust = 2 * config.information * (np.sqrt(1 + own[np.isfinite(own)] ** 2) - 1).sum()
+    prior = [
+        (x[0] - config.tilt) / config.tilt_spread,
+        x[1] / config.roll,
+        (x[2] - config.height) / config.height_spread,
+    ]
     return float(robust + np.square(prior).sum())
 
 
@@ -106,7 +103,10 @@ def _describe(hulls: HullRays, ends: _Ends, tilt: float, roll: float) -> Upright
 class _Ends:
     """Rays of the contours, thinned out, for the places of head and feet."""
 
-    def __init__(self, camera: Camera, outlines: Sequence[Outline | None]) -> None:
+    def __init__(
+        self, camera: Camera, outlines: Sequence[Outline | None], config: UprightConfig
+    ) -> None:
+        self.config = config
         found = [(n, of.contour[::4]) for n, of in enumerate(outlines) if of is not None]
         pixels = np.concatenate([of for _, of in found] or [np.zeros((0, 2))])
         self.rays = camera.rays(pixels) @ camera.R.T if len(pixels) else np.zeros((0, 3))
@@ -139,8 +139,8 @@ def _measure(hulls: HullRays, ends: _Ends, axes: np.ndarray) -> np.ndarray:
     share = (rise - bottom[ends.frames]) / (top - bottom)[ends.frames]
     azimuth = np.arctan2(own[:, 0], own[:, 1])
     with np.errstate(invalid="ignore"):
-        head = ends.middle(azimuth, share > 1 - _HEAD, hulls.n_frames)
-        feet = ends.middle(azimuth, share < _FEET, hulls.n_frames)
+        head = ends.middle(azimuth, share > 1 - ends.config.head, hulls.n_frames)
+        feet = ends.middle(azimuth, share < ends.config.feet, hulls.n_frames)
     out = np.stack([top, bottom, head, feet], -1)
     out[~np.isfinite(out).all(1)] = np.nan
     return out

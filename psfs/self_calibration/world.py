@@ -10,12 +10,7 @@ import numpy as np
 from psfs.calibration.scene import CalibrationScene, rigid_transform
 from psfs.cameras.camera import CameraRig
 from psfs.diagnostics.frontier import FrontierPoints
-
-#: Standard deviations: of the mean up of the single cameras, rad; of a lowest point over the floor,
-#: m; independent frames per frame.
-_UP, _FEET, _INFORMATION = 0.026, 0.02, 0.1
-#: Percentile of the heights of the topmost points that is the stature.
-_STANDING = 90
+from psfs.self_calibration.config import PersonConfig
 
 
 def triangulate_points(rig: CameraRig, points: FrontierPoints) -> np.ndarray:
@@ -36,28 +31,29 @@ def triangulate_points(rig: CameraRig, points: FrontierPoints) -> np.ndarray:
 
 
 def align_to_person(
-    rig: CameraRig, ups: Sequence[np.ndarray], points: FrontierPoints, stature: float
+    rig: CameraRig, ups: Sequence[np.ndarray], points: FrontierPoints, config: PersonConfig
 ) -> CameraRig:
     """Return the rig in metres with Z up and Z = 0 on the floor, below the person's middle.
 
     ups: (3,) of each camera in its own axes. points: where silhouettes touch common planes.
-    stature: m. X is the first camera's right.
+    X is the first camera's right.
     """
+    floor = config.floor
     up = np.mean([camera.R.T @ own for camera, own in zip(rig, ups, strict=True)], axis=0)
     places = triangulate_points(rig, points)
     R = _axes(up, rig[0].R[0])
     low, _ = _frame_extremes(places @ R.T, points.frames)
     middle = np.median(low, axis=0)
     plane = np.column_stack([low[:, :2] - middle[:2], np.ones(len(low))])
-    weight = _INFORMATION / _FEET**2
-    normal = weight * plane.T @ plane + np.diag([_UP**-2, _UP**-2, 0.0])
+    weight = floor.information / floor.feet**2
+    normal = weight * plane.T @ plane + np.diag([floor.up**-2, floor.up**-2, 0.0])
     slope = np.linalg.solve(normal, weight * plane.T @ low[:, 2])
     R = _axes(R.T @ np.array([-slope[0], -slope[1], 1.0]), rig[0].R[0])
     local = places @ R.T
     low, top = _frame_extremes(local, points.frames)
-    floor = np.median(low[:, 2])
-    factor = stature / (np.percentile(top[:, 2], _STANDING) - floor)
-    origin = np.array([*np.median(local[:, :2], axis=0), floor])
+    lowest = np.median(low[:, 2])
+    factor = config.stature / (np.percentile(top[:, 2], floor.standing) - lowest)
+    origin = np.array([*np.median(local[:, :2], axis=0), lowest])
     turned = CalibrationScene(rig.cameras, {}).transform(rigid_transform(R, -origin))
     return CameraRig(tuple(replace(camera, t=camera.t * factor) for camera in turned.cameras))
 

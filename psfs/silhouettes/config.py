@@ -11,7 +11,7 @@ from psfs.background.config import (
     EvidenceConfig,
     LightConfig,
 )
-from psfs.common.config import Config, part, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
 
 #: Provenance of the defaults that were tuned with true masks and with a real person.
 _TUNED = "tuned on synthetic walks with true masks and on a real person on a green carpet"
@@ -27,19 +27,14 @@ class FloorConfig(Config):
     height: float = setting(
         0.0, "Height of the floor in the world of the calibration.", "by definition", "m"
     )
-    shadow_low: float = setting(
-        0.15, "Least light factor of a shadow that falls on the floor.", least=0, most=1
+    shadow_low: float = fraction(0.15, "Least light factor of a shadow that falls on the floor.")
+    shadow_width: float = positive(
+        0.03, "Standard deviation of the light factor between cameras that see the same shadow."
     )
-    shadow_width: float = setting(
-        0.03,
-        "Standard deviation of the light factor between cameras that see the same shadow.",
-        above=0,
-    )
-    lit_width: float = setting(
+    lit_width: float = positive(
         0.025,
         "Standard deviation of the light factor where the other cameras see the floor lit: it is "
         "lit for all.",
-        above=0,
     )
     enough: int = setting(
         4,
@@ -47,27 +42,23 @@ class FloorConfig(Config):
         "with fewer, one is enough.",
         least=2,
     )
-    lit: float = setting(
-        0.9, "Light factor above which the floor passes for lit, whatever the others see.", least=0
+    lit: float = nonnegative(
+        0.9, "Light factor above which the floor passes for lit, whatever the others see."
     )
-    shadow_depth: float = setting(
+    shadow_depth: float = positive(
         0.45,
         "Standard deviation of a shadow's light factor around 1: shoes are darker than shadows.",
-        above=0,
     )
-    nearest: float = setting(
+    nearest: float = nonnegative(
         9.0,
         "Squared distance of what may still be floor in shadow.",
         "the usual 3 sigma",
         "squared standard deviations of the noise",
-        least=0,
     )
-    fully_lit: float = setting(
+    fully_lit: float = fraction(
         0.997,
         "Light on the floor above which it is not shaded at all.",
         "light has steps of 1 / 127",
-        least=0,
-        most=1,
     )
 
 
@@ -85,14 +76,11 @@ class RimConfig(Config):
         above=0,
         below=1,
     )
-    cost: float = setting(
-        4.0, "Cost of taking a pixel of the rim for background.", unit="nats", above=0
-    )
-    chroma_noise: float = setting(
+    cost: float = positive(4.0, "Cost of taking a pixel of the rim for background.", unit="nats")
+    chroma_noise: float = positive(
         0.67,
         "Standard deviation of the chroma's noise as a share of the luma's, which is the green "
         "channel's.",
-        above=0,
     )
 
 
@@ -117,11 +105,10 @@ class EvidenceSmoothingConfig(Config):
         least=0,
         most=2,
     )
-    contrast: float = setting(
+    contrast: float = positive(
         20.0,
         "Difference of luma that takes three quarters of a pixel's weight.",
         unit="grey levels",
-        above=0,
     )
 
     @property
@@ -145,13 +132,12 @@ class AppearanceConfig(Config):
         "location "
         "from the first.",
     )
-    first_looks: int = setting(
+    first_looks: int = natural(
         4,
         "Number of repetitions of the first frame's segmentation, each with the appearance "
         "model of "
         "the previous one.",
         "of a grey person on grey, 19 % of the silhouettes are missing after one, 10 % after four",
-        least=1,
     )
     location_inside: float = setting(
         0.98,
@@ -166,46 +152,32 @@ class AppearanceConfig(Config):
         above=0,
         below=1,
     )
-    reach: int = setting(
+    reach: int = nonnegative(
         2,
         "Distance over which the location prior is blurred, for the way to the next frame: 10 px "
         "either way.",
         unit="cells",
-        least=0,
     )
-    max_gap: int = setting(
-        3,
-        "Number of frames after which the estimated location is too old.",
-        unit="frames",
-        least=0,
+    max_gap: int = nonnegative(
+        3, "Number of frames after which the estimated location is too old.", unit="frames"
     )
-    keep: float = setting(
-        0.9,
-        "Share of the colour histogram's weight that a frame leaves of the earlier ones.",
-        least=0,
-        most=1,
+    keep: float = fraction(
+        0.9, "Share of the colour histogram's weight that a frame leaves of the earlier ones."
     )
-    uniform: float = setting(
+    uniform: float = fraction(
         0.1,
         "Weight of the uniform foreground beside the histogram: colours never seen stay possible.",
-        least=0,
-        most=1,
     )
-    prior_samples: float = setting(
-        200.0, "Number of samples that the histogram begins with, spread over all colours.", least=0
+    prior_samples: float = nonnegative(
+        200.0, "Number of samples that the histogram begins with, spread over all colours."
     )
-    most: float = setting(
+    most: float = fraction(
         0.4,
         "Share of the cells that look like the person above which a frame does not update the "
         "model.",
-        least=0,
-        most=1,
     )
-    min_surface: int = setting(
-        64,
-        "Number of surface voxels below which the frame shows no person.",
-        unit="voxels",
-        least=0,
+    min_surface: int = nonnegative(
+        64, "Number of surface voxels below which the frame shows no person.", unit="voxels"
     )
 
 

@@ -44,7 +44,7 @@ def do_jobs(
     begun = (job for job in jobs if time.monotonic() < end)
     if client is None:
         for job in begun:
-            keep(job, _attempted(device, job, lambda: None))
+            keep(job, _attempt(device, job, lambda: None))
         return
     tasks = (Task(str(job), do_job, (job,)) for job in begun)
     with closing(Pool(client).outcomes(tasks)) as outcomes:
@@ -60,10 +60,10 @@ def do_job(progress: TaskProgress, job: Job) -> Outcome | UserError:
     """Do a job on a worker."""
     device = select_worker_device("auto")
     assert isinstance(device, Device)
-    return _attempted(device, job, lambda: progress("tracking"))
+    return _attempt(device, job, lambda: progress("tracking"))
 
 
-def _attempted(device: Device, job: Job, check: Callable[[], object]) -> Outcome | UserError:
+def _attempt(device: Device, job: Job, check: Callable[[], object]) -> Outcome | UserError:
     try:
         return done(device, job, check)
     except DeviceError:

@@ -64,11 +64,11 @@ def trial_headline(results: Results) -> str:
     for setting in dict.fromkeys(run.setting for run in results.runs):
         if setting.start in _TRUE_STARTS:
             column = f"{setting.preset}{_TRUE_STARTS[setting.start]}"
-            row = Row.of(setting, results.of(setting), float("nan"))
+            row = Row.create(setting, results.select(setting), float("nan"))
             groups.setdefault(column, {})[setting.sequence] = row
     names = sorted({name for of in groups.values() for name in of})
     cells = [
-        [name, *(_of_preset(of[name]) if name in of else NONE for of in groups.values())]
+        [name, *(_describe_row(of[name]) if name in of else NONE for of in groups.values())]
         for name in names
     ]
     note = (
@@ -91,10 +91,10 @@ def presets_headline(results: Results, defaults: Results) -> str:
     for run in (*defaults.runs, *results.runs):
         setting, source = run.setting, results if run.setting.preset else defaults
         if setting.observations == "voxels" and setting.start == "found":
-            row = Row.of(setting, source.of(setting), float("nan"))
+            row = Row.create(setting, source.select(setting), float("nan"))
             columns.setdefault(setting.preset or "default", {})[setting.sequence] = row
     cells = [
-        [name, *(_of_preset(of[name]) if name in of else NONE for of in columns.values())]
+        [name, *(_describe_row(of[name]) if name in of else NONE for of in columns.values())]
         for name in sorted({name for of in columns.values() for name in of})
     ]
     about = "; ".join(
@@ -108,7 +108,7 @@ def presets_headline(results: Results, defaults: Results) -> str:
     ).markdown()
 
 
-def _of_preset(row: Row) -> str:
+def _describe_row(row: Row) -> str:
     if row.failed == row.runs:
         return "nobody found"
     deviation = f" ± {row.std:.1f}" if row.runs - row.failed > 1 else ""

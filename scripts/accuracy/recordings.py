@@ -144,7 +144,7 @@ def record(
     truth.
     """
     settings = settings or Preset()
-    sequence = opened(folder, settings)
+    sequence = open_for_preset(folder, settings)
     sequence = sequence.with_cameras(spread_cameras(sequence.rig, cameras))
     truth = load_truth(folder / "truth.npz")
     if cache.exists():
@@ -177,7 +177,7 @@ def record(
     return Recording(sequence, grid, frames, surfaces, foregrounds, truth, settings)
 
 
-def opened(folder: Path, settings: Preset) -> Sequence:
+def open_for_preset(folder: Path, settings: Preset) -> Sequence:
     """Return the sequence with the background of a preset, if it has images to estimate that
     from."""
     sequence = Sequence.open(folder)

@@ -37,7 +37,7 @@ class Summary:
     runs: int
 
     @classmethod
-    def of(cls, runs: list[Run]) -> Summary | None:
+    def create(cls, runs: list[Run]) -> Summary | None:
         if not runs:
             return None
         means = np.array([run.mean for run in runs])
@@ -66,7 +66,7 @@ def _grid(table: Table, settings: list[Setting], results: Results) -> Grid:
     columns = table.columns(settings)
     cells: dict[tuple[Any, ...], dict[Any, str]] = {row: {} for row in table.rows(settings)}
     for setting in settings:
-        summary = Summary.of(results.of(setting))
+        summary = Summary.create(results.select(setting))
         cells[table.row_key(setting)][table.column_key(setting)] = str(summary) if summary else NONE
     rows = [[*map(str, row), *(of.get(c, NONE) for c in columns)] for row, of in cells.items()]
     shown = [f"{across}: {c}" if isinstance(c, int) else str(c) for c in columns]
@@ -79,7 +79,7 @@ def joints(setting: Setting, runs: list[Run]) -> Grid:
         [name, *(f"{np.mean([run.joints[name][k] for run in runs]):.1f}" for k in range(3))]
         for name in runs[0].joints
     ]
-    summary = Summary.of(runs)
+    summary = Summary.create(runs)
     assert summary is not None
     rows.append(["all", *(f"{of:.1f}" for of in (summary.mean, summary.constant, summary.rest))])
     title = (
@@ -121,7 +121,7 @@ def write_summary(path: Path, tables: dict[Table, list[Setting]], results: Resul
         writer.writerow(["table", "sequence", *DIMENSIONS, *figures])
         for table, settings in tables.items():
             for setting in settings:
-                summary = Summary.of(results.of(setting))
+                summary = Summary.create(results.select(setting))
                 if summary is None:
                     continue
                 values = [getattr(setting, name) for name in DIMENSIONS]
@@ -153,7 +153,7 @@ def _panel(axes: Any, table: Table, settings: list[Setting], results: Results) -
         points = [
             (columns.index(table.column_key(s)), summary)
             for s in settings
-            if table.row_key(s) == row and (summary := Summary.of(results.of(s)))
+            if table.row_key(s) == row and (summary := Summary.create(results.select(s)))
         ]
         points.sort(key=lambda point: point[0])
         if not points:

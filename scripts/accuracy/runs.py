@@ -95,16 +95,16 @@ def make_method(setting: Setting, seed: int) -> Method:
     objective, _, vertices = setting.objective.partition("@")
     if setting.preset:
         settings = load_preset(setting.preset, search=setting.method, objective=objective)
-        return _shaped(_sized(settings.method, setting, seed), vertices)
+        return _set_vertices(_set_size(settings.method, setting, seed), vertices)
     weights: dict[str, Any] = {}
     if objective not in OBJECTIVES:
         objective, weights = "voxel", likelihood_weights(objective.replace("+", ","))
-    return _shaped(
-        _sized(Method.create(setting.method, objective, **weights), setting, seed), vertices
+    return _set_vertices(
+        _set_size(Method.create(setting.method, objective, **weights), setting, seed), vertices
     )
 
 
-def _sized(method: Method, setting: Setting, seed: int) -> Method:
+def _set_size(method: Method, setting: Setting, seed: int) -> Method:
     """Return the method with the particles, layers and seed of a setting."""
     size = {"n_particles": setting.particles, "n_layers": setting.layers, "seed": seed}
     if setting.method == "sir":  # it has no layers: use as many evaluations in one
@@ -112,7 +112,7 @@ def _sized(method: Method, setting: Setting, seed: int) -> Method:
     return method.replace(filter=method.filter.with_changes(**size))
 
 
-def _shaped(method: Method, vertices: str) -> Method:
+def _set_vertices(method: Method, vertices: str) -> Method:
     """Return the method with this number of vertices per part, if it is given."""
     if not vertices:
         return method
@@ -121,7 +121,7 @@ def _shaped(method: Method, vertices: str) -> Method:
     return method.replace(image=method.image.replace(vertices_per_part=int(vertices)))
 
 
-def tracked(
+def track_recording(
     device: Device, recording: Recording, setting: Setting, seeds: list[int]
 ) -> list[Track]:
     """Return the tracks of a recording, one for each of `seeds`, from the true joints of the first
@@ -153,7 +153,7 @@ def run(device: Device, recording: Recording, setting: Setting, seeds: list[int]
     InputError for unknown methods and objectives."""
     assert recording.first_pose  # fit it now, outside of the measured time
     began = time.perf_counter()
-    tracks = tracked(device, recording, setting, seeds)
+    tracks = track_recording(device, recording, setting, seeds)
     seconds = (time.perf_counter() - began) / len(seeds)
     if len(tracks[0]) < len(recording.frames):
         raise KeyboardInterrupt  # a tracker returns the frames so far when it is interrupted
@@ -213,7 +213,7 @@ def _plain(run: Run) -> dict[str, Any]:
     return {name: _none(value) for name, value in row.items()}
 
 
-def _known(row: dict[str, Any]) -> Run:
+def _parse_row(row: dict[str, Any]) -> Run:
     """Return the inverse of `_plain`."""
     values = {name: math.nan if value is None else value for name, value in row.items()}
     joints = {
@@ -242,13 +242,13 @@ class Results:
         """Read results from a file. Raises InputError if it does not hold results."""
         try:
             data = json.loads(path.read_text())
-            runs = [_known(row) for row in data["runs"]]
+            runs = [_parse_row(row) for row in data["runs"]]
             return cls(path, dict(data["conditions"]), runs, data["made"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"{path}: not the results of accuracy.py ({error})") from None
 
     @classmethod
-    def resumed(cls, path: Path, conditions: dict[str, Any]) -> Results:
+    def resume(cls, path: Path, conditions: dict[str, Any]) -> Results:
         """Return new results, with those of the file if it exists. Raises InputError if it does not
         hold results, or holds some made under other conditions."""
         conditions = json.loads(json.dumps(conditions))
@@ -271,7 +271,7 @@ class Results:
     def lacks(self, setting: Setting, seed: int) -> bool:
         return not any(run.setting == setting and run.seed == seed for run in self.runs)
 
-    def of(self, setting: Setting) -> list[Run]:
+    def select(self, setting: Setting) -> list[Run]:
         return [run for run in self.runs if run.setting == setting]
 
     def add(self, run: Run) -> None:

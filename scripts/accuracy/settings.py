@@ -58,7 +58,7 @@ class Table:
     dimensions: tuple[str, ...]
 
     @classmethod
-    def named(cls, text: str) -> Table:
+    def parse(cls, text: str) -> Table:
         """Parse dimensions joined by colons. Raises InputError for unknown ones."""
         dimensions = tuple(text.split(":"))
         unknown = [name for name in dimensions if name not in DIMENSIONS]

@@ -16,7 +16,7 @@ import numpy as np
 import tomllib
 
 from accuracy.ablation import load_preset
-from accuracy.recordings import opened
+from accuracy.recordings import open_for_preset
 from accuracy.runs import Results, Run, evaluate_run, make_method
 from accuracy.settings import Setting
 from apf.api import DEFAULT_BODY, read_given_start
@@ -134,21 +134,21 @@ def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
     """Do a job. `check` is called now and then and may raise KeyboardInterrupt. Raises UserError if
     the sequence cannot be tracked; a failed automatic start is not an error, but a run."""
     settings = job.settings
-    sequence = opened(job.folder, settings)
+    sequence = open_for_preset(job.folder, settings)
     session = Session(sequence, device, SessionSettings(settings.reconstruction))
     if job.setting is None:
         session = exclude_inconsistent_cameras(session, settings.all_cameras)
         return evaluate_silhouettes(session, check)
     truth = load_truth(job.folder / TRUTH)
     if job.setting.observations == "triangulation":
-        return [_triangulated(sequence, job.setting, truth)]
+        return [_triangulate(sequence, job.setting, truth)]
     if job.setting.observations in _VOXELS:
         session = exclude_inconsistent_cameras(session, settings.all_cameras)
     began = time.perf_counter()
     try:
         take = _take(session, settings, job.setting, job.seeds, check)
     except StartError as error:
-        return [_failed(job.setting, seed, str(error)) for seed in job.seeds]
+        return [_record_failure(job.setting, seed, str(error)) for seed in job.seeds]
     seconds = (time.perf_counter() - began) / len(job.seeds)
     if len(take.tracks[0]) < len(sequence):
         raise KeyboardInterrupt  # a tracker returns the frames so far when it is interrupted
@@ -159,7 +159,7 @@ def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
         body = stature(take.body) / true_stature(job.folder, truth)
         figures = {"heading": heading_error(take, truth), "stature": 100 * (body - 1)}
         angles = _angles(track, job.folder / TRUTH)
-        runs.append(replace(run, **figures, **_of_suite(found), angles=angles))
+        runs.append(replace(run, **figures, **_list_suite_figures(found), angles=angles))
     return runs
 
 
@@ -170,14 +170,14 @@ def _angles(track: Track, truth: Path) -> dict[str, list[float]]:
     return {error.name: [error.rms, error.free] for error in found}
 
 
-def _triangulated(sequence: Sequence, setting: Setting, truth: JointSeries) -> Run:
+def _triangulate(sequence: Sequence, setting: Setting, truth: JointSeries) -> Run:
     """Triangulate keypoints and filter them with a low pass, the usual way without a body."""
     began = time.perf_counter()
     keypoints = Keypoints.open(sequence.folder, sequence)
     track = triangulate_track(sequence, keypoints, TriangulatedConfig(low_pass=LOW_PASS))
     run = evaluate_run(track, truth, setting, 0, time.perf_counter() - began)
     first = {"heading": _heading(track.joint_names, track.joints[:1], truth, track.frames[0])}
-    return replace(run, **first, **_of_suite(evaluate(track, truth)))
+    return replace(run, **first, **_list_suite_figures(evaluate(track, truth)))
 
 
 def _take(
@@ -216,7 +216,7 @@ def measure_body(device: Device, folder: Path, body: str, check: Callable[[], ob
     return initialise(session, load_body(body), progress=check).body
 
 
-def _of_suite(found: Evaluation) -> dict[str, float]:
+def _list_suite_figures(found: Evaluation) -> dict[str, float]:
     """Return the figures of the joints that only the runs of a suite have."""
     names = found.joint_names
     ends = [names.index(end) for end in LIMB_ENDS.values() if end in names]
@@ -268,7 +268,7 @@ def true_stature(folder: Path, truth: JointSeries) -> float:
     return stature(fitted[0])
 
 
-def _failed(setting: Setting, seed: int, why: str) -> Run:
+def _record_failure(setting: Setting, seed: int, why: str) -> Run:
     nothing = dict.fromkeys(
         ("mean", "median", "largest", "frame_std", "constant", "rest", "lost_joints", "inside_95",
          "seconds"),
@@ -306,7 +306,7 @@ class KeptSilhouettes:
     folder: Path
     conditions: dict[str, Any]
 
-    def of(self, sequence: str) -> dict[str, Any] | None:
+    def select(self, sequence: str) -> dict[str, Any] | None:
         try:
             found: dict[str, Any] = json.loads((self.folder / f"{sequence}.json").read_text())
         except (OSError, ValueError):
@@ -318,11 +318,11 @@ class KeptSilhouettes:
 
     def iou(self, sequence: str) -> float:
         """Return the mean over cameras and frames; NaN if it is unknown."""
-        found = (self.of(sequence) or {}).get("mean_iou")
+        found = (self.select(sequence) or {}).get("mean_iou")
         return float("nan") if found is None else float(found)
 
 
-def of_preset(name: str) -> dict[str, Any]:
+def preset_settings(name: str) -> dict[str, Any]:
     """Return the settings that distinguish a preset's runs from others. Raises InputError for an
     unknown one."""
     method = load_preset(name).method
@@ -358,6 +358,6 @@ def suite_settings(
                     if not name:
                         yield replace(setting, observations=kind), folder
                     elif kind == "voxels":
-                        yield replace(setting, observations=kind, **of_preset(name)), folder
+                        yield replace(setting, observations=kind, **preset_settings(name)), folder
     if not left:
         raise InputError(f"no sequence has keypoints; expected some, for {', '.join(kinds)}")

@@ -87,7 +87,7 @@ class Row:
         return self.preset, self.observations, self.start
 
     @classmethod
-    def of(cls, setting: Setting, runs: Sequence[Run], iou: float) -> Row:
+    def create(cls, setting: Setting, runs: Sequence[Run], iou: float) -> Row:
         """Return the row of the runs that did not fail."""
         tracked = [run for run in runs if not run.failed]
 
@@ -109,7 +109,7 @@ class Row:
             stature=over(lambda run: run.stature),
             iou=iou,
             limb_frames=over(lambda run: run.limb_frames),
-            flags=_summed([run.flags for run in runs]),
+            flags=_sum_flags([run.flags for run in runs]),
             inside=over(lambda run: run.inside_unflagged),
             seconds=over(lambda run: run.seconds),
         )  # fmt: skip
@@ -123,25 +123,25 @@ class Row:
             self.observations,
             self.start,
             f"{self.runs}{failed}",
-            _shown(self.mean, ".1f") + (f" ± {self.std:.1f}" if self.runs > 1 else ""),
-            _shown(self.rest, ".1f"),
-            _shown(100 * self.lost_joints, ".1f", " %"),
-            _shown(self.limbs, ".1f"),
-            _shown(self.limbs_rest, ".1f"),
-            _shown(100 * self.limbs_far, ".1f", " %"),
-            _shown(self.wrists, ".0f"),
+            _format_value(self.mean, ".1f") + (f" ± {self.std:.1f}" if self.runs > 1 else ""),
+            _format_value(self.rest, ".1f"),
+            _format_value(100 * self.lost_joints, ".1f", " %"),
+            _format_value(self.limbs, ".1f"),
+            _format_value(self.limbs_rest, ".1f"),
+            _format_value(100 * self.limbs_far, ".1f", " %"),
+            _format_value(self.wrists, ".0f"),
             f"{self.heading_right}/{self.runs}",
-            _shown(self.stature, "+.1f" if self.cameras else ".1f", " %"),
-            _shown(self.iou, ".3f"),
-            _shown(100 * self.limb_frames, ".0f", " %"),
-            _shown(100 * self.flags.found, ".0f", " %"),
-            _shown(100 * self.flags.falsely, ".1f", " %"),
-            _shown(100 * self.inside, ".0f", " %"),
-            _shown(self.seconds, ".1f" if self.seconds < 10 else ".0f"),
+            _format_value(self.stature, "+.1f" if self.cameras else ".1f", " %"),
+            _format_value(self.iou, ".3f"),
+            _format_value(100 * self.limb_frames, ".0f", " %"),
+            _format_value(100 * self.flags.found, ".0f", " %"),
+            _format_value(100 * self.flags.falsely, ".1f", " %"),
+            _format_value(100 * self.inside, ".0f", " %"),
+            _format_value(self.seconds, ".1f" if self.seconds < 10 else ".0f"),
         ]
 
 
-def _summed(flags: Sequence[Sequence[int]]) -> FlagCounts:
+def _sum_flags(flags: Sequence[Sequence[int]]) -> FlagCounts:
     return FlagCounts(*np.sum(flags, axis=0, dtype=int).tolist())
 
 
@@ -150,7 +150,7 @@ _COLUMNS = ("sequence", "cameras", "preset", "by", "start", "runs", "mean", "fre
             "flagged", "false", "in 95 %", "s")  # fmt: skip
 
 
-def _shown(value: float, how: str, unit: str = "") -> str:
+def _format_value(value: float, how: str, unit: str = "") -> str:
     return NONE if np.isnan(value) else f"{value:{how}}{unit}"
 
 
@@ -158,7 +158,7 @@ def suite_rows(
     results: Results, settings: Sequence[Setting], iou: Callable[[Setting], float]
 ) -> list[Row]:
     """Return a row per sequence, preset, observation and start that has runs."""
-    return [Row.of(s, results.of(s), iou(s)) for s in settings if results.of(s)]
+    return [Row.create(s, results.select(s), iou(s)) for s in settings if results.select(s)]
 
 
 def suite_grid(rows: Sequence[Row]) -> Grid:
@@ -258,7 +258,7 @@ def mean_row(rows: Sequence[Row]) -> Row:
         sum(row.runs for row in rows), sum(row.failed for row in rows),
         std=float(np.nanstd([row.mean for row in rows], ddof=1)),
         heading_right=sum(row.heading_right for row in rows),
-        flags=_summed([row.flags for row in rows]),
+        flags=_sum_flags([row.flags for row in rows]),
         stature=over([abs(row.stature) for row in rows]),
         **means,
     )  # fmt: skip
@@ -330,7 +330,7 @@ def _plot(path: Path, results: Results, rows: Sequence[Row]) -> None:
     marks = [
         Patch(facecolor=_COLOURS[group[1:]], alpha=0.5, hatch=hatches[group[0]]) for group in groups
     ]
-    named = [_named(*group) for group in groups]
+    named = [_describe_block(*group) for group in groups]
     figure.legend(
         marks, named, loc="outside lower center", ncols=4, frameon=False, fontsize=9
     )  # fmt: skip
@@ -339,7 +339,7 @@ def _plot(path: Path, results: Results, rows: Sequence[Row]) -> None:
     plt.close(figure)
 
 
-def _named(preset: str, observations: str, start: str) -> str:
+def _describe_block(preset: str, observations: str, start: str) -> str:
     shown = observations if start == "none" else f"{observations}, start {start}"
     return f"{preset}: {shown}" if preset else shown
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from timings.report.readme import replace_marked
-from timings.tables.grid import NONE, Grid, quoted
+from timings.tables.grid import NONE, Grid, quote
 from timings.tables.whole import papers
 
 from accuracy.report import Summary, made_on
@@ -120,9 +120,9 @@ def _theirs(number: str) -> Grid:
 
 
 def _with_deviation(table: dict[str, Any], row: list[Any], place: int) -> str:
-    shown = row[place] if isinstance(row[place], str) else quoted(row[place])
+    shown = row[place] if isinstance(row[place], str) else quote(row[place])
     beside = table["columns"][place + 1 : place + 2] == ["sd"]
-    return f"{shown} ± {quoted(row[place + 1])}" if beside else shown
+    return f"{shown} ± {quote(row[place + 1])}" if beside else shown
 
 
 def _select_settings(number: str, results: Results) -> list[Setting]:
@@ -135,7 +135,7 @@ def _select_settings(number: str, results: Results) -> list[Setting]:
 def _has_runs(number: str, results: Results) -> bool:
     """Return whether a table has runs of its own, besides those that it shares with another."""
     settings = _select_settings(number, results)
-    return 2 * sum(bool(results.of(setting)) for setting in settings) > len(settings)
+    return 2 * sum(bool(results.select(setting)) for setting in settings) > len(settings)
 
 
 def _ours(number: str, results: Results) -> Grid:
@@ -144,7 +144,7 @@ def _ours(number: str, results: Results) -> Grid:
     preset = next((run.setting.preset for run in results.runs), "")
     cells: dict[tuple[Any, ...], dict[Any, str]] = {}
     for setting in _select_settings(number, results):
-        summary = Summary.of(results.of(setting))
+        summary = Summary.create(results.select(setting))
         row = cells.setdefault(table.row_key(setting)[1:], {})
         row[table.column_key(setting)] = str(summary) if summary else NONE
     rows = [

@@ -82,7 +82,7 @@ def run_pose2sim(task: Task, undistort: bool) -> Found:
     # Its body has "Lknee"; all others are LHip, RKnee, ...
     names = {name.lower(): place for place, name in enumerate(series.joint_names)}
     columns = [names[joint.replace("_", "")] for joint in JOINTS]
-    return _found(series.joints[:, columns], series.frames, task, seconds)
+    return _make_found(series.joints[:, columns], series.frames, task, seconds)
 
 
 def _with_true_count(path: Path) -> Path:
@@ -163,7 +163,7 @@ def run_anipose(task: Task, kind: str) -> Found:
         filled = fill_gaps(joints, None)
         band = butter(_FREEMOCAP_ORDER, _FREEMOCAP_HZ, fs=task.sequence.fps, output="sos")
         joints = sosfiltfilt(band, filled, axis=0)
-    return _found(joints, np.arange(len(joints)), task, seconds)
+    return _make_found(joints, np.arange(len(joints)), task, seconds)
 
 
 def run_ours(task: Task, what: str) -> Found:
@@ -183,14 +183,16 @@ def run_ours(task: Task, what: str) -> Found:
     points = track.points if what != "triangulation" else _series(track)
     columns = [points.joint_names.index(name) for name in JOINTS]
     seconds = {"cpu": time.process_time() - cpu, "clock": time.perf_counter() - clock}
-    return _found(points.joints[:, columns], track.frames, task, seconds)
+    return _make_found(points.joints[:, columns], track.frames, task, seconds)
 
 
 def _series(track: Track) -> JointSeries:
     return JointSeries(track.joint_names, track.joints, track.fps, track.frames)
 
 
-def _found(joints: np.ndarray, frames: np.ndarray, task: Task, seconds: dict[str, float]) -> Found:
+def _make_found(
+    joints: np.ndarray, frames: np.ndarray, task: Task, seconds: dict[str, float]
+) -> Found:
     series = JointSeries(tuple(JOINTS), np.asarray(joints, float), task.sequence.fps, frames)
     on_gpu = task.device is not None and task.device.info.kind == "gpu"
     return Found(series, None if on_gpu else seconds["cpu"], seconds["clock"])

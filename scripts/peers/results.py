@@ -73,7 +73,7 @@ class PeerResults:
             return cls(path)
         try:
             data = json.loads(path.read_text())
-            runs = [_known(row) for row in data["runs"]]
+            runs = [_parse_row(row) for row in data["runs"]]
             return cls(path, runs, data["versions"], data["made"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"{path}: not the results of compare_peers.py ({error})") from None
@@ -94,7 +94,7 @@ class PeerResults:
         with write_atomically(self.path) as temporary:
             temporary.write_text(json.dumps(_plain(data), indent=1, allow_nan=False) + "\n")
 
-    def of(self, program: str) -> list[PeerRun]:
+    def select(self, program: str) -> list[PeerRun]:
         return [run for run in self.runs if run.program == program]
 
 
@@ -123,7 +123,7 @@ def add_suite_runs(results: PeerResults, path: Path) -> None:
         results.add(ours.with_figures(figures, None, run.seconds))
 
 
-def _known(row: dict[str, Any]) -> PeerRun:
+def _parse_row(row: dict[str, Any]) -> PeerRun:
     figures = row["figures"]
     if figures is not None:
         known = {name: np.nan if value is None else value for name, value in figures.items()}
@@ -144,7 +144,7 @@ def summary_table(results: PeerResults) -> Grid:
     """Return a row per program: means over the sequences of the seeds' means."""
     rows = []
     for program in PROGRAMS:
-        runs = results.of(program)
+        runs = results.select(program)
         done = [run for run in runs if run.figures is not None]
         if not done:
             continue
@@ -156,17 +156,17 @@ def summary_table(results: PeerResults) -> Grid:
         seconds = [run.clock if run.cpu is None else run.cpu for run in done]
         where = sorted({run.device for run in done})
         rows.append([
-            program, str(len(per_sequence)), _shown(means["mean"], ".1f"),
-            _shown(means["rest"], ".1f"), _shown(100 * means["far"], ".1f", " %"),
-            _shown(100 * means["gaps"], ".1f", " %"), _shown(means["jitter"], ".2f"),
-            _shown(means["skating"], ".0f"),
+            program, str(len(per_sequence)), _format_value(means["mean"], ".1f"),
+            _format_value(means["rest"], ".1f"), _format_value(100 * means["far"], ".1f", " %"),
+            _format_value(100 * means["gaps"], ".1f", " %"), _format_value(means["jitter"], ".2f"),
+            _format_value(means["skating"], ".0f"),
             f"{np.mean(seconds):.1f}, {'; '.join(where)}", str(len(runs) - len(done)),
         ])  # fmt: skip
     heads = ["program", "sequences", *_HEADS, "seconds", "failed"]
     return Grid("Other programs beside ours, the same keypoints", heads, rows, _about(results))
 
 
-def _shown(value: float, form: str, unit: str = "") -> str:
+def _format_value(value: float, form: str, unit: str = "") -> str:
     return NONE if np.isnan(value) else f"{value:{form}}{unit}"
 
 
@@ -185,7 +185,7 @@ def sequence_table(results: PeerResults) -> Grid:
     names = sorted({run.sequence for run in results.runs})
     rows = []
     for program in PROGRAMS:
-        by = _by_sequence([run for run in results.of(program) if run.figures is not None])
+        by = _by_sequence([run for run in results.select(program) if run.figures is not None])
         if by:
             means = {name: np.mean([r.figures.mean for r in of]) for name, of in by.items()}  # type: ignore[union-attr]
             rest = {name: np.mean([r.figures.rest for r in of]) for name, of in by.items()}  # type: ignore[union-attr]

@@ -27,7 +27,7 @@ from timings.measure import (
     fewer_cores,
     only_cores,
     places,
-    timed,
+    time_calls,
 )
 from timings.results import Results, add_timing_flags
 from timings.tables.apf import print_report
@@ -80,7 +80,7 @@ def by_twin(problem: Problem) -> dict[str, Any]:
     likelihood = numpy_voxel_likelihood(problem.on(device), problem.config)
     likelihood.observe(reconstruct(scene.frames[0]))
     poses = spread(problem, _SCORED_BY_TWIN)
-    scoring = timed(lambda: likelihood(poses), 3, warm_up=0)
+    scoring = time_calls(lambda: likelihood(poses), 3, warm_up=0)
     return {"scored": _SCORED_BY_TWIN, "scoring": scoring}
 
 
@@ -119,7 +119,7 @@ def scoring(place: Place, problem: Problem, n: int, runs: int) -> Timing:
             launch()
         device.finish()
 
-    return timed(score, runs, 3)
+    return time_calls(score, runs, 3)
 
 
 class Halves:
@@ -151,9 +151,9 @@ def halves(place: Place, problem: Problem, runs: int) -> dict[str, Timing]:
     """Measure by the clock: both halves of a frame together, and each alone."""
     at_work = Halves(place, problem)
     return {
-        "both": timed(at_work.both, runs, 3),
-        "reconstruction": timed(at_work.reconstruction, runs, 1),
-        "tracking": timed(at_work.tracking, runs, 1),
+        "both": time_calls(at_work.both, runs, 3),
+        "reconstruction": time_calls(at_work.reconstruction, runs, 1),
+        "tracking": time_calls(at_work.tracking, runs, 1),
     }
 
 

@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> None:
     }
     results = Results.begin("batch", args, settings)
     with tempfile.TemporaryDirectory(prefix="apf-batch-") as folder:
-        takes = _filmed(Path(folder) / "takes", scene)
+        takes = _film(Path(folder) / "takes", scene)
         results.plan("decoding", partial(decoding, takes[0]))
         flags = (*(_QUICK_FLAGS if args.quick else ()), "--all-cameras")
         flags += ("--no-overlay", "--no-report") if lean else ()
@@ -114,7 +114,7 @@ def clusters(quick: bool, at_once: Sequence[int] = _AT_ONCE) -> dict[str, list[S
     return dict(list(found.items())[-2:]) if quick else found
 
 
-def _filmed(folder: Path, scene: dict[str, Any]) -> list[Path]:
+def _film(folder: Path, scene: dict[str, Any]) -> list[Path]:
     device = Device.best()
     takes = [folder / f"walk{seed}" for seed in range(_DISTINCT)]
     for seed, take in enumerate(takes):

@@ -50,10 +50,10 @@ class Scene:
         ]
         return replace(self, rig=rig, background=background, frames=frames)
 
-    def pinned(self, device: Device) -> list[Frame]:
+    def pin(self, device: Device) -> list[Frame]:
         """Return the frames with their images in pinned memory, from which uploads to `device` are
         fast."""
-        return [Frame(f.index, _pinned(device, f.images), f.masks) for f in self.frames]
+        return [Frame(f.index, _pin_pictures(device, f.images), f.masks) for f in self.frames]
 
 
 def playing(frames: Sequence[Frame]) -> Iterator[Frame]:
@@ -75,7 +75,7 @@ def _pick_views(pictures: np.ndarray | None, picked: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(pictures[picked])
 
 
-def _pinned(device: Device, pictures: np.ndarray | None) -> np.ndarray:
+def _pin_pictures(device: Device, pictures: np.ndarray | None) -> np.ndarray:
     assert pictures is not None
     copy = allocate_pinned(device, pictures.shape)
     copy[:] = pictures

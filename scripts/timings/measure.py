@@ -76,7 +76,9 @@ class Timing:
         return f"{self.median:.{digits}f} [{self.low:.{digits}f}, {self.high:.{digits}f}]"
 
 
-def timed(run: Callable[[], object], runs: int, warm_up: int = 1, seconds: float = 20.0) -> Timing:
+def time_calls(
+    run: Callable[[], object], runs: int, warm_up: int = 1, seconds: float = 20.0
+) -> Timing:
     """Measure the wall-clock time of `run()`, which waits for its own end; stop early after
     `seconds`."""
     for _ in range(warm_up):

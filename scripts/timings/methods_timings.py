@@ -109,7 +109,7 @@ def frames(
     """Return a row for every search and number of particles."""
     rows = [
         {"search": search, "particles": n,
-         **tracked(place, problem, _method(search, n, renderer=renderer))}
+         **track_scene(place, problem, _method(search, n, renderer=renderer))}
         for search, n in efforts
     ]  # fmt: skip
     return {"label": place.label, "cores": place.cores, "rows": rows}
@@ -120,7 +120,7 @@ def shapes(place: Place, problem: Problem) -> dict[str, Any]:
     rows = []
     for vertices in _VERTICES:
         for n in _SHAPE_PARTICLES:
-            run = tracked(place, problem, _method("pso", n, vertices_per_part=vertices))
+            run = track_scene(place, problem, _method("pso", n, vertices_per_part=vertices))
             rows.append({"vertices": vertices, "particles": n, **run})
     return {"label": place.label, "cores": place.cores, "rows": rows}
 
@@ -132,7 +132,7 @@ def curves(place: Place, problem: Problem) -> dict[str, Any]:
     for iterations in _ITERATIONS:
         for n in _CURVES:
             runs = [
-                tracked(place, problem, _method("pso", n, iterations, seed))
+                track_scene(place, problem, _method("pso", n, iterations, seed))
                 for seed in (_SEEDS if place.cores is None else _CPU_SEEDS)
             ]
             ms = [ms for run in runs for ms in run["frames"].samples]
@@ -224,7 +224,7 @@ def _method(
     return method.replace(filter=method.filter.scale_to_rate(FPS), image=looks)
 
 
-def tracked(place: Place, problem: Problem, method: Method) -> dict[str, Any]:
+def track_scene(place: Place, problem: Problem, method: Method) -> dict[str, Any]:
     """Track the scene once after a warm-up, as far as the time allows; return ms per frame by the
     clock, and the mean error."""
     device, scene = place.device(), problem.scene

@@ -30,7 +30,16 @@ from apf.scene import Scene
 from cl import Array, Device
 from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import add_command
-from timings.measure import Place, Timing, apart, cpu_place, fewer_cores, only_cores, places, timed
+from timings.measure import (
+    Place,
+    Timing,
+    apart,
+    cpu_place,
+    fewer_cores,
+    only_cores,
+    places,
+    time_calls,
+)
 from timings.results import Results, add_timing_flags
 from timings.tables.objective import print_report
 from timings.whole_frame import make_problem
@@ -147,7 +156,7 @@ def by_opengl(observed: Observed, n: int, runs: int) -> dict[str, Any]:
     with renderer:
         samples = [_by_opengl(renderer, observed) for _ in range(runs + 1)][1:]
     ms = {part: Timing(tuple(s[part] for s in samples)) for part in samples[0]}
-    return {"label": f"OpenGL {_shortened(renderer.name)}, NumPy", "hypotheses": n, **ms}
+    return {"label": f"OpenGL {_shorten_name(renderer.name)}, NumPy", "hypotheses": n, **ms}
 
 
 def _by_opengl(renderer: OpenGLRenderer, observed: Observed) -> dict[str, float]:
@@ -175,7 +184,7 @@ def _by_opengl(renderer: OpenGLRenderer, observed: Observed) -> dict[str, float]
     return {**ms, "total": sum(ms.values())}
 
 
-def _shortened(renderer: str) -> str:
+def _shorten_name(renderer: str) -> str:
     """Return a renderer's name without its versions."""
     return renderer.split(" (")[0].split("/")[0]
 
@@ -189,14 +198,14 @@ def by_opencl_and_opengl(
     for n in hypotheses:
         device = place.device()
         run, objective = opengl_evaluation(device, observed, n)
-        whole = timed(run, runs, 3)
+        whole = time_calls(run, runs, 3)
         poses = device.to_device(observed.poses(n))
         work = partial(opengl_parts, device, objective, poses)
         samples = _samples(work, runs + 2)[2:]
         parts = {part: Timing(tuple(s[part] for s in samples)) for part in samples[0]}
         sessions = len(list(objective.renderer.batches()))
         rows.append({"hypotheses": n, "parts": parts, "whole": whole, "sessions": sessions})
-        name = _shortened(objective.renderer.name)
+        name = _shorten_name(objective.renderer.name)
     return {"label": place.label, "renderer": name, "cores": place.cores, "rows": rows}
 
 
@@ -246,7 +255,7 @@ def opencl_groups(place: Place, observed: list[Observed]) -> dict[str, Any]:
     rows = []
     for group in _OPENCL_GROUPS:
         run_on = partial(_evaluation, n=_GROUP_HYPOTHESES, rows=group)
-        rows.append({"group": str(group), "frames": _over_frames(place, observed, run_on)})
+        rows.append({"group": str(group), "frames": _time_frames(place, observed, run_on)})
     return {"label": place.label, "cores": place.cores, "rows": rows}
 
 
@@ -259,17 +268,17 @@ def opengl_groups(place: Place, observed: list[Observed]) -> dict[str, Any]:
             return opengl_evaluation(device, frame, _GROUP_HYPOTHESES, group)[0]
 
         name = f"{group[0]} x {group[1]}"
-        rows.append({"group": name, "frames": _over_frames(place, observed, run_on)})
+        rows.append({"group": name, "frames": _time_frames(place, observed, run_on)})
     return {"label": place.label, "cores": place.cores, "rows": rows}
 
 
-def _over_frames(
+def _time_frames(
     place: Place, observed: list[Observed], run_on: Callable[..., Callable[[], None]]
 ) -> Timing:
     """Return the median of a few evaluations in each of the frames, one objective after the
     other."""
     device, frames = place.device(), iter(observed)
-    return Timing(tuple(_samples(lambda: timed(run_on(device, next(frames)), 5, 1).median,
+    return Timing(tuple(_samples(lambda: time_calls(run_on(device, next(frames)), 5, 1).median,
                                  len(observed))))  # fmt: skip
 
 
@@ -295,13 +304,13 @@ def on_place(
     rows = []
     for n in hypotheses:
         row: dict[str, Any] = {"hypotheses": n}
-        row["whole"] = timed(_evaluation(place.device(), observed, n), runs, 3)
+        row["whole"] = time_calls(_evaluation(place.device(), observed, n), runs, 3)
         device = place.device(profile=True)
         run = _evaluation(device, observed, n)
         assert device.profiler is not None
-        timed(run, 2)
+        time_calls(run, 2)
         device.profiler.clear()
-        row["total"] = timed(run, runs, 0)
+        row["total"] = time_calls(run, runs, 0)
         ms = device.profiler.collect()
         row["kernels"] = {name: Timing(tuple(samples)) for name, samples in ms.items()}
         rows.append(row)

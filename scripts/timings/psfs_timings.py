@@ -29,7 +29,7 @@ from timings.measure import (
     only_cores,
     places,
     resident_megabytes,
-    timed,
+    time_calls,
 )
 from timings.results import Results, add_timing_flags
 from timings.stages import STAGES, find_stage, reconstruction_work
@@ -97,7 +97,7 @@ def open3d_carving(scene: Scene, runs: int) -> dict[str, Any]:
             for mask, pinhole in zip(masks, parameters, strict=True):
                 voxels.carve_silhouette(mask, pinhole, False)
 
-        ms.append(timed(carve, 1, warm_up=0).median)
+        ms.append(time_calls(carve, 1, warm_up=0).median)
         left.append(len(voxels.get_voxels()))
     counts = {"voxels_left": left[0], "voxels_of_ours": hull_size(scene), "grid": (nx, ny, nz)}
     return {"carving": Timing(tuple(ms[1:])), "version": open3d.__version__, **counts}
@@ -126,8 +126,8 @@ def numpy_twin(scene: Scene, runs: int) -> dict[str, Any]:
         occupancy(scene.rig, grid, evidence, config.silhouette.evidence.step, config.occupancy)
 
     return {
-        "whole": timed(lambda: twin(next(frames)), runs),
-        "occupancy": timed(carve, runs, warm_up=0),
+        "whole": time_calls(lambda: twin(next(frames)), runs),
+        "occupancy": time_calls(carve, runs, warm_up=0),
     }
 
 
@@ -183,7 +183,7 @@ def whole(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Any]
     """Measure whole frames by the clock, from images on the host to the surface on the device."""
     device = place.device()
     reconstructor = Reconstructor(device, scene.rig, make_grid(), scene.background, sparse=sparse)
-    frames = playing(scene.pinned(device))
+    frames = playing(scene.pin(device))
     masked = Reconstructor(device, scene.rig, make_grid(), None, sparse=sparse)
 
     def one(what: Callable[[Frame], object]) -> Callable[[], None]:
@@ -199,12 +199,12 @@ def whole(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Any]
         device.finish()
 
     result: dict[str, Any] = {
-        "whole": timed(one(reconstructor), runs, 3),
-        "whole_coloured": timed(one(lambda f: reconstructor(f).colours()), runs, 3),
-        "masks": timed(one(masked), runs, 3),
-        "cloud": timed(one(lambda f: reconstructor(f).cloud(colour=True)), runs, 3),
+        "whole": time_calls(one(reconstructor), runs, 3),
+        "whole_coloured": time_calls(one(lambda f: reconstructor(f).colours()), runs, 3),
+        "masks": time_calls(one(masked), runs, 3),
+        "cloud": time_calls(one(lambda f: reconstructor(f).cloud(colour=True)), runs, 3),
     }
-    stream = timed(streamed, max(1, runs // 4))
+    stream = time_calls(streamed, max(1, runs // 4))
     result["stream_per_frame"] = Timing(tuple(ms / _STREAM for ms in stream.samples))
     reconstructor(next(frames))
     result["surface_voxels"] = int(reconstructor.voxels.count.get()[0])
@@ -218,17 +218,19 @@ def growth(place: Place, scene: Scene) -> list[dict[str, Any]]:
     rows = []
     for sparse in (False, True):
         for shape in [*shapes, (512, 512, 512)] if sparse else shapes:
-            rows.append(_grown(place, scene, shape, sparse))
+            rows.append(_measure_larger_grid(place, scene, shape, sparse))
         for views in (2, 4, 6):
-            rows.append(_grown(place, scene.part(views), SHAPE, sparse))
+            rows.append(_measure_larger_grid(place, scene.part(views), SHAPE, sparse))
     return rows
 
 
-def _grown(place: Place, scene: Scene, shape: tuple[int, int, int], sparse: bool) -> dict[str, Any]:
+def _measure_larger_grid(
+    place: Place, scene: Scene, shape: tuple[int, int, int], sparse: bool
+) -> dict[str, Any]:
     device = place.device()
     grid = make_grid(shape)
     reconstructor = Reconstructor(device, scene.rig, grid, scene.background, sparse=sparse)
-    frames = playing(scene.pinned(device))
+    frames = playing(scene.pin(device))
 
     def run() -> None:
         reconstructor(next(frames))
@@ -240,7 +242,7 @@ def _grown(place: Place, scene: Scene, shape: tuple[int, int, int], sparse: bool
         "voxels": grid.size,
         "shape": shape,
         "views": len(scene.rig),
-        "ms": timed(run, 15, 2),
+        "ms": time_calls(run, 15, 2),
     }
 
 

@@ -167,7 +167,7 @@ class Results:
 def read_results(path: Path) -> Results:
     """Read a file that `Results` wrote. Raises InputError if it is none, or of another version."""
     try:
-        data = json.loads(path.read_text(), object_hook=_revived)
+        data = json.loads(path.read_text(), object_hook=_revive)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError:
@@ -180,7 +180,7 @@ def read_results(path: Path) -> Results:
 
 
 def _round_trip(value: Any) -> Any:
-    return json.loads(json.dumps(value, default=_plain), object_hook=_revived)
+    return json.loads(json.dumps(value, default=_plain), object_hook=_revive)
 
 
 def _plain(value: Any) -> Any:
@@ -198,7 +198,7 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} cannot be written as JSON")
 
 
-def _revived(value: dict[str, Any]) -> Any:
+def _revive(value: dict[str, Any]) -> Any:
     if "samples_ms" in value:
         return Timing(tuple(value["samples_ms"]))
     if set(value) == {"bytes_per_s", "flops_per_s"}:

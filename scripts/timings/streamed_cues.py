@@ -40,7 +40,7 @@ def streamed_cues(
     """Return a row per variant: ms from pose to pose of `repetitions` streamed runs of `frames`,
     each of at most `seconds`, the variants in turn; the runs' mean error."""
     device = place.device()
-    held = problem.scene.pinned(device)
+    held = problem.scene.pin(device)
     seen = make_sightings(problem)
     wholes = {}
     for name, changes in VARIANTS.items():
@@ -76,7 +76,7 @@ def make_sightings(problem: Problem) -> Sightings:
         confidence=np.array([0.0, 1.0]), error=np.full(2, _ERROR), factor=one,
     )  # fmt: skip
     random = np.random.default_rng(0)
-    seen = [_seen(problem, joints, random) for joints in problem.scene.joints]
+    seen = [_observe(problem, joints, random) for joints in problem.scene.joints]
 
     def sightings(place: int) -> PointObservations:
         return model.observations(seen[there_and_back(place, len(seen))])
@@ -84,7 +84,7 @@ def make_sightings(problem: Problem) -> Sightings:
     return sightings
 
 
-def _seen(problem: Problem, joints: np.ndarray, random: np.random.Generator) -> np.ndarray:
+def _observe(problem: Problem, joints: np.ndarray, random: np.random.Generator) -> np.ndarray:
     """Return keypoints (V, K, 3) of one frame: px and confidence."""
     named = dict(zip(problem.scene.joint_names, joints, strict=True))
     body, pose, _ = fit_to_joints(problem.body, named)

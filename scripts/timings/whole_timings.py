@@ -143,7 +143,7 @@ def column(
     whole = WholeFrame(device, problem)
     first = sequence_run(whole, 3)["frames"].samples[0]
     runs = [sequence_run(whole, frames, seconds) for _ in range(repetitions)]
-    held = problem.scene.pinned(device)
+    held = problem.scene.pin(device)
     per_run = len(runs[-1]["frames"].samples)
     return {
         "label": place.label,

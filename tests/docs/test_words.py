@@ -61,6 +61,8 @@ PARTICIPLES = {
 }
 #: First words of functions that say neither verb nor object.
 PREPOSITIONS = {"around", "at", "beside", "between", "in", "near", "of", "over"}
+#: Functions that define a setting.
+SETTINGS = {"setting", "fraction", "positive", "nonnegative", "natural"}
 #: A function whose name ends so names neither its verb nor its object.
 ENDINGS = ("_of", "_as", "_at", "_in", "_by", "_than", "_out_of")
 
@@ -115,7 +117,7 @@ def is_setting(node: ast.AST) -> bool:
     """Return whether a node defines a setting. Its name is a key in people's files, and stays."""
     if not isinstance(node, ast.AnnAssign) or not isinstance(node.value, ast.Call):
         return False
-    return isinstance(node.value.func, ast.Name) and node.value.func.id == "setting"
+    return isinstance(node.value.func, ast.Name) and node.value.func.id in SETTINGS
 
 
 def defined_names(tree: ast.Module) -> Iterator[tuple[int, str]]:
@@ -184,7 +186,7 @@ def faults_in(file: Path) -> Iterator[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef) and node.name.endswith(ENDINGS):
             yield f"{where}:{node.lineno}: {node.name} ends with a preposition; expected an object"
-    for function in module_functions(tree) if where.parts[0] != "scripts" else ():
+    for function in module_functions(tree):
         if is_participle(function.name) or function.name.strip("_").split("_")[0] in PREPOSITIONS:
             yield f"{where}:{function.lineno}: {function.name} has no verb; expected one"
 

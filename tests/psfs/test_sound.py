@@ -11,6 +11,7 @@ import pytest
 from cl import InputError
 from psfs.calibration.targets.detection import open_uncalibrated
 from psfs.cli.sequence_flags import parse_sync
+from psfs.footage.config import SoundConfig
 from psfs.footage.settings import SequenceSettings
 from psfs.footage.sound import find_lag
 
@@ -79,5 +80,5 @@ def test_videos_without_sound_or_of_other_rooms_are_named(takes: Path) -> None:
 
 def test_the_lag_of_two_tracks() -> None:
     sound = room(4.0)
-    lag, clarity = find_lag(sound[8000:], sound)
+    lag, clarity = find_lag(sound[8000:], sound, SoundConfig())
     assert lag == pytest.approx(1.0, abs=1e-3) and clarity > 3

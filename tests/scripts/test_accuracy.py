@@ -51,46 +51,46 @@ def a_run(setting: Setting, seed: int, mean: float, *lost: str) -> Run:
 
 
 def test_tables_vary_their_dimensions_alone() -> None:
-    settings = list(Table.named("particles:objective").settings("walk", VALUES))
+    settings = list(Table.parse("particles:objective").settings("walk", VALUES))
     assert settings[0] == BASE and len(settings) == 4
     assert {(s.particles, s.objective) for s in settings} == {
         (200, "voxel"), (200, "surface"), (50, "voxel"), (50, "surface"),
     }  # fmt: skip
     assert {(s.cameras, s.step, s.layers) for s in settings} == {(8, 1, 10)}
-    table = Table.named("cameras")
+    table = Table.parse("cameras")
     assert table.columns(table.settings("walk", VALUES)) == [4, 8]
     for wrong in ("colour", "layers:layers", ""):
         with pytest.raises(InputError, match="expected"):
-            Table.named(wrong)
+            Table.parse(wrong)
 
 
 def test_runs_are_kept_and_resumed(tmp_path: Path) -> None:
     path = tmp_path / "out" / "results.json"
-    results = Results.resumed(path, {"filter": {"noise": 0.5}})
+    results = Results.resume(path, {"filter": {"noise": 0.5}})
     results.add(a_run(BASE, 0, 40.0))
     results.add(a_run(BASE, 1, 44.0, "left arm"))
-    again = Results.resumed(path, {"filter": {"noise": 0.5}})
+    again = Results.resume(path, {"filter": {"noise": 0.5}})
     assert again.runs == results.runs
     assert again.lacks(BASE, 2) and not again.lacks(BASE, 1)
-    summary = Summary.of(again.of(BASE))
+    summary = Summary.create(again.select(BASE))
     assert summary is not None and str(summary) == f"42.0 ± {np.sqrt(8):.1f}, 1 lost"
-    table = Table.named("cameras")
+    table = Table.parse("cameras")
     plan = {table: list(table.settings("walk", VALUES))}
     write_summary(tmp_path / "tables.csv", plan, again)
     again.write_csv(tmp_path / "runs.csv")
     assert "cameras,walk,8,1,apf,voxel,200,10,42.00,2.83," in (tmp_path / "tables.csv").read_text()
     assert "44,44,99,3,10,20,left arm" in (tmp_path / "runs.csv").read_text()
     with pytest.raises(InputError, match=r"other conditions \(filter\)"):
-        Results.resumed(path, {"filter": {"noise": 0.6}})
-    again = Results.resumed(path, {"filter": {"noise": 0.5}, "folders": {"a": "/a"}})
+        Results.resume(path, {"filter": {"noise": 0.6}})
+    again = Results.resume(path, {"filter": {"noise": 0.5}, "folders": {"a": "/a"}})
     again.add(a_run(BASE, 2, 50.0))
-    more = Results.resumed(path, {"filter": {"noise": 0.5}, "folders": {"b": "/b"}})
+    more = Results.resume(path, {"filter": {"noise": 0.5}, "folders": {"b": "/b"}})
     assert more.conditions["folders"] == {"a": "/a", "b": "/b"}
     with pytest.raises(InputError, match=r"other conditions \(a\)"):
-        Results.resumed(path, {"filter": {"noise": 0.5}, "folders": {"a": "/elsewhere"}})
+        Results.resume(path, {"filter": {"noise": 0.5}, "folders": {"a": "/elsewhere"}})
     path.write_text("[]")
     with pytest.raises(InputError, match=r"not the results of accuracy\.py"):
-        Results.resumed(path, {})
+        Results.resume(path, {})
 
 
 def test_tables_in_markdown(tmp_path: Path) -> None:
@@ -98,9 +98,9 @@ def test_tables_in_markdown(tmp_path: Path) -> None:
     results.add(a_run(BASE, 0, 40.0))
     results.add(a_run(BASE, 1, 44.0, "left arm"))
     results.add(a_run(replace(BASE, objective="surface"), 0, 50.0))
-    tables = [Table.named(name) for name in ("cameras", "particles:objective")]
+    tables = [Table.parse(name) for name in ("cameras", "particles:objective")]
     plan = {table: list(table.settings("walk", VALUES)) for table in tables}
-    shown = [*grids(plan, results), joints(BASE, results.of(BASE))]
+    shown = [*grids(plan, results), joints(BASE, results.select(BASE))]
     write_tables(tmp_path / "tables.md", shown, results)
     text = (tmp_path / "tables.md").read_text()
     assert "abacus, 20" in text and "c0ffee" in text and "up to 2 seeds" in text

@@ -233,7 +233,7 @@ def test_a_start_that_is_not_found_is_a_run(folder: Path, monkeypatch) -> None:
     monkeypatch.setattr(suite, "track_take", lost)
     (run,) = suite.done(Device.best(), Job(folder / "walk", FOUND, (7,)), lambda: None)
     assert (run.seed, run.frames, run.failed) == (7, 0, "nobody stands there")
-    row = Row.of(FOUND, [run, a_run(FOUND, 0, 40.0)], float("nan"))
+    row = Row.create(FOUND, [run, a_run(FOUND, 0, 40.0)], float("nan"))
     assert (row.runs, row.failed, row.mean, row.heading_right) == (2, 1, 40.0, 1)
     assert row.cells()[5] == "2, 1 failed" and row.cells()[13] == "1/2"
 
@@ -365,4 +365,4 @@ def test_silhouettes_of_other_conditions_are_not_known(tmp_path: Path) -> None:
     assert np.isnan(kept.iou("walk"))
     kept.add("walk", {"mean_iou": 0.8, "frames": {}})
     assert kept.iou("walk") == 0.8
-    assert KeptSilhouettes(tmp_path, {"commit": "b"}).of("walk") is None
+    assert KeptSilhouettes(tmp_path, {"commit": "b"}).select("walk") is None

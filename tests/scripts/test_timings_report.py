@@ -355,7 +355,7 @@ def test_the_whole_frame_on_the_device_agrees_with_the_twins(device: Device) -> 
     assert len(ours["frames"].samples) == len(twins["frames"].samples) == 2
     assert ours["surface_voxels"] == pytest.approx(twins["surface_voxels"], rel=0.02)
     assert ours["error_mm"] == pytest.approx(twins["error_mm"], abs=25)
-    held = problem.scene.pinned(device)
+    held = problem.scene.pin(device)
     streamed = stream_run(WholeFrame(device, problem), held, 3)
     assert len(streamed["frames"].samples) == 3 and min(streamed["frames"].samples) > 0
     assert streamed["error_mm"] == pytest.approx(ours["error_mm"], abs=25)

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from apf.filters.searches import SearchSpec
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, nonnegative
 
 
 class SirConfig(Config):
     """The observation model of a particle filter with resampling, Rymut 2016 eq. (2.42)."""
 
-    sigma_z: float = setting(
+    sigma_z: float = nonnegative(
         0.0,
         "Standard deviation of 1 - f; with 0 it is computed in each frame such that the "
         "effective sample size is `SearchConfig.first_survival` of the particles.",
         "not stated by Rymut",
-        least=0,
         flag="--sigma-z",
         flag_help="sir: of Rymut eq. (2.42), 0 for one found in each frame",
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from apf.filters.searches import SearchSpec
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, nonnegative, setting
 
 
 class SwarmConfig(Config):
@@ -24,17 +24,15 @@ class SwarmConfig(Config):
         flag="--inertia",
         flag_help="pso: share of its velocity that a particle keeps",
     )
-    cognitive: float = setting(
+    cognitive: float = nonnegative(
         1.2,
         "Pull c1 of a particle's own best.",
-        least=0,
         flag="--cognitive",
         flag_help="pso: pull of a particle's own best",
     )
-    social: float = setting(
+    social: float = nonnegative(
         1.2,
         "Pull c2 of the best of all.",
-        least=0,
         flag="--social",
         flag_help="pso: pull of the best of all",
     )

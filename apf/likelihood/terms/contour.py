@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from apf.likelihood.terms import Parity, TermSpec
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, nonnegative, setting
 
 
 class ContourConfig(Config):
     """Change of the pictures across the outlines of limbs and head, averaged over the parts of the
     outlines that a camera sees."""
 
-    weight: float = setting(
+    weight: float = nonnegative(
         8.0,
         "Weight of 1 minus that mean in one camera's error.",
         "tuned on the six suite sequences: 4 to 12 differ little",
-        least=0,
     )
     contrast: float = setting(
         7.5,

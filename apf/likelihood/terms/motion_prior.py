@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from apf.likelihood.terms import Parity, TermSpec
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, nonnegative, positive
 
 
 class MotionPriorConfig(Config):
     """The mean squared change since the last frame, in the body's sigmas."""
 
-    weight: float = setting(
+    weight: float = nonnegative(
         0.0,
         "Weight of that mean in one camera's error.",
         "off: the particles' noise bounds the change anyway",
-        least=0,
     )
-    scale: float = setting(
+    scale: float = positive(
         1.0,
         "Change at 60 frames/s whose squared length is 1.",
         "by definition of the sigmas",
         "of the body's sigmas",
-        above=0,
     )
 
 

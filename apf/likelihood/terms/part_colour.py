@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from apf.likelihood.terms import Parity, TermSpec
-from psfs.common.config import Config, setting
+from psfs.common.config import Config, nonnegative, positive, setting
 
 
 class PartColourConfig(Config):
@@ -15,12 +15,11 @@ class PartColourConfig(Config):
 
     SOURCE: ClassVar = "by hand"
 
-    weight: float = setting(
+    weight: float = nonnegative(
         4.0,
         "Weight of that mean, as a share of its bound, in one camera's error.",
         "tuned on the six suite sequences with `surface_weight`: 1 gains half as much, 8 nothing "
         "more",
-        least=0,
     )
     n_colours: int = setting(
         48,
@@ -35,20 +34,15 @@ class PartColourConfig(Config):
         least=0,
         below=1,
     )
-    bound: float = setting(
-        2.0,
-        "Bound of the log ratios, so that no colour is impossible on a part.",
-        unit="nats",
-        above=0,
+    bound: float = positive(
+        2.0, "Bound of the log ratios, so that no colour is impossible on a part.", unit="nats"
     )
-    rare: float = setting(0.004, "Likelihood of a code on a part that never showed it.", above=0)
-    least_samples: float = setting(
-        60.0,
-        "Number of samples from which on a part's ratios count in full.",
-        above=0,
+    rare: float = positive(0.004, "Likelihood of a code on a part that never showed it.")
+    least_samples: float = positive(
+        60.0, "Number of samples from which on a part's ratios count in full."
     )
-    least_pixels: int = setting(
-        500, "Number of pixels of a person from which a palette is made.", unit="px", above=0
+    least_pixels: int = positive(
+        500, "Number of pixels of a person from which a palette is made.", unit="px"
     )
 
 

@@ -7,18 +7,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from psfs.calibration.config import MarkerConfig
 from psfs.calibration.targets.boards import Found, to_grey
 from psfs.calibration.targets.target import Target
-
-#: Least difference in grey levels between a marker and the scene, and the share of the brightest
-#: difference that its pixels reach.
-_BRIGHTER, _SHARE = 40, 0.5
-#: Fewest pixels of a marker, and its largest share of the picture.
-_SMALLEST, _LARGEST = 2, 0.02
-#: Largest deviation of three markers from a line, as a share of the wand's length.
-_OFF_LINE = 0.06
-#: Least ratio of the halves of an uneven wand in a picture that distinguishes its ends.
-_MIN_RATIO = 1.1
 
 
 class MarkerFinder:
@@ -27,16 +18,19 @@ class MarkerFinder:
     scenes: (h, w) uint8 grey levels of every view without the wand, such as medians of pictures.
     """
 
-    def __init__(self, target: Target, scenes: Sequence[np.ndarray]) -> None:
-        self.target = target
-        self._scenes = scenes
+    def __init__(
+        self, target: Target, scenes: Sequence[np.ndarray], config: MarkerConfig | None = None
+    ) -> None:
+        self.target, self._scenes = target, scenes
+        self._config = config or MarkerConfig()
 
     def __call__(self, view: int, picture: np.ndarray) -> Found | None:
         """Return ids (N,) and pixels (N, 2) of the wand's points.
 
         None if they are not seen, or if more bright spots move.
         """
-        spots = find_bright_spots(cv2.subtract(to_grey(picture), self._scenes[view]))
+        difference = cv2.subtract(to_grey(picture), self._scenes[view])
+        spots = find_bright_spots(difference, self._config)
         count = len(self.target.points)
         if len(spots) != count:
             return None
@@ -52,35 +46,35 @@ class MarkerFinder:
         """
         middle = spots.mean(axis=0)
         _, sizes, axes = np.linalg.svd(spots - middle)
-        if sizes[1] > _OFF_LINE * sizes[0] + 1.0:
+        if sizes[1] > self._config.off_line * sizes[0] + 1.0:
             return None
         spots = spots[np.argsort((spots - middle) @ axes[0])]
         if len(self.target.orders) > 1:
             return spots
         near, far = np.linalg.norm(np.diff(spots, axis=0), axis=1)
         first, second = np.diff(self.target.points[:, 0])
-        if max(near, far) < _MIN_RATIO * min(near, far):
+        if max(near, far) < self._config.least_ratio * min(near, far):
             return None
         return spots if (near < far) == (first < second) else spots[::-1]
 
 
-def find_bright_spots(difference: np.ndarray) -> np.ndarray:
+def find_bright_spots(difference: np.ndarray, config: MarkerConfig) -> np.ndarray:
     """Return the centres (N, 2) px of bright spots in (h, w) uint8, weighted by brightness."""
     brightest = int(difference.max())
-    if brightest < _BRIGHTER:
+    if brightest < config.brighter:
         return np.zeros((0, 2))
-    mask = (difference > max(_BRIGHTER / 2, _SHARE * brightest)).astype(np.uint8)
+    mask = (difference > max(config.brighter / 2, config.share * brightest)).astype(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
     found = []
     for label in range(1, count):
         x, y, width, height, area = stats[label]
-        if not _SMALLEST <= area <= _LARGEST * mask.size:
+        if not config.smallest <= area <= config.largest * mask.size:
             continue
         # The spot's dimmer rim counts, too: the weight is what exceeds the threshold around it.
         box = np.s_[max(0, y - 2) : y + height + 2, max(0, x - 2) : x + width + 2]
         others = (labels[box] != label) & (labels[box] > 0)
         weights = np.where(others, 0, difference[box]).astype(np.float64)
-        weights = np.maximum(weights - 0.15 * brightest, 0)
+        weights = np.maximum(weights - config.rim * brightest, 0)
         rows, columns = np.mgrid[box]
         found.append(
             [(columns * weights).sum() / weights.sum(), (rows * weights).sum() / weights.sum()]

@@ -8,7 +8,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from timings.report.figures import styled
+from timings.report.figures import apply_style
 from timings.report.machines import Machine, device_title
 from timings.tables.objective import group_sections
 
@@ -44,7 +44,7 @@ def _panels(found: Sequence[Panel], draw: Callable[[Any, Any], None], rows: int 
     return figure
 
 
-@styled
+@apply_style
 def swarm(machines: Sequence[Machine]) -> Any:
     """Plot error and frames/s over particles, with a line for every number of iterations."""
 
@@ -65,7 +65,7 @@ def swarm(machines: Sequence[Machine]) -> Any:
     return _panels(_sections(machines, "methods", "curves "), draw, rows=2)
 
 
-@styled
+@apply_style
 def shares(machines: Sequence[Machine]) -> Any:
     """Plot the share of the objective in a frame's search over particles."""
     found: dict[str, list[Any]] = {}
@@ -84,7 +84,7 @@ def shares(machines: Sequence[Machine]) -> Any:
     return _panels(list(found.items()), draw)
 
 
-@styled
+@apply_style
 def groups(machines: Sequence[Machine]) -> Any:
     """Plot the time of an evaluation in every frame by size of the counting work-groups."""
     found = [
@@ -104,7 +104,7 @@ def groups(machines: Sequence[Machine]) -> Any:
     return _panels(found, draw)
 
 
-@styled
+@apply_style
 def online(machines: Sequence[Machine]) -> Any:
     """Plot the error offline and online over particles."""
 

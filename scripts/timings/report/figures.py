@@ -51,7 +51,7 @@ def write_figure(figure: Any, path: Path) -> None:
     plt.close(figure)
 
 
-def styled(draw: Callable[..., Any]) -> Callable[..., Any]:
+def apply_style(draw: Callable[..., Any]) -> Callable[..., Any]:
     def drawn(*args: Any) -> Any:
         with plt.rc_context(_STYLE):
             return draw(*args)
@@ -59,7 +59,7 @@ def styled(draw: Callable[..., Any]) -> Callable[..., Any]:
     return drawn
 
 
-@styled
+@apply_style
 def headline(machines: Sequence[Machine]) -> Any:
     """Plot whole frames of every column of every machine, and Song's."""
     rows: list[tuple[str, float, str] | None] = []
@@ -104,7 +104,7 @@ def plain_numbers(axis: Any) -> None:
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.10g}"))
 
 
-@styled
+@apply_style
 def per_frame(machines: Sequence[Machine]) -> Any:
     """Plot the time of each frame, median over the runs: Song's table 4."""
     figure, all_axes = plt.subplots(
@@ -144,7 +144,7 @@ def _runs_line(axes: Any, title: str, runs: Sequence[Any], kind: str) -> None:
               linewidth=1.2, markersize=3, label=title)  # fmt: skip
 
 
-@styled
+@apply_style
 def stages(machines: Sequence[Machine]) -> Any:
     """Plot the share of every stage in the device's time; None if no stages were measured."""
     rows = [

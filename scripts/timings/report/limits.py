@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
-from timings.report.figures import STAGE_COLOURS, plain_numbers, styled
+from timings.report.figures import STAGE_COLOURS, apply_style, plain_numbers
 from timings.report.machines import Machine, device_title
 from timings.results import Results
 from timings.stages import STAGES
@@ -42,7 +42,7 @@ def serial_share(times: Sequence[tuple[int, float]]) -> float:
     return float(np.clip(np.sum(rest * slower) / np.sum(rest**2), 0, 1))
 
 
-@styled
+@apply_style
 def amdahl(machines: Sequence[Machine]) -> Any:
     """Plot the speed-up over cores, and Amdahl's law fitted to it."""
     figure, axes = plt.subplots(figsize=(6.5, 4.4), layout="constrained")
@@ -77,7 +77,7 @@ def amdahl(machines: Sequence[Machine]) -> Any:
     return figure
 
 
-@styled
+@apply_style
 def roofline(machines: Sequence[Machine]) -> Any:
     """Plot every stage's rate of operations over its operations per byte, below the device's
     limits; None if no stages were measured."""
@@ -117,7 +117,7 @@ def roofline(machines: Sequence[Machine]) -> Any:
     return figure
 
 
-@styled
+@apply_style
 def scaling(machines: Sequence[Machine]) -> Any:
     """Plot whole frames over voxels, cameras, particles and layers; None if they were not
     measured."""

@@ -87,7 +87,7 @@ def missing(machine: Machine, comparison: str, *prefixes: str, always: bool = Tr
     for prefix in prefixes:
         left_out = {k: v for k, v in results.left_out.items() if k.startswith(prefix)}
         lines += [
-            f"_Missing: {machine.title}: {comparison}, {named(name, machine)}: {reason}._"
+            f"_Missing: {machine.title}: {comparison}, {name_processors(name, machine)}: {reason}._"
             for name, reason in left_out.items()
         ]
         if always and not left_out and not results.starting(prefix):
@@ -106,7 +106,7 @@ def device_title(label: str, machine: Machine) -> str:
     return label
 
 
-def named(text: str, machine: Machine) -> str:
+def name_processors(text: str, machine: Machine) -> str:
     """Return `text` with processors' own names instead of PoCL's."""
     about = _environment(machine.results)
     for device in about["devices"]:

@@ -14,7 +14,7 @@ from markdown_it import MarkdownIt
 from apf.body import load_body
 from psfs.common.files import write_atomically
 from timings.report import curves, figures, limits, peers, rymut
-from timings.report.machines import BATCH, Machine, device_title, missing, named
+from timings.report.machines import BATCH, Machine, device_title, missing, name_processors
 from timings.tables.batch import make_tables
 from timings.tables.grid import Grid, number
 from timings.tables.whole import (
@@ -179,7 +179,7 @@ def _machines(machines: Sequence[Machine]) -> str:
         versions = ", ".join(f"{name} {packages.get(name) or 'absent'}" for name in shown)
         rows.append([
             machine.title, about["cpu"], devices, f"Python {about['python']}, {versions}",
-            _measured(machine), f"{about['load']:.1f}",
+            _describe_measurement(machine), f"{about['load']:.1f}",
             f"`{results.command}`",
         ])  # fmt: skip
     heads = ["machine", "CPU", "OpenCL devices (platform, driver)", "versions", "measured",
@@ -191,7 +191,7 @@ def _machines(machines: Sequence[Machine]) -> str:
     return "## Machines\n\n" + grid.markdown()
 
 
-def _measured(machine: Machine) -> str:
+def _describe_measurement(machine: Machine) -> str:
     """Return date and commit of the measurements, with the comparisons' names if they differ."""
     stated: dict[str, list[str]] = {}
     for name, results in machine.results.items():
@@ -212,7 +212,7 @@ def _song(machines: Sequence[Machine]) -> str:
         parts += [table_2(results, machine.title).markdown(), *missing(machine, "whole", "column ")]
     for machine, results in each:
         finer = surface_table(results, machine.title)
-        parts += [named(finer.markdown(), machine)] if finer else []
+        parts += [name_processors(finer.markdown(), machine)] if finer else []
         parts += missing(machine, "whole", "surface ")
     parts += [
         stream_table(results, machine.title).markdown()
@@ -221,10 +221,10 @@ def _song(machines: Sequence[Machine]) -> str:
     ]
     for machine, results in each:
         own = song_table(results, machine.title)
-        parts += [named(own.markdown(), machine)] if own else []
+        parts += [name_processors(own.markdown(), machine)] if own else []
         parts += missing(machine, "whole", "song ")
         cues = cues_table(results, machine.title)
-        parts += [named(cues.markdown(), machine)] if cues else []
+        parts += [name_processors(cues.markdown(), machine)] if cues else []
         parts += missing(machine, "whole", "cues ")
     parts += ["### Song table 3"]
     parts += [table_3(results, machine.title).markdown() for machine, results in each]
@@ -316,7 +316,7 @@ def _waiting(machines: Sequence[Machine]) -> Grid:
             built = results.sections.get(f"compilation {column['label']}") or {}
             rows.append([
                 f"{machine.title}: {title}", number(median_ms(column)), number(busy),
-                number(_streamed(column)), number(column["first_frame_ms"]),
+                number(_find_streamed(column)), number(column["first_frame_ms"]),
                 number(column["setup_ms"]), number(built.get("empty")), number(built.get("filled")),
             ])  # fmt: skip
     return Grid(
@@ -330,7 +330,7 @@ def _waiting(machines: Sequence[Machine]) -> Grid:
     )  # fmt: skip
 
 
-def _streamed(column: Any) -> float | None:
+def _find_streamed(column: Any) -> float | None:
     """Return the median time, ms, of a streamed frame with coloured voxels downloaded."""
     return column["to_cloud"]["frames"].median if "to_cloud" in column else None
 
@@ -368,7 +368,7 @@ GPUs idle, and then wait for each other's tracking."""
 
 def _left_out(machines: Sequence[Machine]) -> str:
     rows = [
-        [machine.title, name, named(section, machine), reason]
+        [machine.title, name, name_processors(section, machine), reason]
         for machine in machines
         for name, results in machine.results.items()
         for section, reason in results.left_out.items()

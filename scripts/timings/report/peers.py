@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from timings.measure import Timing
-from timings.report.machines import Machine, device_title, missing, named
+from timings.report.machines import Machine, device_title, missing, name_processors
 from timings.results import Results
 from timings.tables.apf import tables
 from timings.tables.grid import NONE, Grid, number
-from timings.tables.psfs import compared
+from timings.tables.psfs import compare_programs
 
 
 def peers(machines: Sequence[Machine]) -> str:
@@ -20,7 +20,7 @@ def peers(machines: Sequence[Machine]) -> str:
         if "psfs" in machine.results
         for text in (
             _reconstruction(machine, machine.results["psfs"]).markdown(),
-            *(_folded(grid) for grid in _growth(machine, machine.results["psfs"])),
+            *(_fold(grid) for grid in _growth(machine, machine.results["psfs"])),
             *missing(machine, "psfs", "device ", "numpy", "open3d", "growth ", "memory"),
         )
     ]
@@ -29,7 +29,7 @@ def peers(machines: Sequence[Machine]) -> str:
         for machine in machines
         if "apf" in machine.results
         for text in (
-            *(named(_folded(grid), machine) for grid in tables(machine.results["apf"])),
+            *(name_processors(_fold(grid), machine) for grid in tables(machine.results["apf"])),
             *missing(machine, "apf", "numpy", "device ", "particles, ", "layers, ", "cameras, "),
         )
     ]
@@ -56,7 +56,7 @@ from pictures or from voxels that are there already; kernels by the device's own
 _ROWS = 12
 
 
-def _folded(grid: Grid) -> str:
+def _fold(grid: Grid) -> str:
     if len(grid.rows) <= _ROWS:
         return grid.markdown()
     return f"<details><summary>{grid.title}</summary>\n\n{grid.markdown()}\n\n</details>"
@@ -66,7 +66,7 @@ def _reconstruction(machine: Machine, results: Results) -> Grid:
     carving = results.sections.get("open3d", {}).get("carving")
     twin = results.sections.get("numpy", {}).get("whole")
     rows = []
-    for device, what, timing in compared(results):
+    for device, what, timing in compare_programs(results):
         name = f"{device_title(device, machine)}, {what}"
         rows.append([name, number(timing.median), _spread(timing), number(timing.least),
                      _faster(carving, timing), _faster(twin, timing)])  # fmt: skip

@@ -13,7 +13,7 @@ from cl import InputError
 from psfs.common.files import write_atomically
 from timings.report.machines import Machine
 from timings.report.page import headline_sentences
-from timings.tables.grid import NONE, Grid, number, quoted, ratio
+from timings.tables.grid import NONE, Grid, number, quote, ratio
 from timings.tables.whole import columns, is_one_core, later, median_ms, papers, streams
 
 _NOTE = (
@@ -58,7 +58,7 @@ def headline(machines: Sequence[Machine]) -> str:
     song = papers()["song2012"]["tables"]["2"]["rows"]
     for name, *_, ms in song:
         against = ratio(song[0][-1] / ms)
-        rows.append(["_Song et al. 2012_", f"_{name}_", quoted(ms), number(1e3 / ms), against,
+        rows.append(["_Song et al. 2012_", f"_{name}_", quote(ms), number(1e3 / ms), against,
                      "600"])  # fmt: skip
     results = machines[-1].results["whole"]
     nx, ny, nz = results.settings["shape"]

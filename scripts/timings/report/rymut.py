@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from timings.report.machines import Machine, device_title, missing, named
-from timings.tables.grid import NONE, Grid, number, quoted
+from timings.report.machines import Machine, device_title, missing, name_processors
+from timings.tables.grid import NONE, Grid, number, quote
 from timings.tables.methods import SEARCHES, TABLES
 from timings.tables.objective import group_sections, groups, kwolek_1, table_6_7
 from timings.tables.whole import papers
@@ -42,15 +42,15 @@ def tables(machines: Sequence[Machine]) -> str:
         "## The tables and curves of Rymut's thesis",
         f"{thesis['citation']}. {thesis['setting']}.",
         _OPENING,
-        *_written(_THESIS, machines),
+        *_write_chapters(_THESIS, machines),
         "## The tables of Kwolek & Rymut",
         f"{kwolek['citation']}. {kwolek['setting']}.",
-        *_written(_KWOLEK, machines),
+        *_write_chapters(_KWOLEK, machines),
     ]
     return "\n\n".join(parts)
 
 
-def _written(chapters: Sequence[_Chapter], machines: Sequence[Machine]) -> list[str]:
+def _write_chapters(chapters: Sequence[_Chapter], machines: Sequence[Machine]) -> list[str]:
     parts = []
     for chapter in chapters:
         parts.append(f"### {chapter.heading}")
@@ -60,7 +60,9 @@ def _written(chapters: Sequence[_Chapter], machines: Sequence[Machine]) -> list[
             parts.append(f"![{chapter.heading}](figures/{chapter.figure}.svg)")
         for machine in machines:
             if chapter.comparison in machine.results:
-                parts += [named(g.markdown(), machine) for g in chapter.make(machine) if g]
+                parts += [
+                    name_processors(g.markdown(), machine) for g in chapter.make(machine) if g
+                ]
             parts += missing(machine, chapter.comparison, *chapter.prefixes)
     return parts
 
@@ -104,7 +106,7 @@ def _theirs(paper: str, name: str) -> Grid:
     """Return a paper's own table, as printed."""
     table = papers()[paper]["tables"][name]
     rows = [
-        [cell if isinstance(cell, str) else quoted(cell) for cell in row] for row in table["rows"]
+        [cell if isinstance(cell, str) else quote(cell) for cell in row] for row in table["rows"]
     ]
     note = table.get("note", "")
     return Grid(

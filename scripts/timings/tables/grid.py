@@ -70,6 +70,6 @@ def ratio(value: float | None) -> str:
     return NONE if value is None else f"{number(value)} x"
 
 
-def quoted(value: float | None) -> str:
+def quote(value: float | None) -> str:
     """Format a paper's figure with all the digits that the paper gives."""
     return NONE if value is None else f"{value:,}"

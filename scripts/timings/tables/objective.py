@@ -62,21 +62,21 @@ def columns(results: Results, n: int) -> dict[str, dict[str, float]]:
     twin = results.sections.get("numpy")
     if twin is not None:
         parts = {part: twin[part] for part in ("matrices", "rendering", "objective")}
-        found["NumPy (an unoptimised specification)"] = _of_some(parts, twin["hypotheses"], n)
+        found["NumPy (an unoptimised specification)"] = _scale_parts(parts, twin["hypotheses"], n)
     counted = results.sections.get("opengl, NumPy")
     if counted is not None:
         parts = {part: counted[part].median for part in _PARTS}
-        found[counted["label"]] = _of_some(parts, counted["hypotheses"], n)
+        found[counted["label"]] = _scale_parts(parts, counted["hypotheses"], n)
     by_name = dict(results.sections)
     for name in sorted(by_name, key=lambda name: by_name[name].get("cores") or 0):
         if name.startswith("device "):
-            found[f"OpenCL {name.removeprefix('device ')}"] = _of_device(_row(by_name[name], n))
+            found[f"OpenCL {name.removeprefix('device ')}"] = _sum_kernels(_row(by_name[name], n))
     for name, section in by_name.items():
         if name.startswith("opengl ") and not name.endswith("NumPy"):
             title = f"OpenCL {section['label']} + OpenGL {section['renderer']}"
             row = _row(section, n)
             ms = {part: row["parts"][part].median for part in _PARTS}
-            found[title] = _completed(ms, row["parts"]["total"].median, row.get("whole"))
+            found[title] = _complete(ms, row["parts"]["total"].median, row.get("whole"))
     return found
 
 
@@ -90,7 +90,7 @@ def table_6_7(results: Results, n: int) -> Grid:
     totals = [column["rendering"] for column in found.values()]
     rows.append(["c) per view, us", *(number(1e3 * ms / (n * views)) for ms in totals)])
     title = f"One evaluation of {n} hypotheses x {views} cameras, ms (Rymut 2016, table 6.7)"
-    return Grid(title, ["operation", *found], rows, _NOTE + _of_fewer(results))
+    return Grid(title, ["operation", *found], rows, _NOTE + _note_fewer(results))
 
 
 def kwolek_1(results: Results, n: int) -> Grid:
@@ -101,7 +101,7 @@ def kwolek_1(results: Results, n: int) -> Grid:
         for title, parts in _KWOLEK.items()
     ]
     title = f"One evaluation of {n} hypotheses, ms (Kwolek & Rymut 2016, table 1)"
-    return Grid(title, ["operation", *found], rows, _of_fewer(results).strip())
+    return Grid(title, ["operation", *found], rows, _note_fewer(results).strip())
 
 
 def group_sections(results: Results) -> list[tuple[str, Any]]:
@@ -128,7 +128,7 @@ def groups(section: Any, title: str, settings: Mapping[str, Any]) -> Grid:
     )  # fmt: skip
 
 
-def _of_fewer(results: Results) -> str:
+def _note_fewer(results: Results) -> str:
     """Return a note on columns that were measured with fewer hypotheses."""
     names = [name for name in ("numpy", "opengl, NumPy") if name in results.sections]
     if not names:
@@ -145,12 +145,12 @@ def _row(section: Mapping[str, Any], n: int) -> Mapping[str, Any]:
     return found
 
 
-def _of_some(parts: Mapping[str, float], measured: int, n: int) -> dict[str, float]:
+def _scale_parts(parts: Mapping[str, float], measured: int, n: int) -> dict[str, float]:
     ms = {part: value * n / measured for part, value in parts.items()}
     return {**ms, "total": sum(ms.values())}
 
 
-def _completed(ms: dict[str, float], total: float, whole: Timing | None) -> dict[str, float]:
+def _complete(ms: dict[str, float], total: float, whole: Timing | None) -> dict[str, float]:
     apart = {} if whole is None else {"whole": whole.median}
     return {**ms, "overhead": total - sum(ms.values()), "total": total, **apart}
 
@@ -160,9 +160,9 @@ def _sum(column: Mapping[str, float], parts: tuple[str, ...]) -> float | None:
     return sum(known) if known else None
 
 
-def _of_device(row: Mapping[str, Any]) -> dict[str, float]:
+def _sum_kernels(row: Mapping[str, Any]) -> dict[str, float]:
     ms = dict.fromkeys(_KERNELS.values(), 0.0)
     kernels: Mapping[str, Timing] = row["kernels"]
     for name, timing in kernels.items():
         ms[_KERNELS[name]] += timing.median
-    return _completed(ms, row["total"].median, row.get("whole"))
+    return _complete(ms, row["total"].median, row.get("whole"))

@@ -43,7 +43,7 @@ def print_report(results: Results) -> None:
         )
 
 
-def compared(results: Results) -> list[tuple[str, str, Timing]]:
+def compare_programs(results: Results) -> list[tuple[str, str, Timing]]:
     """Return a whole frame of every program: the program or its device, its output, its time."""
     rows = []
     if "open3d" in results.sections:
@@ -70,7 +70,7 @@ def _print_comparison(results: Results) -> None:
     table.add_column("program")
     for heading in ("ms, median [quartiles]", "least", *medians):
         table.add_column(heading, justify="right")
-    for device, what, timing in compared(results):
+    for device, what, timing in compare_programs(results):
         ratios = (median / timing.median for median in medians.values())
         table.add_row(f"{device}, {what}", str(timing), *map(number, (timing.least, *ratios)))
     stdout.print(table)

@@ -12,7 +12,7 @@ import numpy as np
 from timings.measure import Timing
 from timings.results import Results
 from timings.stages import PARTS, STAGES
-from timings.tables.grid import NONE, Grid, number, quoted, ratio
+from timings.tables.grid import NONE, Grid, number, quote, ratio
 
 #: Description of the NumPy twins: they were not optimised.
 SPECIFICATION = "an unoptimised specification"
@@ -91,7 +91,7 @@ def table_2(results: Results, where: str = "Song table 2") -> Grid:
         rows.append(
             [
                 f"_Song: {name}_",
-                *map(quoted, values),
+                *map(quote, values),
                 "200",
                 number(1e3 / values[-1]),
                 "_about 30,000_",
@@ -135,7 +135,7 @@ def song_table(results: Results, where: str) -> Grid | None:
         ])  # fmt: skip
     song = papers()["song2012"]["tables"]["2"]["rows"]
     for name, *_, ms in song:
-        rows.append([f"_Song: {name}_", quoted(ms), number(1e3 / ms), ratio(song[0][-1] / ms),
+        rows.append([f"_Song: {name}_", quote(ms), number(1e3 / ms), ratio(song[0][-1] / ms),
                      NONE, NONE, NONE])  # fmt: skip
     return Grid(
         f"{where}: the paper's own algorithm, `--preset song`",
@@ -251,7 +251,7 @@ def _songs_ratio(slower: Any, faster: Any, song: dict[str, float]) -> str:
         ("cpu", False, "gpu"): "GPU / CPU+TBB (4 cores)",
         ("cpu", True, "cpu"): "CPU+TBB (4 cores) / CPU",
     }.get(kinds)
-    return f"{quoted(song[name])} x" if name else NONE
+    return f"{quote(song[name])} x" if name else NONE
 
 
 def table_4(results: Results, step: int = 1) -> Grid:
@@ -265,7 +265,7 @@ def table_4(results: Results, step: int = 1) -> Grid:
         if (frame - 1) % step:
             continue
         ours = [run[frame - 1] if frame <= len(run) else None for run in runs]
-        rows.append([str(frame), *(number(ms, 4) for ms in ours), *map(quoted, values)])
+        rows.append([str(frame), *(number(ms, 4) for ms in ours), *map(quote, values)])
     return Grid(
         "Time of each frame, ms",
         ["frame", *heads, *(f"Song: {name}" for name in song["columns"][1:])],

@@ -18,7 +18,6 @@ from apf.likelihood.keypoints import KeypointLikelihood
 from apf.likelihood.observations import (
     Observed,
     PointObservations,
-    concatenate_observations,
     make_empty_observations,
 )
 from apf.reference.likelihood.keypoints import NumpyKeypointLikelihood, missed_shares
@@ -153,19 +152,6 @@ class _Constant(Likelihood):
 
     def launcher(self, poses: object) -> list[object]:
         return []
-
-
-def test_joined_observations_keep_their_points() -> None:
-    rig, pose = scenes.ring(3), bodies.random_poses(SONG, 1)[0]
-    one, other = seen_points(SONG, pose, rig, 5), seen_points(SONG, pose, rig, 8, seed=1)
-    both = concatenate_observations([one, other])
-    assert len(both) == len(one) + len(other) == both.most
-    separate, together = (
-        [missed_shares(SONG, rig, pose[None] + 0.02, part, KeypointConfig()) for part in parts]
-        for parts in ((one, other), (both,))
-    )
-    np.testing.assert_allclose(together[0], np.concatenate(separate, 1))
-    assert len(concatenate_observations([])) == 0
 
 
 def test_impossible_observations(device: Device) -> None:

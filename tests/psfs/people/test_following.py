@@ -103,7 +103,9 @@ def test_who_comes_back_is_known_by_the_colours() -> None:
     late = next(one for one in found if one.frames[0] == 20)
     left, right = (one for one in found if one is not late)
     seen = {left: Appearance({0: coloured(3)}), right: Appearance({0: coloured(9)})}
-    joined = join_returning({**seen, late: Appearance({20: coloured(9)})}, GRID, CONFIG, FPS)
+    joined = join_returning(
+        {**seen, late: Appearance({20: coloured(9)})}, GRID, CONFIG.identity, FPS
+    )
     assert set(joined) == {left, right}
     assert (len(left.voxels), len(right.voxels)) == (6, 12)
     assert present(right, CONFIG.following).tolist() == [*range(6), *range(20, 26)]

@@ -8,6 +8,7 @@ from helpers import scenes
 from psfs.background.config import UNKNOWN, EvidenceConfig
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import voxel_footprints
+from psfs.people.config import SeparationConfig
 from psfs.people.people import People, Person
 from psfs.people.separation import FAR, Attribution, MaskStore, draw, split_cloud
 from psfs.voxels.config import ReconstructionConfig
@@ -36,7 +37,7 @@ def test_voxels_belong_to_the_nearest_and_far_ones_to_nobody() -> None:
     voxels = np.sort(np.concatenate([left, right, far]))
     cloud = VoxelCloud(GRID, voxels.astype(np.int32), np.ones(len(voxels), np.float32))
     both = (Person(np.array([7]), {7: left}), Person(np.array([7]), {7: right}))
-    clouds = split_cloud(cloud, People(range(8), GRID, both), 7)
+    clouds = split_cloud(cloud, People(range(8), GRID, both), 7, SeparationConfig().near)
     assert [len(points) for points in clouds] == [len(left), len(right), 1]
     assert clouds[0][:, 0].max() < 0 < clouds[1][:, 0].min()
 
@@ -51,7 +52,8 @@ def test_pixels_of_the_other_are_background_or_unknown() -> None:
         depths = [draw(camera, points, footprints[view], (120, 120))[0] for points in clouds]
         covered.append(np.array(depths) < FAR)
         evidence[view][covered[-1].any(0)] = 12
-    first, second = Attribution(cameras, config)(evidence, clouds, footprints, 2)
+    attribute = Attribution(cameras, config, SeparationConfig())
+    first, second = attribute(evidence, clouds, footprints, 2)
     table = config.silhouette.evidence.replace(unknown_mask=128)
     counts = [table.mask_counts(masks) for masks in (first, second)]
     own, other = covered[0]

@@ -11,7 +11,7 @@ from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.self_calibration import calibrator
 from psfs.self_calibration.calibrator import calibrate_by_person
-from psfs.self_calibration.config import PersonConfig
+from psfs.self_calibration.config import OutlineConfig, PersonConfig, UprightConfig
 from psfs.self_calibration.footage import outline_person
 from psfs.self_calibration.upright import fit_upright
 
@@ -75,7 +75,10 @@ def draw(camera, time):
 @cache
 def outlines():
     return [
-        [outline_person(draw(camera, (frame - lag) / RATE)) for frame in range(FRAMES)]
+        [
+            outline_person(draw(camera, (frame - lag) / RATE), OutlineConfig())
+            for frame in range(FRAMES)
+        ]
         for camera, lag in zip(CAMERAS, LAGS, strict=True)
     ]
 
@@ -87,8 +90,10 @@ def uncalibrated():
 def test_one_camera_tells_its_tilt_and_height():
     """Over a whole round of the walk, as the start of the search: the adjustment does the rest."""
     for camera in CAMERAS:
-        own = [outline_person(draw(camera, time)) for time in np.linspace(0, 12.5, 50)]
-        (view,) = fit_upright(camera, own)
+        own = [
+            outline_person(draw(camera, time), OutlineConfig()) for time in np.linspace(0, 12.5, 50)
+        ]
+        _, view, _ = fit_upright(camera, own, UprightConfig())
         assert np.degrees(np.arccos(view.axes[2] @ camera.R[:, 2])) < 3
         assert abs(view.height - camera.centre[2] / STATURE) < 0.15
 
@@ -146,4 +151,4 @@ def test_parts_cut_by_a_belt_belong_to_one_hull():
     mask = np.zeros((240, 320), bool)
     mask[40:100, 100:130], mask[106:180, 100:130] = True, True
     mask[10:14, 300:304] = True  # noise elsewhere
-    assert outline_person(mask).points[:, 1].max() == 179
+    assert outline_person(mask, OutlineConfig()).points[:, 1].max() == 179
