@@ -49,7 +49,7 @@ def is_wheel(device: Any) -> bool:
     )
 
 
-def missing_linker(device: Any) -> str | None:
+def missing_linker(device: object) -> str | None:
     """Return what is wrong if `device` is the wheel's and the machine has no linker, which PoCL
     calls for each kernel that it builds: without one, it ends the process."""
     if is_wheel(device) and shutil.which("ld") is None:

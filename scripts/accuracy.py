@@ -6,7 +6,7 @@
     scripts/accuracy.py FOLDER --thesis [--seconds 250] [-o OUT]
 
     scripts/accuracy.py --suite FOLDER [--seeds 5] [--start found true measured] [--soft-scenes]
-        [--processes 4]
+        [--processes 4] [--dataset biocv]
         [--by triangulation voxels keypoints both] [--preset song] [--ablation] [-o OUT]
 
 tracks every sequence with truth.npz in FOLDER, from nothing but its pictures and from the true
@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 from accuracy.ablation import ABLATIONS, READINGS, load_preset
+from accuracy.datasets import DATASETS, prepare_dataset
 from accuracy.processes import do_jobs, start_workers
 from accuracy.published import publish_suite
 from accuracy.recordings import Recording, record
@@ -139,13 +140,15 @@ def main() -> int:
     parser.add_argument("--commit", help="the commit, where there is no git to ask")
     add_message_flags(parser)
     add_device_flag(parser)
-    parser.set_defaults(run=_run)
+    parser.set_defaults(run=_run, overwrite=True)  # its own tables, in any checkout
     return run_command(parser)
 
 
 def _add_suite_flags(group: argparse._ArgumentGroup) -> None:
     starts = "found, true joints, or these with the girths of voxels (found true)"
     group.add_argument("--start", nargs="+", choices=STARTS, default=STARTS[:2], help=starts)
+    data = "its trials in the folder of --suite, made into OUT/sequences"
+    group.add_argument("--dataset", choices=DATASETS, help=data)
     soft = "generate the papers' conditions in the suite's folder if they are not there"
     group.add_argument("--soft-scenes", action="store_true", help=soft)
     group.add_argument(
@@ -165,6 +168,8 @@ def _add_suite_flags(group: argparse._ArgumentGroup) -> None:
 def _run(args: argparse.Namespace) -> None:
     if args.seeds < 1:
         raise InputError(f"--seeds {args.seeds}; expected at least 1")
+    if args.dataset is not None and args.suite is None:
+        raise InputError(f"--dataset {args.dataset} without --suite; expected its folder there")
     if args.suite is not None:
         _check_suite(args)
     elif args.readme:
@@ -233,6 +238,8 @@ def _run_suite(args: argparse.Namespace, device: Device) -> None:
     """Do all runs of the suite that OUT lacks, then write its reports, also after an interrupt."""
     if args.soft_scenes:
         make_scenes(args.suite, SOFT_SCENES, device)
+    if args.dataset is not None:
+        args.suite = prepare_dataset(args.dataset, args.suite, args.out / "sequences")
     folders = suite_folders(args.suite)
     varied = ("method", "objective", "particles", "layers")
     first = {name: getattr(args, name)[0] for name in varied}

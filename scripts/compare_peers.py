@@ -17,11 +17,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from math import nan
 from pathlib import Path
 
 from peers.environments import PACKAGES, list_versions, make_environment
 from peers.figures import measure
-from peers.programs import NEEDS, PROGRAMS, Task
+from peers.programs import NEEDS, PROGRAMS, Task, select_joints
 from peers.results import (
     PeerResults,
     PeerRun,
@@ -35,6 +36,8 @@ from timings.report.readme import replace_marked
 from timings.results import checked_out_commit
 
 from apf.evaluation.evaluate import load_truth
+from apf.tracking.smoothing import smooth_track
+from apf.tracking.track import Track
 from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import add_device_flag, add_message_flags, stderr, warn
 from psfs.cli.program import run_command
@@ -60,17 +63,24 @@ def main() -> int:
         help="where the peers are installed",
     )  # fmt: skip
     parser.add_argument(
-        "--tables", action="store_true", help="no run; tables, also that of docs/accuracy.md"
-    )
+        "--tables", nargs="?", const="peers", metavar="MARK",
+        help="no run; tables, also that of docs/accuracy.md between the marks of this name (peers)",
+    )  # fmt: skip
     parser.add_argument(
         "--ours-from", type=Path, metavar="FILE",
         help="results.json of accuracy.py --suite --by: our runs on the same keypoints, instead of "
         "new ones; without gaps, jitter and skating",
     )  # fmt: skip
+    parser.add_argument(
+        "--tracks", type=Path, metavar="FOLDER",
+        help="SEQUENCE.voxels.npz and SEQUENCE.both.npz of apf track: our runs with seed 0, in the "
+        "place of new ones; --device-name says where they were made",
+    )  # fmt: skip
+    parser.add_argument("--device-name", default="unknown", metavar="TEXT", help="see --tracks")
     parser.add_argument("--commit", help="the commit, where there is no git to ask")
     add_message_flags(parser)
     add_device_flag(parser)
-    parser.set_defaults(run=_run)
+    parser.set_defaults(run=_run, overwrite=True)  # its own tables, in any checkout
     return run_command(parser)
 
 
@@ -78,14 +88,16 @@ def _run(args: argparse.Namespace) -> None:
     results = PeerResults.read(args.out / "peers.json")
     if args.ours_from is not None:
         add_suite_runs(results, args.ours_from)
-    if not args.tables:
+    if args.tracks is not None:
+        _add_tracks(args, results)
+    if not args.tables and args.tracks is None:
         _do_runs(args, results)
     if not results.runs:
         raise InputError(f"{args.out}: no runs; expected a suite with keypoints.npz and truth.npz")
     write_tables(args.out, results)
     if args.tables:
         shown = f"{summary_table(results).markdown()}\n\n{sequence_table(results).markdown()}"
-        replace_marked(_ROOT / "docs" / "accuracy.md", "peers", shown)
+        replace_marked(_ROOT / "docs" / "accuracy.md", args.tables, shown)
     print_tables(results)
 
 
@@ -119,6 +131,21 @@ def _do_runs(args: argparse.Namespace, results: PeerResults) -> None:
                     warn(f"{folder.name}: {program}: {error}", stderr)
                     run = run.failed_with(str(error))
                 results.add(run)
+
+
+def _add_tracks(args: argparse.Namespace, results: PeerResults) -> None:
+    """Add our runs from tracks, smoothed as `apf export` does; the seconds are not known."""
+    commit = args.commit or checked_out_commit() or "unknown"
+    for folder in _sequences(args.suite, args.sequences):
+        sequence, truth = Sequence.open(folder), load_truth(folder / "truth.npz")
+        for how in ("voxels", "both"):
+            path = args.tracks / f"{folder.name}.{how}.npz"
+            if results.has(folder.name, f"ours: {how}", 0) or not path.is_file():
+                continue
+            task = Task(sequence, args.out / "work" / folder.name, {})
+            found = select_joints(task, smooth_track(Track.open(path)), {"cpu": nan, "clock": nan})
+            run = PeerRun(folder.name, f"ours: {how}", 0, args.device_name, commit)
+            results.add(run.with_figures(measure(found.joints, truth), None, nan))
 
 
 def _sequences(suite: Path, names: list[str] | None) -> list[Path]:

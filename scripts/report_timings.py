@@ -4,7 +4,7 @@
     scripts/report_timings.py [FOLDER ...] [-o OUT] [--readme]
 
 makes OUT/report.md, OUT/report.html (one file, figures inside) and OUT/figures/ from folders of
-results, one per machine: by default all in scripts/results/. With --readme also the
+results, one per machine: by default those in scripts/results/. With --readme also the
 docs/speed.md's table between its marks, and its picture docs/timings.png.
 """
 
@@ -32,12 +32,13 @@ def main() -> int:
     parser.add_argument("-o", "--out", type=Path, default=_RESULTS, metavar="OUT")
     parser.add_argument("--readme", action="store_true", help="bring docs/speed.md up to date")
     add_message_flags(parser)
-    parser.set_defaults(run=_run)
+    parser.set_defaults(run=_run, overwrite=True)  # its own tables, in any checkout
     return run_command(parser)
 
 
 def _run(args: argparse.Namespace) -> None:
-    folders = args.folders or sorted(path for path in _RESULTS.glob("*") if path.is_dir())
+    held = {path.parent for name in ("whole", "batch") for path in _RESULTS.glob(f"*/{name}.json")}
+    folders = args.folders or sorted(held)
     machines = read_machines(folders)
     write_report(machines, args.out, read_batches(folders))
     stdout.print(f"wrote {args.out / 'report.md'} and report.html", soft_wrap=True)

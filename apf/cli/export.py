@@ -7,7 +7,9 @@ from pathlib import Path
 
 from apf.body.limbs import limb_names
 from apf.cli.takes.opened_track import open_given_track
+from apf.formats.opensim.setup import ANGLES, INVERSE_KINEMATICS, SCALING
 from apf.tracking.config import SmoothingConfig
+from apf.tracking.exports import OPENSIM
 from apf.tracking.motion_files import Export, export
 from apf.tracking.people import PeopleTracks, holds_people, person_folder
 from apf.tracking.track import spans
@@ -22,6 +24,10 @@ def run(args: argparse.Namespace) -> None:
         refuse_unused(args, ["cutoff"], "applies only to the smoothing; expected none with --raw")
     if args.to is not None and "trc" not in args.to:
         refuse_unused(args, ["axes"], "applies only to the TRC; expected --to trc with it")
+    if args.to is None or OPENSIM not in args.to:
+        refuse_unused(
+            args, ["osim_model"], f"applies only to OpenSim; expected --to {OPENSIM} with it"
+        )
     config = with_flags(SmoothingConfig(), args)
     folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
     with output_folder(folder, args.parser.prog, addition=True):
@@ -39,7 +45,10 @@ def run(args: argparse.Namespace) -> None:
 def _export(args: argparse.Namespace, folder: Path, config: SmoothingConfig) -> None:
     """Write one person's files into `folder`, and print what they contain."""
     track = open_given_track(args)
-    written = export(track, folder, args.to, axes=args.axes, smoothing=config, raw=args.raw)
+    written = export(
+        track, folder, args.to, axes=args.axes, smoothing=config, raw=args.raw,
+        osim_model=args.osim_model,
+    )  # fmt: skip
     print_export(written, args.to is None or "gait" in args.to)
 
 
@@ -76,4 +85,11 @@ def print_export(written: Export, gait_wanted: bool) -> None:
         )
     elif gait_wanted:
         stdout.print("gait: no walk of two steps in this track")
+    names = {path.name for path in written.files}
+    if INVERSE_KINEMATICS in names and ANGLES not in names:
+        stdout.print(
+            "OpenSim is not installed in this Python: its set-up alone was written; run "
+            f"`opensim-cmd run-tool` with {SCALING}, then with {INVERSE_KINEMATICS}",
+            soft_wrap=True,
+        )
     stdout.print("wrote " + ", ".join(str(path) for path in written.files), soft_wrap=True)

@@ -55,7 +55,7 @@ def import_distributed() -> ModuleType:
 
 
 @contextmanager
-def start_cluster(shares: Sequence[Share]) -> Iterator[Any]:
+def start_cluster(shares: Sequence[Share]) -> Iterator[object]:
     """Start a cluster on this machine with a worker process per share, and yield its client.
 
     Workers that die are restarted. All end with this process, however it ends.
@@ -120,7 +120,7 @@ def _no_answer_error(address: str, error: Exception) -> InputError:
 
 
 @contextmanager
-def connect_cluster(address: str, shared: Path, patience: float = 10.0) -> Iterator[Any]:
+def connect_cluster(address: str, shared: Path, patience: float = 10.0) -> Iterator[object]:
     """Connect to a running scheduler and yield the client.
 
     address: `tcp://HOST:PORT`, or the file that a scheduler wrote (`--scheduler-file`). patience:

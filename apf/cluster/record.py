@@ -8,7 +8,6 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 from cl import InputError
 from psfs.common.files import read_json, write_json
@@ -141,7 +140,7 @@ def _contents(facts: Mapping[str, FileFacts]) -> dict[str, tuple[int, str]]:
     return {name: fact.content for name, fact in facts.items()}
 
 
-def _to_json_types(value: object) -> Any:
+def _to_json_types(value: object) -> object:
     """Convert a flag's value to JSON types, as they are read back."""
     if isinstance(value, slice):
         return [value.start, value.stop, value.step]

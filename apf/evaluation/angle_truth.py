@@ -72,7 +72,15 @@ class AngleError:
 
 
 def load_true_angles(path: str | Path) -> TrueAngles | None:
-    """Read the true angles of an npz with bone_names (B,) and bone_rotations (F, B, 3, 3), each
+    """Read the true angles of an npz as `load_true_segments` does; None if it has no rotations.
+    Raises InputError if it is invalid."""
+    found = load_true_segments(path)
+    return None if found is None else TrueAngles(found[0], angles_between(found[1]))
+
+
+def load_true_segments(path: str | Path) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
+    """Read frames (F,) and the world rotations (F, 3, 3) of the anatomical segments, by name as of
+    `apf.body.anatomy`, from an npz with bone_names (B,) and bone_rotations (F, B, 3, 3), each
     bone's rotation in the world from its rest pose, Z up, beside the joints; None if it has no
     rotations. Raises InputError if it is invalid."""
     path = Path(path)
@@ -89,7 +97,7 @@ def load_true_angles(path: str | Path) -> TrueAngles | None:
         [str(name) for name in data["joint_names"]], data["joints"].astype(np.float64)
     )
     frames = data.get("frames", np.arange(len(joints))).astype(np.int64)
-    return TrueAngles(frames, angles_between(_true_frames(bones, joints)))
+    return frames, _true_frames(bones, joints)
 
 
 def _true_frames(bones: Mapping[str, np.ndarray], joints: np.ndarray) -> dict[str, np.ndarray]:
@@ -162,15 +170,22 @@ def evaluate_angles(track: Track, truth: TrueAngles) -> list[AngleError]:
     for name, ours in track.angles.items():
         if name not in truth.angles:
             continue
-        off = (ours[rows] - truth.angles[name][true_rows] + 180) % 360 - 180
-        off = off[np.isfinite(off)]
-        if off.size:
-            # the mean of angles that may lie on both sides of half a turn
-            mean = np.degrees(np.angle(np.exp(1j * np.radians(off)).mean()))
-            rest = (off - mean + 180) % 360 - 180
-            rms, free = (float(np.sqrt(np.mean(of**2))) for of in (off, rest))
-            found.append(AngleError(name, rms, free, int(off.size)))
+        error = measure_angle(name, ours[rows], truth.angles[name][true_rows])
+        found += [] if error is None else [error]
     return found
+
+
+def measure_angle(name: str, ours: np.ndarray, truth: np.ndarray) -> AngleError | None:
+    """Return the error of an angle (F,), degrees; None if it is known in no frame."""
+    off = (ours - truth + 180) % 360 - 180
+    off = off[np.isfinite(off)]
+    if not off.size:
+        return None
+    # the mean of angles that may lie on both sides of half a turn
+    mean = np.degrees(np.angle(np.exp(1j * np.radians(off)).mean()))
+    rest = (off - mean + 180) % 360 - 180
+    rms, free = (float(np.sqrt(np.mean(of**2))) for of in (off, rest))
+    return AngleError(name, rms, free, int(off.size))
 
 
 def mean_error(errors: Sequence[AngleError]) -> tuple[float, float]:

@@ -80,10 +80,21 @@ def opensim_coordinates(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndar
     frames = anatomical_frames(body, poses)
     table: dict[str, np.ndarray] = {}
     if "pelvis" in frames:
-        turned = np.degrees(np.unwrap(decompose_zxy(WORLD.T @ frames["pelvis"]), axis=0))
-        table |= dict(zip(("pelvis_tilt", "pelvis_list", "pelvis_rotation"), turned.T, strict=True))
+        turned = pelvis_coordinates(frames["pelvis"])
         place = posed_joints(body, poses)[:, body.joint_names.index("pelvis")] @ TO_Y_UP.T
-        table |= dict(zip(("pelvis_tx", "pelvis_ty", "pelvis_tz"), place.T, strict=True))
+        table |= turned | dict(zip(("pelvis_tx", "pelvis_ty", "pelvis_tz"), place.T, strict=True))
+    return table | coordinates_between(frames)
+
+
+def pelvis_coordinates(rotations: np.ndarray) -> dict[str, np.ndarray]:
+    """Compute OpenSim's angles (N,), degrees, of the pelvis in the world (N, 3, 3), by name."""
+    turned = np.degrees(np.unwrap(decompose_zxy(WORLD.T @ rotations), axis=0))
+    return dict(zip(("pelvis_tilt", "pelvis_list", "pelvis_rotation"), turned.T, strict=True))
+
+
+def coordinates_between(frames: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Compute OpenSim's angles (N,), degrees, between anatomical segments (N, 3, 3), by name."""
+    table: dict[str, np.ndarray] = {}
     for near, far, names, sign in _COORDINATES:
         for side in ("",) if far in frames else ("r_", "l_"):
             start = near if near in ("pelvis", "thorax") else side + near

@@ -37,7 +37,7 @@ def angle_curves(track: Track) -> list[dict[str, Any]]:
     return [{"name": name, "curves": curves} for name, curves in groups.items()]
 
 
-def confidence_curves(quality: Quality) -> dict[str, Any]:
+def confidence_curves(quality: Quality) -> dict[str, object]:
     """Return the track's confidence per frame, and each part's in the judged frames."""
     return {
         "frames": round_for_json(quality.track.confidence, 3),
@@ -46,7 +46,7 @@ def confidence_curves(quality: Quality) -> dict[str, Any]:
     }
 
 
-def agreement_curves(quality: Quality) -> dict[str, Any] | None:
+def agreement_curves(quality: Quality) -> dict[str, object] | None:
     """Return the IoU of body and voxels per camera in the judged frames."""
     found = quality.agreement
     if found is None:

@@ -44,7 +44,7 @@ class CorrectPanel:
     ) -> None:
         self._server, self._start, self._say = server, start, say
         self._watch: Watch | None = None
-        self._handle: Any = None
+        self._handle: viser.TransformControlsHandle | None = None
         self.corrections: Corrections | None = None
         gui = server.gui
         self._message = gui.add_html(make_text("Open a track to correct it."))

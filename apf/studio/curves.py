@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from apf.body.limbs import limb_names
 from apf.report.curves import angle_curves
 from apf.tracking.track import Track
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
 
 #: Colours of left, right and middle, dash by side, so that colour alone does not matter.
 _LINES = {
@@ -24,7 +27,7 @@ def angle_groups(track: Track) -> dict[str, list[dict[str, Any]]]:
     return {group["name"]: group["curves"] for group in angle_curves(track)}
 
 
-def draw_angles(track: Track, name: str) -> Any:
+def draw_angles(track: Track, name: str) -> go.Figure:
     """Return the figure of one joint's angles, degrees, by frame."""
     import plotly.graph_objects as go  # slow to import
 
@@ -40,7 +43,7 @@ def draw_angles(track: Track, name: str) -> Any:
     return _small(figure)
 
 
-def draw_confidence(track: Track) -> Any:
+def draw_confidence(track: Track) -> go.Figure:
     """Return the figure of the probability that each limb is right, and the confidence in the
     whole person, by frame: dark is doubtful."""
     import plotly.graph_objects as go
@@ -57,7 +60,7 @@ def draw_confidence(track: Track) -> Any:
     return _small(figure)
 
 
-def _small(figure: Any) -> Any:
+def _small(figure: go.Figure) -> go.Figure:
     figure.update_layout(
         margin=_MARGIN,
         font={"size": 11},

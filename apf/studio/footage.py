@@ -44,7 +44,7 @@ class FootageView:
         self._closed, self._lock = threading.Event(), threading.Lock()
         self._session: Session | None = None
         self._info = sequence_info(sequence)
-        self._box: Any = None
+        self._box: viser.LineSegmentsHandle | None = None
         self._frame: Frame | None = None
         self._cameras = CameraNodes(server.scene, sequence.rig)
         self._place(server)

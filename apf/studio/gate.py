@@ -93,7 +93,7 @@ def _serve_with_checks(gate: Gate) -> Iterator[None]:
 
     def serve_checked(
         *args: object, process_request: Callable[..., object], **options: object
-    ) -> Any:
+    ) -> object:
         def check(connection: Any, request: Any) -> Any:
             path = gate.strip_token(request.path, request.headers.get("Host", ""))
             if path is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
@@ -47,7 +47,7 @@ class BodyNodes:
         self._bones = [
             scene.add_frame(f"{name}/{b}", show_axes=False) for b in range(len(body.bones))
         ]
-        self.cones: list[Any] = []
+        self.cones: list[viser.MeshHandle] = []
         self._cone_sides = [find_side(cone) for cone in body.cone_names]
         self._cone_bones = np.array([cone.bone for cone in body.cones])
         mesh = cone_mesh(body, _VERTICES_PER_CONE)
@@ -155,8 +155,8 @@ class CameraNodes:
 
     def __init__(self, scene: viser.SceneApi, rig: CameraRig) -> None:
         depth = 0.12 * float(np.linalg.norm(rig.centres - rig.centres.mean(0), axis=1).mean() or 1)
-        self._nodes: list[Any] = []
-        self._names: list[Any] = []
+        self._nodes: list[viser.CameraFrustumHandle] = []
+        self._names: list[viser.LabelHandle] = []
         for number, camera in enumerate(rig):
             width, height = camera.size
             node = scene.add_camera_frustum(
@@ -189,7 +189,9 @@ def add_floor(scene: viser.SceneApi, grid: VoxelGrid) -> None:
     )  # fmt: skip
 
 
-def add_box(scene: viser.SceneApi, name: str, low: np.ndarray, high: np.ndarray) -> Any:
+def add_box(
+    scene: viser.SceneApi, name: str, low: np.ndarray, high: np.ndarray
+) -> viser.LineSegmentsHandle:
     """Add the edges of a box between two corners (3,) m, and return its node."""
     corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3)
     pairs = [

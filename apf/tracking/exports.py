@@ -12,5 +12,8 @@ EXPORTS = {
     "glb": "motion.glb",
     "gait": "gait.json",
 }
+#: Written on request alone, into a folder of this name: for OpenSim, a model scaled to the body and
+#: its inverse kinematics, see `apf.formats.opensim`.
+OPENSIM, OPENSIM_FOLDER = "osim", "opensim"
 #: The formats that need joint positions only, no body model.
 OF_POINTS = ("c3d", "trc", "gait")

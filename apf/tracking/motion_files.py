@@ -8,8 +8,9 @@ from pathlib import Path
 
 from apf.formats import write_angle_csv, write_c3d
 from apf.formats.c3d import C3dEvent
+from apf.formats.opensim.tools import write_opensim
 from apf.tracking.config import SmoothingConfig
-from apf.tracking.exports import EXPORTS, OF_POINTS
+from apf.tracking.exports import EXPORTS, OF_POINTS, OPENSIM, OPENSIM_FOLDER
 from apf.tracking.gait import Gait, measure_gait
 from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
@@ -39,19 +40,21 @@ def export(
     axes: str = "y-up",
     smoothing: SmoothingConfig | None = None,
     raw: bool = False,
+    osim_model: Path | None = None,
 ) -> Export:
-    """Write `track` into `folder` in each of the formats `to`, keys of EXPORTS; by default in all
-    that the track allows.
+    """Write `track` into `folder` in each of the formats `to`, keys of EXPORTS, or `osim`; by
+    default in all of EXPORTS that the track allows.
 
     The track is smoothed first, unless it is smoothed already, `raw` is set, or it has no body.
-    axes: of the TRC, see `Track.save`. Raises InputError for a format that is not in EXPORTS, if
+    axes: of the TRC, see `Track.save`. osim_model: the OpenSim model that `osim` scales, by default
+    the one that Pose2Sim carries. Raises InputError for a format that is not in EXPORTS, if
     the track does not hold a body that a file needs, and if a file cannot be written.
     """
-    has_body = bool(track.dof_names)
+    has_body, known = bool(track.dof_names), (*EXPORTS, OPENSIM)
     chosen = dict.fromkeys(to or (EXPORTS if has_body else OF_POINTS))
     for kind in chosen:
-        if kind not in EXPORTS:
-            raise InputError(f"a track is not exported as {kind!r}; expected {join_names(EXPORTS)}")
+        if kind not in known:
+            raise InputError(f"a track is not exported as {kind!r}; expected {join_names(known)}")
         if not has_body and kind not in OF_POINTS:
             raise InputError(
                 f"a track of points, without a body, is not exported as {kind!r}; expected "
@@ -60,7 +63,10 @@ def export(
     if has_body and not raw and track.smoothing is None:
         track = smooth_track(track, smoothing)
     gait = measure_gait(track) if {"gait", "c3d"} & set(chosen) else None
-    written = (_write(track, gait, kind, Path(folder) / EXPORTS[kind], axes) for kind in chosen)
+    plain = [kind for kind in chosen if kind != OPENSIM]
+    written = [_write(track, gait, kind, Path(folder) / EXPORTS[kind], axes) for kind in plain]
+    if OPENSIM in chosen:
+        written += write_opensim(Path(folder) / OPENSIM_FOLDER, track.motion, osim_model)
     return Export(tuple(path for path in written if path is not None), track, gait)
 
 

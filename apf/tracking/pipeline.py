@@ -152,7 +152,7 @@ def _keep_in_session(
 
 def _provenance(
     session: Session, task: TrackingTask, grid: VoxelGrid | None
-) -> list[dict[str, Any]]:
+) -> list[dict[str, object]]:
     """Return the provenance of each seed's track."""
     provenance: dict[str, Any] = {
         "sequence": str(session.sequence.folder),

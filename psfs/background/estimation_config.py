@@ -96,6 +96,12 @@ class TakeConfig(Config):
         "background.",
         unit="px",
     )
+    unexplained: float = fraction(
+        0.05, "Share of a density of colours that is uniform: what no model explains."
+    )
+    unsure: float = fraction(
+        0.1, "Share of an estimated background's density that the extrapolated one keeps."
+    )
     colour_limit: float = positive(
         4.0,
         "Bound of the log ratio of a single pixel's colour, person over background.",

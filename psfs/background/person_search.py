@@ -17,10 +17,6 @@ from psfs.background.estimation_config import TakeConfig
 _BINS = 16
 #: Number of colour bins.
 N_COLOURS = _BINS**3
-#: Share of a density that is uniform: what no model explains.
-_UNEXPLAINED = 0.05
-#: Share of an estimated background's density that the extrapolated one keeps.
-_UNSURE = 0.1
 
 
 def moving_region(frames: np.ndarray, config: TakeConfig) -> np.ndarray:
@@ -89,7 +85,7 @@ class PersonSearch:
         unseen = self._surrounding_density(mean[None])[0]
         share = self._picture((unseen / (unseen + person[colour_bins(mean)]))[None], 0.0)[0]
         share = cv2.GaussianBlur(share, (0, 0), self._config.median_blur)[self.region]
-        trust = (1 - _UNSURE) * np.clip(4 * share - 1.5, 0, 1)
+        trust = (1 - self._config.unsure) * np.clip(4 * share - 1.5, 0, 1)
         estimated = self._density(self._shown, mean, std)
         self._background = trust * estimated + (1 - trust) * self._unseen
 
@@ -97,7 +93,7 @@ class PersonSearch:
         """Take the moments (h, w, 3) for the background of the pixels that are `known` (h, w)."""
         where = self.region
         estimated = self._density(self._shown, mean[where], std[where])
-        mixed = (1 - _UNSURE) * estimated + _UNSURE * self._unseen
+        mixed = (1 - self._config.unsure) * estimated + self._config.unsure * self._unseen
         self._background = np.where(known[where], mixed, self._unseen)
 
     def evidence(self, person: np.ndarray) -> np.ndarray:
@@ -138,7 +134,8 @@ class PersonSearch:
             share * self._density(shown, colour, np.full_like(colour, std))
             for colour, share in self._around
         )
-        return np.asarray((1 - _UNEXPLAINED) * near + _UNEXPLAINED, np.float32)
+        uniform = self._config.unexplained
+        return np.asarray((1 - uniform) * near + uniform, np.float32)
 
     def _density(self, shown: np.ndarray, mean: np.ndarray, std: np.ndarray) -> np.ndarray:
         """Return the density (n, pixels) of the colours `shown` (n, pixels, 3) before a background
@@ -161,9 +158,10 @@ def colour_bins(colours: np.ndarray, levels: int = _BINS) -> np.ndarray:
     return (bins[..., 0] * levels + bins[..., 1]) * levels + bins[..., 2]
 
 
-def person_colours(histograms: list[np.ndarray]) -> np.ndarray:
+def person_colours(histograms: list[np.ndarray], unexplained: float) -> np.ndarray:
     """Return the person's colours (N_COLOURS,), a density relative to the uniform one, from the
-    cameras' histograms. Each camera counts alike; neighbouring colours share their counts."""
+    cameras' histograms; the share `unexplained` is uniform. Each camera counts alike; neighbouring
+    colours share their counts."""
     shares = [own / max(own.sum(), 1e-6) for own in histograms]
     cube = np.mean(shares, axis=0).reshape(3 * [_BINS]).astype(np.float32)
     for axis in range(3):
@@ -171,7 +169,7 @@ def person_colours(histograms: list[np.ndarray]) -> np.ndarray:
         flat = cv2.GaussianBlur(flat, (1, 0), sigmaX=0.1, sigmaY=0.7)
         cube = np.moveaxis(flat.reshape(3 * [_BINS]), 0, axis)
     total = max(float(cube.sum()), 1e-6)
-    return np.asarray((1 - _UNEXPLAINED) * N_COLOURS / total * cube.ravel() + _UNEXPLAINED)
+    return np.asarray((1 - unexplained) * N_COLOURS / total * cube.ravel() + unexplained)
 
 
 def _find_surroundings(

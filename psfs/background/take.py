@@ -125,7 +125,8 @@ def _find_hidden(
     colours = np.ones(N_COLOURS)
     if _measure_explained(hull, searches, config) < config.explained:
         for _ in range(config.rounds):
-            colours = person_colours([of.count_unexplained(colours) for of in searches])
+            counts = [of.count_unexplained(colours) for of in searches]
+            colours = person_colours(counts, config.unexplained)
         for of in searches:
             of.trust_median(colours)
     for _ in range(config.rounds):
@@ -139,7 +140,7 @@ def _find_hidden(
 
         list(pool.map(learn, range(len(searches))))
         shown = [of.colours(colours, own) for of, own in zip(searches, hidden, strict=True)]
-        colours = person_colours(shown)
+        colours = person_colours(shown, config.unexplained)
     return hidden, np.stack([of.extrapolate(colours) for of in searches])
 
 

@@ -91,7 +91,7 @@ def _targets(args: argparse.Namespace, run: ReconstructionFolder) -> dict[int, P
     return {number: path}
 
 
-def _check_mesh(mesh: trimesh.Trimesh, checker: Checker, frame: Frame) -> dict[str, Any]:
+def _check_mesh(mesh: trimesh.Trimesh, checker: Checker, frame: Frame) -> dict[str, object]:
     """Return whether the mesh is closed, its size, and its IoU (V,), NaN if there is nothing to
     compare."""
     scene, scores = RayScene(mesh), []

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from rich.table import Table
 
@@ -92,7 +91,7 @@ def _write(
 
 def _summary(
     args: argparse.Namespace, rig: CameraRig, found: PersonCalibration, config: PersonConfig
-) -> dict[str, Any]:
+) -> dict[str, object]:
     return {
         "folder": str(args.folder),
         "intrinsics": str(args.intrinsics),

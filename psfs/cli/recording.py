@@ -71,7 +71,7 @@ class RecordingParser(argparse.ArgumentParser):
         return joined
 
     def _keep(
-        self, action: argparse.Action, names: tuple[str, ...], options: dict[str, Any]
+        self, action: argparse.Action, names: tuple[str, ...], options: dict[str, object]
     ) -> argparse.Action:
         self.actions.append(action)
         self._calls.append((names, options))

@@ -76,7 +76,7 @@ def add_setting_flags(
         )
 
 
-def _parsing(field: FieldInfo, parser: Callable[[str], Any] | None) -> dict[str, Any]:
+def _parsing(field: FieldInfo, parser: Callable[[str], Any] | None) -> dict[str, object]:
     """Return how argparse parses the text of a setting's flag, and how --help names its value."""
     first, *_ = field_kinds(field)
     if first is bool:

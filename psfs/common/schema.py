@@ -46,7 +46,7 @@ def flat(*counts: int) -> BeforeValidator:
     """Return what makes plain lists, nested or not, one list of as many finite numbers as one of
     the `counts` says."""
 
-    def flattened(value: Any) -> list[float]:
+    def flattened(value: object) -> list[float]:
         try:
             numbers = np.asarray(value if isinstance(value, list) else [None])
         except ValueError:  # lists of different lengths
@@ -74,7 +74,7 @@ def _parse_name(name: str) -> str:
 Name = Annotated[str, AfterValidator(_parse_name)]
 
 
-def _path_text(value: Any) -> str:
+def _path_text(value: object) -> str:
     if not isinstance(value, str) or "\0" in value:
         raise ValueError("a path")
     return value
@@ -96,7 +96,7 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
-def parse_values(kind: type[T], values: Any, where: Path | str = "") -> T:
+def parse_values(kind: type[T], values: object, where: Path | str = "") -> T:
     """Return `values` as `kind`, a model or any type pydantic knows. Raises InputError that names
     `where`, the key, what was found and what was expected."""
     try:
@@ -124,7 +124,7 @@ def _key(place: tuple[int | str, ...], values: Any) -> str:
     return ".".join(parts).replace(",.", ", ").rstrip(",")
 
 
-def describe_error(error: ValidationError, values: Any) -> str:
+def describe_error(error: ValidationError, values: object) -> str:
     """Return the first of the errors in `values` as a line, and how many more there are."""
     first, *more = error.errors(include_url=False)
     key = _key(first["loc"], values)

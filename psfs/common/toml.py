@@ -31,7 +31,7 @@ def write_toml(path: Path, values: Mapping[str, object]) -> None:
     write_text(path, tomli_w.dumps(values))
 
 
-def parse_toml(text: str, source: str | Path) -> dict[str, Any]:
+def parse_toml(text: str, source: str | Path) -> dict[str, object]:
     """Parse TOML `text`. Raises InputError naming its `source` if it is malformed."""
     try:
         return tomllib.loads(text)

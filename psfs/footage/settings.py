@@ -203,12 +203,12 @@ class SequenceSettings(Config):
 
     @field_validator("sync")
     @classmethod
-    def _is_sync(cls, value: object) -> Any:
+    def _is_sync(cls, value: object) -> object:
         return None if value is None else _check_sync(value)
 
     @field_validator("volume")
     @classmethod
-    def _is_box(cls, value: object) -> Any:
+    def _is_box(cls, value: object) -> object:
         return None if value is None else _check_volume(value)
 
     @classmethod
@@ -227,7 +227,7 @@ class SequenceSettings(Config):
         return other.replace(**{key: value for key, value in self if value is not None})
 
 
-def _check_sync(value: object) -> Any:
+def _check_sync(value: object) -> object:
     if value in ("auto", "audio"):
         return value
     if not isinstance(value, Mapping):
@@ -240,7 +240,7 @@ def _check_sync(value: object) -> Any:
     return dict(value)
 
 
-def _check_volume(value: object) -> Any:
+def _check_volume(value: object) -> object:
     """Return (low, high), m with Z up; or {"own": (low, high)} in the file's axes and unit."""
     if isinstance(value, Mapping):
         if list(value) != ["own"]:

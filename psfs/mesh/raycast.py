@@ -25,7 +25,7 @@ class RayScene:
             self._tensor(np.asarray(mesh.faces, np.uint32)),
         )
 
-    def _rays(self, origins: np.ndarray, directions: np.ndarray) -> Any:
+    def _rays(self, origins: np.ndarray, directions: np.ndarray) -> object:
         """Return rays (N, 6) float32; origins and directions broadcast."""
         origins, directions = np.broadcast_arrays(origins - self._middle, directions)
         return self._tensor(np.concatenate([origins, directions], -1).astype(np.float32))

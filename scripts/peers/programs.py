@@ -18,6 +18,7 @@ import apf
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries, read_trc
 from apf.keypoints import Keypoints
+from apf.keypoints.readers.orders import MEDIAPIPE
 from apf.keypoints.series import fill_gaps
 from apf.tracking.config import TriangulatedConfig
 from apf.tracking.smoothing import smooth_track
@@ -123,7 +124,7 @@ def _write_project(task: Task, project: Path, undistort: bool) -> None:
     (project / "Config.toml").write_text(config)
     shutil.copy(task.sequence.folder / "calibration.toml", calibration / "Calib.toml")
     keypoints = task.keypoints
-    points = _raw_points(task)
+    points = order_points(_raw_points(task), list(keypoints.names))
     for view, camera in enumerate(task.sequence.rig.names):
         folder = project / "pose" / f"{camera}_json"
         folder.mkdir(parents=True)
@@ -132,6 +133,16 @@ def _write_project(task: Task, project: Path, undistort: bool) -> None:
             person = {"person_id": [-1], "pose_keypoints_2d": shown.ravel().tolist()}
             text = json.dumps({"version": 1.3, "people": [person]})
             (folder / f"{camera}_{frame:06d}.json").write_text(text)
+
+
+def order_points(points: np.ndarray, names: list[str]) -> np.ndarray:
+    """Return points (V, F, P, 3) in the order of MediaPipe's 33, which Pose2Sim expects; those that
+    are missing have no confidence."""
+    ordered = np.zeros((*points.shape[:2], len(MEDIAPIPE), 3))
+    for place, name in enumerate(MEDIAPIPE):
+        if name in names:
+            ordered[:, :, place] = points[:, :, names.index(name)]
+    return ordered
 
 
 def _raw_points(task: Task) -> np.ndarray:
@@ -180,9 +191,14 @@ def run_ours(task: Task, what: str) -> Found:
         track = smooth_track(
             apf.track(task.sequence, device=task.device, method=method, keypoints=keypoints)
         )
-    points = track.points if what != "triangulation" else _series(track)
-    columns = [points.joint_names.index(name) for name in JOINTS]
     seconds = {"cpu": time.process_time() - cpu, "clock": time.perf_counter() - clock}
+    return select_joints(task, track, seconds)
+
+
+def select_joints(task: Task, track: Track, seconds: dict[str, float]) -> Found:
+    """Return the joints of a track, without limbs reported as lost."""
+    points = track.points if track.body is not None else _series(track)
+    columns = [points.joint_names.index(name) for name in JOINTS]
     return _make_found(points.joints[:, columns], track.frames, task, seconds)
 
 

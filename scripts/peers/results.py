@@ -153,14 +153,16 @@ def summary_table(results: PeerResults) -> Grid:
             for of in _by_sequence(done).values()
         ]
         means = {name: float(np.mean([row[name] for row in per_sequence])) for name in _COLUMNS}
-        seconds = [run.clock if run.cpu is None else run.cpu for run in done]
+        spent = [run.clock if run.cpu is None else run.cpu for run in done]
+        seconds = [np.nan if value is None else value for value in spent]
         where = sorted({run.device for run in done})
         rows.append([
             program, str(len(per_sequence)), _format_value(means["mean"], ".1f"),
             _format_value(means["rest"], ".1f"), _format_value(100 * means["far"], ".1f", " %"),
             _format_value(100 * means["gaps"], ".1f", " %"), _format_value(means["jitter"], ".2f"),
             _format_value(means["skating"], ".0f"),
-            f"{np.mean(seconds):.1f}, {'; '.join(where)}", str(len(runs) - len(done)),
+            f"{_format_value(float(np.mean(seconds)), '.1f')}, {'; '.join(where)}",
+            str(len(runs) - len(done)),
         ])  # fmt: skip
     heads = ["program", "sequences", *_HEADS, "seconds", "failed"]
     return Grid("Other programs beside ours, the same keypoints", heads, rows, _about(results))

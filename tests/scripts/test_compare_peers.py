@@ -15,7 +15,7 @@ from cl import InputError
 
 sys.path.insert(0, str(ROOT / "scripts"))
 from peers.figures import measure
-from peers.programs import JOINTS, _with_true_count
+from peers.programs import JOINTS, _with_true_count, order_points
 from peers.results import PeerResults, PeerRun, sequence_table, summary_table, write_tables
 
 FRAMES = 60
@@ -99,3 +99,14 @@ def test_runs_are_kept_and_shown(tmp_path: Path) -> None:
     (tmp_path / "peers.json").write_text(json.dumps({"runs": 3}))
     with pytest.raises(InputError, match="not the results"):
         PeerResults.read(tmp_path / "peers.json")
+
+
+def test_points_in_the_order_that_pose2sim_expects() -> None:
+    """MediaPipe's 33 by number, whatever a file holds: 12 is the right shoulder, 31 the left toe;
+    the left heel, 29, is missing."""
+    points = np.arange(2 * 3 * 2 * 3, dtype=float).reshape(2, 3, 2, 3)
+    found = order_points(points, ["left_foot_index", "right_shoulder"])
+    assert found.shape == (2, 3, 33, 3)
+    np.testing.assert_array_equal(found[:, :, 31], points[:, :, 0])
+    np.testing.assert_array_equal(found[:, :, 12], points[:, :, 1])
+    assert not found[:, :, 29].any()

@@ -15,6 +15,7 @@ sys.path.insert(0, str(ROOT / "scripts"))
 
 from timings.bench_scene import Scene
 from timings.measure import Limits, Timing
+from timings.report.laws import karp_flatt
 from timings.report.limits import serial_share
 from timings.report.machines import read_batches, read_machines
 from timings.report.page import write_report
@@ -370,3 +371,10 @@ def test_the_whole_frame_on_the_device_agrees_with_the_twins(device: Device) -> 
     assert busy <= set(stages)
     assert find_stage("score_poses") == "likelihood"
     assert find_stage("a kernel of another project") == "other"
+
+
+def test_karp_flatt_finds_the_serial_share_of_amdahls_law() -> None:
+    for share in (0.0, 0.1, 0.5):
+        for cores in (2, 16):
+            gain = 1 / (share + (1 - share) / cores)
+            assert karp_flatt(gain, cores) == pytest.approx(share, abs=1e-12)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from typing import Any
 
 from apf.cli.batch.chunks import PARTS, plan_take
 from apf.cli.batch.report import BatchReport
@@ -97,7 +96,7 @@ def make_jobs(args: argparse.Namespace) -> list[TakeJob]:
 
 
 @contextmanager
-def _cluster(args: argparse.Namespace, n_takes: int) -> Iterator[Any]:
+def _cluster(args: argparse.Namespace, n_takes: int) -> Iterator[object]:
     if args.scheduler is not None:
         with connect_cluster(args.scheduler, resolve_path(args.output)) as client:
             yield client

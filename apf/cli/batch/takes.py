@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from cl import InputError
 from psfs.cli.commandline import warn
@@ -60,7 +59,7 @@ def _read_list(path: Path) -> list[ListedTake]:
     return listed
 
 
-def _tables(value: Any) -> bool:
+def _tables(value: object) -> bool:
     return isinstance(value, list) and bool(value) and all(isinstance(v, dict) for v in value)
 
 
@@ -68,7 +67,7 @@ def _flag(name: str) -> str:
     return name.replace("_", "-")
 
 
-def _words(settings: Mapping[str, Any], folder: Path, where: str) -> tuple[str, ...]:
+def _words(settings: Mapping[str, object], folder: Path, where: str) -> tuple[str, ...]:
     """Convert settings to flags: `{"height": 1.8}` to `--height=1.8`, `{"all-cameras": true}` to
     `--all-cameras`. Paths are relative to the list's `folder`."""
     words: list[str] = []

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from apf.cli.flags.shared import add_smoothing_flags, add_track_path
 from apf.formats.axes import AXES
-from apf.tracking.exports import EXPORTS, OF_POINTS
+from apf.tracking.exports import EXPORTS, OF_POINTS, OPENSIM
 from psfs.cli.commandline import add_output_flag
 
 
@@ -16,10 +17,16 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--to",
         nargs="+",
-        choices=tuple(EXPORTS),
+        choices=(*EXPORTS, OPENSIM),
         metavar="FORMAT",
         help=f"{', '.join(EXPORTS)} (default: all; of a track without a body "
-        f"{', '.join(OF_POINTS)})",
+        f"{', '.join(OF_POINTS)}), or {OPENSIM}: a scaled OpenSim model and its inverse kinematics",
+    )
+    parser.add_argument(
+        "--osim-model",
+        type=Path,
+        metavar="FILE",
+        help=f"the model that --to {OPENSIM} scales (default: the one that Pose2Sim carries)",
     )
     add_output_flag(
         parser, "where to (default: beside the track)", metavar="FOLDER", required=False

@@ -12,7 +12,6 @@ import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -94,7 +93,7 @@ def _is_openpose(path: Path) -> bool:
     return isinstance(content, dict) and "people" in content
 
 
-def _read_picture(path: Path) -> Any:
+def _read_picture(path: Path) -> object:
     return read_json(path, "OpenPose's JSON of a picture", _MOST_JSON_BYTES, nan=True)
 
 

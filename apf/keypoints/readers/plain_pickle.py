@@ -6,7 +6,6 @@ from __future__ import annotations
 import pickle
 import pickletools
 from pathlib import Path
-from typing import Any
 
 from cl import InputError
 from psfs.common.reading import open_input, parsing
@@ -28,7 +27,7 @@ _PLAIN = frozenset(
 _STORING = ("PUT", "BINPUT", "LONG_BINPUT")
 
 
-def read_plain_pickle(path: Path, what: str) -> Any:
+def read_plain_pickle(path: Path, what: str) -> object:
     """Read a pickle of plain values.
 
     what: description of the expected content, for errors. Raises InputError for a file that is

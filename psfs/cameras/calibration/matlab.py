@@ -6,7 +6,6 @@ They hold 3x4 projection matrices as a cell array, struct array or stack, or K, 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.io import loadmat
@@ -89,7 +88,7 @@ def _list_matrices(value: object) -> list[np.ndarray]:
     return [array.astype(float)] if array.ndim == 2 else []
 
 
-def _find_stack(found: dict[str, object], keys: tuple[str, ...], shape: tuple[int, int]) -> Any:
+def _find_stack(found: dict[str, object], keys: tuple[str, ...], shape: tuple[int, int]) -> object:
     """Return the first variable of `keys` that fits as (N, *shape); None if none fits."""
     for key in keys:
         fitting = [m for m in _list_matrices(found.get(key, [])) if m.size == shape[0] * shape[1]]

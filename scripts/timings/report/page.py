@@ -13,7 +13,7 @@ from markdown_it import MarkdownIt
 
 from apf.body import load_body
 from psfs.common.files import write_atomically
-from timings.report import curves, figures, limits, peers, rymut
+from timings.report import curves, figures, laws, limits, peers, rymut
 from timings.report.machines import BATCH, Machine, device_title, missing, name_processors
 from timings.tables.batch import make_tables
 from timings.tables.grid import Grid, number
@@ -220,9 +220,13 @@ def _song(machines: Sequence[Machine]) -> str:
         if streams(results)
     ]
     for machine, results in each:
-        own = song_table(results, machine.title)
-        parts += [name_processors(own.markdown(), machine)] if own else []
-        parts += missing(machine, "whole", "song ")
+        # in a file of its own where it was measured later than the rest
+        own = song_table(machine.results.get("song", results), machine.title)
+        parts += (
+            [name_processors(own.markdown(), machine)]
+            if own
+            else missing(machine, "whole", "song ")
+        )
         cues = cues_table(results, machine.title)
         parts += [name_processors(cues.markdown(), machine)] if cues else []
         parts += missing(machine, "whole", "cues ")
@@ -262,6 +266,8 @@ def _where_time_goes(machines: Sequence[Machine]) -> str:
         parts += missing(machine, "whole", "stages ")
     parts += [_numpy_parts(machines), "### Roofline", _ROOFLINE, figure("roofline", "Rooflines")]
     parts += ["### Amdahl", _AMDAHL, figure("amdahl", "Speed-up over cores")]
+    for grid in (laws.core_laws(machines), laws.little(machines)):
+        parts += [grid.markdown()] if grid else []
     for machine in machines:
         parts += missing(machine, "whole", "cores ", always=False)
     parts.append(_waiting(machines).markdown())

@@ -123,7 +123,7 @@ def test_the_persons_colours_are_found_although_the_median_shows_them() -> None:
     search = PersonSearch(frames, region, *median_moments(frames, BackgroundModelConfig()), CONFIG)
     colours = np.ones(N_COLOURS)
     for _ in range(3):
-        colours = person_colours([search.count_unexplained(colours)])
+        colours = person_colours([search.count_unexplained(colours)], 0.05)
     search.trust_median(colours)
     found = search.evidence(colours) > 0
     assert (found & person).sum() > 0.9 * (found | person).sum()
@@ -138,7 +138,7 @@ def test_no_background_is_extrapolated_that_looks_like_the_person() -> None:
     search = PersonSearch(
         frames, person.any(0), *median_moments(frames, BackgroundModelConfig()), CONFIG
     )
-    colours = person_colours([np.eye(N_COLOURS)[colour_bins(np.array([20.0, 30, 160]))]])
+    colours = person_colours([np.eye(N_COLOURS)[colour_bins(np.array([20.0, 30, 160]))]], 0.05)
     assert np.isnan(search.extrapolate(colours)[..., 3]).all()
 
 

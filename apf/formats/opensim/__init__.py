@@ -1,0 +1,1 @@
+"""Motion for OpenSim: a public model scaled to the body, and its inverse kinematics."""

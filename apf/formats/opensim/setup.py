@@ -1,0 +1,308 @@
+"""Set-up files for OpenSim: markers of our body, and how the generic model is scaled and moved.
+
+The joints of both are the same points. What joints do not show, how pelvis, chest and head are
+turned, is shown by markers that are fixed to them: their places in the model are those that they
+have in our body while both stand upright.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from apf.body.anatomy import anatomical_frames, standing_axes
+from apf.body.kinematics import posed_joints, posed_points
+from apf.body.limbs import limb_joints
+from apf.body.markers import virtual_markers
+from apf.body.model import BodyModel
+from apf.formats.angles import opensim_coordinates
+from apf.formats.motion import BodyMotion
+from apf.formats.opensim.model import GenericModel
+from apf.formats.trc import JointSeries, write_trc
+from cl import InputError
+from psfs.common.files import open_text
+
+#: The files, in a folder of their own.
+MODEL, MARKERS, MARKER_SET = "generic.osim", "markers.trc", "markers.xml"
+SCALING, INVERSE_KINEMATICS = "scaling.xml", "ik.xml"
+SCALED, ANGLES = "scaled.osim", "ik.mot"
+#: How far in front of a joint the markers of pelvis, chest and head are, and outside of elbows and
+#: knees, m.
+_AHEAD, _OUTSIDE = 0.1, 0.05
+#: Joints that are markers: the model's body that carries each, the body whose joint it is, and the
+#: weight in inverse kinematics. The model has no clavicles: shoulders count half.
+_JOINTS = {
+    "hip": ("pelvis", "femur", 2.0),
+    "knee": ("femur", "tibia", 1.0),
+    "ankle": ("tibia", "talus", 1.0),
+    "shoulder": ("torso", "humerus", 0.5),
+    "elbow": ("humerus", "ulna", 1.0),
+    "wrist": ("radius", "hand", 1.0),
+}
+#: Other markers: the model's body that carries each, and its weight.
+_FIXED = {
+    "pelvis_front": ("pelvis", 1.0),
+    "neck": ("torso", 1.0),
+    "chest_front": ("torso", 1.0),
+    "head_top": ("head", 1.0),
+    "head_front": ("head", 0.5),
+    "l_heel": ("calcn_l", 0.5),
+    "r_heel": ("calcn_r", 0.5),
+    "l_toe": ("calcn_l", 0.5),
+    "r_toe": ("calcn_r", 0.5),
+}
+#: Names of coordinates in Pose2Sim's model that are others in Rajagopal's.
+COORDINATES = {
+    "lumbar_extension": "L5_S1_Flex_Ext",
+    "lumbar_bending": "L5_S1_Lat_Bending",
+    "lumbar_rotation": "L5_S1_axial_rotation",
+}
+#: Coordinates that no marker shows: they stay at the model's defaults.
+_UNSEEN = tuple(
+    f"{name}_{side}"
+    for name in ("pro_sup", "wrist_flex", "wrist_dev", "subtalar_angle", "mtp_angle")
+    for side in "lr"
+)
+_LENGTHS = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
+_FRONTS = {
+    "pelvis_front": ("pelvis", "pelvis"),
+    "chest_front": ("thorax", "neck"),
+    "head_front": ("head", "head_top"),
+}
+#: Markers outside of a hinge, which show how a straight limb is turned: our segment, the model's
+#: body, and the weight.
+_LATERAL = {"elbow": ("upper_arm", "humerus", 0.5), "knee": ("thigh", "femur", 0.5)}
+_SIGNS = {"l": -1.0, "r": 1.0}
+_NEEDED = ("pelvis", "neck", "head_top", *(f"{s}_{joint}" for s in "lr" for joint in _JOINTS))
+
+
+def write_setup(folder: Path, motion: BodyMotion, model: GenericModel) -> tuple[Path, ...]:
+    """Write the generic model, the markers (TRC and where they are on the model), and the set-ups
+    of OpenSim's ScaleTool and InverseKinematicsTool; return the files. Raises InputError for a body
+    without the joints, or if a file cannot be written."""
+    lacking = [name for name in _NEEDED if name not in motion.body.joint_names]
+    if lacking:
+        raise InputError(
+            f"body {motion.body.name}: has no {', '.join(lacking)}; expected a whole body for "
+            "--to osim"
+        )
+    scales = scale_factors(motion.body, model)
+    places = marker_places(motion.body, model, scales)
+    series = marker_series(motion)
+    times = series.times
+    texts = {
+        MODEL: _start_model(model, motion),
+        MARKER_SET: _marker_set(places),
+        SCALING: _scaling(scales),
+        INVERSE_KINEMATICS: _inverse_kinematics(places, times[0], times[-1]),
+    }
+    for name, text in texts.items():
+        with open_text(folder / name) as file:
+            file.write(text)
+    write_trc(folder / MARKERS, series)
+    return tuple(folder / name for name in (*texts, MARKERS))
+
+
+def scale_factors(body: BodyModel, model: GenericModel) -> dict[str, np.ndarray]:
+    """Return the factors (3,), forward, up, right, of the model's bodies: lengths between joints of
+    our body over those of the model, the mean of both sides."""
+    at, near, far = _upright(body), model.near, model.far
+
+    def length(first: str, second: str) -> float:
+        pairs = [(at[f"{side}_{first}"], at[f"{side}_{second}"]) for side in "lr"]
+        return float(np.mean([np.linalg.norm(b - a) for a, b in pairs]))
+
+    def width(joint: str, carried: str) -> float:
+        ours = np.linalg.norm(at[f"l_{joint}"] - at[f"r_{joint}"])
+        return float(ours / np.linalg.norm(near[f"{carried}_l"] - near[f"{carried}_r"]))
+
+    def factor(first: str, second: str, bone: np.ndarray) -> np.ndarray:
+        return np.full(3, length(first, second) / float(np.linalg.norm(bone)))
+
+    shoulders = (at["l_shoulder"] + at["r_shoulder"]) / 2 - (at["l_hip"] + at["r_hip"]) / 2
+    theirs = near["torso"] - far["torso"] + near["humerus_r"] - near["femur_r"]
+    trunk = float(shoulders[1] / theirs[1])
+    forearm = near["radius_r"] - far["ulna_r"] + near["hand_r"] - far["radius_r"]
+    shank = factor("knee", "ankle", near["talus_r"] - far["tibia_r"])
+    found = {
+        "pelvis": np.array([trunk, trunk, width("hip", "femur")]),
+        "torso": np.array([trunk, trunk, width("shoulder", "humerus")]),
+        "head": np.full(3, trunk),
+    }
+    limbs = {
+        "femur": factor("hip", "knee", near["tibia_r"] - far["femur_r"]),
+        "humerus": factor("shoulder", "elbow", near["ulna_r"] - far["humerus_r"]),
+        **dict.fromkeys(("tibia", "talus", "calcn", "toes"), shank),
+        **dict.fromkeys(("ulna", "radius", "hand"), factor("elbow", "wrist", forearm)),
+    }
+    found |= {f"{name}_{side}": value for name, value in limbs.items() for side in "lr"}
+    if "sacrum" in model.parents:
+        found["sacrum"] = found["pelvis"]
+    return found
+
+
+def marker_places(
+    body: BodyModel, model: GenericModel, scales: Mapping[str, np.ndarray]
+) -> dict[str, tuple[str, np.ndarray, float]]:
+    """Return the body, the place (3,) m in it before it is scaled, and the weight of each marker of
+    the model, by name."""
+    found: dict[str, tuple[str, np.ndarray, float]] = {}
+    for name, (carrier, carried, weight) in _JOINTS.items():
+        for side in "lr":
+            own = carrier if carrier in ("pelvis", "torso") else f"{carrier}_{side}"
+            found[f"{side}_{name}"] = (own, model.near[f"{carried}_{side}"], weight)
+            if name in _LATERAL:
+                _, own, weight = _LATERAL[name]
+                outside = np.array([0, 0, _SIGNS[side] * _OUTSIDE]) / scales[f"{own}_{side}"]
+                found[f"{side}_{name}_lateral"] = (
+                    f"{own}_{side}", model.near[f"{carried}_{side}"] + outside, weight,
+                )  # fmt: skip
+    at, factors = _upright(body), dict(scales)
+    hips = (model.near["femur_l"] + model.near["femur_r"]) / 2 * factors["pelvis"]
+    for name, (carrier, weight) in _FIXED.items():
+        if name in at:
+            inside = at[name] + hips - model.origin(carrier, factors)
+            found[name] = (carrier, inside / factors[carrier], weight)
+    return found
+
+
+def _upright(body: BodyModel) -> dict[str, np.ndarray]:
+    """Return joints and markers (3,) m of our body with all angles at 0, forward, up and right from
+    the middle of its hips."""
+    poses = np.zeros((1, body.n_dof))
+    names, points = _points(body, poses)
+    at = dict(zip(names, points[0], strict=True))
+    middle = (at["l_hip"] + at["r_hip"]) / 2
+    return {name: standing_axes(body).T @ (point - middle) for name, point in at.items()}
+
+
+def _points(body: BodyModel, poses: np.ndarray) -> tuple[list[str], np.ndarray]:
+    """Return names and places (F, P, 3) m of all markers in the world."""
+    joints, frames = posed_joints(body, poses), anatomical_frames(body, poses)
+    at = {name: joints[:, body.joint_names.index(name)] for name in _NEEDED if name != "pelvis"}
+    for name, (segment, joint) in _FRONTS.items():
+        ahead = frames[segment][:, :, 0]
+        at[name] = joints[:, body.joint_names.index(joint)] + _AHEAD * ahead
+    for name, (segment, _, _) in _LATERAL.items():
+        for side, sign in _SIGNS.items():
+            outward = sign * frames[f"{side}_{segment}"][:, :, 2]
+            at[f"{side}_{name}_lateral"] = at[f"{side}_{name}"] + _OUTSIDE * outward
+    feet = [marker for marker in virtual_markers(body) if marker.name in _FIXED]
+    if feet:
+        on_feet = np.moveaxis(posed_points(body, poses, feet), 1, 0)
+        at |= dict(zip((marker.name for marker in feet), on_feet, strict=True))
+    return list(at), np.stack(list(at.values()), 1)
+
+
+def marker_series(motion: BodyMotion) -> JointSeries:
+    """Return the markers over time, NaN where the person or the limb is lost, and last the origin:
+    OpenSim 4.6 does not read a row of a TRC that ends with a blank cell."""
+    body = motion.body
+    names, points = _points(body, motion.poses)
+    on_limbs = dict(zip(body.joint_names, (motion.lost_limbs @ limb_joints(body)).T, strict=True))
+    ends = {"heel": "ankle", "toe": "ankle"}
+    gone = np.repeat(motion.lost[:, None], len(names), 1)
+    for column, name in enumerate(names):
+        joint = _FRONTS[name][1] if name in _FRONTS else name.removesuffix("_lateral")
+        joint = f"{name[:2]}{ends[name[2:]]}" if name[2:] in ends else joint
+        gone[:, column] |= on_limbs[joint].astype(bool)
+    points = np.where(gone[..., None], np.nan, points)
+    points = np.concatenate([points, np.zeros_like(points[:, :1])], 1)
+    own = motion.points
+    return JointSeries((*names, "origin"), points, own.fps, own.frames, None, own.note)
+
+
+def _start_model(model: GenericModel, motion: BodyMotion) -> str:
+    """Return the generic model whose default coordinates are those of our first pose: inverse
+    kinematics starts there, and stays in a wrong minimum from arms held out to the sides."""
+    root = ElementTree.fromstring(model.text)
+    first = opensim_coordinates(motion.body, motion.poses[:1])
+    known = {COORDINATES.get(name, name): float(value[0]) for name, value in first.items()}
+    for coordinate in root.iter("Coordinate"):
+        name, default = coordinate.get("name", ""), coordinate.find("default_value")
+        if name not in known or default is None:
+            continue
+        value = known[name] if name in _LENGTHS else np.radians(known[name])
+        if coordinate.findtext("clamped", "").strip() == "true":
+            low, high = (float(limit) for limit in coordinate.findtext("range", "").split())
+            value = min(max(value, low), high)
+        default.text = f"{value:.6f}"
+    return ElementTree.tostring(root, "unicode") + "\n"
+
+
+def _marker_set(places: Mapping[str, tuple[str, np.ndarray, float]]) -> str:
+    top = ElementTree.Element("OpenSimDocument", Version="40000")
+    objects = _child(_child(top, "MarkerSet", name="markers"), "objects")
+    for name, (body, place, _) in places.items():
+        marker = _child(objects, "Marker", name=name)
+        _child(marker, "socket_parent_frame", f"/bodyset/{body}")
+        _child(marker, "location", _numbers(place))
+        _child(marker, "fixed", "true")
+    return _document(top)
+
+
+def _scaling(scales: Mapping[str, np.ndarray]) -> str:
+    top = ElementTree.Element("OpenSimDocument", Version="40000")
+    tool = _child(top, "ScaleTool", name="scaled")
+    maker = _child(tool, "GenericModelMaker")
+    _child(maker, "model_file", MODEL)
+    _child(maker, "marker_set_file", MARKER_SET)
+    scaler = _child(tool, "ModelScaler")
+    _child(scaler, "apply", "true")
+    _child(scaler, "scaling_order", "manualScale")
+    objects = _child(_child(scaler, "ScaleSet"), "objects")
+    for body, factors in scales.items():
+        scale = _child(objects, "Scale")
+        _child(scale, "scales", _numbers(factors))
+        _child(scale, "segment", body)
+        _child(scale, "apply", "true")
+    _child(scaler, "preserve_mass_distribution", "true")
+    _child(scaler, "output_model_file", SCALED)
+    _child(_child(tool, "MarkerPlacer"), "apply", "false")
+    return _document(top)
+
+
+def _inverse_kinematics(
+    places: Mapping[str, tuple[str, np.ndarray, float]], begin: float, end: float
+) -> str:
+    top = ElementTree.Element("OpenSimDocument", Version="40000")
+    tool = _child(top, "InverseKinematicsTool", name="ik")
+    _child(tool, "results_directory", ".")
+    _child(tool, "model_file", SCALED)
+    _child(tool, "constraint_weight", "Inf")
+    _child(tool, "accuracy", "1e-5")
+    _child(tool, "time_range", _numbers([begin, end]))
+    _child(tool, "output_motion_file", ANGLES)
+    _child(tool, "report_errors", "false")
+    tasks = _child(_child(tool, "IKTaskSet"), "objects")
+    for name, (_, _, weight) in places.items():
+        task = _child(tasks, "IKMarkerTask", name=name)
+        _child(task, "apply", "true")
+        _child(task, "weight", f"{weight:g}")
+    for name in _UNSEEN:
+        task = _child(tasks, "IKCoordinateTask", name=name)
+        _child(task, "apply", "true")
+        _child(task, "weight", "1")
+        _child(task, "value_type", "default_value")
+    _child(tool, "marker_file", MARKERS)
+    return _document(top)
+
+
+def _child(
+    parent: ElementTree.Element, tag: str, text: str = "", **attributes: str
+) -> ElementTree.Element:
+    child = ElementTree.SubElement(parent, tag, attributes)
+    child.text = text or None
+    return child
+
+
+def _numbers(values: np.ndarray | list[float]) -> str:
+    return " ".join(f"{value:.6f}" for value in values)
+
+
+def _document(top: ElementTree.Element) -> str:
+    ElementTree.indent(top)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(top, "unicode") + "\n"

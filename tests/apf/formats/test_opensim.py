@@ -1,0 +1,144 @@
+"""Set-up files for OpenSim, and its inverse kinematics where it is installed."""
+
+from __future__ import annotations
+
+import importlib.util
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.striders import strider
+
+from apf.body.kinematics import posed_joints
+from apf.cli import main
+from apf.formats.angles import opensim_coordinates
+from apf.formats.opensim.model import read_model
+from apf.formats.opensim.setup import marker_places, scale_factors
+from apf.formats.trc import read_trc
+from apf.tracking.smoothing import smooth_track
+from cl import InputError
+
+#: Joints of a model with the proportions of Rajagopal et al. 2016: the bodies that they connect,
+#: and their place in the first, m.
+_JOINTS = [
+    ("pelvis", "torso", (-0.10, 0.08, 0.0)),
+    ("torso", "head", (0.0, 0.54, 0.0)),
+    *(
+        joint
+        for side, z in (("l", -1), ("r", 1))
+        for joint in (
+            ("pelvis", f"femur_{side}", (-0.07, -0.07, 0.083 * z)),
+            (f"femur_{side}", f"tibia_{side}", (0.0, -0.41, 0.0)),
+            (f"tibia_{side}", f"talus_{side}", (0.0, -0.42, 0.0)),
+            (f"talus_{side}", f"calcn_{side}", (-0.05, -0.04, 0.01 * z)),
+            ("torso", f"humerus_{side}", (0.0, 0.37, 0.17 * z)),
+            (f"humerus_{side}", f"ulna_{side}", (0.01, -0.29, -0.01 * z)),
+            (f"ulna_{side}", f"radius_{side}", (-0.01, -0.01, 0.03 * z)),
+            (f"radius_{side}", f"hand_{side}", (-0.01, -0.24, 0.01 * z)),
+        )
+    ),
+]
+
+
+def _write_model(path: Path, left_out: str = "") -> Path:
+    joints = "".join(
+        f"<CustomJoint name='{far}'><socket_parent_frame>a</socket_parent_frame>"
+        "<socket_child_frame>b</socket_child_frame><frames>"
+        f"<PhysicalOffsetFrame name='a'><socket_parent>/bodyset/{near}</socket_parent>"
+        f"<translation>{' '.join(map(str, place))}</translation></PhysicalOffsetFrame>"
+        f"<PhysicalOffsetFrame name='b'><socket_parent>/bodyset/{far}</socket_parent>"
+        "<translation>0 0 0</translation></PhysicalOffsetFrame></frames><coordinates>"
+        f"<Coordinate name='knee_angle_{far[-1]}'><default_value>9</default_value>"
+        "<range>0 .01</range><clamped>true</clamped></Coordinate></coordinates></CustomJoint>"
+        for near, far, place in _JOINTS
+        if far != left_out
+    )
+    path.write_text(
+        "<OpenSimDocument><Model><JointSet><objects>" + joints + "</objects></JointSet></Model>"
+        "</OpenSimDocument>"
+    )
+    return path
+
+
+def test_the_scaled_model_has_the_lengths_of_the_body(tmp_path: Path) -> None:
+    """Thigh, forearm and the width of the hips; a marker that is fixed to the chest is where it is
+    in the body while both stand upright."""
+    model, body = read_model(_write_model(tmp_path / "model.osim")), strider(4).its_body
+    scales = scale_factors(body, model)
+    upright = posed_joints(body, np.zeros((1, body.n_dof)))[0]
+    at = dict(zip(body.joint_names, upright, strict=True))
+    thigh = np.linalg.norm(model.near["tibia_r"] * scales["femur_r"])
+    assert thigh == pytest.approx(np.linalg.norm(at["r_knee"] - at["r_hip"]), rel=1e-6)
+    hips = np.abs((model.near["femur_l"] - model.near["femur_r"]) * scales["pelvis"])[2]
+    assert hips == pytest.approx(np.linalg.norm(at["l_hip"] - at["r_hip"]), rel=1e-6)
+    carrier, inside, _ = marker_places(body, model, scales)["neck"]
+    place = model.origin(carrier, scales) + inside * scales[carrier]
+    middle = (model.near["femur_l"] + model.near["femur_r"]) / 2 * scales["pelvis"]
+    expected = (at["neck"] - (at["l_hip"] + at["r_hip"]) / 2)[[0, 2]]  # forward, up
+    np.testing.assert_allclose((place - middle)[:2], expected, atol=1e-6)
+
+
+def test_export_writes_the_setup(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without OpenSim: a TRC with every marker of marker set and tasks; the model starts in the
+    first pose, within its limits. A second export replaces the files."""
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    track = strider(20)
+    track.save(tmp_path / "track.npz")
+    wanted = ["--to", "osim", "--osim-model", str(_write_model(tmp_path / "model.osim"))]
+    for _ in range(2):
+        assert main(["export", str(tmp_path), *wanted]) == 0
+    assert "not installed" in " ".join(capfd.readouterr().out.split())
+    folder = tmp_path / "opensim"
+    made = {path.name for path in folder.iterdir()}
+    assert made == {"generic.osim", "markers.trc", "markers.xml", "scaling.xml", "ik.xml"}
+    markers = read_trc(folder / "markers.trc")
+    tasks = {task.get("name") for task in ElementTree.parse(folder / "ik.xml").iter("IKMarkerTask")}
+    placed = {
+        marker.get("name") for marker in ElementTree.parse(folder / "markers.xml").iter("Marker")
+    }
+    assert tasks == placed == set(markers.joint_names[:-1])
+    assert np.isfinite(markers.joints[:, -1]).all()  # no row ends blank
+    smooth = smooth_track(track)
+    column = markers.joint_names.index("l_wrist")
+    wrist = smooth.joints[:, smooth.joint_names.index("l_wrist")]
+    np.testing.assert_allclose(markers.joints[:, column], wrist, atol=1e-4)
+    front = markers.joints[:, markers.joint_names.index("head_front")]
+    top = smooth.joints[:, smooth.joint_names.index("head_top")]
+    np.testing.assert_allclose(np.linalg.norm(front - top, axis=-1), 0.1, atol=1e-4)
+    knee = opensim_coordinates(smooth.its_body, smooth.poses[:1])["knee_angle_r"][0]
+    started = [
+        float(coordinate.findtext("default_value", ""))
+        for coordinate in ElementTree.parse(folder / "generic.osim").iter("Coordinate")
+        if coordinate.get("name") == "knee_angle_r"
+    ]
+    assert started[0] == pytest.approx(min(max(np.radians(knee), 0), 0.01), abs=1e-5)
+
+
+def test_no_model_for_opensim(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    strider(4).save(tmp_path / "track.npz")
+    lacking = _write_model(tmp_path / "lacking.osim", left_out="hand_l")
+    assert main(["export", str(tmp_path), "--to", "osim", "--osim-model", str(lacking)]) == 2
+    assert "lacking.osim: no joint that carries hand_l" in " ".join(capfd.readouterr().err.split())
+    assert main(["export", str(tmp_path), "--to", "trc", "--osim-model", str(lacking)]) == 2
+    assert "expected --to osim" in " ".join(capfd.readouterr().err.split())
+    (tmp_path / "text.osim").write_text("no model")
+    with pytest.raises(InputError, match=r"text\.osim: .*expected an OpenSim model"):
+        read_model(tmp_path / "text.osim")
+
+
+@pytest.mark.skipif(importlib.util.find_spec("opensim") is None, reason="without opensim")
+def test_inverse_kinematics_by_opensim(tmp_path: Path) -> None:
+    """OpenSim's knee angles are those of the poses within 4 degrees."""
+    track = strider(20)
+    track.save(tmp_path / "track.npz")
+    assert main(["export", str(tmp_path), "--to", "osim"]) == 0
+    lines = (tmp_path / "opensim" / "ik.mot").read_text().splitlines()
+    head = lines.index("endheader") + 1
+    table = np.array([line.split() for line in lines[head + 1 :]], float)
+    smooth = smooth_track(track)
+    ours = opensim_coordinates(smooth.its_body, smooth.poses)["knee_angle_r"]
+    found = table[:, lines[head].split().index("knee_angle_r")]
+    assert np.abs(found - ours).max() < 4
