@@ -20,6 +20,7 @@ from timings import (
     batch_timings,
     methods_timings,
     objective_timings,
+    people_timings,
     psfs_timings,
     whole_timings,
 )
@@ -35,6 +36,7 @@ SUBCOMMANDS = (
     methods_timings,
     objective_timings,
     batch_timings,
+    people_timings,
     all_timings,
 )
 

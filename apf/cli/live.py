@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import webbrowser
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,39 +12,35 @@ from typing import Any
 
 import numpy as np
 
-from apf.api import read_given_start
 from apf.backend import check_renderer
 from apf.body.model import BodyModel
-from apf.cli.first_pose import check_start, find_first_pose
+from apf.cli.first_pose import check_start
 from apf.cli.method_flags import METHOD_FLAGS, select_method
+from apf.cli.takes.live_start import read_live_people, start_captures, start_replay
 from apf.cli.track import RESULTS, write_files
 from apf.evaluation.evaluate import load_truth
+from apf.evaluation.people import evaluate_people, load_people_truth
+from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
 from apf.live.budget import list_sizes
-from apf.live.captures import box_around, open_cameras
 from apf.live.config import LiveConfig
 from apf.live.error import live_errors
 from apf.live.pace import Pace, PaceReporter
 from apf.live.pictures import fitting_factor
 from apf.live.session import Live, LiveResult, LiveStart
-from apf.live.sources import Replay, Source
+from apf.live.sources import Source
+from apf.tracking.people import PeopleTracks, person_folder
 from apf.tracking.pipeline import build_track
 from apf.tracking.track import Track
 from cl import Device, InputError, select_device
 from psfs.cli.commandline import stderr, stdout, warn
-from psfs.cli.sequence_flags import (
-    collect_overrides,
-    open_sequence,
-    select_common_frames,
-)
 from psfs.cli.settings import refuse_unused, write_settings
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
-from psfs.session import Session, SessionSettings
-from psfs.volume import automatic_grid
-from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.occupied_box import default_voxel_size
+
+#: True joints, of several people by name.
+Truth = JointSeries | dict[str, JointSeries]
 
 
 def run(args: argparse.Namespace) -> None:
@@ -61,11 +57,12 @@ def run(args: argparse.Namespace) -> None:
     if not isinstance(device, Device):
         raise InputError("--device numpy is no device for live tracking; expected an OpenCL device")
     check_renderer(device, method)
-    truth = load_truth(args.truth, args.convention) if args.truth else None
+    number = read_live_people(args, method)
+    truth = _read_truth(args)
     stated = [Path(path) for path in (args.init, args.body, args.truth) if path is not None]
     inputs = [Path(args.folder), *(path for path in stated if path.exists())]
     with output_folder(args.output, args.parser.prog, inputs, RESULTS):
-        _live(args, method, config, device, truth)
+        _live(args, method, config, device, (number, truth))
 
 
 def _live(
@@ -73,15 +70,20 @@ def _live(
     method: Method,
     config: LiveConfig,
     device: Device,
-    truth: JointSeries | None,
+    people: tuple[int | None, Truth | None],
 ) -> None:
-    source, start = _captures(args, method) if args.captures else _replay(args, method, device)
-    grid, body = start.grid, start.body
+    """Run; `people`: how many there are, None for as many as are seen, and their truth."""
+    number, truth = people
+    if args.captures:
+        source, start = start_captures(args, method, number)
+    else:
+        source, start = start_replay(args, method, device, number)
+    grid, several = start.grid, bool(start.others)
     sized_by_hand = args.n_particles is not None or args.n_layers is not None
     searches = (
         [method] if sized_by_hand and args.budget is None else list_sizes(method, config.sizes)
     )
-    follow = bool(args.captures) and args.volume is None
+    follow = bool(args.captures) and args.volume is None and not several
     scale = args.scale
     if scale is None:
         scale = 1.0 if device.is_gpu or grid is None else fitting_factor(source.rig, grid)
@@ -109,16 +111,59 @@ def _live(
     result = _run(args, live, start, pace)
     if not result.frames:
         raise InputError("no frame was tracked; expected at least one before the end")
-    track = _track(body, source, result, {**method.describe(), "device": device.name})
-    write_files(args.output, track, body)
+    provenance = {**method.describe(), "device": device.name}
+    tracks = [
+        _track(person.body, source, found, result.frames, provenance)
+        for person, found in zip(live.persons, result.list_estimates(), strict=True)
+    ]
     write_settings(args.output, args, {"method": method, "live": config}, METHOD_FLAGS)
     summary = live.timeline.summary() | {"sizes": result.sizes, "scale": scale}
-    summary["lost"] = int(track.lost.sum())
-    if truth is not None:
-        summary |= live_errors(track, truth, np.array(result.latencies))
+    summary |= _write_tracks(args.output, tracks) | _compare(tracks, result, truth)
     write_json(args.output / "live.json", summary)
     live.timeline.plot(args.output / "timeline.png")
     _print_summary(summary, args.output)
+
+
+def _write_tracks(output: Path, tracks: list[Track]) -> dict[str, Any]:
+    """Write the files of each person's track, of several into a folder each; return facts for the
+    summary."""
+    facts = {"lost": sum(int(track.lost.sum()) for track in tracks)}
+    if len(tracks) == 1:
+        write_files(output, tracks[0], tracks[0].its_body)
+        return facts
+    for number, track in enumerate(tracks, start=1):
+        folder = person_folder(output, number)
+        folder.mkdir(parents=True, exist_ok=True)
+        write_files(folder, track, track.its_body)
+    _gather(tracks).save_list(output)
+    return facts | {"people": len(tracks)}
+
+
+def _gather(tracks: list[Track]) -> PeopleTracks:
+    frames = tracks[0].frames
+    return PeopleTracks(tuple(tracks), frames, (frames,) * len(tracks))
+
+
+def _compare(tracks: list[Track], result: LiveResult, truth: Truth | None) -> dict[str, Any]:
+    """Return the errors against the truth, for the summary."""
+    if truth is None:
+        return {}
+    if isinstance(truth, dict):
+        return {"people_errors": evaluate_people(_gather(tracks), truth).summary()}
+    if len(tracks) > 1:
+        warn(f"--truth is of one person, and {len(tracks)} were tracked; they are not compared")
+        return {}
+    return live_errors(tracks[0], truth, np.array(result.latencies))
+
+
+def _read_truth(args: argparse.Namespace) -> Truth | None:
+    """Return the truth of --truth, of several people by name if it is and they may be tracked."""
+    if args.truth is None:
+        return None
+    if args.people != "1":
+        with suppress(InputError):
+            return load_people_truth(args.truth)
+    return load_truth(args.truth, args.convention)
 
 
 def _run(args: argparse.Namespace, live: Live, start: LiveStart, pace: Pace) -> LiveResult:
@@ -135,9 +180,7 @@ def _run(args: argparse.Namespace, live: Live, start: LiveStart, pace: Pace) -> 
         from apf.studio.live import LivePage  # imports an extra
 
         rig = live.source.rig
-        page = stack.enter_context(
-            closing(LivePage(start.body, start.pose, rig, start.grid, live.stop))
-        )
+        page = stack.enter_context(closing(LivePage(start, rig, live.stop)))
         stdout.print(f"{page.address} (for this machine alone)", soft_wrap=True)
         webbrowser.open(page.address)
         both = (progress, page)
@@ -159,51 +202,25 @@ def _check_ranges(args: argparse.Namespace) -> None:
         raise InputError(f"--empty is {args.empty}; expected 0 to 600 s")
 
 
-def _replay(args: argparse.Namespace, method: Method, device: Device) -> tuple[Source, LiveStart]:
-    """Return a recorded sequence, its grid if voxels are needed, body and first pose."""
-    sequence = open_sequence(args)
-    frames = select_common_frames(args, sequence)
-    settings = SessionSettings(selection=args.frames or slice(None), voxel_size=args.voxel_size)
-    session = Session(sequence, device, settings)
-    given = read_given_start(sequence.folder, frames[0], args.body, args.init, args.convention)
-    grid = None
-    if method.uses_voxels or given is None:
-        grid = automatic_grid(session)
-    if given is None:
-        given = find_first_pose(session, args, method.filter.search.seed, None)
-    return Replay(sequence, frames), LiveStart(grid, *given)
-
-
-def _captures(args: argparse.Namespace, method: Method) -> tuple[Source, LiveStart]:
-    """Return cameras, the grid of --volume or one around the first pose if voxels are needed, body
-    and first pose."""
-    start = read_given_start(Path(args.folder), 0, args.body, args.init, args.convention)
-    if start is None:
-        raise InputError("cameras have no first pose; expected --init with a pose file or joints")
-    source = open_cameras(Path(args.folder), collect_overrides(args), args.captures, args.empty)
-    grid = None
-    if method.uses_voxels:
-        low, high = np.array(args.volume) if args.volume else box_around(*start)
-        size = args.voxel_size or default_voxel_size(source.rig, low, high)
-        grid = VoxelGrid.covering(low, high, size)
-    return source, LiveStart(grid, *start)
-
-
 def _track(
-    body: BodyModel, source: Source, result: LiveResult, provenance: dict[str, Any]
+    body: BodyModel,
+    source: Source,
+    found: list[Estimate],
+    frames: list[int],
+    provenance: dict[str, Any],
 ) -> Track:
-    """Return the track of the results. The searches differ in their numbers of layers: missing
-    layers are NaN."""
-    most = max(len(estimate.ess) for estimate in result.estimates)
+    """Return the track of a person. The searches differ in their numbers of layers: missing layers
+    are NaN."""
+    most = max(len(estimate.ess) for estimate in found)
 
     def padded(values: np.ndarray) -> np.ndarray:
         return np.pad(values, (0, most - len(values)), constant_values=np.nan)
 
     estimates = [
         replace(e, ess=padded(e.ess), beta=padded(e.beta), least_error=padded(e.least_error))
-        for e in result.estimates
+        for e in found
     ]
-    return build_track(body, source.fps, result.frames, estimates, provenance).judged
+    return build_track(body, source.fps, frames, estimates, provenance).judged
 
 
 def _print_summary(summary: dict[str, Any], folder: Path) -> None:
@@ -221,9 +238,15 @@ def _print_summary(summary: dict[str, Any], folder: Path) -> None:
     sizes = ", then ".join(f"{particles} x {layers}" for _, particles, layers in summary["sizes"])
     stdout.print(f"particles x iterations: {sizes}")
     if summary["lost"]:
-        stdout.print(f"the person was lost in {summary['lost']} of them")
+        of = "a person was lost" if summary.get("people", 1) > 1 else "the person was lost"
+        stdout.print(f"{of} in {summary['lost']} of them")
     if "error_mm" in summary:
         stdout.print(f"mean error {summary['error_mm']:.1f} mm from the truth of the frames taken")
+    for person in summary.get("people_errors", {}).get("persons", ()):
+        if person["errors"] is not None:
+            mean = person["errors"]["mean_error_mm"]
+            stdout.print(f"{person['name']}: mean error {mean:.1f} mm, track {person['track']}")
     if summary.get("error_when_known_mm") is not None:
         stdout.print(f"and {summary['error_when_known_mm']:.1f} mm from that when poses were known")
-    stdout.print(f"{folder}: track.npz, joints.trc, live.json, timeline.png", soft_wrap=True)
+    tracks = "person1 and so on, people.json" if "people" in summary else "track.npz, joints.trc"
+    stdout.print(f"{folder}: {tracks}, live.json, timeline.png", soft_wrap=True)

@@ -15,7 +15,7 @@ from apf.api import load_template, read_given_start
 from apf.backend import check_renderer
 from apf.body import BodyModel, save_body
 from apf.cli.first_pose import check_start, explain_failed_start, warn_of_doubts
-from apf.cli.keypoints.flags import read_keypoints
+from apf.cli.keypoints.flags import read_keypoints, read_people_keypoints
 from apf.cli.keypoints.triangulate import TRIANGULATE, run_triangulate
 from apf.cli.method_flags import METHOD_FLAGS, select_method
 from apf.cli.takes.corrected import CorrectedTrack, read_corrections_flag, track_with_corrections
@@ -92,13 +92,13 @@ def run(args: argparse.Namespace) -> None:
 
 @dataclass(frozen=True, eq=False)
 class FinishedTake:
-    """A tracked take of one person with the judgement of each seed's track. n_frames: that were to
-    be tracked. folder: of its files."""
+    """A tracked take of one person. n_frames: that were to be tracked. folder: of its files.
+    judgements: of each seed's track."""
 
     take: Take
-    judgements: list[Judgement]
     n_frames: int
     folder: Path
+    judgements: list[Judgement]
 
     @property
     def interrupted(self) -> bool:
@@ -111,9 +111,9 @@ def track_one(
     device: Device | NumpyDevice,
     line: Line,
     before_words: Callable[[], object] = lambda: None,
-) -> Take:
-    """Track one take, named by the flags, on `device`; write its files and print the results. Of
-    several people, return the first one's take.
+) -> list[FinishedTake]:
+    """Track one take, named by the flags, on `device`; write its files and print the results.
+    Return the take of each person.
 
     before_words: called after the line has ended, before anything is printed. Raises UserError;
     raises KeyboardInterrupt after writing the track so far, if `line` raised one.
@@ -132,7 +132,7 @@ def track_one(
                 raise KeyboardInterrupt
             for line_of_spread in describe_spread(done.take):
                 stdout.print(line_of_spread)
-    return everybody[0].take
+    return everybody
 
 
 def _run_many(args: argparse.Namespace, method: Method) -> None:
@@ -201,6 +201,8 @@ def _track_and_judge(out: OutputFolder, job: TrackJob, line: Line) -> list[Finis
     persons = find_persons(job, session, given, line) if line.n_frames else None
     if persons is None:
         return [_track_person(job, examination, given, line)]
+    own_keypoints = read_people_keypoints(args, session, persons.people)
+    persons = replace(persons, keypoints=own_keypoints)
     done = []
     for own_job, own in persons.jobs(job):
         line.n_frames = len(own.frames)
@@ -231,7 +233,7 @@ def _track_person(
         take = _track(job, examination, given, line)
     _write_tracks(job, take)
     judgements = finish_take(job, examination, take, line)
-    return FinishedTake(take, judgements, line.n_frames, job.args.output)
+    return FinishedTake(take, line.n_frames, job.args.output, judgements)
 
 
 def _open_sequence(out: OutputFolder, job: TrackJob) -> Sequence:
@@ -268,7 +270,7 @@ def _track(
         keep_shape=keep_shape,
         height=args.height,
         given=given,
-        keypoints=read_keypoints(args, sequence, examination.diagnosis),
+        keypoints=job.keypoints or read_keypoints(args, sequence, examination.diagnosis),
     )
     with explain_failed_start(sequence):
         take = track_take(session, settings, line, Keeper(job.folders))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from datetime import datetime, timezone
 from pathlib import Path
@@ -19,6 +20,7 @@ from apf.report.quality import DOUBTFUL
 from apf.report.summary import read_summary
 from apf.tracking.take import Take
 from apf.tracking.track import Track
+from cl import InputError
 from psfs.common.files import write_picture
 
 THUMBNAIL = "thumbnail.jpg"
@@ -62,7 +64,10 @@ class TakeRow:
         """Build the row of one of the take's tracks, whose results are in `folder`."""
         quality = read_summary(folder)["quality"]
         truth = take.sequence.folder / "truth.npz"
-        found = evaluate(track, load_truth(truth)) if truth.is_file() else None
+        found = None
+        if truth.is_file():
+            with suppress(InputError):  # it is of several people
+                found = evaluate(track, load_truth(truth))
         if found is not None:
             limbs = [limb for limb, lost in found.lost_limbs.items() if lost]
         else:

@@ -174,12 +174,7 @@ class DeviceTracker(Tracker):
         queue = self.device.new_queue() if self.device.is_gpu else self.device.queue
         under_way: Callable[[], list[Estimate]] | None = None
         for observation in observations:
-            show = self.likelihood.prepare(observation)
-            with self.device.enqueue_on(queue) as own:
-                show()
-                self.device.make_wait(own)  # the next observation overwrites this one
-                following = self._begin_search()
-            self._streaming = queue
+            (following,) = begin_searches([self], [self.likelihood.prepare(observation)], queue)
             if under_way is not None:
                 yield under_way()
             under_way = following
@@ -197,7 +192,18 @@ class DeviceTracker(Tracker):
 
     def search_runs(self) -> list[Estimate]:
         """Return each run's estimate for what was observed, the second half of `step_runs`."""
-        return self._begin_search()()
+        return self.begin_search()()
+
+    def begin_search(self, queue: Any = None) -> Callable[[], list[Estimate]]:
+        """Enqueue the search; return a function that waits for it and returns each run's
+        estimate. queue: the queue that is enqueued on, if that is not the device's own."""
+        for launch in self._layers[self._n_frames % 2]:
+            launch()
+        self._n_frames += 1
+        if queue is not None:
+            self._streaming = queue
+        report, n_layers = self._download.fetch(), self.particles.config.n_layers
+        return lambda: unpack_report(report(), self.body, self.particles.n_runs, n_layers)
 
     def score_poses(self, poses: np.ndarray) -> np.ndarray:
         """Score poses (N, D) against the last observation; return errors (N,) in the likelihood's
@@ -232,15 +238,6 @@ class DeviceTracker(Tracker):
             self.device.wait_for(self._streaming)
             self._streaming = None
 
-    def _begin_search(self) -> Callable[[], list[Estimate]]:
-        """Enqueue the search; return a function that waits for it and returns each run's
-        estimate."""
-        for launch in self._layers[self._n_frames % 2]:
-            launch()
-        self._n_frames += 1
-        report, n_layers = self._download.fetch(), self.particles.config.n_layers
-        return lambda: unpack_report(report(), self.body, self.particles.n_runs, n_layers)
-
     def _frame_launches(self, source: int) -> list[Step]:
         """Return the launches of a frame that starts from the particles in set `source`."""
         particles, limb_search, likelihood = self.particles, self._limb_search, self.likelihood
@@ -261,6 +258,26 @@ class DeviceTracker(Tracker):
 
     def _search(self, source: int) -> Sequence[Step]:
         raise NotImplementedError
+
+
+def begin_searches(
+    trackers: Sequence[DeviceTracker],
+    shows: Sequence[Step],
+    queue: Any,
+    finish: Sequence[Step] = (),
+) -> list[Callable[[], list[Estimate]]]:
+    """Enqueue on `queue` the searches of the trackers of one device in the frame that each one's
+    `likelihood.prepare` prepared and `shows` show, and then `finish`; return, for each tracker, a
+    function that waits for its search and returns each run's estimate."""
+    device = trackers[0].device
+    with device.enqueue_on(queue) as own:
+        for show in shows:
+            show()
+        device.make_wait(own)  # the next observations overwrite these
+        searches = [tracker.begin_search(queue) for tracker in trackers]
+        for step in finish:
+            step()
+    return searches
 
 
 def check_pose(body: BodyModel, pose: np.ndarray) -> np.ndarray:

@@ -151,6 +151,18 @@ class ShapePrior(Config):
     girth: float = positive(0.15, "Standard deviation of all radii beside the size.")
     length: float = positive(0.025, "Standard deviation of a bone's length beside the size.")
     radius: float = positive(0.08, "Standard deviation of a part's radius beside size and girth.")
+    loose: float = positive(
+        3.0,
+        "Excess of a part's radius over those of the other parts, from which on it is clothes that "
+        "hang from the body.",
+        "thighs of `hard_skirt_4cam`: 3.3 to 5.5; in six other sequences at most 2.5",
+        "standard deviations of `radius`",
+    )
+    clothes: float = positive(
+        0.5,
+        "Standard deviation of such a part's radius, which then says nothing about the others.",
+        "by hand",
+    )
     stature: float = positive(
         0.005,
         "Standard deviation of a known stature.",

@@ -4,6 +4,7 @@ frames."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,14 +127,16 @@ def fit_shape(
 
     Gauss-Newton over the poses and the scales numbered in `free` (all of them by default); the
     poses are eliminated frame by frame (Schur complement). height: known stature, m. n_steps: the
-    config's by default.
+    config's by default. Parts that turn out loose, see `ShapePrior.loose`, get a wider prior, and
+    the fit begins again: a skirt would make arms and head as thick.
     """
     config = config or ShapeFitConfig()
     chosen = np.arange(len(shape)) if free is None else np.asarray(free, int)
     fit = _ShapeFit(template, clouds, chosen, height, config)
-    for reach in np.geomspace(config.first_reach, config.last_reach, n_steps or config.n_steps):
-        shape, poses = fit.step(shape, poses, reach)
-    return shape, poses
+    begun, n_steps = (shape, poses), n_steps or config.n_steps
+    shape, poses = fit.run(*begun, n_steps)
+    loose = fit.find_loose(shape)
+    return fit.loosen(loose).run(*begun, n_steps) if loose.any() else (shape, poses)
 
 
 def find_unfolded(body: BodyModel, poses: np.ndarray, config: FrameChoice) -> np.ndarray:
@@ -162,9 +165,31 @@ class _ShapeFit:
         self._template, self._clouds, self._chosen = template, clouds, chosen
         self._height, self._config = height, config
         self._model = ShapeModel(template, config.prior)
-        self._prior = self._model.deviation[chosen] ** -2.0
+        self._deviation = self._model.deviation[chosen]
         # Inverse variances of the angles around the rest pose; the root has no prior.
         self._pose_prior = np.where(inner_axes(template), config.prior.angle**-2, 0.0)
+
+    def find_loose(self, shape: np.ndarray) -> np.ndarray:
+        """Return (S',) bool: the free scales of `shape` (S,) that are radii of loose parts."""
+        own = self._chosen >= len(shape) - len(self._model.radii)
+        excess: np.ndarray = own & (
+            shape[self._chosen] > self._config.prior.loose * self._deviation
+        )
+        return excess
+
+    def loosen(self, loose: np.ndarray) -> _ShapeFit:
+        """Return the fit with the prior of the `loose` (S',) radii wide enough for clothes."""
+        other = copy(self)
+        other._deviation = np.where(loose, self._config.prior.clothes, self._deviation)
+        return other
+
+    def run(
+        self, shape: np.ndarray, poses: np.ndarray, n_steps: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the scales (S,) and poses (M, D) after `n_steps` steps."""
+        for reach in np.geomspace(self._config.first_reach, self._config.last_reach, n_steps):
+            shape, poses = self.step(shape, poses, reach)
+        return shape, poses
 
     def step(
         self, shape: np.ndarray, poses: np.ndarray, reach: float
@@ -214,7 +239,8 @@ class _ShapeFit:
 
     def _shape_prior(self, shape: np.ndarray, body: BodyModel) -> tuple[np.ndarray, np.ndarray]:
         """Return J'J (S', S') and J'r (S',) of the prior and of the known stature."""
-        matrix, vector = np.diag(self._prior), self._prior * shape[self._chosen]
+        prior = self._deviation**-2.0
+        matrix, vector = np.diag(prior), prior * shape[self._chosen]
         if self._height is not None:
             miss = stature(body) - self._height
             steps = _STEP * np.eye(len(shape))[self._chosen]

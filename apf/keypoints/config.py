@@ -85,6 +85,12 @@ class AssociationConfig(Config):
         "Median distance, as a share of the person's size, up to which a person in a picture may "
         "be from where somebody was last seen.",
     )
+    from_voxels: float = positive(
+        0.6,
+        "Distance of the mean of a person's keypoints from the middle of somebody's voxels up to "
+        "which both may be of one person.",
+        unit="m",
+    )
     longest_gap: float = nonnegative(
         0.5, "Time for which somebody who is not seen is still followed.", unit="s"
     )

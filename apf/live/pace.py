@@ -94,7 +94,10 @@ def describe_run(result: LiveResult, timeline: Timeline) -> str:
         return "no pose yet"
     latency = 1000 * timeline.latencies()[-_RECENT:].mean()
     _, particles, layers = result.sizes[-1]
-    lost = "; LOST" if result.estimates and result.estimates[-1].lost else ""
+    n_lost = sum(estimate.lost for estimate in result.newest)
+    lost = f"; {n_lost} of {len(result.newest)} LOST" if n_lost else ""
+    if len(result.newest) == 1 and n_lost:
+        lost = "; LOST"
     return (
         f"{len(result.frames)} poses, {_rate(timeline):.1f} per second, latency {latency:.0f} ms, "
         f"{sum(timeline.dropped.values())} frames dropped, {particles} x {layers}{lost}"

@@ -39,8 +39,8 @@ class Agreement:
     rows: (S,) of the track. cameras: (V,) names. body_iou, voxel_iou: (S, V) IoU of the posed body
     and of the voxels with the silhouettes, NaN if there is nothing to compare. inside: (S, P) share
     of each part's worst cone that lies in the silhouettes, averaged over the cameras that show it,
-    NaN if none does. explained: (S,) share of the surface voxels that lie near a cone. clouds: the
-    voxels.
+    NaN if none does. explained: (S,) share of the surface voxels that the body explains, see
+    `measure_explained`. clouds: the voxels.
     """
 
     rows: np.ndarray
@@ -74,14 +74,17 @@ def compare_with_silhouettes(
     indices = check_indices(session.sequence, track.frames[rows])
     for number, frame in enumerate(session.iterate_carved(grid, indices)):
         shown, cloud = whole_silhouettes(frame.silhouettes, region), frame.cloud
-        scores = np.array([
+        drawings, views = zip(*[
             _score_cones(camera, cones[number], drawn, silhouette, known)
             for camera, silhouette, known in zip(rig, shown, frame.known, strict=True)
-        ])  # fmt: skip
+        ], strict=True)  # fmt: skip
+        scores, centres = np.array(views), cloud.centres
         found["body_iou"].append(scores[:, 0])
         found["inside"].append(_worst_scores(scores[:, 1:], drawn, parts))
-        found["explained"].append(_explained_share(cloud.centres, cones[number]))
-        found["voxel_iou"].append(_voxel_iou(rig, extents, cloud.centres, shown, frame.known))
+        found["explained"].append(
+            measure_explained(rig, centres, cones[number], drawings, frame.known)
+        )
+        found["voxel_iou"].append(_voxel_iou(rig, extents, centres, shown, frame.known))
         clouds.append(cloud)
         if progress is not None:
             progress()
@@ -112,11 +115,12 @@ def _score_cones(
     drawn: Items[int],
     silhouette: np.ndarray,
     known: np.ndarray,
-) -> np.ndarray:
-    """Score posed cones (C, 16) in one camera, at pixels that are `known` (H, W) bool.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draw posed cones (C, 16) in one camera, and score them at its `known` pixels (H, W) bool.
 
-    Returns (1 + n,): their IoU with the silhouette (H, W) bool, and for each `drawn` cone its share
-    in the silhouette; NaN if too little of it is visible.
+    Returns the pixels (H, W) bool that they cover, and scores (1 + n,): their IoU with the
+    silhouette (H, W) bool, and for each `drawn` cone its share in the silhouette; NaN if too little
+    of it is visible.
     """
     corners = project_outlines(camera, cones)
     whole = np.zeros(silhouette.shape, np.uint8)
@@ -133,7 +137,7 @@ def _score_cones(
             scores[1 + number] = np.count_nonzero(shape & silhouette) / pixels
         whole |= shape
     scores[0] = iou(whole > 0, silhouette)
-    return scores[[0, *(1 + cone for cone in drawn)]]
+    return whole > 0, scores[[0, *(1 + cone for cone in drawn)]]
 
 
 def _worst_scores(shares: np.ndarray, drawn: Items[int], parts: tuple[Part, ...]) -> np.ndarray:
@@ -146,8 +150,25 @@ def _worst_scores(shares: np.ndarray, drawn: Items[int], parts: tuple[Part, ...]
     return np.array([np.nan if np.ma.is_masked(value) else value for value in worst], float)
 
 
-def _explained_share(points: np.ndarray, cones: np.ndarray) -> float:
-    """Return the share of points (N, 3) m near posed cones (C, 16); NaN without points."""
+def measure_explained(
+    rig: CameraRig,
+    points: np.ndarray,
+    cones: np.ndarray,
+    drawings: Items[np.ndarray],
+    known: np.ndarray,
+) -> float:
+    """Return the share of points (N, 3) m that posed cones (C, 16) explain; NaN without points.
+
+    They explain what lies near them, and what they cover in most of the pictures that show it:
+    between trunk and thigh of somebody who bends, the hull of few cameras is full. drawings: for
+    each camera the pixels (H, W) bool that the body covers. known: (V, H, W) bool.
+    """
     if not len(points):
         return np.nan
-    return float((cone_distances(points, cones).min(axis=1) <= _FAR).mean())
+    far = points[cone_distances(points, cones).min(axis=1) > _FAR]
+    uncovered, shown = np.zeros(len(far), int), np.zeros(len(far), int)
+    for camera, body, seen in zip(rig, drawings, known, strict=True):
+        inside, y, x, _ = camera.look_up(far)
+        shown[inside] += seen[y, x]
+        uncovered[inside] += seen[y, x] & ~body[y, x]
+    return float(1 - (2 * uncovered >= shown).sum() / len(points))

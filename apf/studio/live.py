@@ -10,7 +10,7 @@ import numpy as np
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.live.pace import describe_run
-from apf.live.session import LiveResult
+from apf.live.session import LiveResult, LiveStart
 from apf.live.timeline import Timeline
 from apf.studio.gate import Gate, page_address, start_server, stop_server
 from apf.studio.nodes import BodyNodes, CameraNodes, add_floor
@@ -26,18 +26,16 @@ _AROUND = 2.0
 
 
 class LivePage:
-    """A page that shows the newest pose.
+    """A page that shows the newest poses.
 
-    body, pose (D,): what is tracked, and where it begins. rig: the cameras. grid: of the voxels, if
-    there are some. stop: ends the run, as the page's button and the key S do.
+    start: who is tracked, and where they begin. rig: the cameras. stop: ends the run, as the page's
+    button and the key S do.
     """
 
     def __init__(
         self,
-        body: BodyModel,
-        pose: np.ndarray,
+        start: LiveStart,
         rig: CameraRig,
-        grid: VoxelGrid | None,
         stop: Callable[[], object],
         port: int = 0,
     ) -> None:
@@ -53,11 +51,15 @@ class LivePage:
         self._stop = stop
         self._button.on_click(lambda event: self.press_end())
         gui.add_command("End the run", hotkey="S").on_trigger(lambda event: self.press_end())
-        self.nodes = BodyNodes(scene, "/people/0", _still_track(body, pose))
-        self.nodes.show(0, 0)
+        people = ((start.body, start.pose), *start.others)
+        self.nodes = [
+            BodyNodes(scene, f"/people/{k}", _still_track(*one)) for k, one in enumerate(people)
+        ]
+        for nodes in self.nodes:
+            nodes.show(0, 0)
         CameraNodes(scene, rig)
-        centre = posed_joints(body, pose[None])[0].mean(axis=0)
-        add_floor(scene, grid or VoxelGrid.covering(centre - _AROUND, centre + _AROUND, 0.05))
+        centre = posed_joints(start.body, start.pose[None])[0].mean(axis=0)
+        add_floor(scene, start.grid or VoxelGrid.covering(centre - _AROUND, centre + _AROUND, 0.05))
         self.server.initial_camera.look_at = centre
         self.server.initial_camera.position = centre + np.array([2.5, -3.0, 1.2])
         scene.set_up_direction("+z")
@@ -99,12 +101,17 @@ class LivePage:
                 return
 
     def _show(self, result: LiveResult, timeline: Timeline) -> None:
-        estimate = result.estimates[-1]
+        newest = result.newest
         with self.server.atomic():
-            self.nodes.show_pose(estimate.pose)
-        kind, words = "good", f"confidence {estimate.confidence:.2f}"
-        if estimate.lost:
+            for nodes, estimate in zip(self.nodes, newest, strict=True):
+                nodes.show_pose(estimate.pose)
+        confidences = ", ".join(f"{estimate.confidence:.2f}" for estimate in newest)
+        kind, words = "good", f"confidence {confidences}"
+        n_lost = sum(estimate.lost for estimate in newest)
+        if n_lost:
             kind, words = "warning", "the person is lost"
+            if len(newest) > 1:
+                words = f"{n_lost} of {len(newest)} people are lost"
         self._status.content = make_lines([(kind, words), ("note", describe_run(result, timeline))])
 
 

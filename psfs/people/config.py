@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
+from psfs.voxels.config import DivisionConfig
 
 #: Provenance of most settings of people.
 _BY_HAND = "by hand, on `hard_duo_6cam` and single people in other rooms"
@@ -124,6 +125,7 @@ class PeopleConfig(Config):
         0.5, "Time for which somebody must be seen to count.", unit="s"
     )
     following: FollowingConfig = part(FollowingConfig, "Trajectories of people and objects.")
+    division: DivisionConfig = part(DivisionConfig, "Voxels and foreground of tracked bodies.")
     identity: IdentityConfig = part(
         IdentityConfig, "When two trajectories are one person who came back."
     )

@@ -41,7 +41,7 @@ def separate(
     """Return a session for each of `people`, over the frames from the first to the last that show
     them. progress: called after each frame."""
     config = config or SeparationConfig()
-    everybody = _joint_session(session, people, config.margin)
+    everybody = join_session(session, people, config.margin)
     store = MaskStore(len(session.rig), session.rig.height, session.rig.width)
     attribution = Attribution(session.rig, session.reconstruction, config)
     grid = automatic_grid(everybody)
@@ -69,8 +69,8 @@ def separate(
     ]
 
 
-def _joint_session(session: Session, people: People, margin: float) -> Session:
-    """Return a session whose volume holds everybody."""
+def join_session(session: Session, people: People, margin: float) -> Session:
+    """Return a session whose volume holds everybody, with `margin` m around them."""
     points = [people.grid.centres(np.concatenate(list(p.voxels.values()))) for p in people]
     low = np.min([of.min(0) for of in points], axis=0) - margin
     high = np.max([of.max(0) for of in points], axis=0) + margin
@@ -87,7 +87,7 @@ def _person_session(
     """Return the session of one person."""
     frames, step = people.persons[number].frames, session.frames.step
     sequence = session.sequence.with_masks(lambda index: store.get(number, index))
-    sequence.rig = _with_hidden_maps(session.rig)
+    sequence.rig = with_hidden_maps(session.rig)
     changes = {
         "silhouette": {"evidence": {"unknown_mask": _UNKNOWN_MASK}},
         "occupancy": {"min_cameras": 1},  # what others hide is not seen, yet may be occupied
@@ -102,7 +102,7 @@ def _person_session(
     return own
 
 
-def _with_hidden_maps(rig: CameraRig) -> CameraRig:
+def with_hidden_maps(rig: CameraRig) -> CameraRig:
     """Return the rig with a map of hidden pixels in every camera, empty where it had none: its
     evidence may then be unknown."""
     return CameraRig(

@@ -237,3 +237,25 @@ class ReconstructionConfig(Config):
     body: BodyPriorConfig = part(BodyPriorConfig, "From a track to voxels.")
     colour: ColourConfig = part(ColourConfig, "From pictures to the voxels' colours.")
     volume: VolumeConfig = part(VolumeConfig, "How the volume is found, see `psfs.volume`.")
+
+
+class DivisionConfig(Config):
+    """Division of voxels and foreground among people whose bodies are tracked."""
+
+    SOURCE: ClassVar = "by hand, as `psfs.people.separation` does"
+
+    reach: float = setting(
+        0.35, "Distance from a body up to which voxels are the person's.", unit="m", above=0
+    )
+    beside: float = setting(
+        0.35,
+        "Distance from a body's image up to which foreground may be the person's.",
+        unit="m",
+        above=0,
+    )
+    before: float = setting(
+        0.05,
+        "Depth by which another person must be nearer to the camera to hide this one.",
+        unit="m",
+        least=0,
+    )

@@ -31,12 +31,14 @@ FPS, _MIDDLE = 30.0, 30
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Images of pinhole cameras, undistorted, so that programs without a distortion model compute
-    the same. frames: images and true masks. joints: (F, J, 3) m, the truth; joint_names: (J,)."""
+    the same. frames: images and true masks. joints: (F, J, 3) m, the truth; people_joints: (P, F,
+    J, 3) of everybody; joint_names: (J,)."""
 
     rig: CameraRig
     background: Background
     frames: Sequence[Frame]
     joints: np.ndarray
+    people_joints: np.ndarray
     joint_names: tuple[str, ...]
 
     def part(self, views: int) -> Scene:
@@ -88,9 +90,10 @@ def shared_scene(frames: int) -> Scene:
     return make_scene(Device.best(), frames)
 
 
-def make_scene(device: Device, frames: int) -> Scene:
-    """Generate `frames` (up to 60) consecutive frames of a walk, around its middle."""
-    scene = SyntheticScene(SceneConfig(cameras=VIEWS, frames=60, fps=FPS), device)
+def make_scene(device: Device, frames: int, people: int = 1) -> Scene:
+    """Generate `frames` (up to 60) consecutive frames of walks, around their middle."""
+    config = SceneConfig(cameras=VIEWS, frames=60, fps=FPS, people=people)
+    scene = SyntheticScene(config, device)
     lenses = scene.rig
     rig = CameraRig(tuple(replace(camera, distortion=np.zeros(5)) for camera in lenses))
 
@@ -107,8 +110,8 @@ def make_scene(device: Device, frames: int) -> Scene:
         images, masks, _ = scene.frame(index)
         masks = np.where(undistorted(masks) > 127, np.uint8(255), np.uint8(0))
         shown.append(Frame(index, undistorted(images), masks))
-    joints = scene.joints[first : first + frames]
-    return Scene(rig, background, shown, joints, tuple(scene.joint_names))
+    joints = scene.people_joints[:, first : first + frames]
+    return Scene(rig, background, shown, joints[0], joints, tuple(scene.joint_names))
 
 
 def make_grid(shape: tuple[int, int, int] = SHAPE) -> VoxelGrid:

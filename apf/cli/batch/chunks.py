@@ -17,7 +17,7 @@ from apf.cli.batch.take import TakeDone, TakeJob, process_take, write_take
 from apf.cli.first_pose import find_first_pose
 from apf.cli.method_flags import select_method
 from apf.cli.takes.job import TrackJob
-from apf.cli.track import finish_take, write_files, write_track_settings
+from apf.cli.track import FinishedTake, finish_take, write_files, write_track_settings
 from apf.cluster.chunks import cut_chunks, find_seam, join_tracks, to_millimetres
 from apf.cluster.config import ChunksConfig
 from apf.cluster.courses import Workflow
@@ -145,7 +145,7 @@ def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob])
         apart = ", ".join(f"{to_millimetres(s.distance)} at {s.frame}" for s in seams)
         print(f"parts are joined with mm between them: {apart}")
 
-        def write(args: argparse.Namespace, device: Any) -> Take:
+        def write(args: argparse.Namespace, device: Any) -> list[FinishedTake]:
             args.folder = str(job.source)
             examination = _examine(args, device)
             body = load_body(str(chunks[0].out.parent / "body.toml"))
@@ -157,8 +157,8 @@ def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob])
             write_track_settings(args, select_method(args))
             progress.n_frames = len(whole)
             track_job = TrackJob(args, select_method(args), [0], device)
-            finish_take(track_job, examination, take, progress)
-            return take
+            judgements = finish_take(track_job, examination, take, progress)
+            return [FinishedTake(take, len(whole), args.output, judgements)]
 
         done = write_take(progress, job, write, parts=apart)
         shutil.rmtree(chunks[0].out.parent, ignore_errors=True)

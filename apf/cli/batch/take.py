@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NoReturn
@@ -19,7 +19,6 @@ from apf.cluster.take_row import TakeRow, write_thumbnail
 from apf.cluster.task_side import TaskProgress, log_to
 from apf.cluster.whole_folder import replace_folder
 from apf.cluster.workers import select_worker_device
-from apf.tracking.take import Take
 from cl import Device, InputError, NumpyDevice
 from psfs.cli.commandline import CommandParser
 from psfs.cli.program import program_parser
@@ -62,12 +61,13 @@ class TakeJob:
             )
         if args.method == track.TRIANGULATE:
             raise InputError(f"{self.where}: {args.method} has no body; expected apf track for it")
-        if args.people not in ("auto", "1"):
-            raise InputError(
-                f"{self.where}: --people is {args.people}; apf batch tracks one person of a take; "
-                "expected apf track for several"
-            )
-        args.people = "1"
+        if self.part_frames is not None:
+            if args.people not in ("auto", "1"):
+                raise InputError(
+                    f"{self.where}: --people is {args.people}; a take that is cut by --part-frames "
+                    "has one person; expected one of them"
+                )
+            args.people = "1"
         args.configs = {**self.configs, **args.configs}
         return args
 
@@ -128,26 +128,27 @@ def process_take(progress: TaskProgress, job: TakeJob) -> TakeDone:
 def write_take(
     progress: TaskProgress,
     job: TakeJob,
-    write: Callable[[argparse.Namespace, Device | NumpyDevice], Take],
+    write: Callable[[argparse.Namespace, Device | NumpyDevice], Sequence[track.FinishedTake]],
     **facts: object,
 ) -> TakeDone:
-    """Return the take that `write(args, device)` wrote into the folder `args.output`. The folder
-    gets its final name when the record and all other files of the take are in it. facts: for
-    `TakeRow`."""
+    """Return the take that `write(args, device)` wrote into the folder `args.output`, and of which
+    it returned the part of each person. The folder gets its final name when the record and all
+    other files of the take are in it. facts: for `TakeRow`."""
     progress.begin("reading")
     wanted = job.record()
     began = time.monotonic()
     with replace_folder(job.out) as partial, output_folder(partial, "apf batch"):
         args = job.arguments(partial)
         device = select_worker_device(args.device)
-        take = write(args, device)
+        everybody = write(args, device)
         progress.begin("exports")
-        for folder in _folders(args) if job.exports else ():
+        folders = [folder for done in everybody for folder in _folders(args, done.folder)]
+        for folder in folders if job.exports else ():
             _run("export", str(folder), "--to", *job.exports)
         progress.begin("writing")
         facts |= {"device": device.name, "worker": progress.worker}
         facts |= {"took": round(time.monotonic() - began, 2)}
-        rows = tuple(_write_rows(job, args, take, facts))
+        rows = tuple(row for done in everybody for row in _write_rows(job, args, done, facts))
         written = [path for path in list_files(partial) if path.name != MANIFEST]
         outputs = {str(path.relative_to(partial)): FileFacts.read(path) for path in written}
         replace(wanted, outputs=outputs, rows=rows).write(partial)
@@ -156,20 +157,21 @@ def write_take(
 
 
 def _write_rows(
-    job: TakeJob, args: argparse.Namespace, take: Take, facts: Mapping[str, object]
+    job: TakeJob, args: argparse.Namespace, done: track.FinishedTake, facts: Mapping[str, object]
 ) -> list[dict[str, object]]:
-    """Return the rows of the take's tracks, and write their thumbnails."""
-    rows = []
-    for found, folder in zip(take.tracks, _folders(args), strict=True):
+    """Return the rows of the tracks of a person, and write their thumbnails."""
+    rows, take = [], done.take
+    for found, folder in zip(take.tracks, _folders(args, done.folder), strict=True):
         write_thumbnail(folder, take, found)
         name = "/".join((job.name, *folder.relative_to(args.output).parts))
         rows.append(TakeRow.summarise(name, folder, take, found, **facts).plain())
     return rows
 
 
-def _folders(args: argparse.Namespace) -> list[Path]:
-    """Return the folders of the tracks of a take."""
-    return seed_folders(args, list_seeds(args, select_method(args)))
+def _folders(args: argparse.Namespace, output: Path) -> list[Path]:
+    """Return the folders of the tracks of a person whose files are in `output`."""
+    own = argparse.Namespace(**{**vars(args), "output": output})
+    return seed_folders(own, list_seeds(args, select_method(args)))
 
 
 def _run(*words: str) -> None:

@@ -5,13 +5,19 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import numpy as np
+
 from apf.keypoints import Keypoints
 from apf.keypoints.agreement import find_disagreements
+from apf.keypoints.matching import match_to_people
 from apf.keypoints.timing import describe_lag, find_lag_to_footage
+from cl import InputError
 from psfs.cli.commandline import remark, warn
 from psfs.cli.sequence_flags import collect_overrides
 from psfs.diagnostics.faults import Diagnosis
+from psfs.people.people import People
 from psfs.sequence import Sequence
+from psfs.session import Session
 
 
 def read_keypoints(
@@ -58,3 +64,25 @@ def keypoints_path(args: argparse.Namespace, folder: Path) -> Path:
     if given.is_absolute() or any(Path().glob(str(given))):
         return given
     return folder / given
+
+
+def read_people_keypoints(
+    args: argparse.Namespace, session: Session, people: People
+) -> list[Keypoints] | None:
+    """Return the keypoints of --keypoints of each person; None without the flag. Raises InputError
+    if somebody has none."""
+    if args.keypoints is None:
+        return None
+    sequence = session.sequence
+    path = keypoints_path(args, sequence.folder)
+    found = match_to_people(Keypoints.open_people(path, sequence), people, session.rig)
+    for note in found[0].notes:
+        remark("note", "cyan", note)
+    shown = [int(np.isfinite(own.points).any((0, 2, 3)).sum()) for own in found]
+    if min(shown) == 0:
+        number = shown.index(0) + 1
+        raise InputError(
+            f"{path}: no keypoints lie on person {number} of {len(people)} that the voxels show; "
+            "expected some of each person, or --people 1"
+        )
+    return found

@@ -12,6 +12,7 @@ import numpy as np
 from apf.cli.first_pose import check_start
 from apf.cli.method_flags import select_method
 from apf.filters.method import Method
+from apf.keypoints import Keypoints
 from apf.tracking.trackers import with_seeds
 from cl import Device, InputError, NumpyDevice
 from psfs.common.files import resolve_path
@@ -24,7 +25,8 @@ MOST_SEEDS = 1000
 class TrackJob:
     """One take of the command: its flags, with its own `folder` and `output`, and the settings that
     they set. of_people: which person of how many it tracks, for the summary; empty for the only
-    one. seen: frames (F,) that show the person, None for all."""
+    one. seen: frames (F,) that show the person, None for all. keypoints: of one of several
+    people."""
 
     args: argparse.Namespace
     method: Method
@@ -32,6 +34,7 @@ class TrackJob:
     device: Device | NumpyDevice
     of_people: Mapping[str, int] = field(default_factory=dict)
     seen: np.ndarray | None = None
+    keypoints: Keypoints | None = None
 
     @classmethod
     def from_arguments(
@@ -43,12 +46,16 @@ class TrackJob:
         check_start(args)
         return cls(argparse.Namespace(**{**vars(args), **own}), method, seeds, device)
 
-    def person(self, number: int, of: int, seen: np.ndarray) -> TrackJob:
+    def person(
+        self, number: int, of: int, seen: np.ndarray, keypoints: Keypoints | None = None
+    ) -> TrackJob:
         """Return the job of one person, counted from 1, with a folder in this one's; seen: frames
-        (F,) that show the person."""
+        (F,) that show the person. keypoints: the person's own."""
         own = {**vars(self.args), "output": self.args.output / f"person{number}"}
+        own["opened_keypoints"] = keypoints
         facts = {"person": number, "people": of}
-        return replace(self, args=argparse.Namespace(**own), of_people=facts, seen=seen)
+        args = argparse.Namespace(**own)
+        return replace(self, args=args, of_people=facts, seen=seen, keypoints=keypoints)
 
     @property
     def folders(self) -> list[Path]:

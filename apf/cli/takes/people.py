@@ -13,6 +13,7 @@ from apf.body import BodyModel
 from apf.cli.takes.job import TrackJob
 from apf.cli.takes.take_report import Line
 from apf.filters.method import Method
+from apf.keypoints import Keypoints
 from apf.report.judged import OVERLAY
 from apf.report.names import PAGE
 from apf.report.people_page import write_people_overlay, write_people_page
@@ -28,16 +29,18 @@ from psfs.session import Session
 
 @dataclass(frozen=True, eq=False)
 class Persons:
-    """Several people, and the session of each."""
+    """Several people, the session of each, and the keypoints of each if there are some."""
 
     people: People
     sessions: list[Session]
+    keypoints: list[Keypoints] | None = None
 
     def jobs(self, job: TrackJob) -> Iterator[tuple[TrackJob, Session]]:
         """Yield the job and the session of each person."""
         for number, session in enumerate(self.sessions, start=1):
             seen = self.people.persons[number - 1].frames
-            yield job.person(number, len(self.sessions), seen), session
+            own = self.keypoints[number - 1] if self.keypoints is not None else None
+            yield job.person(number, len(self.sessions), seen, own), session
 
     def gather(self, tracks: list[Track], verdicts: list[str]) -> PeopleTracks:
         """Return the tracks of the first people, or of all, with the frames that show them."""
@@ -73,7 +76,7 @@ def _explain_one_person(args: argparse.Namespace, method: Method) -> str | None:
     if not method.uses_voxels:
         return f"--objective {method.objective} tracks one person"
     own_body = args.body is not None and Path(args.body).suffix == ".toml"
-    flags = {"--init": args.init, "--height": args.height, "--keypoints": args.keypoints}
+    flags = {"--init": args.init, "--height": args.height}
     stated = [flag for flag, value in flags.items() if value is not None]
     stated += ["--body FILE"] if own_body else []
     return f"{stated[0]} applies only to one person" if stated else None

@@ -14,7 +14,13 @@ from apf.body.model import BodyModel
 from apf.body.stature import lowest_point, stature
 from apf.body.toml import load_body
 from apf.initialisation import Start, StartConfig, StartError, find_start
-from apf.initialisation.config import AcceptanceConfig, FrameChoice, ShapeFitConfig, StandingConfig
+from apf.initialisation.config import (
+    AcceptanceConfig,
+    FrameChoice,
+    ShapeFitConfig,
+    ShapePrior,
+    StandingConfig,
+)
 from apf.initialisation.hypotheses import (
     Hypothesis,
     forward,
@@ -87,6 +93,28 @@ def test_fit_finds_size_lengths_and_girth() -> None:
     assert stature(fitted) == pytest.approx(stature(body), abs=0.02)
     girth = [np.mean([c.radii for c in b.cones]) for b in (fitted, body)]
     assert girth[0] == pytest.approx(girth[1], rel=0.06)
+
+
+def test_a_skirt_does_not_thicken_the_arms() -> None:
+    """Thighs of twice their girth are clothes, and the other parts keep theirs."""
+    model = ShapeModel(SONG)
+    true = np.zeros(len(model.deviation))
+    true[len(true) - len(model.radii) + model.radii.index("thigh")] = np.log(2.0)
+    body, poses = model.body(true), walking(SONG, 3)
+    clouds = [Cloud(surface(body, pose)) for pose in poses]
+    thickness = {}
+    for loose in (ShapePrior().loose, 99.0):
+        config = ShapeFitConfig(prior=ShapePrior(loose=loose))
+        shape, _ = fit_shape(SONG, clouds, np.zeros(len(true)), poses, config=config)
+        fitted = model.body(shape)
+        thickness[loose] = {
+            cone.name: np.mean(cone.radii) / np.mean(own.radii)
+            for cone, own in zip(fitted.cones, SONG.cones, strict=True)
+        }
+    found = thickness[ShapePrior().loose]
+    assert found["l_upper_arm"] == pytest.approx(1, abs=0.015)
+    assert found["l_thigh"] == pytest.approx(2, abs=0.2)
+    assert thickness[99.0]["l_upper_arm"] > 1.03
 
 
 def test_crouching_frames_do_not_inform_the_shape() -> None:

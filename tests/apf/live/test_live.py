@@ -18,7 +18,8 @@ from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.pose import read_pose, write_pose
 from apf.live.config import SizeConfig
-from apf.live.session import Live, LiveStart, ObservedFrame, translation
+from apf.live.person import translation
+from apf.live.session import Live, LiveStart, ObservedFrame
 from apf.live.sources import ACQUISITION, Replay, Shot
 from apf.live.timeline import Timeline
 from apf.tracking.track import Track
@@ -107,16 +108,17 @@ def prepared(folder: Path, objective: str = "voxel", follow: bool = False) -> Li
 def seen(run: Live, index: int, moved: float = 0.0) -> ObservedFrame:
     """A frame as the run's threads observe it, with voxels that are said to be elsewhere."""
     frame = run.source.sequence.read(index)
-    observation, centre = run.observe(frame)
+    ((observation, centre),) = run.observe(frame, index / 60)
     run.processor.finish()
     centre = None if centre is None else centre + np.array([moved, 0, 0])
-    return ObservedFrame(Shot(frame, index / 60), observation, centre)
+    return ObservedFrame(Shot(frame, index / 60), [(observation, centre)])
 
 
 def tracked(run: Live, observed: ObservedFrame) -> Estimate:
     run.expect(observed)
-    run.tracker.observe(observed.observation)
-    return run.tracker.search()
+    tracker = run.persons[0].tracker
+    tracker.observe(observed.seen[0][0])
+    return tracker.search()
 
 
 def test_stopped_it_keeps_what_it_has(filmed: Path) -> None:
@@ -133,7 +135,7 @@ def test_stopped_it_keeps_what_it_has(filmed: Path) -> None:
 def test_what_a_thread_raises_ends_the_run(filmed: Path, monkeypatch) -> None:
     run = prepared(filmed)
 
-    def broken(frame: object) -> None:
+    def broken(frame: object, time: float) -> None:
         raise InputError("the picture is torn")
 
     monkeypatch.setattr(run, "observe", broken)
@@ -144,12 +146,12 @@ def test_what_a_thread_raises_ends_the_run(filmed: Path, monkeypatch) -> None:
 def test_a_search_is_resized_where_it_stands(filmed: Path) -> None:
     run = prepared(filmed)
     run.governor.chosen = 0
-    run.tracker = run.start_selected()
+    run.start_selected()
     first = seen(run, 0)
     estimate = tracked(run, first)
-    run.keep(first, estimate, 0.1)
+    run.keep(first, [estimate], 0.1)
     run.governor.chosen = 1
-    run.tracker = run.start_selected()
+    run.start_selected()
     assert run.result.sizes[-2:] == [(0, 48, 6), (1, 96, 6)]
     again = tracked(run, seen(run, 1))
     assert np.abs(again.pose - estimate.pose).max() < 0.5
@@ -160,11 +162,11 @@ def test_a_lost_pose_is_not_kept(filmed: Path, objective: str) -> None:
     run = prepared(filmed, objective)
     first = seen(run, 0)
     good = tracked(run, first)
-    run.keep(first, good, 0.1)
+    run.keep(first, [good], 0.1)
     far = replace(good, pose=good.pose + 5, least_error=np.ones(6), misfit=2.0)
     second = seen(run, 1, moved=0.1)
     run.expect(second)
-    run.keep(second, far, 0.1)
+    run.keep(second, [far], 0.1)
     assert [estimate.lost for estimate in run.result.estimates] == [False, True]
     # It moves with the voxels, where there are some.
     moved = run.result.estimates[1].pose - good.pose
@@ -178,17 +180,19 @@ def test_the_pose_moves_with_the_voxels(filmed: Path) -> None:
     """Without noise, the search begins where the voxels are said to have moved."""
     run = prepared(filmed)
     first = seen(run, 0)
-    run.keep(first, tracked(run, first), 0.1)
+    run.keep(first, [tracked(run, first)], 0.1)
     at = run.result.estimates[0].pose
-    run.tracker.start(at)
-    particles = run.tracker.particles
+    tracker = run.persons[0].tracker
+    tracker.start(at)
+    particles = tracker.particles
     diffuse = particles.diffuse(0, 0)
     moved = seen(run, 0, moved=0.2)
     run.expect(moved)
     particles.widen(0.0)
     diffuse()
-    assert moved.centre is not None and first.centre is not None
-    step = moved.centre - first.centre  # with what a second look at the frame changes
+    (_, before), (_, after) = first.seen[0], moved.seen[0]
+    assert before is not None and after is not None
+    step = after - before  # with what a second look at the frame changes
     np.testing.assert_allclose(step, [0.2, 0.0, 0.0], atol=0.02)
     expected = at + translation(run.body) @ step
     np.testing.assert_allclose(particles.sets[1].get()[0], expected, atol=2e-3)
@@ -211,3 +215,42 @@ def test_bad_flags(more: list[str], filmed: Path, tmp_path: Path, capfd) -> None
     lines = capfd.readouterr().err.strip().splitlines()
     assert len(lines) == 1 and lines[0].startswith("apf: error: "), lines
     assert not (tmp_path / "out").exists()
+
+
+def test_two_people_have_a_tracker_each(filmed: Path) -> None:
+    """Who stands where nobody is has no voxels, is lost, and takes none of the other's."""
+    run = prepared(filmed)
+    alone = seen(run, 0).seen[0]
+    body, pose = run.body, run.persons[0].pose
+    aside = pose + translation(body) @ [1.2, 0.0, 0.0]
+    session = Session(Sequence.open(filmed), NumpyDevice(), SessionSettings(voxel_size=0.03))
+    start = LiveStart(automatic_grid(session), body, pose, ((body, aside),))
+    search = Method.create("apf", "voxel", n_particles=48, n_layers=6)
+    both = Live(run.device, run.source, start, [search])
+    first, second = both.observe(run.source.first(), 0.0)
+    both.processor.finish()
+    count = [int(part.count.get()[0]) for part in (alone[0], first[0], second[0])]
+    assert count[2] < 0.05 * count[0] < 0.9 * count[0] < count[1]
+    observed = ObservedFrame(Shot(run.source.first(), 0.0), [first, second])
+    both.expect(observed)
+    for person, (shown, _) in zip(both.persons, observed.seen, strict=True):
+        person.tracker.observe(shown)
+    both.keep(observed, both.search(), 0.1)
+    assert [estimate.lost for estimate in both.result.newest] == [False, True]
+    assert [len(each) for each in both.result.list_estimates()] == [1, 1]
+    np.testing.assert_allclose(both.result.newest[1].pose, aside, atol=1e-6)
+
+
+def test_several_people_are_tracked_by_voxels_in_a_stated_volume(
+    filmed: Path, tmp_path: Path, capfd
+) -> None:
+    out = tmp_path / "out"
+    assert live(filmed, out, "--people", "2", "--objective", "sp") == 2
+    assert "--objective sp tracks one person" in capfd.readouterr().err
+    truth = dict(np.load(filmed / "truth.npz"))
+    joints = np.stack([truth["joints"], truth["joints"] + [1.0, 0.0, 0.0]], 1)
+    np.savez(tmp_path / "both.npz", **{**truth, "joints": joints})
+    videos = [str(path) for path in sorted((filmed / "videos").iterdir())]
+    flags = ["--people", "2", "--init", str(tmp_path / "both.npz"), "--captures", *videos]
+    assert main(["live", str(filmed), "-o", str(out), *flags]) == 2
+    assert "expected --volume that holds all people" in capfd.readouterr().err

@@ -10,13 +10,13 @@ import pytest
 from helpers import tracks
 
 from apf.body import BodyModel, load_body
-from apf.body.kinematics import posed_joints
+from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import plain_name
 from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method
 from apf.initialisation.from_joints import fit_to_joints
 from apf.keypoints.keypoints import Keypoints
-from apf.report.agreement import choose_rows, compare_with_silhouettes
+from apf.report.agreement import choose_rows, compare_with_silhouettes, measure_explained
 from apf.report.keypoint_agreement import measure_keypoint_agreement
 from apf.report.parts import find_parts
 from apf.report.quality import DOUBTFUL, Quality
@@ -88,6 +88,26 @@ def test_a_wrong_limb_is_named(dof: str, by: float, part: str, scene: Scene) -> 
     assert not others and quality.verdict in ("doubtful", "bad")
     assert f"look at {part}: frames 1-3" in quality.lines()
     assert quality.facts()["look_at"][part] == [(1, 3)]
+
+
+@pytest.mark.parametrize(("covering", "share"), [(4, 1.0), (3, 1.0), (2, 0.5), (0, 0.5)])
+def test_what_most_cameras_see_behind_the_body_is_explained(
+    covering: int, share: float, scene: Scene
+) -> None:
+    """A hull of few cameras fills the gaps of somebody who bends. A camera that furniture hides
+    the place from says nothing."""
+    rig, track = scene[0].rig, scene[1]
+    cones = posed_cones(track.its_body, track.poses[:1])[0]
+    middle = cones[0, :3]
+    points = middle + np.array([[0.0, 0.0, 0.0], [0.45, 0.0, 0.0]])
+    size = (rig.height, rig.width)
+    drawings = [np.full(size, number < covering) for number in range(4)]
+    known = np.ones((4, *size), bool)
+    assert measure_explained(rig, points, cones, drawings, known) == share
+    known[max(0, covering - 1) :] = False
+    others = 1.0 if covering > 1 else 0.5
+    assert measure_explained(rig, points, cones, drawings, known) == others
+    assert np.isnan(measure_explained(rig, points[:0], cones, drawings, known))
 
 
 def test_what_nothing_was_compared_with_is_not_called_good(scene: Scene) -> None:

@@ -13,7 +13,7 @@ from helpers.scenes import ring
 pytest.importorskip("viser", reason="viser is not installed")
 
 from apf.filters.base import Estimate
-from apf.live.session import STAGES, LiveResult
+from apf.live.session import STAGES, LiveResult, LiveStart
 from apf.live.timeline import Timeline
 from apf.studio.live import LivePage
 
@@ -23,9 +23,9 @@ def test_newest_pose_is_shown() -> None:
     layers = np.zeros(4)
     result, timeline = LiveResult(sizes=[(0, 60, 4)]), Timeline(STAGES)
     with closing(
-        LivePage(track.its_body, track.poses[0], ring(), None, lambda: stopped.append(1))
+        LivePage(LiveStart(None, track.its_body, track.poses[0]), ring(), lambda: stopped.append(1))
     ) as page:
-        assert np.allclose(page.nodes.joints.points, track.joints[0], atol=1e-5)
+        assert np.allclose(page.nodes[0].joints.points, track.joints[0], atol=1e-5)
         page(result, timeline)
         for row in (1, 3):
             result.frames.append(row)
@@ -39,7 +39,7 @@ def test_newest_pose_is_shown() -> None:
         until = time.monotonic() + 20
         while "lost" not in page.status and time.monotonic() < until:
             time.sleep(0.02)
-        assert np.allclose(page.nodes.joints.points, track.joints[3], atol=1e-5)
+        assert np.allclose(page.nodes[0].joints.points, track.joints[3], atol=1e-5)
         assert "the person is lost" in page.status and "2 poses" in page.status
         page.press_end()
         assert stopped == [1]

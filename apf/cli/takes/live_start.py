@@ -1,0 +1,169 @@
+"""Where the people of a live run begin: from the flags, or found in a recording."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from apf.api import load_template, read_given_start
+from apf.body.model import BodyModel
+from apf.cli.first_pose import find_first_pose
+from apf.cli.takes.people import people_number
+from apf.evaluation.joint_names import match_joints
+from apf.evaluation.people import load_people_truth
+from apf.filters.method import Method
+from apf.initialisation.from_joints import fit_to_joints
+from apf.live.captures import box_around, open_cameras
+from apf.live.session import LiveStart
+from apf.live.sources import Replay, Source
+from cl import Device, InputError
+from psfs.cli.commandline import stderr, warn
+from psfs.cli.sequence_flags import collect_overrides, open_sequence, select_common_frames
+from psfs.people.config import PeopleConfig
+from psfs.people.people import count_people, follow_people
+from psfs.people.separation import join_session, separate
+from psfs.session import Session, SessionSettings
+from psfs.volume import automatic_grid
+from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.occupied_box import default_voxel_size
+
+#: Time, s, in whose frames people are separated for their starts.
+_START_SECONDS = 1.0
+
+Given = tuple[BodyModel, np.ndarray]
+
+
+def read_live_people(args: argparse.Namespace, method: Method) -> int | None:
+    """Return how many people --people asks for, None for as many as are seen. Raises InputError if
+    several cannot be tracked."""
+    number = None if args.people == "auto" else people_number(args.people)
+    if number != 1 and not method.uses_voxels:
+        raise InputError(
+            f"--people {args.people}: --objective {method.objective} tracks one person; expected 1"
+        )
+    return number
+
+
+def start_replay(
+    args: argparse.Namespace, method: Method, device: Device, number: int | None
+) -> tuple[Source, LiveStart]:
+    """Return a recorded sequence, its grid if voxels are needed, and the people's bodies and first
+    poses."""
+    sequence = open_sequence(args)
+    frames = select_common_frames(args, sequence)
+    settings = SessionSettings(selection=args.frames or slice(None), voxel_size=args.voxel_size)
+    session = Session(sequence, device, settings)
+    if number != 1:
+        everybody = _start_people(args, session, frames, number, method)
+        if everybody is not None:
+            room, given = everybody
+            return Replay(sequence, frames), LiveStart(room, *given[0], tuple(given[1:]))
+    one = read_given_start(sequence.folder, frames[0], args.body, args.init, args.convention)
+    grid = None
+    if method.uses_voxels or one is None:
+        grid = automatic_grid(session)
+    if one is None:
+        one = find_first_pose(session, args, method.filter.search.seed, None)
+    return Replay(sequence, frames), LiveStart(grid, *one)
+
+
+def start_captures(
+    args: argparse.Namespace, method: Method, number: int | None
+) -> tuple[Source, LiveStart]:
+    """Return cameras, the grid of --volume or one around the first pose if voxels are needed, and
+    the people's bodies and first poses."""
+    folder = Path(args.folder)
+    if number == 1:
+        start = read_given_start(folder, 0, args.body, args.init, args.convention)
+        given = [] if start is None else [start]
+    else:
+        given = _read_starts(args, 0, number)
+        if len(given) > 1 and args.volume is None:
+            raise InputError(
+                "the voxel grid follows one person; expected --volume that holds all people"
+            )
+    if not given:
+        raise InputError("cameras have no first pose; expected --init with a pose file or joints")
+    source = open_cameras(folder, collect_overrides(args), args.captures, args.empty)
+    grid = None
+    if method.uses_voxels:
+        low, high = np.array(args.volume) if args.volume else box_around(*given[0])
+        size = args.voxel_size or default_voxel_size(source.rig, low, high)
+        grid = VoxelGrid.covering(low, high, size)
+    return source, LiveStart(grid, *given[0], tuple(given[1:]))
+
+
+def _start_people(
+    args: argparse.Namespace,
+    session: Session,
+    frames: range,
+    number: int | None,
+    method: Method,
+) -> tuple[VoxelGrid, list[Given]] | None:
+    """Return a grid that holds all people of a recording, and the starts of those that its first
+    frame shows; None if there is one person."""
+    sequence = session.sequence
+    people = count_people(session) if number is None else follow_people(session, number)
+    stderr.print(f"{sequence.name}: {people.describe()}", soft_wrap=True, markup=False)
+    if len(people) < 2:
+        if number is not None:
+            warn(f"{sequence.name}: --people is {number}; {people.describe()}")
+        return None
+    grid = automatic_grid(join_session(session, people, PeopleConfig().separation.margin))
+    if args.init is not None:
+        return grid, _read_starts(args, frames[0], number)
+    return grid, _find_starts(args, session, frames, number, method)
+
+
+def _find_starts(
+    args: argparse.Namespace, session: Session, frames: range, number: int | None, method: Method
+) -> list[Given]:
+    """Find everybody that the first frames of a recording show, each apart from the others."""
+    n = max(2, round(_START_SECONDS * session.rate))
+    first = frames[:n]
+    settings = SessionSettings(
+        session.reconstruction, slice(first.start, first.stop, first.step), args.voxel_size
+    )
+    begun = Session(session.sequence, session.device, settings)
+    people = follow_people(begun, number)
+    given, seed = [], method.filter.search.seed
+    for person, own in zip(people, separate(begun, people), strict=True):
+        if person.frames[0] == frames[0]:
+            given.append(find_first_pose(own, args, seed, None))
+    left = (number or len(people)) - len(given)
+    if left > 0:
+        warn(
+            f"{session.sequence.name}: {left} not seen in frame {frames[0]}; only who is there "
+            "when a live run begins is followed"
+        )
+    if not given:
+        raise InputError(
+            f"{session.sequence.name}: nobody is seen in frame {frames[0]}; expected --frames a: "
+            "from a frame on that shows everybody"
+        )
+    return given
+
+
+def _read_starts(args: argparse.Namespace, frame: int, number: int | None) -> list[Given]:
+    """Return the bodies and poses of several people from the joints of --init in a frame."""
+    path = args.init
+    if path is None or path.suffix.lower() != ".npz":
+        raise InputError(
+            f"--people {args.people}: --init is {path}; expected an npz with the joints of several "
+            "people (frames, people, joints, 3)"
+        )
+    template, _ = load_template(args.body)
+    given = []
+    for name, series in list(load_people_truth(path).items())[:number]:
+        rows = np.flatnonzero(series.frames == frame)
+        shown = rows.size and np.isfinite(series.joints[rows[0]]).all()
+        if not shown:
+            warn(f"{path}: {name} has no joints in frame {frame}, and is not followed")
+            continue
+        at = match_joints(series.joint_names)
+        joints = {joint: series.joints[rows[0], column] for joint, column in at.items()}
+        body, pose, _ = fit_to_joints(template, joints)
+        given.append((body, pose))
+    return given

@@ -1,0 +1,165 @@
+// Divides the surface voxels and the foreground of several people among them. Each person is
+// SPHERES spheres (x, y, z, radius in m). Twin: psfs/reference/division.py. Defines: PEOPLE,
+// SPHERES, NY NZ of the grid, LANES, ROOM of a person's list, WIDTH HEIGHT of the evidence maps,
+// UNKNOWN, PACK, and those of camera.h.
+#if !defined(CAMERA_FLOATS) || !defined(HEIGHT) || !defined(LANES) || !defined(NY) || \
+    !defined(NZ) || !defined(PACK) || !defined(PEOPLE) || !defined(ROOM) || !defined(SPHERES) || \
+    !defined(UNKNOWN) || !defined(WIDTH)
+#error "people.cl needs CAMERA_FLOATS HEIGHT LANES NY NZ PACK PEOPLE ROOM SPHERES UNKNOWN and WIDTH"
+#endif
+#include "common/camera.h"
+
+// Depth where there is nobody, m.
+#define FAR 1e6f
+
+// The person nearest to each surface voxel, PEOPLE if nobody is nearer than the root of `reach`.
+// Distances are squared, of the point from a sphere's centre less the radius: tangents of spheres.
+// `geometry`: origin of the grid, voxel size.
+__kernel void assign_voxels(__global const float4 *restrict spheres, float4 geometry, float reach,
+                            __global const int *restrict indices,
+                            __global const int *restrict n_surface, __global uchar *restrict owners)
+{
+    const int n = *n_surface;
+    for (int first = get_global_id(0) * PACK; first < n; first += get_global_size(0) * PACK) {
+#define VOXEL(l) indices[lane_index(first, 0x##l, n)]
+#define X(l) (VOXEL(l) / (NY * NZ) + 0.5f)
+#define Y(l) (VOXEL(l) / NZ % NY + 0.5f)
+#define Z(l) (VOXEL(l) % NZ + 0.5f)
+        const vfloat x = geometry.x + PACK_OF(vfloat, X) * geometry.w;
+        const vfloat y = geometry.y + PACK_OF(vfloat, Y) * geometry.w;
+        const vfloat z = geometry.z + PACK_OF(vfloat, Z) * geometry.w;
+        vfloat nearest = (vfloat)(reach);
+        vint owner = (vint)(PEOPLE);
+        for (int person = 0; person < PEOPLE; ++person) {
+            vfloat own = (vfloat)(FAR);
+            for (int k = person * SPHERES; k < (person + 1) * SPHERES; ++k) {
+                const float4 sphere = spheres[k];
+                const vfloat dx = x - sphere.x, dy = y - sphere.y, dz = z - sphere.z;
+                own = least(own, dx * dx + dy * dy + dz * dz - sphere.w * sphere.w);
+            }
+            owner = own < nearest ? (vint)(person) : owner;
+            nearest = least(own, nearest);
+        }
+        uchar found[PACK];
+        STORE_PACK(TO_BYTES(owner), found);
+        for (int l = 0; l < PACK && first + l < n; ++l) owners[first + l] = found[l];
+    }
+}
+
+// Each person's voxels, in their order; the counts lie `step` apart. One work-group per person; an
+// item has a run of voxels.
+__kernel __attribute__((reqd_work_group_size(LANES, 1, 1)))
+void list_voxels(__global const uchar *restrict owners, __global const int *restrict indices,
+                 __global const int *restrict n_surface, int step, __global int *restrict lists,
+                 __global int *restrict counts)
+{
+    __local int found[LANES];
+    const int lane = get_local_id(0), person = get_group_id(0), n = *n_surface;
+    const int share = (n + LANES - 1) / LANES;
+    const int first = min(lane * share, n), end = min(first + share, n);
+    int own = 0;
+    for (int i = first; i < end; ++i) own += owners[i] == person;
+    found[lane] = own;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    int at = 0;
+    for (int before = 0; before < lane; ++before) at += found[before];
+    if (lane == LANES - 1) counts[person * step] = min(at + own, ROOM);
+    __global int *list = lists + (size_t)person * ROOM;
+    for (int i = first; i < end; ++i)
+        if (owners[i] == person) {
+            if (at < ROOM) list[at] = indices[i];
+            ++at;
+        }
+}
+
+// The spheres in every camera: x, y (px), depth (m), m per px there; far away without an image. The
+// boxes x0, y0, x1, y1 (px) of the people hold all that is not further than `reach`, m. One item per
+// person and view.
+__kernel void project_spheres(__global const float *restrict cameras, float reach,
+                              __global const float4 *restrict spheres,
+                              __global float4 *restrict seen, __global float4 *restrict boxes)
+{
+    const int person = get_global_id(0), view = get_global_id(1);
+    if (person >= PEOPLE) return;
+    __global const float *camera = cameras + view * CAMERA_FLOATS;
+    float4 box = (float4)(FAR, FAR, -FAR, -FAR);
+    for (int first = 0; first < SPHERES; first += PACK) {
+#define SPHERE(l) spheres[person * SPHERES + lane_index(first, 0x##l, SPHERES)]
+#define CENTRE_X(l) SPHERE(l).x
+#define CENTRE_Y(l) SPHERE(l).y
+#define CENTRE_Z(l) SPHERE(l).z
+        float x[PACK], y[PACK], depth[PACK];
+        vfloat px, py;
+        STORE_PACK(camera_project_pack(camera, PACK_OF(vfloat, CENTRE_X), PACK_OF(vfloat, CENTRE_Y),
+                                       PACK_OF(vfloat, CENTRE_Z), &px, &py), depth);
+        STORE_PACK(px, x);
+        STORE_PACK(py, y);
+        for (int l = 0; l < PACK && first + l < SPHERES; ++l) {
+            const int k = person * SPHERES + first + l;
+            const float scale = depth[l] / camera[12];
+            if (depth[l] > 0.0f) {
+                const float around = sqrt(reach * reach + spheres[k].w * spheres[k].w) / scale;
+                box.x = fmin(box.x, x[l] - around);
+                box.y = fmin(box.y, y[l] - around);
+                box.z = fmax(box.z, x[l] + around);
+                box.w = fmax(box.w, y[l] + around);
+            }
+            seen[view * PEOPLE * SPHERES + k] = depth[l] > 0.0f
+                ? (float4)(x[l], y[l], depth[l], scale) : (float4)(-FAR, -FAR, FAR, 1.0f);
+        }
+    }
+    boxes[view * PEOPLE + person] = box;
+}
+
+// Each person's evidence: that of the foreground which the person's spheres cover or are nearest
+// to, up to the root of `beside`; UNKNOWN where another one stands before the person by `before` m;
+// 0 in the rest of the foreground; as it is elsewhere. A person's maps lie `step` after the one
+// before. Views are dimension 1; an item has a pack of pixels.
+__kernel void divide_evidence(__global const float4 *restrict spheres,
+                              __global const float4 *restrict seen,
+                              __global const float4 *restrict boxes, float beside, float before,
+                              int step, __global const char *restrict evidence,
+                              __global char *restrict own)
+{
+    const int view = get_global_id(1), n = WIDTH * HEIGHT;
+    if (get_global_id(0) * PACK >= n) return;
+    const int first = min((int)get_global_id(0) * PACK, n - PACK); // the last packs may overlap
+    const size_t at = (size_t)view * n + first;
+    const vchar counts = LOAD_CHARS(evidence + at);
+    const vint shown = TO_INT(counts) > 0;
+    if (!PACK_ANY(shown)) {
+        for (int person = 0; person < PEOPLE; ++person)
+            STORE_PACK(counts, own + (size_t)person * step + at);
+        return;
+    }
+    const vint pixel = first + LANE_NUMBERS;
+    const vfloat x = TO_FLOAT(pixel % WIDTH), y = TO_FLOAT(pixel / WIDTH);
+    vfloat gaps[PEOPLE], depths[PEOPLE];
+    vfloat closest = (vfloat)(beside), front = (vfloat)(FAR);
+    for (int person = 0; person < PEOPLE; ++person) {
+        vfloat gap = (vfloat)(FAR), depth = (vfloat)(FAR);
+        const float4 box = boxes[view * PEOPLE + person];
+        const vint inside = (x >= box.x) & (x <= box.z) & (y >= box.y) & (y <= box.w) & shown;
+        for (int k = PACK_ANY(inside) ? person * SPHERES : PEOPLE * SPHERES;
+             k < (person + 1) * SPHERES; ++k) {
+            const float4 image = seen[view * PEOPLE * SPHERES + k];
+            const float radius = spheres[k].w;
+            const vfloat dx = (x - image.x) * image.w, dy = (y - image.y) * image.w;
+            const vfloat away = dx * dx + dy * dy - radius * radius;
+            gap = least(gap, away);
+            depth = away <= 0.0f ? least(depth, (vfloat)(image.z)) : depth;
+        }
+        gaps[person] = most(gap, (vfloat)(0.0f));
+        depths[person] = depth;
+        closest = least(closest, gaps[person]);
+        front = least(front, depth);
+    }
+    for (int person = 0; person < PEOPLE; ++person) {
+        const vint hidden = (depths[person] < FAR) & (front < depths[person] - before);
+        const vint mine = (gaps[person] <= closest) & (gaps[person] < beside);
+        vint count = mine ? TO_INT(counts) : (vint)(0);
+        count = hidden ? (vint)(UNKNOWN) : count;
+        count = shown ? count : TO_INT(counts);
+        STORE_PACK(TO_CHAR(count), own + (size_t)person * step + at);
+    }
+}

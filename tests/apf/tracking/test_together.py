@@ -1,0 +1,62 @@
+"""Several people on one reconstruction: their expected places, and their tracks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.worlds import World
+
+from apf.backend import make_device_tracker
+from apf.body import load_body
+from apf.body.spheres import ALONG
+from apf.filters.method import Method
+from apf.reference.people import expect_spheres
+from apf.tracking.places import SLOTS, Places
+from apf.tracking.together import PeopleTracker
+from cl import Device
+
+
+@pytest.mark.parity("tracking/people.expect_spheres")
+def test_expected_places_equal_the_twin(device: Device) -> None:
+    body, random = load_body("song32"), np.random.default_rng(0)
+    spheres = device.zeros((2, ALONG * len(body.cones), 4), np.float32)
+    places = Places(device, [body, body], spheres)
+    poses = body.rest_pose + 0.1 * random.normal(size=(2, 4, body.n_dof))
+    for person in range(2):
+        places.start(person, poses[person, 0])
+        for frame in range(1, 4):
+            given = device.to_device(poses[person, frame].astype(np.float32))
+            places.pose_launches(device, person, given)[frame % SLOTS]()
+    places.expect(3, 2)
+    expected = [expect_spheres(body, own[3], own[2], 2) for own in poses]
+    np.testing.assert_allclose(spheres.get(), expected, atol=2e-5)
+    places.start(1, poses[1, 0])  # at rest from now on
+    places.expect(3, 2)
+    at_rest = expect_spheres(body, poses[1, 0], poses[1, 0], 2)
+    np.testing.assert_allclose(spheres.get()[1], at_rest, atol=2e-5)
+
+
+def test_one_person_is_tracked_as_alone_and_a_second_elsewhere_takes_nothing(
+    device: Device,
+) -> None:
+    world, method = World(device), Method.create(n_particles=37, n_layers=3)
+    first = world.pose(0)
+    alone = make_device_tracker(world.scene(), method)
+    alone.start(first)
+    expected = [alone.step(world.voxels(frame)).pose for frame in range(1, 4)]
+    everybody = world.voxels(0)
+    maps = (len(world.rig), world.rig.height, world.rig.width)
+    everybody.evidence = device.zeros(maps, np.int8)
+    elsewhere = first.copy()
+    elsewhere[list(world.body.dof_names).index("pelvis.tx")] += 1.5
+    for poses in ([first], [first, elsewhere]):
+        bodies = [world.body] * len(poses)
+        people = PeopleTracker(device, world.rig, everybody, bodies, method)
+        people.start(poses)
+        stepped = [people.step(world.voxels(frame)) for frame in range(1, 4)]
+        people.start(poses)
+        streamed = list(people.stream(world.voxels(frame) for frame in range(1, 4)))
+        for found in (stepped, streamed):
+            np.testing.assert_array_equal([estimates[0].pose for estimates in found], expected)
+        if len(poses) > 1:
+            assert streamed[-1][1].misfit > 2 * streamed[-1][0].misfit
