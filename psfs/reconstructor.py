@@ -133,7 +133,7 @@ class Reconstructor:
         self._ahead, self.voxels.frame = None, frame
         if self.body is not None and self._packed_body is not None:
             step = self.config.silhouette.evidence.step
-            packed = pack_body(self.config.body, self.body[frame.index], step, len(self.rig))
+            packed = pack_body(self.config.body, self.body[frame.index], step)
             self._packed_body.set(packed)
         self._carve()
         if foreground is not None:

@@ -13,11 +13,11 @@ _LOT = 2**15
 
 
 def body_evidence(
-    points: np.ndarray, cones: np.ndarray, config: BodyPriorConfig, step: float, n_cameras: int
+    points: np.ndarray, cones: np.ndarray, config: BodyPriorConfig, step: float
 ) -> np.ndarray:
     """Return the counts (N,) of `step` nats that a body with cones (C, 16), NaN where they are
     unknown, adds to voxels at `points` (N, 3) m."""
-    inside, outside, known = body_counts(config, cones, step, n_cameras)
+    inside, outside, known = body_counts(config, cones, step)
     nearest = np.full(len(points), np.inf)
     if len(known):
         for first in range(0, len(points), _LOT):

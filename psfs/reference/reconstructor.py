@@ -118,9 +118,7 @@ class NumpyReconstructor:
         if self.body is not None:
             cones = self.body[frame.index]
             own = self.config.body
-            body = partial(
-                body_evidence, cones=cones, config=own, step=step, n_cameras=len(self.rig)
-            )
+            body = partial(body_evidence, cones=cones, config=own, step=step)
         padded = occupancy(self.rig, self.grid, evidence, step, config, body=body)
         probability = smooth(padded, config.smoothing == "faces")
         occupied = probability > config.threshold

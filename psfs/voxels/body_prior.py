@@ -74,7 +74,7 @@ class TrackedBody:
 
 
 def body_counts(
-    config: BodyPriorConfig, cones: np.ndarray, step: float, n_cameras: int
+    config: BodyPriorConfig, cones: np.ndarray, step: float
 ) -> tuple[float, float, np.ndarray]:
     """Return the evidence counts of `step` nats that a body adds inside and outside, and its known
     cones (N, 16).
@@ -82,15 +82,13 @@ def body_counts(
     A limb that the track has lost may be anywhere: nothing is then held against any voxel.
     """
     known = np.isfinite(cones).all(-1)
-    outside = n_cameras * config.outside if known.all() else 0.0
+    outside = config.outside if known.all() else 0.0
     return config.inside / step, outside / step, cones[known]
 
 
-def pack_body(
-    config: BodyPriorConfig, cones: np.ndarray, step: float, n_cameras: int
-) -> np.ndarray:
+def pack_body(config: BodyPriorConfig, cones: np.ndarray, step: float) -> np.ndarray:
     """Return (C + 1, 16) float32 of cones (C, 16), as body_prior.h reads them."""
-    inside, outside, known = body_counts(config, cones, step, n_cameras)
+    inside, outside, known = body_counts(config, cones, step)
     packed = np.zeros((len(cones) + 1, _CONE_FLOATS), np.float32)
     packed[0, :5] = inside, outside, config.depth, config.distance, len(known)
     packed[1 : len(known) + 1] = known

@@ -85,9 +85,8 @@ class BodyPriorConfig(Config):
         5.0, "Log odds that a voxel in the body's cones is occupied.", unit="nats", least=0
     )
     outside: float = setting(
-        -0.25,
-        "Log odds that a voxel outside of them is, for each camera of the rig, since what cameras "
-        "say for a voxel adds up, too; 0 in a frame in which a limb is lost.",
+        -2.0,
+        "Log odds that a voxel outside of them is; 0 in a frame in which a limb is lost.",
         unit="nats",
         most=0,
     )

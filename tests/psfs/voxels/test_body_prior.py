@@ -64,12 +64,12 @@ def test_no_distance_changes_faster_than_its_slope() -> None:
 def test_counts_fall_from_inside_to_outside() -> None:
     ray = np.array([0.1, 0.0, 1.62 - 0.27]) + np.outer([0.0, 0.25, 0.27, 0.29, 0.6], [0, 0, 1])
     known = CONES[1:2]
-    np.testing.assert_allclose(body_evidence(ray, known, CONFIG, STEP, 8), [100, 100, 30, -40, -40])
+    np.testing.assert_allclose(body_evidence(ray, known, CONFIG, STEP), [100, 100, 30, -40, -40])
     # A limb is lost: it may be anywhere.
     np.testing.assert_allclose(
-        body_evidence(ray, CONES[[1, 3]], CONFIG, STEP, 8), [100, 100, 50, 0, 0]
+        body_evidence(ray, CONES[[1, 3]], CONFIG, STEP), [100, 100, 50, 0, 0]
     )
-    assert not body_evidence(ray, CONES[3:], CONFIG, STEP, 8).any()
+    assert not body_evidence(ray, CONES[3:], CONFIG, STEP).any()
 
 
 @pytest.mark.parity("reconstruction/occupancy.occupancy", "reconstruction/occupancy.find_bricks")
@@ -79,14 +79,14 @@ def test_agrees_with_the_twin(device: Device, known: int) -> None:
     evidence, config = scenes.patches_of_evidence(RIG, 5, 8), OccupancyConfig()
     cones = CONES[:known] if known else CONES[3:].repeat(4, 0)
     packed = device.zeros((5, 16), np.float32)
-    packed.set(np.vstack([pack_body(CONFIG, cones, STEP, 8), np.zeros((5, 16))])[:5].astype("f4"))
+    packed.set(np.vstack([pack_body(CONFIG, cones, STEP), np.zeros((5, 16))])[:5].astype("f4"))
     maps = device.to_device(evidence)
     bricks = Bricks(device, RIG, GRID, maps, STEP, config, body=packed)
     dense = Occupancy(bricks)
     found = dense().get()
     expected = occupancy(
         *(RIG, GRID, evidence, STEP, config),
-        body=lambda points: body_evidence(points, cones, CONFIG, STEP, 8),
+        body=lambda points: body_evidence(points, cones, CONFIG, STEP),
     )
     assert (np.abs(found - expected) > 1e-5).mean() < 2e-3
     plain = occupancy(RIG, GRID, evidence, STEP, config)
