@@ -15,7 +15,7 @@ from apf.keypoints.config import (
     SideConfig,
 )
 from apf.live.config import CaptureConfig, LiveConfig
-from apf.report.config import QualityConfig
+from apf.report.config import MotionConfig, QualityConfig
 from apf.synthetic.config import SceneConfig
 from apf.tracking.confidence_config import ConfidenceConfig, CorrectionConfig
 from apf.tracking.config import (
@@ -73,6 +73,7 @@ class Settings(of_psfs.Settings):
         TriangulatedConfig, "A track from keypoints without a body."
     )
     quality: QualityConfig = part(QualityConfig, "Limits of the verdict on a track.")
+    motion: MotionConfig = part(MotionConfig, "Limits of what people do.")
     live: LiveConfig = part(LiveConfig, "Live tracking.")
     captures: CaptureConfig = part(CaptureConfig, "Cameras that are read live.")
     cluster: ClusterSettings = part(ClusterSettings, "Many takes, and long ones in chunks.")

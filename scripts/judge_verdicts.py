@@ -26,11 +26,12 @@ import numpy as np
 from rich.table import Table
 from verdicts.spoiling import (
     FOOTAGE,
+    GIVEN_STARTS,
     KEYPOINTS,
     open_keypoints,
     spoil_footage,
     spoil_keypoints,
-    start_backward,
+    spoil_start,
 )
 
 from apf.evaluation.evaluate import evaluate, load_truth
@@ -51,6 +52,8 @@ from psfs.session import Session, SessionSettings
 
 #: Shares of joints beyond 150 mm that part the columns of the table.
 _SHARES = (0.0, 0.01, 0.1)
+#: Where the frames begin, as a share of those to spare, by the seed.
+_BEGIN = (0.5, 0.2, 0.8)
 #: Particles and layers of the poor search.
 _POOR = {"n_particles": 30, "n_layers": 3}
 
@@ -69,13 +72,15 @@ class Job:
         return f"{self.sequence}.{self.by}.{self.how.replace(' ', '_')}.{self.seed}"
 
 
-def plan(folder: Path) -> list[Job]:
-    """Return the jobs: all sequences with truth of one person, sound ones first."""
+def plan(folder: Path, seed: int, chosen: list[str] | None = None) -> list[Job]:
+    """Return the jobs in random order: all sequences with truth of one person, spoilt in all ways
+    or the chosen ones."""
     names = sorted(path.parent.name for path in folder.glob("*/truth.npz"))
     names = [name for name in names if not list(folder.glob(f"{name}/truth_person*.npz"))]
     ways = [*(("voxels", how) for how in FOOTAGE), *(("keypoints", how) for how in KEYPOINTS)]
-    jobs = [Job(name, by, how) for by, how in ways for name in names]
-    random.Random(1).shuffle(jobs)  # so that a part of them is a fair sample
+    ways = [way for way in ways if chosen is None or way[1] in chosen]
+    jobs = [Job(name, by, how, seed) for by, how in ways for name in names]
+    random.Random(1 + seed).shuffle(jobs)  # so that a part of them is a fair sample
     return jobs
 
 
@@ -84,10 +89,11 @@ def track(folder: Path, job: Job, device: Device | NumpyDevice, n_frames: int, o
     path = folder / job.sequence
     sequence, truth = Sequence.open(path), load_truth(path / "truth.npz")
     step = 4 if job.how == "slow" else 1
-    first = max(0, (len(sequence) - 8 - step * n_frames) // 2)
+    spare = max(0, len(sequence) - 8 - step * n_frames)
+    first = int(spare * _BEGIN[job.seed % len(_BEGIN)])
     frames = slice(first, min(first + step * n_frames, len(sequence) - 8), step)
     warnings: list[str] = []
-    keypoints = None
+    keypoints, given = None, {}
     poor = _POOR if job.how == "poor search" else {}
     if job.by == "voxels":
         method = Method.create(**poor)
@@ -96,17 +102,17 @@ def track(folder: Path, job: Job, device: Device | NumpyDevice, n_frames: int, o
         )
         found = examine(session)
         session, warnings = found.session, found.remaining
-        settings = {"given": start_backward(truth, first)} if job.how == "wrong start" else {}
+        given = {"given": spoil_start(truth, first, job.how)} if job.how in GIVEN_STARTS else {}
     else:
         method = Method.create(objective="keypoints", **poor)
         session = Session(sequence, device, SessionSettings(selection=frames))
         sound = open_keypoints(sequence, truth, job.seed)
         keypoints = spoil_keypoints(sound, sequence.rig, job.how, job.seed)
         warnings = find_disagreements(keypoints, sequence.rig, sequence.fps)
-        settings = {"keypoints": keypoints}
+        given = {"keypoints": keypoints}
     if job.how in ("one way", "poor search"):
         method = method.replace(both_ways=False, runs=1)
-    take = track_take(session, TakeSettings(method=method, seeds=(job.seed,), **settings))
+    take = track_take(session, TakeSettings(method=method, seeds=(job.seed,), **given))
     doubts = [*warnings, *(take.start.doubts if take.start is not None else [])]
     quality = judge_track(session, take.tracks[0], keypoints=keypoints, doubts=doubts)
     _write(out / job.name, job, quality, truth)
@@ -140,6 +146,8 @@ def main() -> int:
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("-o", "--out", type=Path, default=Path("verdicts"), metavar="OUT")
     parser.add_argument("--part", default="0/1", metavar="K/N", help="every Nth job, from the Kth")
+    parser.add_argument("--seed", type=int, default=0, help="of spoiling, search and frames")
+    parser.add_argument("--ways", nargs="+", metavar="WAY", help="see FOOTAGE and KEYPOINTS")
     parser.add_argument("--backward", action="store_true", help="the last jobs first")
     parser.add_argument("--frames", type=int, default=40, metavar="N")
     parser.add_argument(
@@ -171,7 +179,7 @@ def _run(args: argparse.Namespace) -> None:
     began = time.monotonic()
     part, n_parts = map(int, args.part.split("/"))
     device = select_device(args.device)
-    jobs = plan(args.folder)[part::n_parts]
+    jobs = plan(args.folder, args.seed, args.ways)[part::n_parts]
     for job in reversed(jobs) if args.backward else jobs:
         if time.monotonic() - began > args.seconds:
             break

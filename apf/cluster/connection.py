@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import logging
-import os
-import shutil
 import socket
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory, gettempdir
 from types import ModuleType
 from typing import Any
 from urllib.parse import urlsplit
@@ -18,7 +15,7 @@ from apf.cluster.workers import Share, make_setup_plugin
 from cl import InputError
 from psfs.common.files import read_json
 from psfs.common.schema import Table, parse_values
-from psfs.common.system import is_alive
+from psfs.common.scratch import temporary_folder
 from psfs.common.versions import versions
 
 
@@ -30,9 +27,6 @@ class _SchedulerFile(Table):
 
 #: Number of workers that may die during a task before the scheduler gives it up.
 ATTEMPTS = 3
-#: Beginning of the names of the workers' temporary folders; the number of the command's process
-#: follows.
-_SCRATCH = "apf-workers-"
 #: Networks of Dask whose servers are not asked for their greeting.
 _OTHER_NETWORKS = ("tls", "ucx", "ucxx", "ws", "wss")
 #: Bytes; of a scheduler about 200.
@@ -70,9 +64,11 @@ def start_cluster(shares: Sequence[Share]) -> Iterator[object]:
         "distributed.worker.profile.enabled": False,
     }
     local = {"host": "127.0.0.1", "dashboard": False, "silence_logs": logging.CRITICAL}
-    _clear_scratch()
-    with TemporaryDirectory(prefix=f"{_SCRATCH}{os.getpid()}-") as scratch, dask.config.set(quiet):
-        common = {**local, "nthreads": 1, "memory_limit": 0, "local_directory": scratch}
+    with (
+        temporary_folder() as scratch,
+        dask.config.set({**quiet, "temporary-directory": str(scratch)}),
+    ):
+        common = {**local, "nthreads": 1, "memory_limit": 0, "local_directory": str(scratch)}
         workers = {
             number: {"cls": distributed.Nanny, "options": {**common, "env": share.environment}}
             for number, share in enumerate(shares)
@@ -88,14 +84,6 @@ def start_cluster(shares: Sequence[Share]) -> Iterator[object]:
             client.wait_for_workers(len(shares))
             client.register_plugin(make_setup_plugin(embedded=True))
             yield client
-
-
-def _clear_scratch() -> None:
-    """Remove the temporary folders of commands that were killed."""
-    for folder in Path(gettempdir()).glob(f"{_SCRATCH}*-*"):
-        process = folder.name.removeprefix(_SCRATCH).split("-")[0]
-        if process.isdigit() and not is_alive(int(process)):
-            shutil.rmtree(folder, ignore_errors=True)
 
 
 def find_scheduler(address: str, patience: float = 10.0) -> str:

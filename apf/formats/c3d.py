@@ -12,7 +12,6 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from apf.formats.trc import CONVENTIONS, METRES, JointSeries
 from cl import InputError
 from psfs.common.files import write_atomically
 from psfs.common.reading import open_input, parsing
+from psfs.common.scratch import temporary_folder
 
 #: The format's header counts frames in 16 bits; ezc3d drops those that follow.
 _MOST_FRAMES = 65535
@@ -49,8 +49,8 @@ def read_c3d(path: str | Path, convention: str | None = None) -> JointSeries:
 
     path = Path(path)
     with parsing(path, "a C3D with points"):
-        with open_input(path, "a C3D") as opened, TemporaryDirectory() as folder:
-            plain = Path(folder) / "motion.c3d"  # ezc3d accepts only paths in UTF-8
+        with open_input(path, "a C3D") as opened, temporary_folder() as folder:
+            plain = folder / "motion.c3d"  # ezc3d accepts only paths in UTF-8
             with plain.open("wb") as copy:
                 shutil.copyfileobj(opened, copy)
             file: Any = ezc3d.c3d(str(plain))
@@ -127,8 +127,8 @@ def write_c3d(path: str | Path, series: JointSeries, events: Sequence[C3dEvent] 
     _add_events(file, events)
     file["data"]["points"] = points
     file["data"]["meta_points"]["residuals"] = residuals
-    with write_atomically(path) as temporary, TemporaryDirectory() as folder:
-        plain = Path(folder) / "motion.c3d"  # ezc3d accepts only paths in UTF-8
+    with write_atomically(path) as temporary, temporary_folder() as folder:
+        plain = folder / "motion.c3d"  # ezc3d accepts only paths in UTF-8
         file.write(str(plain))
         shutil.copyfile(plain, temporary)
 

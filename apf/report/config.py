@@ -55,3 +55,51 @@ class QualityConfig(Config):
     fitting: float = fraction(
         0.25, "Share of keypoints near the body below which a track is certainly bad."
     )
+
+
+class MotionConfig(Config):
+    """Limits of what people do, see `apf/report/motion_limits.py`."""
+
+    SOURCE: ClassVar = "by hand, on the true motion of the sequences at hand"
+
+    lost: float = fraction(0.1, "Share of frames with a lost person from which nothing is judged.")
+    walk_speed: float = positive(
+        0.4, "Least speed of the pelvis that counts as walking.", unit="m/s"
+    )
+    backward_path: float = positive(
+        0.6,
+        "Least path of a walk backward.",
+        "a lunge goes back by 0.54; 40 frames of a walk at 60 frames/s by 0.9",
+        "m",
+    )
+    backward_share: float = fraction(
+        0.75, "Least share of it in all that is walked; in lunges 0.3."
+    )
+    fall: float = setting(
+        1.5,
+        "Least downward acceleration of the centre of mass that nobody has, in g.",
+        "1 for a point mass; a kick, whose mass is estimated, reaches 1.25",
+        above=1,
+    )
+    window: float = positive(
+        0.05,
+        "Standard deviation of the filter of joints, velocities and accelerations.",
+        unit="s",
+    )
+    fall_share: float = setting(
+        0.05, "Share of the frames in which it must be as high.", above=0, most=1
+    )
+    fast_steps: float = positive(
+        1.1,
+        "Most steps, times sqrt(leg / g), of a quick walk or a run.",
+        "walks 0.4 to 0.6, a run 0.7; twice as fast 1.14 and 1.41",
+    )
+    most_steps: float = positive(
+        1.5, "Most steps, times sqrt(leg / g), at any speed.", "a dance reaches 1.0"
+    )
+    walks_on: float = positive(
+        0.5,
+        "Froude number from which people run rather than walk.",
+        "Alexander 1989",
+    )
+    sprints: float = positive(3.0, "Froude number from which people sprint, with quicker steps.")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
 
 from cl import InputError
+from psfs.common.scratch import temporary_folder
 from psfs.output.video import write_video
 
 if TYPE_CHECKING:
@@ -37,8 +37,8 @@ def encode_page_video(path: Path) -> bytes:
             allowed = _BYTES * max(1.0, seconds / _SHORT)
             if stream.codec_context.name == "h264" and path.stat().st_size <= allowed:
                 return path.read_bytes()
-            with tempfile.TemporaryDirectory() as folder:
-                smaller = Path(folder) / "smaller.mp4"
+            with temporary_folder() as folder:
+                smaller = folder / "smaller.mp4"
                 _encode(container, smaller, 0.9 * 8 * allowed / max(seconds, 0.1))
                 return smaller.read_bytes()
     except (av.FFmpegError, IndexError) as error:

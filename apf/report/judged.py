@@ -11,6 +11,7 @@ import numpy as np
 from apf.keypoints.keypoints import Keypoints
 from apf.report.agreement import Agreement, choose_rows, compare_with_silhouettes
 from apf.report.keypoint_agreement import measure_keypoint_agreement
+from apf.report.motion_limits import find_impossible_motion
 from apf.report.names import PAGE
 from apf.report.page import write_page
 from apf.report.quality import Quality
@@ -40,12 +41,14 @@ def judge_track(
 ) -> Quality:
     """Return the quality of a track; measured against the silhouettes, unless it is of no frame or
     of no voxels, and against keypoints. progress: called after each frame that is compared with
-    silhouettes. doubts: see `Quality`."""
+    silhouettes. doubts: see `Quality`; what people do not do is added."""
     grid = read_tracked_grid(track)
     found: Agreement | None = None
     if grid is not None and len(track):
         found = compare_with_silhouettes(session, grid, track, progress)
-    return Quality(track, found, compare_with_keypoints(session, track, keypoints), tuple(doubts))
+    near = compare_with_keypoints(session, track, keypoints)
+    known = (*doubts, *(text for text in find_impossible_motion(track) if text not in doubts))
+    return Quality(track, found, near, known)
 
 
 def compare_with_keypoints(

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from apf.formats import BODY_WRITERS, WRITERS
@@ -14,6 +12,7 @@ from apf.studio.words import make_text
 from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
 from cl import UserError
+from psfs.common.scratch import temporary_folder
 
 if TYPE_CHECKING:
     import viser
@@ -56,8 +55,8 @@ class ExportPanel:
         track: Track = self._watch.opened.tracks[name]
         if self.smooth.value and track.smoothing is None and len(track) > 1:
             track = smooth_track(track)
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / f"track{self.ending.value}"
+        with temporary_folder() as folder:
+            path = folder / f"track{self.ending.value}"
             track.save(path)
             return f"{name}{self.ending.value}", path.read_bytes()
 

@@ -8,15 +8,16 @@ import re
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import tomli_w
 
 from apf.tracking.track import PARTS, Track
 from cl import UserError
+from psfs.common.scratch import temporary_folder
 
 #: Longest wait for a run that was interrupted to write what it has, s.
 _PATIENCE = 60.0
@@ -47,10 +48,10 @@ class Work:
         tables: Mapping[str, object] | None = None,
     ) -> None:
         self.output, self.n_frames = output, n_frames
-        self._files = tempfile.TemporaryDirectory(prefix="apf-studio-")
+        self._files = ExitStack()
         words = ["track", *flags, "-o", str(output)]
         if tables:
-            settings = Path(self._files.name) / "settings.toml"
+            settings = self._files.enter_context(temporary_folder()) / "settings.toml"
             settings.write_text(tomli_w.dumps(dict(tables)), encoding="utf-8")
             words += ["--config", str(settings)]
         self.command = ["apf", *words]
@@ -117,7 +118,7 @@ class Work:
             self._process.kill()
             self._process.wait()
         self._reader.join(timeout=5)
-        self._files.cleanup()
+        self._files.close()
 
     def _read(self) -> None:
         assert self._process.stdout is not None

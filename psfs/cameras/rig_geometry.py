@@ -68,7 +68,7 @@ def find_seen_points(rig: CameraRig, needed: int) -> np.ndarray:
     """
     centre = intersect_axes(rig)
     reach = max(np.linalg.norm(rig.centres - centre, axis=1).max(), 1e-9)
-    return _keep_seen(rig, _lattice(centre - reach, centre + reach, _COARSE), needed)
+    return keep_seen(rig, _lattice(centre - reach, centre + reach, _COARSE), needed)
 
 
 def find_seen_box(rig: CameraRig, needed: int) -> tuple[np.ndarray, np.ndarray] | None:
@@ -78,7 +78,7 @@ def find_seen_box(rig: CameraRig, needed: int) -> tuple[np.ndarray, np.ndarray] 
         return None
     step = 2 * np.linalg.norm(rig.centres - intersect_axes(rig), axis=1).max() / (_COARSE - 1)
     finer = _lattice(points.min(axis=0) - step, points.max(axis=0) + step, _FINE)
-    points = np.concatenate([points, _keep_seen(rig, finer, needed)])
+    points = np.concatenate([points, keep_seen(rig, finer, needed)])
     return points.min(axis=0), points.max(axis=0)
 
 
@@ -87,6 +87,7 @@ def _lattice(low: np.ndarray, high: np.ndarray, steps: int) -> np.ndarray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
 
 
-def _keep_seen(rig: CameraRig, points: np.ndarray, needed: int) -> np.ndarray:
+def keep_seen(rig: CameraRig, points: np.ndarray, needed: int) -> np.ndarray:
+    """Return those of the points (N, 3) m that at least `needed` cameras see."""
     views = np.sum([camera.look_up(points)[0] for camera in rig], axis=0)
     return points[views >= needed]

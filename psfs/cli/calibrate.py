@@ -198,7 +198,8 @@ def _choose_frames(
 
 def _describe_failure(views: Sequence, chosen: list[int], finder: Finder) -> str:
     """Return the error message for footage in which no picture shows the target."""
-    where = f"{len(chosen)} frames of {len(views.rig)} cameras"
+    cameras = "one camera" if len(views.rig) == 1 else f"{len(views.rig)} cameras"
+    where = f"{len(chosen)} frames of {cameras}"
     what = f"{views.folder}: no {finder.target.name} in {where}"
     if isinstance(finder, MarkerFinder):
         return f"{what}; expected its markers to be the only bright spots that move"

@@ -29,10 +29,13 @@ def resolve_path(path: str | Path) -> Path:
 
 @contextmanager
 def name_file_in_errors(path: Path) -> Iterator[None]:
-    """Put the file's name before the text of every InputError raised inside; keep its class."""
+    """Put the file's name before the text of every InputError raised inside that does not begin
+    with it; keep its class."""
     try:
         yield
     except InputError as error:
+        if str(error).startswith(f"{path}: "):
+            raise
         raise type(error)(f"{path}: {error}") from None
 
 

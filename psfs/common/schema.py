@@ -130,10 +130,15 @@ def describe_error(error: ValidationError, values: object) -> str:
     key = _key(first["loc"], values)
     if first["type"] == "missing":
         text = f"lacks the key {escape_unprintable(key)}"
+    elif first["type"] == "extra_forbidden":
+        text = f"has the key {escape_unprintable(key)}, which is unknown"
     else:
         found = repr(first["input"])
         found = found if len(found) <= _SHOWN else f"{found[:_SHOWN]}..."
         wanted = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+        if first["type"] in ("too_short", "too_long"):  # List should have ... after validation
+            wanted = wanted.partition(" should have ")[2].partition(" after ")[0]
+        wanted = wanted.replace("a valid tuple", "a list")
         shown = escape_unprintable(found)
         text = f"{escape_unprintable(key) or 'the content'} is {shown}; expected {wanted}"
     return text + (f" (and {len(more)} more of its entries are wrong)" if more else "")

@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.config import FaultConfig
 from psfs.diagnostics.small_views import Outline
-from psfs.diagnostics.tangency import CAP, Tangency
+from psfs.diagnostics.tangency import CAP, PairSums, Tangency
 
 #: Conventions of other programs' calibrations: camera to world instead of world to camera; the
 #: camera's centre instead of the translation; OpenGL's camera axes.
@@ -40,18 +40,32 @@ def find_swapped_cameras(tangency: Tangency, config: FaultConfig) -> list[int]:
         return tangency.rig[a].size == tangency.rig[b].size
 
     order = list(range(len(tangency.rig)))
-    cost = tangency.compare(order).cost
+    present = tangency.compare(order)
     for _ in range(len(order) - 1):
-        pairs = [pair for pair in combinations(range(len(order)), 2) if alike(*pair)]
-        tried = {pair: tangency.compare(_swap(order, *pair)).cost for pair in pairs}
-        known = {pair: value for pair, value in tried.items() if np.isfinite(value)}
+        limit = config.exchange_share * present.cost
+        pairs = [
+            pair
+            for pair in combinations(range(len(order)), 2)
+            if alike(*pair) and _least_cost(tangency, present, pair) < limit
+        ]
+        tried = {pair: tangency.compare(_swap(order, *pair)) for pair in pairs}
+        known = {pair: sums for pair, sums in tried.items() if np.isfinite(sums.cost)}
         if not known:
             break
-        best = min(known, key=lambda pair: known[pair])
-        if not known[best] < config.exchange_share * cost:
+        best = min(known, key=lambda pair: known[pair].cost)
+        if not known[best].cost < limit:
             break
-        order, cost = _swap(order, *best), known[best]
+        order, present = _swap(order, *best), known[best]
     return order
+
+
+def _least_cost(tangency: Tangency, present: PairSums, pair: tuple[int, int]) -> float:
+    """Return the least cost that any other pictures of two cameras could give: of a hundred
+    cameras that agree, no pair needs to be tried."""
+    rest = np.delete(np.arange(len(tangency.rig)), pair)
+    sums, counts = (of[np.ix_(rest, rest)].sum() for of in (present.sums, present.counts))
+    most = 2 * tangency.n_frames * (len(tangency.rig) ** 2 - len(rest) ** 2)
+    return float(sums / (counts + most))
 
 
 def _swap(order: list[int], a: int, b: int) -> list[int]:
@@ -84,7 +98,7 @@ def find_flipped_cameras(
     tried: dict[tuple[Way, int], tuple[float, float]] = {}
     for way in ways:
         for view in views if len(views) > 2 else ():
-            found = tangency.compare(**{way: [view]})
+            found = tangency.compare(**{way: [view]}, base=present)
             if present.cameras[view] - found.cameras[view] > _FLIP_GAIN:
                 tried[way, view] = found.cameras[view] / present.cameras[view], found.cost
     known = {flip: of for flip, of in tried.items() if np.isfinite(of).all()}

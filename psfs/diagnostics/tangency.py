@@ -105,17 +105,22 @@ class Tangency:
         shifts: Sequence[int] | None = None,
         mirrored: Sequence[int] = (),
         turned: Sequence[int] = (),
+        base: PairSums | None = None,
     ) -> PairSums:
         """Compare all pairs under an assumption: camera v has the pictures of camera order[v],
         shifts[v] frames later than the others, those of `mirrored` cameras flipped left to right,
-        those of `measure_turned` ones upside down."""
+        those of `turned` ones upside down. base: of the same order and shifts without flips; only
+        pairs of flipped cameras are compared again."""
         n = len(self.rig)
         order, shifts = order or range(n), shifts or [0] * n
         ways = {**dict.fromkeys(mirrored, (-1, 1)), **dict.fromkeys(turned, (-1, -1))}
         sums, counts = np.zeros((n, n)), np.zeros((n, n))
+        if base is not None:
+            sums, counts = base.sums.copy(), base.counts.copy()
         for a in range(n):
             for b in range(a):
-                if not self.comparable(a, b):
+                known = base is not None and a not in ways and b not in ways
+                if known or not self.comparable(a, b):
                     continue
                 first = self.planes(a, order[a], b, ways.get(a, (1, 1)))
                 second = self.planes(b, order[b], a, ways.get(b, (1, 1)))

@@ -21,21 +21,27 @@ from psfs.cameras.camera import CameraRig
 from psfs.sequence import Sequence
 
 #: Of footage: nothing; forward only; three or two cameras; cameras turned by 1 degree; a camera 6
-#: frames early; every fourth frame; a poor search; a start that faces backward.
+#: frames early, or 3 late; every fourth frame; a poor search; a start that faces backward or to the
+#: side, or with a body that is a sixth too tall.
 FOOTAGE = (
     "sound", "one way", "three cameras", "two cameras", "turned cameras", "early camera",
-    "slow", "poor search", "wrong start",
+    "slow", "poor search", "wrong start", "late camera", "quarter turn", "tall body",
 )  # fmt: skip
 #: Of keypoints: nothing; forward only; a fifth, half or all of them anywhere; left and right
-#: exchanged in one camera or all; two cameras exchanged; one late; coarse ones.
+#: exchanged in one camera or all; two cameras exchanged; one late; coarse ones; those of a camera
+#: that hangs after a third of the take; all of a camera aside.
 KEYPOINTS = (
     "sound", "one way", "outliers", "half outliers", "anywhere", "exchanged", "all exchanged",
-    "two cameras exchanged", "late camera", "coarse",
+    "two cameras exchanged", "late camera", "coarse", "hangs", "aside",
 )  # fmt: skip
+#: Starts that are given: the turn about the vertical, degrees, and the scale.
+GIVEN_STARTS = {"wrong start": (180, 1.0), "quarter turn": (90, 1.0), "tall body": (0, 7 / 6)}
 _LATE, _EARLY = 5, 6
 #: Standard deviation of coarse keypoints, as a share of the picture's height; that of the turn of a
 #: camera about each axis, rad.
 _COARSE, _TURN = 0.04, np.radians(1.0)
+#: Way by which all keypoints of a camera lie aside, as a share of the picture's height.
+_ASIDE = 0.05
 #: Error, px, and confidence of keypoints made from the truth.
 _ERROR, _CONFIDENCE = 4.0, 0.9
 
@@ -46,8 +52,9 @@ def spoil_footage(sequence: Sequence, how: str, seed: int) -> Sequence:
     if how in ("three cameras", "two cameras"):
         n = {"three": 3, "two": 2}[how.split()[0]]
         return sequence.with_cameras([names[k * len(names) // n] for k in range(n)])
-    if how == "early camera":
-        return sequence.synchronise({names[int(random.integers(len(names)))]: _EARLY})
+    if how in ("early camera", "late camera"):
+        shift = _EARLY if how == "early camera" else -_EARLY // 2
+        return sequence.synchronise({names[int(random.integers(len(names)))]: shift})
     if how == "turned cameras":
         cameras = []
         for camera in sequence.rig:
@@ -57,15 +64,15 @@ def spoil_footage(sequence: Sequence, how: str, seed: int) -> Sequence:
     return sequence
 
 
-def start_backward(truth: JointSeries, frame: int) -> tuple[BodyModel, np.ndarray]:
-    """Return the body and its true pose (D,) in a frame, turned by 180 degrees about the
-    vertical."""
+def spoil_start(truth: JointSeries, frame: int, how: str) -> tuple[BodyModel, np.ndarray]:
+    """Return the body and its true pose (D,) in a frame, spoilt in one of `GIVEN_STARTS`."""
+    degrees, scale = GIVEN_STARTS[how]
     row = int(np.flatnonzero(truth.frames == frame)[0])
     joints = {name: truth.joints[row, k] for name, k in match_joints(truth.joint_names).items()}
     middle = 0.5 * (joints["l_hip"] + joints["r_hip"])
-    half_turn = np.diag([-1.0, -1.0, 1.0])
-    turned = {name: middle + half_turn @ (place - middle) for name, place in joints.items()}
-    body, pose, _ = fit_to_joints(load_body(DEFAULT_BODY), turned)
+    turn = scale * cv2.Rodrigues(np.array([0, 0, np.radians(degrees)]))[0]
+    spoilt = {name: middle + turn @ (place - middle) for name, place in joints.items()}
+    body, pose, _ = fit_to_joints(load_body(DEFAULT_BODY), spoilt)
     return body, pose
 
 
@@ -100,6 +107,11 @@ def spoil_keypoints(keypoints: Keypoints, rig: CameraRig, how: str, seed: int) -
         points[[view, other]] = points[[other, view]]
     elif how == "late camera":
         points[view] = np.roll(points[view], _LATE, axis=0)
+    elif how == "hangs":
+        begin = points.shape[1] // 3
+        points[view, begin:] = points[view, begin]
+    elif how == "aside":
+        points[view, ..., 0] += _ASIDE * sizes[view, 0, 0, 1]
     elif how == "coarse":
         points[..., :2] += random.normal(0, 1, points[..., :2].shape) * _COARSE * sizes[..., 1:]
     return replace(keypoints, points=points)

@@ -7,7 +7,6 @@ the nightly workflow does.
 from __future__ import annotations
 
 import json
-import os
 import pickle
 import time
 from collections.abc import Callable
@@ -19,6 +18,7 @@ import numpy as np
 import pytest
 import tomli_w
 from helpers import bodies, footage, scenes, tracks
+from helpers.fuzz import CHANGE, EXAMPLES, MEMORY, SECONDS, changed
 from helpers.memory import limited_memory
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -34,16 +34,6 @@ from cl import InputError
 from psfs.cameras.calibration import read_calibration
 from psfs.common.files import read_json
 from psfs.common.toml import read_toml
-
-EXAMPLES = int(os.environ.get("PSFS_APF_FUZZ", "0"))
-#: Most bytes and seconds of a reader of a small file.
-MEMORY, SECONDS = 2**30, 10.0
-#: What stands for a number, or is put in anywhere.
-EVIL = (
-    *(b"nan", b"inf", b"-1", b"0", b"1e308", b"1e-308", b"9" * 400, b"9" * 5000, b"0x10", b"1L"),
-    *(b"", b"[", b"]", b"[[[[", b"{", b'"', b"\\", b"\0", b"\xff\xfe", b"\n", b"\r", b"\t", b","),
-    *(b"null", b"true", b"%s", b"../", b"&a;", b"<", b">", b"\x80", b"[" * 3000, b"{" * 3000),
-)
 
 
 def seeds(folder: Path) -> None:
@@ -109,29 +99,6 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "transforms.json": read_calibration,
     "calibration.toml as TOML": lambda path: read_toml(path),
 }
-CHANGE = st.tuples(
-    st.sampled_from(["replace a word", "insert", "cut out", "flip", "repeat", "end"]),
-    st.floats(0, 1, exclude_max=True),
-    st.sampled_from(EVIL),
-)
-
-
-def changed(data: bytes, kind: str, place: float, evil: bytes) -> bytes:
-    """Damage `data` at a share of its length."""
-    at = int(place * len(data))
-    end = min(len(data), at + 1 + len(evil))
-    if kind == "replace a word":
-        stops = [data.find(mark, at) for mark in b' ,\n\t]}:"' if data.find(mark, at) >= 0]
-        return data[:at] + evil + data[min(stops, default=len(data)) :]
-    if kind == "flip":
-        return data[:at] + bytes(b ^ 0xFF for b in data[at:end]) + data[end:]
-    if kind == "repeat":
-        return data[:end] + data[at:]
-    return {
-        "insert": data[:at] + evil + data[at:],
-        "cut out": data[:at] + data[end:],
-        "end": data[:at],
-    }[kind]
 
 
 @pytest.fixture(scope="module")

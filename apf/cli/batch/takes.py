@@ -50,6 +50,8 @@ def _read_list(path: Path) -> list[ListedTake]:
     for number, stated in enumerate(takes, 1):
         where = f"{path}: take {number}"
         settings = {_flag(k): v for part in (defaults, stated) for k, v in part.items()}
+        if "help" in settings:
+            raise InputError(f"{where}: found help; expected settings of a take")
         folder, name = settings.pop("folder", None), settings.pop("name", None)
         if not isinstance(folder, str) or not isinstance(name, str | None):
             raise InputError(f"{where}: folder = {folder!r}, name = {name!r}; expected text")

@@ -37,10 +37,10 @@ def write_board_pdf(
     side, inner = 1000 * square, 1000 * marker
     width, height = columns * side + 2 * _RIM, rows * side + 2 * _RIM + _BELOW
     sides = _LEAST <= inner < side
-    if not sides or max(width, height) > _LONGEST or min(squares) < 2:
+    if not sides or max(width, height) > _LONGEST or min(squares) < 3:
         raise InputError(
             f"a board of {columns}x{rows} squares of {side:g} mm with markers of {inner:g} mm; "
-            f"expected 2x2 or more, markers of {_LEAST:g} mm or more that are smaller than the "
+            f"expected 3x3 or more, markers of {_LEAST:g} mm or more that are smaller than the "
             f"squares, and {_LONGEST:g} mm at most"
         )
     markers = _choose_markers(dictionary, columns * rows // 2)

@@ -26,6 +26,8 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names, natural_key
 from psfs.cameras.units import Unit
 
+#: Largest error of a quaternion's length, which programs round.
+_UNIT = 0.01
 #: Index of fx, fy, cx, cy, k1, k2, p1, p2, k3 among a model's parameters; -1 means zero.
 _MODELS = {
     "SIMPLE_PINHOLE": (0, 0, 1, 2, -1, -1, -1, -1, -1),
@@ -58,8 +60,9 @@ def read_colmap(folder: Path, unit: Unit | None = None) -> Calibration:
                                  f"{join_names(intrinsics)}")  # fmt: skip
             size, K, distortion = intrinsics[words[8]]
             pose = parse_numbers(words[1:8], f"image {name}")
-            if not np.linalg.norm(pose[:4]) > 0:
-                raise InputError(f"image {name}: the quaternion is zero; expected a rotation")
+            length = float(np.linalg.norm(pose[:4]))
+            if not abs(length - 1) < _UNIT:
+                raise InputError(f"image {name}: a quaternion of length {length:.3g}; expected 1")
             R = Rotation.from_quat(pose[[1, 2, 3, 0]]).as_matrix()
             cameras.append(Camera(name, K, distortion, R, pose[4:], size))
         cameras.sort(key=lambda camera: natural_key(camera.name))
@@ -67,9 +70,11 @@ def read_colmap(folder: Path, unit: Unit | None = None) -> Calibration:
 
 
 def name_cameras(paths: list[str]) -> list[str]:
-    """Name each image's camera after its folder if the folders differ, else after its file."""
+    """Name each image's camera after its folder if the folders or the files' names differ, else
+    after its file."""
     folders = [PurePosixPath(path).parent.name for path in paths]
-    if all(folders) and len(set(folders)) == len(folders) > 1:
+    files = {PurePosixPath(path).stem for path in paths}
+    if all(folders) and len(paths) > 1 and len(set(folders)) >= max(2, len(files)):
         return folders
     return [PurePosixPath(path).stem for path in paths]
 

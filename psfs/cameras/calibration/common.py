@@ -29,6 +29,9 @@ _MOST_NUMBERS = 64
 #: Up to this deviation from a rotation, R is taken for a rounded rotation and corrected.
 ROUNDING = 1e-3
 
+#: Longest rotation vector, rad; some programs write a turn too many.
+_MOST_TURN = 13.0
+
 
 @dataclass(frozen=True, eq=False)
 class Calibration(CameraRig):
@@ -92,6 +95,8 @@ def parse_rotation(value: object, what: str) -> np.ndarray:
     """
     flat = parse_array(value, None, what)
     if flat.size == 3:
+        if np.linalg.norm(flat) > _MOST_TURN:
+            raise InputError(f"{what} turns by {np.linalg.norm(flat):.3g} rad; expected up to 6.3")
         # A Rodrigues vector is right-handed: this records it, so that mixed worlds are noticed.
         return make_right_handed(cv2.Rodrigues(flat)[0])
     if flat.size != 9:

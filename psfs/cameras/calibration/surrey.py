@@ -27,13 +27,13 @@ from psfs.cameras.units import Unit
 
 
 def looks_like_surrey(text: str) -> bool:
-    """Return whether the text has as many numbers as its first two numbers require."""
-    words = text.split()
+    """Return whether the first line states the numbers of cameras and of coefficients."""
+    words = text.lstrip().partition("\n")[0].split()
     try:
-        count, order = int(words[0]), int(words[1])
-    except (ValueError, IndexError):
+        count, order = map(int, words)
+    except ValueError:
         return False
-    return 0 < count <= MOST_CAMERAS and 0 <= order <= 5 and len(words) == 2 + count * (20 + order)
+    return 0 < count <= MOST_CAMERAS and 0 <= order <= 5
 
 
 def read_surrey(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
@@ -41,9 +41,14 @@ def read_surrey(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Ca
     with name_file_in_errors(path):
         text = read_text(path)
         if not looks_like_surrey(text):
-            raise InputError("not as many numbers as its first line promises; expected Surrey's")
+            raise InputError("expected Surrey's list, which begins with two numbers in a line")
         values = parse_numbers(text.split(), "Surrey's calibration")
-        order = int(values[1])
+        order, needed = int(values[1]), int(2 + values[0] * (20 + values[1]))
+        if len(values) != needed:
+            raise InputError(
+                f"{len(values)} numbers; expected {needed} of Surrey's list of {values[0]:.0f} "
+                f"cameras with {order} coefficients"
+            )
         rows = values[2:].reshape(int(values[0]), 20 + order)
         cameras = [_camera(f"cam{index:02d}", row, order) for index, row in enumerate(rows, 1)]
         return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")

@@ -316,7 +316,7 @@ def test_worlds_of_both_hands_are_refused(tmp_path: Path) -> None:
         ("a.qca.txt", b"<calibration><cameras/></calibration>", "no cameras"),
         ("b.qca.txt", b"<calibration><cameras><camera></cameras>", "expected Qualisys"),
         ("c.qca.txt", b'<!DOCTYPE a [<!ENTITY b "c">]><calibration/>', "document type"),
-        ("calib.txt", b"1 0\n0 9 0 9 1 2 3 4 5 6 7 8 9 0 1 2 3 4 5", "3x4"),
+        ("calib.txt", b"1 0\n0 9 0 9 1 2 3 4 5 6 7 8 9 0 1 2 3 4 5", "expected 22 of Surrey"),
     ],
 )
 def test_bad_files_are_named(tmp_path: Path, name: str, content: bytes, message: str) -> None:
