@@ -116,7 +116,7 @@ class Features:
         strips = name.startswith("gradient")
         width = -(-self.rig.width // _STRIP) if strips else self.rig.width
         size = (width, self.rig.height + more_rows, len(self.rig))
-        group = row_group(self.device, width)
+        group = row_group(self.device)
         return self.device.launch(self._kernel(name), size, group, **self._where, **arrays)
 
     def _kernel(self, name: str) -> Kernel:
@@ -158,13 +158,14 @@ def distance_launch(
     # No distance is longer than the picture's diagonal.
     reach = min(math.isqrt(len(table) - 2), math.isqrt(width**2 + height**2) + 1)
     table = np.append(table[: reach**2 + 1], table[-1:])
-    defines = distance_defines(device, width, height, reach)
+    defines = distance_defines(device, reach)
     defines["CHESSBOARD"] = int(metric == "chessboard")
     group = defines["GROUP"]
     return device.launch(
         device.kernel("image/distance", "edge_proximity", **defines),
-        (count_tiles(defines) * group, views),
+        (count_tiles(defines, (width, height)) * group, views),
         (group, 1),
+        picture=(width, height),
         evidence=evidence,
         edges=edges,
         regions=roi,

@@ -88,7 +88,7 @@ class ImageObjective(Likelihood):
             self.device.launch(
                 self._kernel("pack_maps"),
                 (pitch, words, views),
-                row_group(self.device, pitch),
+                row_group(self.device),
                 height=self.rig.height,
                 pitch=pitch,
                 maps=maps,

@@ -14,7 +14,8 @@ from apf.synthetic.people import make_walks, presence
 from apf.synthetic.scene import ROOM, Furniture, make_furniture, make_palettes, make_rig
 from apf.synthetic.skeleton import Motion
 from apf.synthetic.walk import Walk
-from cl import Array, Device, InputError, NumpyDevice
+from cl import Device, InputError, NumpyDevice
+from cl.signature import Argument
 from psfs.cameras.camera import CameraRig
 
 #: Texels of the floor's shadow map and their size, m.
@@ -65,7 +66,8 @@ class SceneRenderer:
         tiles = device.empty((*tile_grid[::-1], primitives + 1), np.uint8, "the tiles")
         centre = (0.0, 0.0)
         grid = (width, height, views)
-        room = {"cameras": cameras, "distance": self._distance, "floor_point": self._floor}
+        room: dict[str, Argument] = {"picture": rig.picture, "cameras": cameras}
+        room |= {"distance": self._distance, "floor_point": self._floor}
         self._draw_room(furniture, seed, room, defines)
         self._shadow = device.launch(
             device.kernel(_STAGE, "floor_shadow", **defines),
@@ -81,10 +83,11 @@ class SceneRenderer:
             device.kernel(_STAGE, "bin_primitives", **defines),
             tile_grid,
             (4, 4, 1),
+            picture=rig.picture,
             cameras=cameras,
             **body,
         )
-        drawn = {"room": self.room, "shadow": on_floor, "picture": self.picture, "mask": self.mask}
+        drawn = {"room": self.room, "shadow": on_floor, "colours": self.picture, "mask": self.mask}
         drawn["palette"] = self._palette
         self._render, self._smooth = (
             device.launch(
@@ -104,7 +107,7 @@ class SceneRenderer:
         self,
         furniture: Furniture,
         seed: int,
-        arrays: dict[str, Array],
+        arrays: dict[str, Argument],
         defines: dict[str, int | float],
     ) -> None:
         """Enqueue the pictures of the empty room, its distances and the floor's points."""
@@ -117,7 +120,7 @@ class SceneRenderer:
             posters=device.to_device(furniture.posters),
             boxes=device.to_device(furniture.boxes),
             seed=seed,
-            picture=self.room,
+            colours=self.room,
         )()
 
     def draw_several(
@@ -175,15 +178,13 @@ def _defines(
     rig: CameraRig, furniture: Furniture, primitives: int, balls: int
 ) -> dict[str, int | float]:
     """Return the compile-time definitions of scene.cl."""
-    width, height = rig.width, rig.height
     return {
         **{"PRIMITIVES": primitives, "BALLS": balls, "PRIMITIVE_FLOATS": PRIMITIVE_FLOATS},
         **{"HIT": HIT, "MARCH_STEPS": MARCH_STEPS, "FAR": FAR, **rig.defines},
         **{"POSTERS": len(furniture.posters), "BOXES": len(furniture.boxes)},
         **{"ROOM_X": ROOM[0], "ROOM_Y": ROOM[1], "ROOM_Z": ROOM[2]},
         **{"SHADOW_SIZE": SHADOW_SIZE, "SHADOW_STEP": SHADOW_STEP},
-        **{"WIDTH": width, "HEIGHT": height, "VIEWS": len(rig)},
-        **{"TILE": TILE, "TILES_X": -(-width // TILE), "TILES_Y": -(-height // TILE)},
+        "TILE": TILE,
     }
 
 

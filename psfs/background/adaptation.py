@@ -8,7 +8,7 @@ from functools import cache, partial
 import numpy as np
 
 from cl import Array, Device
-from cl.workgroups import pixel_pack, row_group
+from cl.workgroups import pixel_pack, row_group, size_defines
 from psfs.background.config import AdaptationConfig, BackgroundConfig
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
@@ -60,7 +60,14 @@ class Adaptation:
         # Each phase has its own launch, created on first use: setting an argument takes longer than
         # the launch itself.
         self._of_phase = cache(
-            partial(device.launch, adapt, size, row_group(device, blocks), **vars(arrays))
+            partial(
+                device.launch,
+                adapt,
+                size,
+                row_group(device),
+                picture=rig.picture,
+                **vars(arrays),
+            )
         )
         self._period, self._frames = config.period, 0
         self._planes = arrays.background
@@ -85,12 +92,11 @@ def _parts(device: Device) -> int:
 def _defines(
     device: Device, rig: CameraRig, config: AdaptationConfig, background: BackgroundConfig
 ) -> dict[str, int | float]:
-    """Return the definitions of adaptation.cl except the sizes of its arrays."""
-    rows, columns = cells(rig)
+    """Return the definitions of adaptation.cl except the border of its marks."""
     mean_rate, variance_rate = config.rates()
     return {
-        **{"WIDTH": rig.width, "HEIGHT": rig.height, "VIEWS": len(rig)},
-        **{"CELLS_X": columns, "CELLS_Y": rows, "CELL": CELL},
+        **size_defines(device, rig.picture),
+        "CELL": CELL,
         **{"PARTS": _parts(device), "PACK": pixel_pack(device, rig.width)},
         **{"PERIOD": config.period, "MEAN_RATE": mean_rate, "VARIANCE_RATE": variance_rate},
         "NEAREST": float(config.nearest),

@@ -156,7 +156,7 @@ def key_launch(
     kernel = device.kernel(
         "reconstruction/chroma_key",
         "chroma_ratio",
-        **{"WIDTH": width, "HEIGHT": height, "STEPS": float(evidence.ratio_steps)},
+        STEPS=float(evidence.ratio_steps),
         **{"LOWEST": evidence.ratio_range[0], "HIGHEST": evidence.ratio_range[1]},
         **{
             "AREA": AREA,
@@ -167,4 +167,5 @@ def key_launch(
         LIGHT_WEIGHT=float(config.light_width**-2),
     )
     arrays = {"images": pictures, "keys": keys, "screen": screen, "ratios": ratios}
-    return device.launch(kernel, (width, height, views), row_group(device, width), **arrays)
+    size, group = (width, height), row_group(device)
+    return device.launch(kernel, (*size, views), group, picture=size, **arrays)

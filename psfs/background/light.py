@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array, Device, Launch
-from cl.workgroups import pack_defines
+from cl.workgroups import pack_defines, size_defines
 from psfs.background.config import BackgroundConfig, LightConfig
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
@@ -134,7 +134,8 @@ def light_launch(
     kernel = device.kernel(
         "reconstruction/light",
         "estimate_light",
-        **{"WIDTH": rig.width, "HEIGHT": rig.height, "SAMPLES": places.shape[1]},
+        **size_defines(device, rig.picture),
+        SAMPLES=places.shape[1],
         **packs,
         STEPS=config.steps,
         **{"WIDEST": float(config.widest), "NARROWEST": float(config.narrowest)},
@@ -148,6 +149,7 @@ def light_launch(
         kernel,
         (packs["GROUP"] * len(rig),),
         (packs["GROUP"],),
+        picture=rig.picture,
         images=pictures,
         sizes=sizes,
         places=device.to_device(places, "the light's samples"),

@@ -311,6 +311,11 @@ class CameraRig:
         )
 
     @property
+    def picture(self) -> tuple[int, int]:
+        """Width and height, px, of the stack of pictures, as the kernels take them (sizes.h)."""
+        return self.width, self.height
+
+    @property
     def defines(self) -> dict[str, int]:
         """The compile-time definitions that `camera.h` needs."""
         tsai = any(camera.kappa for camera in self)

@@ -17,10 +17,10 @@ _SHORT = 180
 LOT = 16
 
 
-def distance_defines(device: Device, width: int, height: int, reach: int) -> dict[str, int]:
+def distance_defines(device: Device, reach: int) -> dict[str, int]:
     """Return the compile-time definitions of distance.h.
 
-    width, height: of the pictures, px. reach: largest distance, px. Raises InputError if the
+    reach: largest distance, px. Raises InputError if the
     device's local memory is too small for it.
     """
     rows = TILE if reach <= _SHORT else _FEW_ROWS
@@ -35,8 +35,6 @@ def distance_defines(device: Device, width: int, height: int, reach: int) -> dic
             f"{room} on {device.name}"
         )
     return pack_defines(device, _GROUP) | {
-        "WIDTH": width,
-        "HEIGHT": height,
         "REACH": reach,
         "TILE": TILE,
         "TILE_ROWS": rows,
@@ -44,7 +42,7 @@ def distance_defines(device: Device, width: int, height: int, reach: int) -> dic
     }
 
 
-def count_tiles(defines: dict[str, int]) -> int:
-    """Count the tiles of a picture."""
-    columns = -(-defines["WIDTH"] // defines["TILE"])
-    return columns * -(-defines["HEIGHT"] // defines["TILE_ROWS"])
+def count_tiles(defines: dict[str, int], picture: tuple[int, int]) -> int:
+    """Count the tiles of a picture, width x height px."""
+    width, height = picture
+    return -(-width // defines["TILE"]) * -(-height // defines["TILE_ROWS"])

@@ -11,7 +11,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from cl import Array, Device, Launch
-from cl.workgroups import row_group
+from cl.signature import Argument
+from cl.workgroups import row_group, size_defines
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
 from psfs.cameras.footprints import voxel_footprints
@@ -129,10 +130,12 @@ class Foreground:
         self._surface, device = voxels.surface, self._device
         n_bins = BINS**3
         views, rows, columns = self.prior.location.shape
-        defines = self._defines(voxels)
+        picture = self._rig.picture
+        defines = self._defines() | size_defines(device, picture, voxels.grid.shape)
+        most = max_samples(self._rig, self._config.appearance)
 
         def launch(
-            name: str, size: tuple[int, ...], local: tuple[int, ...], **arguments: Array
+            name: str, size: tuple[int, ...], local: tuple[int, ...], **arguments: Argument
         ) -> Launch:
             kernel = device.kernel("reconstruction/appearance", name, **defines)
             return device.launch(kernel, size, local, **arguments)
@@ -144,6 +147,8 @@ class Foreground:
                 "mark",
                 (16384 if device.is_gpu else 512, views),
                 (64, 1),
+                picture=picture,
+                grid=voxels.grid.shape,
                 **seen,
                 cameras=self._cameras,
                 extents=self._extents,
@@ -153,7 +158,8 @@ class Foreground:
             launch(
                 "observe",
                 (columns, rows, views),
-                row_group(device, columns),
+                row_group(device),
+                picture=picture,
                 **seen,
                 odds=self._odds,
                 images=self._pictures,
@@ -161,24 +167,16 @@ class Foreground:
                 location=self.prior.location,
                 counts=self._counts,
             ),
-            launch("fade", (n_bins + 1,), (64,), **histogram),
+            launch("fade", (n_bins + 1,), (64,), most=most, **histogram),
             launch("colour_table", (n_bins + 1,), (64,), **histogram, table=self.prior.colours),
         ]
 
-    def _defines(self, voxels: SurfaceVoxels) -> dict[str, int | float]:
-        config, (_, rows, columns) = self._config.appearance, self.prior.location.shape
-        _, ny, nz = voxels.grid.shape
+    def _defines(self) -> dict[str, int | float]:
+        config = self._config.appearance
         return {
-            **{"NY": ny, "NZ": nz, **self._rig.defines},
-            **{"WIDTH": self._rig.width, "HEIGHT": self._rig.height},
-            **{
-                "CELLS_X": columns,
-                "CELLS_Y": rows,
-                "CELL": CELL,
-                "BINS": BINS,
-                "REACH": config.reach,
-            },
-            **{"MIN_SURFACE": config.min_surface, "MOST": max_samples(self._rig, config)},
+            **self._rig.defines,
+            **{"CELL": CELL, "BINS": BINS, "REACH": config.reach},
+            "MIN_SURFACE": config.min_surface,
             **{"KEEP": float(config.keep), "UNIFORM": float(config.uniform)},
             "PRIOR": float(config.prior_samples),
             "STEPS": float(self._config.evidence.ratio_steps),

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cl import Array, Device, Launch
-from cl.workgroups import pixel_pack, row_group
+from cl.signature import Argument
+from cl.workgroups import pixel_pack, row_group, size_defines
 from psfs.background.adaptation import Adaptation, AdaptationArrays
 from psfs.background.chroma_key import ChromaKey, key_launch
 from psfs.background.config import BackgroundConfig
@@ -144,6 +145,7 @@ class Silhouette:
                 "floor_light",
                 "floor_light",
                 (columns + 2, rows + 2),
+                floor=config.floor.height,
                 cameras=cameras,
                 points=floor,
                 floor_light=shade,
@@ -201,13 +203,11 @@ class Silhouette:
         return -(-self.rig.width // pixel_pack(self.device, self.rig.width)), self.rig.height
 
     def _defines(self) -> dict[str, int | float]:
-        config, (rows, columns) = self._config, cells(self.rig)
+        config = self._config
         floor, evidence, light = config.floor, config.evidence, config.background
         return {
-            **{"WIDTH": self.rig.width, "HEIGHT": self.rig.height},
-            "VIEWS": len(self.rig),
+            **size_defines(self.device, self.rig.picture),
             **self.rig.defines,
-            "FLOOR": float(floor.height),
             "SHADOW_LOW": float(light.shadow_low),
             "SHADOW_HIGH": float(light.shadow_high),
             "FLOOR_LOW": float(floor.shadow_low),
@@ -230,19 +230,19 @@ class Silhouette:
             "HIGHEST": evidence.ratio_range[1],
             "BINS": BINS,
             "CELL": CELL,
-            "CELLS_Y": rows,
-            "CELLS_X": columns,
         }
 
     def _launch(
-        self, stage: str, name: str, size: tuple[int, int], /, **arguments: Array
+        self, stage: str, name: str, size: tuple[int, int], /, **arguments: Argument
     ) -> Launch:
         device, defines = self.device, self._defines()
         if stage == "silhouette":
             defines["PACK"] = pixel_pack(device, self.rig.width)
         kernel = device.kernel(f"reconstruction/{stage}", name, **defines)
-        group = row_group(device, size[0])
-        return device.launch(kernel, (*size, len(self.rig)), group, **arguments)
+        group = row_group(device)
+        return device.launch(
+            kernel, (*size, len(self.rig)), group, picture=self.rig.picture, **arguments
+        )
 
 
 def background_planes(background: Background, config: BackgroundConfig) -> np.ndarray:

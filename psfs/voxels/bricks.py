@@ -7,6 +7,8 @@ import numpy as np
 
 from cl import Array, Device
 from cl.program import Define
+from cl.signature import Argument
+from cl.workgroups import size_defines
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.distortion import distort, distortion_jacobian
 from psfs.silhouettes.hidden import UNKNOWN
@@ -45,13 +47,14 @@ class Bricks:
         config = config or OccupancyConfig()
         self.body = body
         self.device, self.shape, self.evidence = device, grid.shape, evidence
+        self.picture = rig.picture
         self.closed_surface = config.closed_surface
         views, width, height = len(rig), rig.width, rig.height
         columns, rows = -(-width // COARSE_TILE), -(-height // COARSE_TILE)
         fine = -(-width // TILE) * -(-height // TILE)
         self.defines: dict[str, Define] = {
-            **dict(zip(("NX", "NY", "NZ"), grid.shape, strict=True)),
-            **{"WIDTH": width, "HEIGHT": height, "N_CAMERAS": views},
+            **size_defines(device, rig.picture, grid.shape),
+            "N_CAMERAS": views,
             "MIN_CAMERAS": config.seeing_cameras(views),
             "THRESHOLD": float(config.threshold),
             "FACES": int(config.smoothing == "faces"),
@@ -86,16 +89,19 @@ class Bricks:
             ),
             (columns * rows * lanes, views),
             (lanes, 1),
+            picture=self.picture,
             evidence=evidence,
             tiles=self.tiles,
             n_active=self.n_active,
         )
 
     @property
-    def inputs(self) -> dict[str, Array | None]:
-        """The arrays that all occupancy kernels read besides the evidence, by the names of the
-        kernels' arguments."""
+    def inputs(self) -> dict[str, Argument]:
+        """The sizes and arrays that all occupancy kernels read besides the evidence, by the names
+        of the kernels' arguments."""
         return {
+            "picture": self.picture,
+            "grid": self.shape,
             "cameras": self.cameras,
             "reach": self.reach,
             "tiles": self.tiles,

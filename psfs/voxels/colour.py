@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array, Device
+from cl.signature import Argument
+from cl.workgroups import size_defines
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.voxels.config import ColourConfig
@@ -38,20 +40,22 @@ class SurfaceColour:
     ) -> None:
         self._grid: VoxelGrid | None = None
         views, height, width = len(rig), rig.height, rig.width
-        _, ny, nz = grid.shape
         self.colours = device.empty((surface.capacity, 4), np.uint8, "the surface's colours")
         self._depths = device.empty((views, height, width), np.uint32, "the z-buffers")
         self._geometry = device.empty(4, np.float32, "the grid's position")
         cameras = device.to_device(rig.packed(), "the cameras")
         extents = voxel_footprints(rig, grid.voxel_size).astype(np.float32)
-        defines = {"WIDTH": width, "HEIGHT": height, "N_CAMERAS": views, "NY": ny, "NZ": nz}
-        defines |= rig.defines
+        sizes = size_defines(device, rig.picture, grid.shape)
         tolerance = float((config or ColourConfig()).tolerance)
         nearest_depth, surface_colour = (
-            device.kernel("reconstruction/colour", name, **defines, TOLERANCE=tolerance)
+            device.kernel(
+                "reconstruction/colour", name, **rig.defines, **sizes, TOLERANCE=tolerance
+            )
             for name in ("nearest_depth", "surface_colour")
         )
-        voxels = {
+        voxels: dict[str, Argument] = {
+            "picture": rig.picture,
+            "grid": grid.shape,
             "cameras": cameras,
             "geometry": self._geometry,
             "indices": surface.indices,
@@ -69,6 +73,7 @@ class SurfaceColour:
             surface_colour,
             (32768 if device.is_gpu else 512,),
             (64,),
+            n_views=views,
             **voxels,
             images=None,  # set for every frame
             evidence=evidence,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array, Device, Kernel, Launch
-from cl.workgroups import row_group
+from cl.workgroups import row_group, size_defines
 from psfs.cameras.camera import CameraRig
 from psfs.voxels.config import ForegroundJoinConfig
 
@@ -30,11 +30,10 @@ class ForegroundJoin:
     def __init__(
         self, device: Device, rig: CameraRig, silhouette: Array, config: ForegroundJoinConfig
     ) -> None:
-        self.device, self._views = device, len(rig)
+        self.device, self._views, self._picture = device, len(rig), rig.picture
         self._n_cells = -(-rig.width // MARK) * -(-rig.height // MARK)
         self._defines = {
-            "WIDTH": rig.width,
-            "HEIGHT": rig.height,
+            **size_defines(device, rig.picture),
             "MARK": MARK,
             "SIDES": config.sides,
             "BELOW": config.below,
@@ -50,12 +49,14 @@ class ForegroundJoin:
             self._kernel("person_box"),
             (group, len(rig)),
             (group, 1),
+            picture=self._picture,
             silhouette=self._silhouette,
             boxes=self._boxes,
         )
         self._join = device.launch(
             self._kernel("join_foreground"),
             *self._size(),
+            picture=self._picture,
             boxes=self._boxes,
             bits=self._bits,
             silhouette=self._silhouette,
@@ -75,13 +76,14 @@ class ForegroundJoin:
         return self.device.launch(
             self._kernel("foreground_bits"),
             *self._size(),
+            picture=self._picture,
             evidence=evidence,
             boxes=self._boxes,
             bits=self._bits,
         )
 
     def _size(self) -> tuple[tuple[int, int], tuple[int, int]]:
-        local = row_group(self.device, self._n_cells)[0]
+        local = row_group(self.device)[0]
         return (self._n_cells, self._views), (local, 1)
 
     def _kernel(self, name: str) -> Kernel:

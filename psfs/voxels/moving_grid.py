@@ -22,22 +22,15 @@ class MeanPosition:
     ) -> None:
         self._mean: Array = device.zeros(4, np.float32, "the mean position")
         lanes = 128 if device.is_gpu else 1
-        _, ny, nz = shape
-        defines = {
-            "NX": 1,
-            "NY": ny,
-            "NZ": nz,
-            "THRESHOLD": 0.0,
-            "LANES": lanes,
-            "CLOSED": 0,
-            "FACES": 0,
-        }
         self._launch = device.launch(
             device.kernel(
-                "reconstruction/surface", "mean_position", **defines, CAPACITY=1, SAMPLES=SAMPLES
+                "reconstruction/surface",
+                "mean_position",
+                **{"LANES": lanes, "CLOSED": 0, "FACES": 0, "SAMPLES": SAMPLES},
             ),
             (lanes,),
             (lanes,),
+            grid=shape,
             indices=indices,
             n_surface=count,
             mean=self._mean,

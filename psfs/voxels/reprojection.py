@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array, Device, InputError, Launch
+from cl.workgroups import size_defines
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.edge_distance import LOT, count_tiles, distance_defines
@@ -62,21 +63,18 @@ class Reprojection:
         self._cameras = device.to_device(self.rig.packed(), "the cameras")
         sizes = device.to_device(np.array([c.size for c in self.rig], np.int32), "picture sizes")
         table = device.to_device(proximity_table(self.sigma, self.radius), "the proximity table")
-        _, ny, nz = grid.shape
-        self._defines = distance_defines(device, width, height, self.radius) | {
-            "NY": ny,
-            "NZ": nz,
-            **self.rig.defines,
-            "MARK": MARK,
-        }
+        self._defines = distance_defines(device, self.radius)
+        self._defines |= {**self.rig.defines, "MARK": MARK}
+        self._defines |= size_defines(device, self.rig.picture, grid.shape)
         self._join: ForegroundJoin | None = None
         if join is not None and join.on:
             self._join = ForegroundJoin(device, rig, self._silhouette, join)
         group = self._defines["GROUP"]
         self._edges = device.launch(
             device.kernel("reconstruction/reprojection", "edge_proximity", **self._defines),
-            (count_tiles(self._defines) * group, views),
+            (count_tiles(self._defines, self.rig.picture) * group, views),
             (group, 1),
+            picture=self.rig.picture,
             silhouette=self._silhouette.view(np.uint8),
             sizes=sizes,
             proximity=table,
@@ -112,6 +110,8 @@ class Reprojection:
             self.device.kernel("reconstruction/reprojection", "splat", **self._defines),
             (16384 if self.device.is_gpu else 512, len(self.rig)),
             (64, 1),
+            picture=self.rig.picture,
+            grid=voxels.grid.shape,
             cameras=self._cameras,
             extents=self._extents,
             geometry=self._geometry,

@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from cl import Array
+from cl.signature import Argument
 from cl.workgroups import row_group
 from psfs.voxels.bricks import BRICK, COARSE_BRICK, Bricks, count_bricks, lane_defines
 from psfs.voxels.surface import SurfaceList
@@ -47,8 +48,10 @@ class SparseSurface:
         self.slots = device.empty(along, np.int32, what)
         self._listed = device.empty(n_bricks, np.int32, what)
         self._pool = device.empty((self.capacity, brick_voxels), np.float32, what)
+        self._stored: dict[str, Argument] = {"grid": shape, "capacity": self.capacity}
+        self._stored |= {"pool": self._pool, "slots": self.slots}
         lanes = lane_defines(device, 1)
-        self._defines = {**bricks.defines, **lanes, "CAPACITY": self.capacity}
+        self._defines = {**bricks.defines, **lanes}
         find, group = int(self._defines["FIND_LANES"]), int(lanes["LANES"])
         coarse = [-(-n // c) for n, c in zip(along, COARSE_BRICK, strict=True)]
         inputs = bricks.inputs | {"bricks": self._listed, "n_active": self.n_active}
@@ -66,6 +69,7 @@ class SparseSurface:
             (group,),
             **inputs,
             evidence=bricks.evidence,
+            capacity=self.capacity,
             pool=self._pool,
             bits=self._bits,
         )
@@ -83,7 +87,7 @@ class SparseSurface:
         """Download the probabilities (count,) float32 of the surface voxels. Where memory did not
         suffice, they are the threshold, with a warning."""
         self._warn_of_room()
-        return self.list.gather(count, self._gather, pool=self._pool, slots=self.slots)
+        return self.list.gather(count, self._gather, **self._stored)
 
     @property
     def probability(self) -> Array:
@@ -98,9 +102,8 @@ class SparseSurface:
         device.launch(
             device.kernel("reconstruction/occupancy", "spread", **self._defines),
             (nz, ny, nx),
-            row_group(device, nz),
-            pool=self._pool,
-            slots=self.slots,
+            row_group(device),
+            **self._stored,
             probability=probability,
         )()
         return probability

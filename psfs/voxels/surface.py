@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from cl import Array, Device, InputError, Kernel, Launch
-from cl.workgroups import row_group
+from cl.signature import Argument
+from cl.workgroups import row_group, size_defines
 from psfs.voxels.config import OccupancyConfig
 
 #: Number of voxels for which the list always has room; for larger grids it has room for one voxel
@@ -27,7 +28,7 @@ class SurfaceList:
     def __init__(
         self, device: Device, shape: tuple[int, int, int], bits: Array, closed: bool = False
     ) -> None:
-        nx, ny, nz = shape
+        nx, ny, _ = shape
         size = math.prod(shape)
         self._device = device
         self._gather: Launch | None = None
@@ -38,29 +39,36 @@ class SurfaceList:
         self.occupied = device.zeros(1, np.int32, "the number of occupied voxels")
         self._found = device.zeros(1, np.int32, "the number of surface voxels")
         lanes = 128 if device.is_gpu else 1
-        defines = {"NX": nx, "NY": ny, "NZ": nz, "LANES": lanes, "CLOSED": int(closed), "FACES": 0}
-        defines["CAPACITY"] = self.capacity
         starts = device.empty(nx * ny, np.int32, "the rows of the grid")
         totals = device.empty((nx, 2), np.int32, "the slabs of the grid")
         rows = {"bits": bits, "starts": starts, "totals": totals}
+        sizes: dict[str, Argument] = {"grid": shape}
+        defines = {
+            "LANES": lanes,
+            "CLOSED": int(closed),
+            "FACES": 0,
+            **size_defines(device, grid=shape),
+        }
         listed = {"n_surface": self.count, "n_occupied": self.occupied, "found": self._found}
         listed["indices"] = self.indices
+        room: dict[str, Argument] = {"capacity": self.capacity}
         self._launches = [
             device.launch(
-                device.kernel("reconstruction/surface", name, THRESHOLD=0.0, **defines),
+                device.kernel("reconstruction/surface", name, **defines),
                 (nx * lanes,),
                 (lanes,),
+                **sizes,
                 **rows,
                 **written,
             )
-            for name, written in (("count_slabs", {}), ("list_surface", listed))
+            for name, written in (("count_slabs", {}), ("list_surface", room | listed))
         ]
 
     def __call__(self) -> None:
         for launch in self._launches:
             launch()
 
-    def gather(self, count: int, kernel: Kernel, **source: Array) -> np.ndarray:
+    def gather(self, count: int, kernel: Kernel, **source: Argument) -> np.ndarray:
         """Download the `count` float32 values that `kernel` gathers from its `source` at the
         surface voxels. Each call must pass the same kernel."""
         if self._gather is None or self._gathered.size < count:
@@ -103,18 +111,24 @@ class Surface:
         self.probability = device.empty(shape, np.float32, f"a grid of {size:,} voxels")
         bits = device.empty((nx, ny, words), np.uint16, f"a grid of {size:,} voxels")
         self.list = SurfaceList(device, shape, bits, config.closed_surface)
-        defines = {"NX": nx, "NY": ny, "NZ": nz, "THRESHOLD": float(config.threshold)}
-        defines |= {"LANES": 1, "CAPACITY": self.list.capacity, "CLOSED": 0}
-        defines["FACES"] = int(config.smoothing == "faces")
-        row, word = row_group(device, nz), (64,)
+        defines = {"LANES": 1, "CLOSED": 0, "FACES": int(config.smoothing == "faces")}
+        defines |= size_defines(device, grid=shape)
+        row, word = row_group(device), (64,)
         smooth, threshold_, self._gather = (
             device.kernel("reconstruction/surface", name, **defines)
             for name in ("smooth", "threshold", "gather")
         )
+        probability = {"probability": self.probability}
         self._launches = [
-            device.launch(smooth, (nz, ny, nx), row, padded=padded, probability=self.probability),
+            device.launch(smooth, (nz, ny, nx), row, grid=shape, padded=padded, **probability),
             device.launch(
-                threshold_, (nx * ny * words,), word, probability=self.probability, bits=bits
+                threshold_,
+                (nx * ny * words,),
+                word,
+                grid=shape,
+                least=config.threshold,
+                **probability,
+                bits=bits,
             ),
         ]
 

@@ -2,12 +2,12 @@
 // the columns, up and down, then the least of gap^2 + dx^2 along the rows. Counterpart:
 // psfs/common/edge_distance.py; twin: psfs/reference/edge_distance.py.
 // Where CHESSBOARD is defined as 1, instead the chessboard distance, the greater of |dx| and |dy|.
-// Defines: WIDTH of the pictures; REACH, px, beyond which all distances are as one; TILE columns and
+// Defines: REACH, px, beyond which all distances are as one; TILE columns and
 // TILE_ROWS rows of a tile; LOT, 1 or 16; GROUP. What includes this says where edges are, by a type
 // `edge_source` and the function `edges_of`.
 #if !defined(GROUP) || !defined(LOT) || !defined(REACH) || !defined(TILE) || \
-    !defined(TILE_ROWS) || !defined(WIDTH)
-#error "common/distance.h needs GROUP, LOT, REACH, TILE, TILE_ROWS and WIDTH"
+    !defined(TILE_ROWS)
+#error "common/distance.h needs GROUP, LOT, REACH, TILE and TILE_ROWS"
 #endif
 #include "common/inlined.h"
 

@@ -1,18 +1,17 @@
 // Proximity to the nearest edge within a region of every view; twin: reference/image_objective/
-// features.py. Defines: WIDTH, HEIGHT of the stack of views; those of distance.h. A region is (x0,
+// features.py. Defines: those of distance.h. A region is (x0,
 // y0, x1, y1), the ends excluded.
-#if !defined(HEIGHT)
-#error "image/distance.cl needs HEIGHT"
-#endif
+#include "common/sizes.h"
 
 #define TILES_X ((WIDTH + TILE - 1) / TILE)
 // The edges (255) of a view within a region, whose right end is that of the columns. n_bytes: from
 // the view on to the end of the stack.
-typedef struct { __global const uchar *edges; int4 region; int n_bytes; } edge_source;
+typedef struct { __global const uchar *edges; int2 picture; int4 region; int n_bytes; } edge_source;
 #include "common/distance.h"
 
 static inline bytes edges_of(const edge_source *source, columns at, int y)
 {
+    const int2 picture = source->picture;
     const int place = y * WIDTH + at.x;
     if (y < source->region.y || y >= source->region.w) return (bytes)0;
 #if LOT > 1
@@ -30,7 +29,7 @@ static inline bytes edges_of(const edge_source *source, columns at, int y)
 // squared distance to the nearest edge, whose last entry stands for all that is out of reach. One
 // work-group per tile and view.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void edge_proximity(__global const char *restrict evidence, __global const uchar *restrict edges,
+void edge_proximity(int2 picture, __global const char *restrict evidence, __global const uchar *restrict edges,
                     __global const int4 *restrict regions,
                     __global const uchar *restrict proximity, __global uchar2 *restrict maps)
 {
@@ -47,7 +46,7 @@ void edge_proximity(__global const char *restrict evidence, __global const uchar
     const bool inside = low.x < end.x && low.y < end.y;
     const int x0 = max(left - REACH, box.x), x1 = inside ? min(left + TILE + REACH, box.z) : x0;
     const size_t first = (size_t)view * HEIGHT * WIDTH;
-    const edge_source source = {edges + first, box,
+    const edge_source source = {edges + first, picture, box,
                                 ((int)get_global_size(1) - view) * HEIGHT * WIDTH};
     find_gaps(&source, WIDTH, left, top, x0, x1, distance, gap, squares);
     for (int y = low.y + lane / TILE; y < (inside ? end.y : low.y); y += row_step)

@@ -1,16 +1,16 @@
 // The background follows the scene's light where nobody stands; twin: reference/adaptation.py.
 // PARTS work-items per block of the picture, every PERIOD-th row of blocks a time; a block is as
 // high as a cell of CELL x CELL pixels and as wide as a cell or a pack.
-// Defines: WIDTH, HEIGHT; CELLS_X, CELLS_Y, CELL; PARTS (divides CELL); REACH (cells of border of
+// Defines: CELL; PARTS (divides CELL); REACH (cells of border of
 // the marks); PERIOD; MEAN_RATE, VARIANCE_RATE; NEAREST (squared distance); LEAST_VARIANCE;
 // WIDTH_GREY, WIDTH_COLOUR of the light factor (psfs/background/config.py); PACK.
-#if !defined(CELL) || !defined(CELLS_X) || !defined(CELLS_Y) || \
-    !defined(LEAST_VARIANCE) || !defined(MEAN_RATE) || \
+#if !defined(CELL) || !defined(LEAST_VARIANCE) || !defined(MEAN_RATE) || \
     !defined(NEAREST) || !defined(PACK) || !defined(PARTS) || !defined(PERIOD) || \
     !defined(REACH) || !defined(VARIANCE_RATE) || !defined(WIDTH_COLOUR) || !defined(WIDTH_GREY)
-#error "reconstruction/adaptation.cl needs CELL, CELLS_X, CELLS_Y, LEAST_VARIANCE, MEAN_RATE, NEAREST, PACK, PARTS, PERIOD, REACH, VARIANCE_RATE, WIDTH_COLOUR and WIDTH_GREY"
+#error "reconstruction/adaptation.cl needs CELL, LEAST_VARIANCE, MEAN_RATE, NEAREST, PACK, PARTS, PERIOD, REACH, VARIANCE_RATE, WIDTH_COLOUR and WIDTH_GREY"
 #endif
 #include "reconstruction/background.h"
+#include "reconstruction/cells.h"
 
 #define MARKS_X (CELLS_X + 2 * REACH)
 #define MARKS_Y (CELLS_Y + 2 * REACH)
@@ -18,7 +18,7 @@
 #define BLOCKS_X ((WIDTH + BLOCK - 1) / BLOCK)
 
 // Does a voxel show in the cells around, or foreground in the cell?
-static inline int is_person(__global const uchar *marks, __global const char *evidence, int x,
+static inline int is_person(int2 picture, __global const uchar *marks, __global const char *evidence, int x,
                             int y)
 {
     int found = 0;
@@ -57,7 +57,7 @@ static inline vfloat follow(vfloat d, vfloat weight, vfloat *mean)
 }
 
 // `background` holds the planes of log_ratio in silhouette.cl; `light` that of light.cl.
-__kernel void adapt(__global const uchar *restrict images, __global const char *restrict evidence,
+__kernel void adapt(int2 picture, __global const uchar *restrict images, __global const char *restrict evidence,
                     __global const uchar *restrict marks, __global const int2 *restrict sizes,
                     __global const float *restrict light, const int phase,
                     __global float *restrict background)
@@ -68,7 +68,7 @@ __kernel void adapt(__global const uchar *restrict images, __global const char *
     int hidden[BLOCK / CELL];
     for (int k = 0; k < BLOCK / CELL; ++k) {
         const int x = block * (BLOCK / CELL) + k;
-        hidden[k] = x >= CELLS_X || is_person(marks + view * MARKS_X * MARKS_Y,
+        hidden[k] = x >= CELLS_X || is_person(picture, marks + view * MARKS_X * MARKS_Y,
                                               evidence + view * PIXELS, x, y);
     }
     __global const float *own_light = light + LIGHT_FLOATS * view;
@@ -83,7 +83,7 @@ __kernel void adapt(__global const uchar *restrict images, __global const char *
             const vint own = (column >= first) & (column < right);
             __global float *plane = background + (size_t)view * 8 * PIXELS + pixel;
             const Colour shown = colour_of(images + 3 * (view * PIXELS + pixel));
-            const Colour w = planes_of(plane, 3), before = planes_of(plane, 0);
+            const Colour w = planes_of(picture, plane, 3), before = planes_of(picture, plane, 0);
             const Colour d = less(unlit(own_light, shown, x, row), 1.0f, before);
             vint looks_so = own & (own_light[9] * weighed(w, d, d) <= NEAREST);
             for (int k = 0; k < BLOCK / CELL; ++k)

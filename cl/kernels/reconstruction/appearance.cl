@@ -1,15 +1,13 @@
 // What the reconstructed person teaches about the next frame (psfs/silhouettes/appearance.py): the
 // colours that he wears, and the location prior, by where he was; twin: reference/appearance.py.
 // Cells are CELL x CELL pixels.
-// Defines: WIDTH HEIGHT of the pictures; CELLS_X CELLS_Y; CELL; REACH (cells); BINS per channel; NY
-// NZ of the grid; MIN_SURFACE; KEEP; MOST; UNIFORM; PRIOR; STEPS (table entries per nat).
-#if !defined(BINS) || !defined(CAMERA_FLOATS) || !defined(CELL) || !defined(CELLS_X) || \
-    !defined(CELLS_Y) || !defined(HEIGHT) || !defined(KEEP) || !defined(MIN_SURFACE) || \
-    !defined(MOST) || !defined(PRIOR) || !defined(REACH) || !defined(STEPS) || \
-    !defined(UNIFORM) || !defined(WIDTH)
-#error "reconstruction/appearance.cl needs BINS, CAMERA_FLOATS, CELL, CELLS_X, CELLS_Y, HEIGHT, KEEP, MIN_SURFACE, MOST, PRIOR, REACH, STEPS, UNIFORM and WIDTH"
+// Defines: CELL; REACH (cells); BINS per channel; MIN_SURFACE; KEEP; UNIFORM; PRIOR; STEPS (table entries per nat).
+#if !defined(BINS) || !defined(CAMERA_FLOATS) || !defined(CELL) || !defined(KEEP) || \
+    !defined(MIN_SURFACE) || !defined(PRIOR) || !defined(REACH) || !defined(STEPS) || !defined(UNIFORM)
+#error "reconstruction/appearance.cl needs BINS, CAMERA_FLOATS, CELL, KEEP, MIN_SURFACE, PRIOR, REACH, STEPS and UNIFORM"
 #endif
 #include "common/camera.h"
+#include "reconstruction/cells.h"
 #include "reconstruction/voxels.h"
 
 #define N_BINS (BINS * BINS * BINS)
@@ -18,7 +16,7 @@
 
 // Marks the cells that show a voxel. `extents` holds, per view, half the width and height of a
 // voxel's box times depth, cells m. `marks` has a border of REACH cells.
-__kernel void mark(__global const float *restrict cameras, __global const float2 *restrict extents,
+__kernel void mark(int2 picture, int3 grid, __global const float *restrict cameras, __global const float2 *restrict extents,
                    __global const float *restrict geometry, __global const int *restrict indices,
                    __global const int *restrict n_surface, __global uchar *restrict marks)
 {
@@ -26,7 +24,7 @@ __kernel void mark(__global const float *restrict cameras, __global const float2
     __global const float *camera = cameras + view * CAMERA_FLOATS;
     __global uchar *map = marks + (view * MARKS_Y + REACH) * MARKS_X + REACH;
     for (int i = get_global_id(0); i < n; i += get_global_size(0)) {
-        const float3 centre = voxel_centre(geometry, indices[i]);
+        const float3 centre = voxel_centre(grid, geometry, indices[i]);
         float2 pixel;
         const float depth = camera_project(camera, centre.x, centre.y, centre.z, &pixel);
         if (depth <= 0.0f) continue;
@@ -42,7 +40,7 @@ __kernel void mark(__global const float *restrict cameras, __global const float2
 
 // Log odds of foreground in the next frame: by `odds` from the number of marks within REACH cells;
 // none when there is nobody. Counts the colours of marked cells that look like foreground.
-__kernel void observe(__global const uchar *restrict marks, __global const char *restrict odds,
+__kernel void observe(int2 picture, __global const uchar *restrict marks, __global const char *restrict odds,
                       __global const int *restrict n_surface,
                       __global const uchar *restrict images, __global const char *restrict evidence,
                       __global char *restrict location, __global int *restrict counts)
@@ -65,13 +63,13 @@ __kernel void observe(__global const uchar *restrict marks, __global const char 
     atomic_inc(&counts[N_BINS]);
 }
 
-// memory = KEEP memory + counts, unless more than a person's share of the cells was counted.
+// memory = KEEP memory + counts, unless more than `most`, a person's share of the cells was counted.
 // The last entry is the total.
-__kernel void fade(__global const int *restrict counts, __global float *restrict memory)
+__kernel void fade(int most, __global const int *restrict counts, __global float *restrict memory)
 {
     const int bin = get_global_id(0);
     if (bin > N_BINS) return;
-    memory[bin] = KEEP * memory[bin] + (counts[N_BINS] <= MOST ? counts[bin] : 0);
+    memory[bin] = KEEP * memory[bin] + (counts[N_BINS] <= most ? counts[bin] : 0);
 }
 
 // Log density of the person's colours over the uniform one, in 1 / STEPS nats. The histogram is

@@ -1,11 +1,6 @@
-// Packs of neighbouring pixels, in a row, against the background. Defines: WIDTH, HEIGHT; that of
-// pack.h.
-#if !defined(HEIGHT) || !defined(WIDTH)
-#error "reconstruction/background.h needs HEIGHT and WIDTH"
-#endif
+// Packs of neighbouring pixels, in a row, against the background. Define: that of pack.h.
 #include "common/pack.h"
-
-#define PIXELS (WIDTH * HEIGHT)
+#include "common/sizes.h"
 
 typedef struct { vfloat b, g, r; } Colour;
 
@@ -23,7 +18,7 @@ static inline Colour colour_of(__global const uchar *pixel)
 }
 
 // The pixels' mean, or their 1 / sigma^2, in the background's planes from `first` on.
-static inline Colour planes_of(__global const float *plane, int first)
+static inline Colour planes_of(int2 picture, __global const float *plane, int first)
 {
     plane += first * PIXELS;
     return (Colour){LOAD_PACK(plane), LOAD_PACK(plane + PIXELS), LOAD_PACK(plane + 2 * PIXELS)};
@@ -46,9 +41,10 @@ static inline Colour lit(__global const float *light, vfloat field, Colour mean)
                     least(light[2] * (mean.r * field) + light[5], 255.0f)};
 }
 
-static inline Colour lit_planes(__global const float *light, __global const float *plane, int x, int y)
+static inline Colour lit_planes(int2 picture, __global const float *light,
+                                __global const float *plane, int x, int y)
 {
-    return lit(light, field_of(light, x, y), planes_of(plane, 0));
+    return lit(light, field_of(light, x, y), planes_of(picture, plane, 0));
 }
 
 // Colours of a picture as they are in the background's own light.

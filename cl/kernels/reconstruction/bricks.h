@@ -1,10 +1,11 @@
 // What a camera can say about a whole box of voxels, from the extremes of its evidence in tiles of
-// pixels. Defines: WIDTH, HEIGHT; FINE and COARSE, the edges of tiles, px.
+// pixels. Defines: FINE and COARSE, the edges of tiles, px.
 // Counterpart: psfs/voxels/bricks.py.
-#if !defined(COARSE) || !defined(FINE) || !defined(HEIGHT) || !defined(WIDTH)
-#error "reconstruction/bricks.h needs COARSE, FINE, HEIGHT and WIDTH"
+#if !defined(COARSE) || !defined(FINE)
+#error "reconstruction/bricks.h needs COARSE and FINE"
 #endif
 #include "common/camera.h"
+#include "common/sizes.h"
 
 // Two levels of tiles; of either one every view's tiles are row-major.
 #define ALONG (COARSE / FINE)
@@ -44,7 +45,7 @@ static inline float support(__global const float *row, __global const float *opt
 
 // A box projects into a rectangle around its centre's pixel: the perspective division is bounded
 // exactly per image axis, the lens by the largest derivatives of its distortion.
-static inline EvidenceRange evidence_range(__global const float *camera,
+static inline EvidenceRange evidence_range(int2 picture, __global const float *camera,
                                            __global const float *reach,
                                            __global const char2 *tiles, float3 centre, float3 h)
 {

@@ -1,6 +1,6 @@
 // Log of the density of a screen of one colour over the foreground's, in counts of 1 / STEPS nats
 // (psfs/background/chroma_key.py); twin: reference/chroma_key.py.
-// Defines: WIDTH, HEIGHT; STEPS, LOWEST, HIGHEST as in silhouette.cl; AREA of all chromaticities;
+// Defines: STEPS, LOWEST, HIGHEST as in silhouette.cl; AREA of all chromaticities;
 // NOISE, grey levels of a channel; DARK, BRIGHT, the screen's range of light; LIGHT_WEIGHT (1 /
 // variance of the light beyond it).
 #if !defined(AREA) || !defined(BRIGHT) || !defined(DARK) || !defined(LIGHT_WEIGHT) || \
@@ -11,7 +11,7 @@
 
 // `keys` holds, per view: direction of the screen's chromaticity (2), saturation, variance along
 // and across, brightness (sum of the channels), 0, 0. `screen` is 0 where a pixel has no say.
-__kernel void chroma_ratio(__global const uchar *restrict images,
+__kernel void chroma_ratio(int2 picture, __global const uchar *restrict images,
                            __global const float *restrict keys,
                            __global const uchar *restrict screen,
                            __global char *restrict ratios)
@@ -35,5 +35,5 @@ __kernel void chroma_ratio(__global const uchar *restrict images,
     const float least = along * along / wide + across * across / high + LIGHT_WEIGHT * off * off;
     const float nats = log(AREA / 6.2831853f) - 0.5f * (log(wide * high) + least);
 
-    ratios[ratio_place(view, x, y)] = screen[pixel] ? in_counts(STEPS * nats) : (char)0;
+    ratios[ratio_place(picture, view, x, y)] = screen[pixel] ? in_counts(STEPS * nats) : (char)0;
 }

@@ -1,16 +1,14 @@
 // Colours of the surface voxels from the pictures of the cameras that see them (Song et al. 3.3);
-// twin: psfs/reference/colour.py. Defines: WIDTH HEIGHT of the stack of pictures, N_CAMERAS, NY NZ
-// of the grid, TOLERANCE in voxels.
-#if !defined(CAMERA_FLOATS) || !defined(HEIGHT) || !defined(N_CAMERAS) || !defined(TOLERANCE) || \
-    !defined(WIDTH)
-#error "reconstruction/colour.cl needs CAMERA_FLOATS, HEIGHT, N_CAMERAS, TOLERANCE and WIDTH"
+// twin: psfs/reference/colour.py. Define: TOLERANCE in voxels.
+#if !defined(CAMERA_FLOATS) || !defined(TOLERANCE)
+#error "reconstruction/colour.cl needs CAMERA_FLOATS and TOLERANCE"
 #endif
 #include "common/camera.h"
 #include "reconstruction/voxels.h"
 
 
 // Depth of the nearest voxel at every pixel: each covers its bounding box, as in reprojection.cl.
-__kernel void nearest_depth(__global const float *restrict cameras,
+__kernel void nearest_depth(int2 picture, int3 grid, __global const float *restrict cameras,
                             __global const float2 *restrict extents,
                             __global const float *restrict geometry,
                             __global const int *restrict indices,
@@ -19,10 +17,10 @@ __kernel void nearest_depth(__global const float *restrict cameras,
 {
     const int view = get_global_id(1), n = *n_surface;
     __global const float *camera = cameras + view * CAMERA_FLOATS;
-    volatile __global uint *map = depths + view * (WIDTH * HEIGHT);
+    volatile __global uint *map = depths + view * PIXELS;
     const int last_x = (int)camera[23] - 1, last_y = (int)camera[24] - 1;
     for (int i = get_global_id(0); i < n; i += get_global_size(0)) {
-        const float3 centre = voxel_centre(geometry, indices[i]);
+        const float3 centre = voxel_centre(grid, geometry, indices[i]);
         float2 pixel;
         const float depth = camera_project(camera, centre.x, centre.y, centre.z, &pixel);
         if (depth <= 0.0f) continue;
@@ -44,7 +42,8 @@ __kernel void nearest_depth(__global const float *restrict cameras,
 // Mean colour over the cameras that see a voxel as one of the nearest and hold its pixel for the
 // person; over all that see it where none does; else the colour in the camera before which least
 // stands in between. RGB, and the number of cameras in the mean.
-__kernel void surface_colour(__global const float *restrict cameras,
+__kernel void surface_colour(int2 picture, int3 grid, int n_views,
+                             __global const float *restrict cameras,
                              __global const float *restrict geometry,
                              __global const int *restrict indices,
                              __global const int *restrict n_surface,
@@ -55,17 +54,17 @@ __kernel void surface_colour(__global const float *restrict cameras,
 {
     const int n = *n_surface;
     for (int i = get_global_id(0); i < n; i += get_global_size(0)) {
-        const float3 centre = voxel_centre(geometry, indices[i]);
+        const float3 centre = voxel_centre(grid, geometry, indices[i]);
         int3 inner = (int3)(0), any = (int3)(0), least = (int3)(0);
         int n_inner = 0, n_any = 0;
         float least_depth = MAXFLOAT;
-        for (int k = 0; k < N_CAMERAS; ++k) {
+        for (int k = 0; k < n_views; ++k) {
             __global const float *camera = cameras + k * CAMERA_FLOATS;
             float2 pixel;
             const float depth = camera_project(camera, centre.x, centre.y, centre.z, &pixel);
             const int at = camera_offset(camera, pixel, WIDTH);
             if (at < 0) continue;
-            const int p = k * (WIDTH * HEIGHT) + at;
+            const int p = k * PIXELS + at;
             const int3 rgb = (int3)(images[3 * p + 2], images[3 * p + 1], images[3 * p]);
             const float behind = depth - as_float(depths[p]);
             if (behind <= TOLERANCE * geometry[3]) {

@@ -1,25 +1,25 @@
 // The light on the floor, as other cameras see it; twin: reference/silhouette.py.
-// Defines: WIDTH, HEIGHT, VIEWS, FLOOR (m), SHADOW_HIGH, FLOOR_LIT, FLOOR_LEFT (squared distance),
+// Defines: SHADOW_HIGH, FLOOR_LIT, FLOOR_LEFT (squared distance),
 // FLOOR_ENOUGH (cameras);
-// CELL (px), CELLS_X, CELLS_Y of the cells.
-#if !defined(CAMERA_FLOATS) || !defined(CELL) || !defined(CELLS_X) || !defined(CELLS_Y) || \
-    !defined(FLOOR) || !defined(FLOOR_ENOUGH) || !defined(FLOOR_LEFT) || !defined(FLOOR_LIT) || !defined(SHADOW_HIGH) || \
-    !defined(VIEWS)
-#error "reconstruction/floor_light.cl needs CAMERA_FLOATS, CELL, CELLS_X, CELLS_Y, FLOOR, FLOOR_ENOUGH, FLOOR_LEFT, FLOOR_LIT, SHADOW_HIGH and VIEWS"
+// CELL (px).
+#if !defined(CAMERA_FLOATS) || !defined(CELL) || !defined(FLOOR_ENOUGH) || !defined(FLOOR_LEFT) || !defined(FLOOR_LIT) || !defined(SHADOW_HIGH)
+#error "reconstruction/floor_light.cl needs CAMERA_FLOATS, CELL, FLOOR_ENOUGH, FLOOR_LEFT, FLOOR_LIT and SHADOW_HIGH"
 #endif
 #include "reconstruction/background.h"
+#include "reconstruction/cells.h"
 #include "common/camera.h"
 
-// Light factor that explains the colour of a pixel of the background best, and in *left the squared
+// Light factor that explains the colour of pixel (x, y) of the background best, and in *left the squared
 // distance that it leaves. `images`, `background` and `light` are those of all views.
-static inline float light_factor(__global const uchar *images, __global const float *background,
-                                 __global const float *light, int view, int pixel, float *left)
+static inline float light_factor(int2 picture, __global const uchar *images,
+                                 __global const float *background, __global const float *light, int view, int x, int y, float *left)
 {
+    const int pixel = y * WIDTH + x;
     __global const float *plane = background + (size_t)view * 8 * PIXELS + pixel;
     __global const float *own = light + LIGHT_FLOATS * view;
     const Colour shown = colour_of(images + 3 * (view * PIXELS + pixel));
-    const Colour mean = lit_planes(own, plane, pixel % WIDTH, pixel / WIDTH);
-    const Colour w = weight_in(own, planes_of(plane, 3));
+    const Colour mean = lit_planes(picture, own, plane, x, y);
+    const Colour w = weight_in(own, planes_of(picture, plane, 3));
     const float alpha = fitting(w, shown, mean);
     *left = distance_left(w, shown, alpha, mean);
     return alpha;
@@ -33,7 +33,7 @@ static inline float light_factor(__global const uchar *images, __global const fl
 // nobody has the floor is lit. A cell whose middle shows the floor lit asks nobody.
 // `points` holds the floor behind a cell (x, y), NaN if there is none. `floor_light` has a border of
 // one cell, which repeats the outermost; `light` is that of light.cl.
-__kernel void floor_light(__global const float *restrict cameras,
+__kernel void floor_light(int2 picture, float floor, __global const float *restrict cameras,
                           __global const float2 *restrict points,
                           __global const uchar *restrict images,
                           __global const float *restrict background,
@@ -45,21 +45,22 @@ __kernel void floor_light(__global const float *restrict cameras,
     const int x = min(max(column - 1, 0), CELLS_X - 1), y = min(max(row - 1, 0), CELLS_Y - 1);
     const float2 point = points[(view * CELLS_Y + y) * CELLS_X + x];
     const int on_floor = point.x == point.x;
-    const int middle = min(CELL * y + CELL / 2, HEIGHT - 1) * WIDTH +
-                       min(CELL * x + CELL / 2, WIDTH - 1);
+    const int middle_x = min(CELL * x + CELL / 2, WIDTH - 1);
+    const int middle_y = min(CELL * y + CELL / 2, HEIGHT - 1);
     float left;
-    const float own = light_factor(images, background, light, view, middle, &left);
+    const float own =
+        light_factor(picture, images, background, light, view, middle_x, middle_y, &left);
     const int asks = on_floor && (own <= FLOOR_LIT || left >= FLOOR_LEFT);
     int asked = 0;
     float nearest = 1.0f, second = 1.0f, nearest_off = 1e9f, second_off = 1e9f;
-    for (int other = 0; asks && other < VIEWS; ++other) {
+    for (int other = 0; asks && other < (int)get_global_size(2); ++other) {
         if (other == view) continue;
         __global const float *camera = cameras + other * CAMERA_FLOATS;
         float2 pixel;
-        const float depth = camera_project(camera, point.x, point.y, FLOOR, &pixel);
-        const int at = camera_offset(camera, pixel, WIDTH);
-        if (depth <= 0.0f || at < 0) continue;
-        const float alpha = light_factor(images, background, light, other, at, &left);
+        const float depth = camera_project(camera, point.x, point.y, floor, &pixel);
+        if (depth <= 0.0f || camera_offset(camera, pixel, WIDTH) < 0) continue;
+        const float alpha = light_factor(picture, images, background, light, other,
+                                         (int)(pixel.x + 0.5f), (int)(pixel.y + 0.5f), &left);
         if (left >= FLOOR_LEFT || alpha >= SHADOW_HIGH) continue;
         ++asked;
         const float off = fabs(alpha - own);

@@ -1,15 +1,17 @@
 // Joins to the silhouettes of the voxels what the pictures show of the foreground beside them: one
 // camera that takes a limb for background carves it away in all. Twin: reference/reprojection.py.
-// Defines: WIDTH HEIGHT of the stack of maps; MARK, px, edge of a cell, 8; SIDES and BELOW, percent
+// Defines: MARK, px, edge of a cell, 8; SIDES and BELOW, percent
 // of the silhouette's height by which its box is larger than it; LEAST, foreground pixels of 3 x 3
 // cells that are no speckle; GROUP. Views are dimension 1 of the kernels.
-#if !defined(BELOW) || !defined(GROUP) || !defined(HEIGHT) || !defined(LEAST) || \
-    !defined(MARK) || !defined(SIDES) || !defined(WIDTH)
-#error "reconstruction/foreground_join.cl needs BELOW, GROUP, HEIGHT, LEAST, MARK, SIDES and WIDTH"
+#if !defined(BELOW) || !defined(GROUP) || !defined(LEAST) || \
+    !defined(MARK) || !defined(SIDES)
+#error "reconstruction/foreground_join.cl needs BELOW, GROUP, LEAST, MARK and SIDES"
 #endif
 #if MARK != 8
 #error "a cell's 8 x 8 pixels are the bits of a ulong"
 #endif
+
+#include "common/sizes.h"
 
 #define CELLS_X ((WIDTH + MARK - 1) / MARK)
 #define CELLS_Y ((HEIGHT + MARK - 1) / MARK)
@@ -20,7 +22,7 @@
 // touches, larger by SIDES at both sides and above and by BELOW below; empty where there is none.
 // One work-group per view.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void person_box(__global const uchar *restrict silhouette, __global int4 *restrict boxes)
+void person_box(int2 picture, __global const uchar *restrict silhouette, __global int4 *restrict boxes)
 {
     __local int4 found[GROUP];
     const int lane = get_local_id(0), view = get_global_id(1);
@@ -53,7 +55,7 @@ void person_box(__global const uchar *restrict silhouette, __global int4 *restri
 
 // Which pixels of each cell of the boxes are foreground: (V, CELLS_Y, CELLS_X) with bit 8 y + x of
 // a cell's pixel (x, y); 0 outside of the boxes.
-__kernel void foreground_bits(__global const char *restrict evidence,
+__kernel void foreground_bits(int2 picture, __global const char *restrict evidence,
                               __global const int4 *restrict boxes, __global ulong *restrict bits)
 {
     const int cell = get_global_id(0), view = get_global_id(1);
@@ -73,7 +75,7 @@ __kernel void foreground_bits(__global const char *restrict evidence,
 }
 
 // Adds the foreground of each cell that has, with its neighbours, LEAST pixels of it.
-__kernel void join_foreground(__global const int4 *restrict boxes,
+__kernel void join_foreground(int2 picture, __global const int4 *restrict boxes,
                               __global const ulong *restrict bits,
                               __global uchar *restrict silhouette)
 {

@@ -1,16 +1,16 @@
 // The light of every picture beside that of the background; twin: reference/light.py. A robust fit
 // of gains, offsets and a gain that grows linearly over the picture. One work-group per view.
-// Defines: WIDTH, HEIGHT; SAMPLES of a view; STEPS, WIDEST and NARROWEST (standard deviations) of
+// Defines: SAMPLES of a view; STEPS, WIDEST and NARROWEST (standard deviations) of
 // the fit; INDEPENDENT; GAIN_PRIOR, OFFSET_PRIOR, FIELD_PRIOR (1 / variance); EXPECTED (squared
 // spread); LEAST_GAIN, MOST_GAIN; LIGHT_FLOATS; GROUP; that of pack.h.
 #if !defined(EXPECTED) || !defined(FIELD_PRIOR) || !defined(GAIN_PRIOR) || !defined(GROUP) || \
-    !defined(HEIGHT) || !defined(INDEPENDENT) || !defined(LEAST_GAIN) || \
+    !defined(INDEPENDENT) || !defined(LEAST_GAIN) || \
     !defined(LIGHT_FLOATS) || !defined(MOST_GAIN) || !defined(NARROWEST) || \
-    !defined(OFFSET_PRIOR) || !defined(SAMPLES) || !defined(STEPS) || !defined(WIDEST) || \
-    !defined(WIDTH)
-#error "reconstruction/light.cl needs EXPECTED, FIELD_PRIOR, GAIN_PRIOR, GROUP, HEIGHT, INDEPENDENT, LEAST_GAIN, LIGHT_FLOATS, MOST_GAIN, NARROWEST, OFFSET_PRIOR, SAMPLES, STEPS, WIDEST and WIDTH"
+    !defined(OFFSET_PRIOR) || !defined(SAMPLES) || !defined(STEPS) || !defined(WIDEST)
+#error "reconstruction/light.cl needs EXPECTED, FIELD_PRIOR, GAIN_PRIOR, GROUP, INDEPENDENT, LEAST_GAIN, LIGHT_FLOATS, MOST_GAIN, NARROWEST, OFFSET_PRIOR, SAMPLES, STEPS and WIDEST"
 #endif
 #include "common/pack.h"
+#include "common/sizes.h"
 
 // Samples of a work-item, in packs.
 #define PACKS (SAMPLES / (GROUP * PACK))
@@ -50,7 +50,7 @@ INLINED void add_up(const vfloat *sums, __local float *scratch, __local float *t
 // 1 / sigma^2 (3), column and row from -1 to 1. `light`: (V, LIGHT_FLOATS), see
 // psfs/background/light.py.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void estimate_light(__global const uchar *restrict images, __global const int2 *restrict sizes,
+void estimate_light(int2 picture, __global const uchar *restrict images, __global const int2 *restrict sizes,
                     __global const int *restrict places, __global const float *restrict scene,
                     __global float *restrict light)
 {
@@ -61,7 +61,7 @@ void estimate_light(__global const uchar *restrict images, __global const int2 *
 #endif
     __local float totals[SUMS];
     const int view = get_group_id(0), first = PACK * get_local_id(0);
-    __global const uchar *image = images + (size_t)3 * view * WIDTH * HEIGHT;
+    __global const uchar *image = images + (size_t)3 * view * PIXELS;
     vfloat shown[3 * PACKS];
     for (int j = 0; j < PACKS; ++j) {
         __global const int *place = places + view * SAMPLES + PACK * GROUP * j + first;

@@ -1,8 +1,8 @@
 // Voxel occupancy, Song et al. eq. (3)-(9), brick by brick; twin: psfs/reference/occupancy.py.
-// Defines: NX NY NZ of the grid, N_CAMERAS, WIDTH, HEIGHT of the evidence maps, MIN_CAMERAS,
+// Defines: N_CAMERAS, MIN_CAMERAS,
 // THRESHOLD, FACES (see smoothing.h), UNKNOWN (see hidden.cl); BX BY BZ voxels of a brick, CX CY CZ bricks of a coarse one; LANES items per
 // work-group, LANES_Z of them along z; NO_DISTORTION if no camera has any; HALO: 0 for dense, 1 for
-// sparse; CAPACITY (bricks) for sparse; BODY: whether a tracked body is a prior (see body_prior.h).
+// sparse; BODY: whether a tracked body is a prior (see body_prior.h).
 //
 // A CPU runs a work-group of one item, whose inner loops along z become vector code (branches are
 // selections for this reason). A camera whose evidence is the same all over a brick (mostly the
@@ -11,9 +11,8 @@
 // agree to the last bit (FP_CONTRACT OFF for more certainty costs PoCL its vector code).
 #if !defined(BODY) || !defined(BX) || !defined(BY) || !defined(BZ) || !defined(CAMERA_FLOATS) || !defined(CX) || \
     !defined(CY) || !defined(CZ) || !defined(FIND_LANES) || !defined(HALO) || !defined(LANES) || \
-    !defined(LANES_Z) || !defined(MIN_CAMERAS) || !defined(NX) || !defined(NY) || !defined(NZ) || \
-    !defined(N_CAMERAS) || !defined(REACH_FLOATS) || !defined(THRESHOLD) || !defined(TILE_LANES) || !defined(UNKNOWN)
-#error "reconstruction/occupancy.cl needs BODY, BX, BY, BZ, CAMERA_FLOATS, CX, CY, CZ, FIND_LANES, HALO, LANES, LANES_Z, MIN_CAMERAS, NX, NY, NZ, N_CAMERAS, REACH_FLOATS, THRESHOLD, TILE_LANES and UNKNOWN"
+    !defined(LANES_Z) || !defined(MIN_CAMERAS) || !defined(N_CAMERAS) || !defined(REACH_FLOATS) || !defined(THRESHOLD) || !defined(TILE_LANES) || !defined(UNKNOWN)
+#error "reconstruction/occupancy.cl needs BODY, BX, BY, BZ, CAMERA_FLOATS, CX, CY, CZ, FIND_LANES, HALO, LANES, LANES_Z, MIN_CAMERAS, N_CAMERAS, REACH_FLOATS, THRESHOLD, TILE_LANES and UNKNOWN"
 #endif
 #include "reconstruction/body_prior.h"
 #include "reconstruction/bricks.h"
@@ -45,7 +44,7 @@
 // Least and greatest evidence of the tiles, one work-group per coarse tile. Unknown evidence, of
 // cameras that count as not seeing a voxel, is the least there is and adds 0: a tile that has some
 // and more is never the same all over. Resets n_active.
-__kernel void evidence_tiles(__global const char *restrict evidence, __global char2 *restrict tiles,
+__kernel void evidence_tiles(int2 picture, __global const char *restrict evidence, __global char2 *restrict tiles,
                              __global int *restrict n_active)
 {
     SCRATCH char2 fine[ALONG * ALONG];
@@ -94,7 +93,7 @@ static inline float centre_of(__global const float *geometry, int axis, float i)
 }
 
 // Evidence of all cameras for the voxels of a brick whose first padded voxel is (x0, y0, z0).
-static inline void sum_evidence(__global const float *restrict cameras,
+static inline void sum_evidence(int2 picture, __global const float *restrict cameras,
                                 __global const float *restrict reach,
                                 __global const char2 *restrict tiles,
                                 __global const char *restrict evidence,
@@ -107,7 +106,7 @@ static inline void sum_evidence(__global const float *restrict cameras,
                                    centre_of(geometry, 2, z0 + 0.5f * (DZ - 1)));
     const float3 h = 0.5f * geometry[3] * (float3)(DX - 1, DY - 1, DZ - 1);
     for (int k = lane; k < N_CAMERAS; k += LANES) {
-        const EvidenceRange range = evidence_range(cameras + k * CAMERA_FLOATS,
+        const EvidenceRange range = evidence_range(picture, cameras + k * CAMERA_FLOATS,
                                                    reach + k * REACH_FLOATS,
                                                    tiles + k * VIEW_TILES, centre, h);
         open[k] = range.seen == 1 || range.low != range.high;
@@ -177,7 +176,7 @@ static inline float occupancy_of(__global const float *restrict table, int packe
 
 #if HALO == 0
 // All voxels of the padded grid, one work-group per brick.
-__kernel void occupancy(__global const float *restrict cameras,
+__kernel void occupancy(int2 picture, int3 grid, __global const float *restrict cameras,
                         __global const float *restrict reach,
                         __global const char2 *restrict tiles,
                         __global const char *restrict evidence,
@@ -189,7 +188,7 @@ __kernel void occupancy(__global const float *restrict cameras,
     SCRATCH int sums[ROWS * DZ], fixed[N_CAMERAS], open[N_CAMERAS];
     const int lane = get_local_id(0);
     const int x0 = get_group_id(2) * BX, y0 = get_group_id(1) * BY, z0 = get_group_id(0) * BZ;
-    sum_evidence(cameras, reach, tiles, evidence, geometry, x0, y0, z0, sums, fixed, open);
+    sum_evidence(picture, cameras, reach, tiles, evidence, geometry, x0, y0, z0, sums, fixed, open);
     ADD_BODY;
     const int n_z = NZ + 2 - z0 < DZ ? NZ + 2 - z0 : DZ;
     FOR_ROWS(row, ROWS) {
@@ -200,16 +199,13 @@ __kernel void occupancy(__global const float *restrict cameras,
     }
 }
 #else
-#ifndef CAPACITY
-#error "reconstruction/occupancy.cl needs CAPACITY where HALO is 1"
-#endif
 #define BRICKS_X ((NX + BX - 1) / BX)
 #define BRICKS_Y ((NY + BY - 1) / BY)
 #define BRICKS_Z ((NZ + BZ - 1) / BZ)
 
 // Can a voxel of the box be occupied, or smoothed into being so? Padded voxel (x0, y0, z0) is its
 // first, `n` its number of voxels along the axes.
-static inline int may_hold(__global const float *cameras, __global const float *reach,
+static inline int may_hold(int2 picture, __global const float *cameras, __global const float *reach,
                            __global const char2 *tiles, __global const float *table,
                            __global const float *geometry, __global const float *body,
                            int3 first, int3 n)
@@ -220,7 +216,7 @@ static inline int may_hold(__global const float *cameras, __global const float *
     const float3 h = 0.5f * geometry[3] * (float3)(n.x - 1, n.y - 1, n.z - 1);
     int high = 0, seeing = 0;
     for (int k = 0; k < N_CAMERAS; ++k) {
-        const EvidenceRange range = evidence_range(cameras + k * CAMERA_FLOATS,
+        const EvidenceRange range = evidence_range(picture, cameras + k * CAMERA_FLOATS,
                                                    reach + k * REACH_FLOATS,
                                                    tiles + k * VIEW_TILES, centre, h);
         high += range.high;
@@ -236,7 +232,7 @@ static inline int may_hold(__global const float *cameras, __global const float *
 // Lists the bricks in or beside which a voxel can be occupied after smoothing: `slots` is their
 // place in the list, or -1. One work-group per coarse brick. What lies two voxels beyond the
 // brick counts: so its neighbours' values are exact as well.
-__kernel void find_bricks(__global const float *restrict cameras,
+__kernel void find_bricks(int2 picture, int3 grid, __global const float *restrict cameras,
                           __global const float *restrict reach,
                           __global const char2 *restrict tiles,
                           __global const float *restrict table,
@@ -247,15 +243,15 @@ __kernel void find_bricks(__global const float *restrict cameras,
 {
     const int3 corner = (int3)(get_group_id(2) * CX, get_group_id(1) * CY, get_group_id(0) * CZ);
     const int3 size = (int3)(BX, BY, BZ);
-    const int whole = may_hold(cameras, reach, tiles, table, geometry, body, corner * size - 1,
+    const int whole = may_hold(picture, cameras, reach, tiles, table, geometry, body, corner * size - 1,
                                (int3)(CX, CY, CZ) * size + 4);
     for (int child = get_local_id(0); child < CX * CY * CZ; child += FIND_LANES) {
         const int3 brick = corner + (int3)(child / (CY * CZ), child / CZ % CY, child % CZ);
         if (brick.x >= BRICKS_X || brick.y >= BRICKS_Y || brick.z >= BRICKS_Z) continue;
         const int at = (brick.x * BRICKS_Y + brick.y) * BRICKS_Z + brick.z;
         int slot = -1;
-        if (whole && may_hold(cameras, reach, tiles, table, geometry, body, brick * size - 1,
-                              size + 4)) {
+        if (whole && may_hold(picture, cameras, reach, tiles, table, geometry, body,
+                              brick * size - 1, size + 4)) {
             slot = atomic_inc(n_active);
             bricks[slot] = at;
         }
@@ -264,9 +260,10 @@ __kernel void find_bricks(__global const float *restrict cameras,
 }
 
 // Smoothed probability of the voxels of the listed bricks, and which of them are occupied: a bit
-// each, ushort per brick and row along z. A few work-groups share the list. Bricks beyond CAPACITY
+// each, ushort per brick and row along z. A few work-groups share the list. Bricks beyond capacity
 // have no room for their probability.
-__kernel void sparse_occupancy(__global const float *restrict cameras,
+__kernel void sparse_occupancy(int2 picture, int3 grid, int capacity,
+                               __global const float *restrict cameras,
                                __global const float *restrict reach,
                                __global const char2 *restrict tiles,
                                __global const char *restrict evidence,
@@ -284,7 +281,7 @@ __kernel void sparse_occupancy(__global const float *restrict cameras,
         const int brick = bricks[slot];
         const int x0 = brick / (BRICKS_Y * BRICKS_Z) * BX;
         const int y0 = brick / BRICKS_Z % BRICKS_Y * BY, z0 = brick % BRICKS_Z * BZ;
-        sum_evidence(cameras, reach, tiles, evidence, geometry, x0, y0, z0, sums, fixed, open);
+        sum_evidence(picture, cameras, reach, tiles, evidence, geometry, x0, y0, z0, sums, fixed, open);
         ADD_BODY;
         FOR_ROWS(row, ROWS)
             FOR_Z(z, DZ) p[row * DZ + z] = occupancy_of(table, sums[row * DZ + z]);
@@ -294,7 +291,7 @@ __kernel void sparse_occupancy(__global const float *restrict cameras,
             FOR_Z(z, BZ) smoothed[row * BZ + z] = SMOOTHED(near + z, DY * DZ, DZ);
         }
         SYNC;
-        if (slot < CAPACITY)
+        if (slot < capacity)
             for (int i = lane; i < BRICK_VOXELS; i += LANES)
                 pool[slot * BRICK_VOXELS + i] = smoothed[i];
         for (int row = lane; row < BX * BY; row += LANES) {
@@ -311,7 +308,7 @@ __kernel void sparse_occupancy(__global const float *restrict cameras,
 }
 
 // Dense copy of the pool, 0 where there is no brick.
-__kernel void spread(__global const float *restrict pool, __global const int *restrict slots,
+__kernel void spread(int3 grid, int capacity, __global const float *restrict pool, __global const int *restrict slots,
                      __global float *restrict probability)
 {
     const int z = get_global_id(0), y = get_global_id(1), x = get_global_id(2);
@@ -319,11 +316,11 @@ __kernel void spread(__global const float *restrict pool, __global const int *re
     const int slot = slots[(x / BX * BRICKS_Y + y / BY) * BRICKS_Z + z / BZ];
     const int within = ((x % BX) * BY + y % BY) * BZ + z % BZ;
     probability[(x * NY + y) * NZ + z] =
-        slot >= 0 && slot < CAPACITY ? pool[slot * BRICK_VOXELS + within] : 0.0f;
+        slot >= 0 && slot < capacity ? pool[slot * BRICK_VOXELS + within] : 0.0f;
 }
 
 // Probabilities of the surface voxels, in their order: that of the threshold where there was no room.
-__kernel void sparse_gather(__global const float *restrict pool, __global const int *restrict slots,
+__kernel void sparse_gather(int3 grid, int capacity, __global const float *restrict pool, __global const int *restrict slots,
                             __global const int *restrict indices,
                             __global const int *restrict n_surface, __global float *restrict out)
 {
@@ -332,7 +329,7 @@ __kernel void sparse_gather(__global const float *restrict pool, __global const 
         const int x = indices[i] / (NY * NZ), y = indices[i] / NZ % NY, z = indices[i] % NZ;
         const int slot = slots[(x / BX * BRICKS_Y + y / BY) * BRICKS_Z + z / BZ];
         const int within = ((x % BX) * BY + y % BY) * BZ + z % BZ;
-        out[i] = slot < CAPACITY ? pool[slot * BRICK_VOXELS + within] : THRESHOLD;
+        out[i] = slot < capacity ? pool[slot * BRICK_VOXELS + within] : THRESHOLD;
     }
 }
 #endif

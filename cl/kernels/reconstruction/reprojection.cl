@@ -1,14 +1,14 @@
 // Projection of the surface voxels into every camera (Song et al. 2.3.2): silhouette and edge
-// proximity. Twin: reference/reprojection.py. Defines: WIDTH HEIGHT of the stack of maps, REACH of
-// the proximity in pixels, NY NZ of the grid, TILE and MARK (px), LOT (1 or 16), GROUP, and that of
+// proximity. Twin: reference/reprojection.py. Defines: REACH of
+// the proximity in pixels, TILE and MARK (px), LOT (1 or 16), GROUP, and that of
 // pack.h. The maps are made tile by tile of TILE x TILE pixels, and only those near the silhouette
 // at any cost.
-#if !defined(CAMERA_FLOATS) || !defined(HEIGHT) || !defined(MARK) || !defined(NY) || \
-    !defined(NZ) || !defined(PACK)
-#error "reconstruction/reprojection.cl needs CAMERA_FLOATS, HEIGHT, MARK, NY, NZ and PACK"
+#if !defined(CAMERA_FLOATS) || !defined(MARK) || !defined(PACK)
+#error "reconstruction/reprojection.cl needs CAMERA_FLOATS, MARK and PACK"
 #endif
 #include "common/camera.h"
 #include "common/pack.h"
+#include "common/sizes.h"
 
 #define TILES_X ((WIDTH + TILE - 1) / TILE)
 // A mark says whether the silhouette touches MARK x MARK pixels. The marks lie behind the stack of
@@ -17,7 +17,7 @@
 #define MARKS_Y ((HEIGHT + MARK - 1) / MARK)
 #define MARKS_PLACE (((size_t)get_global_size(1) * HEIGHT + 2) * WIDTH)
 // Where the boundary of a silhouette is, inside a picture of a height.
-typedef struct { __global const uchar *map; int height; } edge_source;
+typedef struct { __global const uchar *map; int2 picture; int height; } edge_source;
 #include "common/distance.h"
 
 // Whole numbers at or below; operators only, see pack.h.
@@ -27,8 +27,25 @@ static inline vfloat whole_below(vfloat value)
     return whole > value ? whole - 1.0f : whole;
 }
 
+// Whole a / n of results below 2^20: a division of integers takes several times as long.
+static inline vint quotient(vint a, int n)
+{
+    const vint close = TO_INT(TO_FLOAT(a) * (1.0f / n)), left = a - close * n;
+    return left < 0 ? close - 1 : left >= n ? close + 1 : close;
+}
+
+typedef struct { vint x, y, z; } voxel_place;
+
+// Places along the axes of voxels whose flat indices these are.
+static inline voxel_place place_of(int3 grid, vint voxel)
+{
+    const vint x = quotient(voxel, NY * NZ), left = voxel - x * (NY * NZ), y = quotient(left, NZ);
+    return (voxel_place){x, y, left - y * NZ};
+}
+
 // Covers the box of a voxel in a map, and marks it.
-static inline void cover(int x0, int y0, int x1, int y1, __global uchar *map, __global uchar *marks)
+static inline void cover(int2 picture, int x0, int y0, int x1, int y1, __global uchar *map,
+                         __global uchar *marks)
 {
     for (int y = y0; y <= y1; ++y)
         for (int x = x0; x <= x1; ++x) map[y * WIDTH + x] = 255;
@@ -39,7 +56,7 @@ static inline void cover(int x0, int y0, int x1, int y1, __global uchar *map, __
 // Every voxel covers the bounding box of its projected cube: all pixel centres inside, or the
 // nearest pixel if there is none. All writers write the same, so their order does not matter.
 // `extents` holds, per view, half the width and height of the box times depth, px m.
-__kernel void splat(__global const float *restrict cameras, __global const float2 *restrict extents,
+__kernel void splat(int2 picture, int3 grid, __global const float *restrict cameras, __global const float2 *restrict extents,
                     __global const float *restrict geometry, // origin (3), voxel size
                     __global const int *restrict indices, __global const int *restrict n_surface,
                     __global uchar *restrict silhouette)
@@ -50,14 +67,13 @@ __kernel void splat(__global const float *restrict cameras, __global const float
     __global uchar *map = silhouette + WIDTH + (size_t)view * WIDTH * HEIGHT;
     for (int first = get_global_id(0) * PACK; first < n; first += get_global_size(0) * PACK) {
 #define VOXEL(l) indices[lane_index(first, 0x##l, n)]
-#define X(l) (VOXEL(l) / (NY * NZ) + 0.5f)
-#define Y(l) (VOXEL(l) / NZ % NY + 0.5f)
-#define Z(l) (VOXEL(l) % NZ + 0.5f)
+        const voxel_place at = place_of(grid, PACK_OF(vint, VOXEL));
+#undef VOXEL
         vfloat px, py;
         const vfloat depth = camera_project_pack(
-            camera, geometry[0] + PACK_OF(vfloat, X) * geometry[3],
-            geometry[1] + PACK_OF(vfloat, Y) * geometry[3],
-            geometry[2] + PACK_OF(vfloat, Z) * geometry[3], &px, &py);
+            camera, geometry[0] + (TO_FLOAT(at.x) + 0.5f) * geometry[3],
+            geometry[1] + (TO_FLOAT(at.y) + 0.5f) * geometry[3],
+            geometry[2] + (TO_FLOAT(at.z) + 0.5f) * geometry[3], &px, &py);
         const vfloat half_x = extents[view].x / depth, half_y = extents[view].y / depth;
         const vfloat nearest_x = whole_below(px + 0.5f), nearest_y = whole_below(py + 0.5f);
         float seen[PACK], x0[PACK], y0[PACK], x1[PACK], y1[PACK];
@@ -68,12 +84,12 @@ __kernel void splat(__global const float *restrict cameras, __global const float
         STORE_PACK(least(most(whole_below(py + half_y), nearest_y), camera[24] - 1.0f), y1);
         for (int l = 0; l < PACK; ++l)
             if (seen[l] > 0.0f)
-                cover((int)x0[l], (int)y0[l], (int)x1[l], (int)y1[l], map, marks);
+                cover(picture, (int)x0[l], (int)y0[l], (int)x1[l], (int)y1[l], map, marks);
     }
 }
 
 // Does the silhouette touch anything that the pixels of the tile from (left, top) on can see?
-static inline bool near_silhouette(int left, int top, __global const uchar *marks)
+static inline bool near_silhouette(int2 picture, int left, int top, __global const uchar *marks)
 {
     const int x0 = max(left - REACH, 0) / MARK, y0 = max(top - REACH, 0) / MARK;
     const int x1 = min(left + TILE - 1 + REACH, WIDTH - 1) / MARK;
@@ -88,6 +104,7 @@ static inline bool near_silhouette(int left, int top, __global const uchar *mark
 // no boundary: nothing is known beyond it.
 static inline bytes edges_of(const edge_source *source, columns at, int y)
 {
+    const int2 picture = source->picture;
     const int height = source->height, row = y < 0 ? 0 : y < height ? y : height - 1;
     __global const uchar *here = source->map + row * WIDTH + at.x;
     const uchar top = row == 0 ? 255 : 0, bottom = row == height - 1 ? 255 : 0;
@@ -99,7 +116,7 @@ static inline bytes edges_of(const edge_source *source, columns at, int y)
 // Maps of one tile: silhouette and, by `proximity` (up to REACH^2, then 0), the exact squared
 // distance to the nearest boundary pixel. One work-group per tile and view.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void edge_proximity(__global const uchar *restrict silhouette, __global const int2 *restrict sizes,
+void edge_proximity(int2 picture, __global const uchar *restrict silhouette, __global const int2 *restrict sizes,
                     __global const uchar *restrict proximity, __global uchar2 *restrict maps)
 {
     __local gap_type gap[TILE_ROWS * SPAN + LOT], distance[SPAN + LOT];
@@ -114,11 +131,11 @@ void edge_proximity(__global const uchar *restrict silhouette, __global const in
     // A tile from which no silhouette can be seen looks at nothing; it does not return, because
     // PoCL 3 miscompiles that.
     const bool near =
-        near_silhouette(left, top, silhouette + MARKS_PLACE + view * MARKS_X * MARKS_Y);
+        near_silhouette(picture, left, top, silhouette + MARKS_PLACE + view * MARKS_X * MARKS_Y);
     const int2 size = sizes[view];
     const int x0 = max(left - REACH, 0);
     const int x1 = near ? min(left + TILE + REACH, size.x) : x0;
-    const edge_source source = {map, size.y};
+    const edge_source source = {map, picture, size.y};
     find_gaps(&source, size.x, left, top, x0, x1, distance, gap, squares);
     for (int y = lane / TILE; y < n_rows; y += row_step)
         for (int x = lane % TILE * LOT; x < n_columns; x += column_step * LOT) {

@@ -1,20 +1,21 @@
 // Silhouette likelihood maps, Song et al. eq. (1)-(2), as evidence counts (see psfs/silhouettes/config.py);
 // twin: reference/silhouette.py. A work-item has PACK neighbouring pixels of a row; the last of a
 // row begin earlier where its width is not a multiple.
-// Defines: WIDTH, HEIGHT, SHADOW_LOW, SHADOW_HIGH, FLOOR_LOW, LIT_VARIANCE and FLOOR_VARIANCE (of
+// Defines: SHADOW_LOW, SHADOW_HIGH, FLOOR_LOW, LIT_VARIANCE and FLOOR_VARIANCE (of
 // the light factor where the light is above FULLY_LIT, and in shadows), FLOOR_DEPTH (1 / variance
 // of its shadows), RIM_SHARE, RIM_COST (nats), RIM_CHROMA (1 / the chroma's share of the luma's
 // variance) and whether there is a RIM at all, STEPS (counts of log ratio per nat), LOWEST and HIGHEST (counts), BINS of a colour
-// channel; CELL (px), CELLS_X, CELLS_Y of the cells; PACK; SPAN (px), SUM_REACH (px, 0 or 1), SMOOTH_REACH
+// channel; CELL (px); PACK; SPAN (px), SUM_REACH (px, 0 or 1), SMOOTH_REACH
 // (px, 0 to 2), CONTRAST (1 / grey levels^2).
-#if !defined(BINS) || !defined(CELL) || !defined(CELLS_X) || !defined(CELLS_Y) || \
+#if !defined(BINS) || !defined(CELL) || \
     !defined(FLOOR_DEPTH) || !defined(FLOOR_LOW) || !defined(CONTRAST) || !defined(SMOOTH_REACH) || !defined(FLOOR_VARIANCE) || \
     !defined(FULLY_LIT) || !defined(LIT_VARIANCE) || !defined(PACK) || !defined(RIM) || !defined(RIM_CHROMA) || !defined(RIM_COST) || \
     !defined(RIM_SHARE) || !defined(SHADOW_HIGH) || !defined(SHADOW_LOW) || \
     !defined(SPAN) || !defined(STEPS) || !defined(SUM_REACH)
-#error "reconstruction/silhouette.cl needs BINS, CELL, CELLS_X, CELLS_Y, CONTRAST, FLOOR_DEPTH, FLOOR_LOW, FLOOR_VARIANCE, FULLY_LIT, LIT_VARIANCE, PACK, RIM, RIM_CHROMA, RIM_COST, RIM_SHARE, SHADOW_HIGH, SHADOW_LOW, SMOOTH_REACH, SPAN, STEPS and SUM_REACH"
+#error "reconstruction/silhouette.cl needs BINS, CELL, CONTRAST, FLOOR_DEPTH, FLOOR_LOW, FLOOR_VARIANCE, FULLY_LIT, LIT_VARIANCE, PACK, RIM, RIM_CHROMA, RIM_COST, RIM_SHARE, SHADOW_HIGH, SHADOW_LOW, SMOOTH_REACH, SPAN, STEPS and SUM_REACH"
 #endif
 #include "reconstruction/background.h"
+#include "reconstruction/cells.h"
 #include "reconstruction/ratios.h"
 
 // The first pixel of a pack.
@@ -32,7 +33,7 @@ static inline vint in_picture(__global const int2 *sizes, int view, int x, int y
 #define PACK_MIDDLES ((2 * PACK + 2 * CELL - 3) / (2 * CELL) + 2)
 
 // What a row of cells has for the pixels from column x on.
-static inline vint by_cell(__global const char *cells, int x)
+static inline vint by_cell(int2 picture, __global const char *cells, int x)
 {
     const vint cell = (x % CELL + LANE_NUMBERS) / CELL;
     vint values = 0;
@@ -46,7 +47,7 @@ static inline vint by_cell(__global const char *cells, int x)
 
 // What a map of cells has for the pixels from (x, y) on, linearly between the cells' middles, times
 // (2 * CELL)^2. `cells` has a border of one cell; the lowest bit of its values is left out.
-static inline vint between_cells(__global const uchar *cells, int x, int y)
+static inline vint between_cells(int2 picture, __global const uchar *cells, int x, int y)
 {
     const int u = 2 * x - (CELL - 1) + 2 * CELL, v = 2 * y - (CELL - 1) + 2 * CELL;
     const int column = u / (2 * CELL), below = v % (2 * CELL);
@@ -83,7 +84,7 @@ static inline vfloat luma_of(Colour c) { return 0.114f * c.b + 0.587f * c.g + 0.
 // of the light factor. `colours` holds the log of the foreground's density over the uniform one,
 // `location` the log odds of foreground by cell, both in counts; `floor_light` that of floor_light.cl,
 // `light` that of light.cl. `ratios` has a border of one pixel. `luma` is that of the pictures.
-__kernel void log_ratio(__global const uchar *restrict images,
+__kernel void log_ratio(int2 picture, __global const uchar *restrict images,
                         __global const float *restrict background,
                         __global const int2 *restrict sizes,
                         __global const char *restrict colours,
@@ -98,8 +99,8 @@ __kernel void log_ratio(__global const uchar *restrict images,
     __global const uchar *colour = images + 3 * (view * PIXELS + pixel);
     __global const float *plane = background + (size_t)view * 8 * PIXELS + pixel;
     __global const float *own = light + LIGHT_FLOATS * view;
-    const Colour shown = colour_of(colour), mean = lit_planes(own, plane, x, y);
-    const Colour w = weight_in(own, planes_of(plane, 3));
+    const Colour shown = colour_of(colour), mean = lit_planes(picture, own, plane, x, y);
+    const Colour w = weight_in(own, planes_of(picture, plane, 3));
 
     // Squared distances to the background's colour in plain light; under less light; and, on the
     // floor, instead of that under the light that other cameras see, in between cells linearly.
@@ -112,8 +113,8 @@ __kernel void log_ratio(__global const uchar *restrict images,
 
     __global const uchar *lights = floor_light + view * (CELLS_Y + 2) * (CELLS_X + 2);
     __global const uchar *floors = lights + (y / CELL + 1) * (CELLS_X + 2) + 1;
-    const vint on_floor = (by_cell((__global const char *)floors, x) & 1) == 1;
-    const vfloat seen = TO_FLOAT(between_cells(lights, x, y)) * (1.0f / (4 * CELL * CELL * 254));
+    const vint on_floor = (by_cell(picture, (__global const char *)floors, x) & 1) == 1;
+    const vfloat seen = TO_FLOAT(between_cells(picture, lights, x, y)) * (1.0f / (4 * CELL * CELL * 254));
     const vfloat dim = within(factor, FLOOR_LOW, SHADOW_HIGH);
     const vfloat off = seen - dim, noise = 1.0f / (weighed(w, mean, mean) + 1e-6f);
     const vfloat variance = seen > FULLY_LIT ? LIT_VARIANCE : FLOOR_VARIANCE + noise;
@@ -123,19 +124,19 @@ __kernel void log_ratio(__global const uchar *restrict images,
 
     const vfloat uniform_ratio = LOAD_PACK(plane + 6 * PIXELS) - own[10] - 0.5f * nearest;
     const vint known = by_colour(colours, colour) +
-                       by_cell(location + (view * CELLS_Y + y / CELL) * CELLS_X, x);
+                       by_cell(picture, location + (view * CELLS_Y + y / CELL) * CELLS_X, x);
     const vchar counts = in_counts(STEPS * uniform_ratio - TO_FLOAT(known));
     STORE_PACK(TO_CHAR(in_picture(sizes, view, x, y) ? TO_INT(counts) : 0),
-               ratios + ratio_place(view, x, y));
+               ratios + ratio_place(picture, view, x, y));
     STORE_PACK(TO_BYTES(luma_of(shown) + 0.5f), luma + view * PIXELS + pixel);
 }
 
 // Evidence, by `table`, of voxels that project to the pixels: of the ratios of 3x3 pixels each, or
 // of nine times the pixel's own.
-static inline vchar evidence_of(__global const char *ratios, __global const int2 *sizes,
-                                __global const char *table, int view, int x, int y)
+static inline vchar evidence_of(int2 picture, __global const char *ratios,
+                                __global const int2 *sizes, __global const char *table, int view, int x, int y)
 {
-    __global const char *middle = ratios + ratio_place(view, x, y);
+    __global const char *middle = ratios + ratio_place(picture, view, x, y);
     vint sum = -9 * LOWEST;
 #pragma unroll
     for (int row = -1; row <= 1; ++row)
@@ -148,12 +149,12 @@ static inline vchar evidence_of(__global const char *ratios, __global const int2
     return TO_CHAR(in_picture(sizes, view, x, y) ? counts : 0);
 }
 
-__kernel void silhouette(__global const char *restrict ratios, __global const int2 *restrict sizes,
+__kernel void silhouette(int2 picture, __global const char *restrict ratios, __global const int2 *restrict sizes,
                          __global const char *restrict table, __global char *restrict evidence)
 {
     const int x = PACK_BEGIN((int)get_global_id(0)), y = get_global_id(1), view = get_global_id(2);
     if (get_global_id(0) * PACK >= WIDTH || y >= HEIGHT) return;
-    STORE_PACK(evidence_of(ratios, sizes, table, view, x, y),
+    STORE_PACK(evidence_of(picture, ratios, sizes, table, view, x, y),
                evidence + view * PIXELS + y * WIDTH + x);
 }
 
@@ -171,11 +172,11 @@ static inline Chroma chroma_of(Colour c)
 // explains the pixel. The person is two pixels ahead, in one of eight directions, and the background
 // as far behind, as `person`, the evidence at the pixel, has it. Less than LOWEST, if no direction
 // is so. All pointers point to the pixel (x, y), but for that to the view's `light`.
-static inline vfloat mixed(__global const uchar *colour, __global const float *plane,
-                           __global const char *person, __global const float *light, int x, int y)
+static inline vfloat mixed(int2 picture, __global const uchar *colour,
+                           __global const float *plane, __global const char *person, __global const float *light, int x, int y)
 {
     const vfloat weight = light[9] * LOAD_PACK(plane + 4 * PIXELS);
-    const Chroma here = chroma_of(less(colour_of(colour), 1.0f, lit_planes(light, plane, x, y)));
+    const Chroma here = chroma_of(less(colour_of(colour), 1.0f, lit_planes(picture, light, plane, x, y)));
     vfloat nearest = 1e9f;
 #pragma unroll
     for (int direction = 0; direction < 9; ++direction) {
@@ -186,7 +187,7 @@ static inline vfloat mixed(__global const uchar *colour, __global const float *p
         if (!PACK_ANY(on_rim)) continue;
         const Chroma ahead =
             chroma_of(less(colour_of(colour + 3 * step), 1.0f,
-                           lit_planes(light, plane + step, x + dx, y + dy)));
+                           lit_planes(picture, light, plane + step, x + dx, y + dy)));
         const vfloat luma = within(here.y * ahead.y / (ahead.y * ahead.y + 1e-3f), 0.0f, RIM_SHARE);
         const vfloat chroma = within((here.b * ahead.b + here.r * ahead.r) /
                                          (ahead.b * ahead.b + ahead.r * ahead.r + 1e-3f),
@@ -206,7 +207,7 @@ static inline vfloat mixed(__global const uchar *colour, __global const float *p
 #define BLOCKS_X ((WIDTH + BLOCK - 1) / BLOCK)
 
 // Where the span that has a pixel lies in the maps of spans.
-static inline int span_place(int view, int x, int y)
+static inline int span_place(int2 picture, int view, int x, int y)
 {
     return (view * (CELLS_Y + 2) + y / CELL + 1) * (SPANS_X + 2) + x / SPAN + 1;
 }
@@ -214,7 +215,7 @@ static inline int span_place(int view, int x, int y)
 // Gives the pixels of the person's rim that are mixed the ratios of `mixed`, where these are
 // higher; without a RIM it only finds the spans. `evidence` is that of the ratios as they came. `shown` is 1 for spans with foreground, and
 // has a border of one; the picture's outermost two pixels do not count.
-__kernel void rim(__global const uchar *restrict images, __global const float *restrict background,
+__kernel void rim(int2 picture, __global const uchar *restrict images, __global const float *restrict background,
                   __global const char *restrict colours, __global const char *restrict location,
                   __global const char *restrict evidence, __global const float *restrict light,
                   __global char *restrict ratios, __global uchar *restrict shown)
@@ -236,10 +237,10 @@ __kernel void rim(__global const uchar *restrict images, __global const float *r
             any = 1;
             if (!RIM) break;
             __global const uchar *colour = images + 3 * here;
-            const vfloat ratio = mixed(colour, background + (size_t)(7 * view) * PIXELS + here,
+            const vfloat ratio = mixed(picture, colour, background + (size_t)(7 * view) * PIXELS + here,
                                        evidence + here, light + LIGHT_FLOATS * view, x, y) -
-                                 TO_FLOAT(by_colour(colours, colour) + by_cell(odds, x));
-            __global char *old = ratios + ratio_place(view, x, y);
+                                 TO_FLOAT(by_colour(colours, colour) + by_cell(picture, odds, x));
+            __global char *old = ratios + ratio_place(picture, view, x, y);
             const vchar counts = in_counts(ratio);
             const vint better = asked & (TO_INT(counts) > TO_INT(LOAD_CHARS(old)));
             if (!PACK_ANY(better)) continue;
@@ -251,13 +252,13 @@ __kernel void rim(__global const uchar *restrict images, __global const float *r
             for (int k = 0; k < PACK; ++k)
                 if (taken[k]) old[k] = values[k];
         }
-    if (any) shown[span_place(view, BLOCK * block_x, CELL * block_y)] = 1;
+    if (any) shown[span_place(picture, view, BLOCK * block_x, CELL * block_y)] = 1;
 }
 
 // Does the span of a pixel or one of its neighbours show foreground?
-static inline int near_foreground(__global const uchar *shown, int view, int x, int y)
+static inline int near_foreground(int2 picture, __global const uchar *shown, int view, int x, int y)
 {
-    __global const uchar *corner = shown + span_place(view, x, y) - (SPANS_X + 2) - 1;
+    __global const uchar *corner = shown + span_place(picture, view, x, y) - (SPANS_X + 2) - 1;
     int near = 0;
 #pragma unroll
     for (int row = 0; row < 3; ++row)
@@ -268,7 +269,7 @@ static inline int near_foreground(__global const uchar *shown, int view, int x, 
 
 // The evidence once more, near foreground: of the ratios of all pixels within SMOOTH_REACH, as far
 // as they look like this one: weighed with 1 / (1 + CONTRAST d^2)^2 by how far their luma differs.
-__kernel void smoothed_evidence(__global const uchar *restrict shown,
+__kernel void smoothed_evidence(int2 picture, __global const uchar *restrict shown,
                              __global const char *restrict ratios,
                              __global const uchar *restrict luma,
                              __global const int2 *restrict sizes,
@@ -277,11 +278,11 @@ __kernel void smoothed_evidence(__global const uchar *restrict shown,
     const int y = get_global_id(1), view = get_global_id(2), first = 2 + get_global_id(0) * PACK;
     if (first >= WIDTH - 2 || y < 2 || y >= HEIGHT - 2) return;
     const int x = first < WIDTH - 2 - PACK ? first : WIDTH - 2 - PACK;
-    const int left = near_foreground(shown, view, x, y);
-    const int right = near_foreground(shown, view, x + PACK - 1, y);
+    const int left = near_foreground(picture, shown, view, x, y);
+    const int right = near_foreground(picture, shown, view, x + PACK - 1, y);
     if (!(left | right)) return;
     __global const uchar *light = luma + view * PIXELS + y * WIDTH + x;
-    __global const char *ratio = ratios + ratio_place(view, x, y);
+    __global const char *ratio = ratios + ratio_place(picture, view, x, y);
     const vfloat here = TO_FLOAT(LOAD_BYTES(light));
     vfloat sum = 0.0f, weights = 0.0f;
 #pragma unroll
@@ -306,7 +307,7 @@ __kernel void smoothed_evidence(__global const uchar *restrict shown,
 }
 
 // Ready masks, 0..255; `table` holds the evidence of the 256 values.
-__kernel void mask_silhouette(__global const uchar *restrict masks,
+__kernel void mask_silhouette(int2 picture, __global const uchar *restrict masks,
                               __global const int2 *restrict sizes,
                               __global const char *restrict table,
                               __global char *restrict evidence)

@@ -1,11 +1,11 @@
 // From occupancy to surface voxels: smoothing, threshold, removal of the inside, stream
-// compaction in ascending order. Twin: psfs/reference/surface.py. Defines: NX NY NZ of the grid
-// (without padding), THRESHOLD, LANES, CAPACITY of the list, CLOSED (0 or 1).
+// compaction in ascending order. Twin: psfs/reference/surface.py. The grid is that
+// without padding. Defines: LANES; CLOSED (0 or 1); that of smoothing.h.
 // Occupied voxels are bits: WORDS ushorts per row along z, voxel z is bit z % 16 of word z / 16.
-#if !defined(CAPACITY) || !defined(CLOSED) || !defined(LANES) || !defined(NX) || !defined(NY) || \
-    !defined(NZ) || !defined(THRESHOLD)
-#error "reconstruction/surface.cl needs CAPACITY, CLOSED, LANES, NX, NY, NZ and THRESHOLD"
+#if !defined(CLOSED) || !defined(LANES)
+#error "reconstruction/surface.cl needs CLOSED and LANES"
 #endif
+#include "common/sizes.h"
 #include "reconstruction/smoothing.h"
 #define WORDS ((NZ + 15) / 16)
 // A group of one item needs no barrier.
@@ -16,7 +16,7 @@
 #endif
 
 // Smoothed occupancy; `padded` has one more layer on every side.
-__kernel void smooth(__global const float *restrict padded, __global float *restrict probability)
+__kernel void smooth(int3 grid, __global const float *restrict padded, __global float *restrict probability)
 {
     const int z = get_global_id(0), y = get_global_id(1), x = get_global_id(2);
     if (z >= NZ || y >= NY || x >= NX) return;
@@ -25,7 +25,8 @@ __kernel void smooth(__global const float *restrict padded, __global float *rest
 }
 
 // Bits of the occupied voxels, one item per word.
-__kernel void threshold(__global const float *restrict probability, __global ushort *restrict bits)
+__kernel void threshold(int3 grid, float least, __global const float *restrict probability,
+                        __global ushort *restrict bits)
 {
     const int word = get_global_id(0);
     if (word >= NX * NY * WORDS) return;
@@ -33,14 +34,14 @@ __kernel void threshold(__global const float *restrict probability, __global ush
     __global const float *p = probability + row * NZ + z0;
     uint mask = 0;
     if (z0 + 16 <= NZ)
-        for (int z = 0; z < 16; ++z) mask |= (uint)(p[z] > THRESHOLD) << z;
+        for (int z = 0; z < 16; ++z) mask |= (uint)(p[z] > least) << z;
     else
-        for (int z = 0; z < NZ - z0; ++z) mask |= (uint)(p[z] > THRESHOLD) << z;
+        for (int z = 0; z < NZ - z0; ++z) mask |= (uint)(p[z] > least) << z;
     bits[word] = (ushort)mask;
 }
 
 // The voxels of a word that are occupied together with both neighbours along z.
-static inline uint within_row(__global const ushort *restrict bits, int at, int word)
+static inline uint within_row(int3 grid, __global const ushort *restrict bits, int at, int word)
 {
     const uint here = bits[at];
     const uint below = word > 0 ? bits[at - 1] >> 15 : 0;
@@ -50,12 +51,13 @@ static inline uint within_row(__global const ushort *restrict bits, int at, int 
 
 // The occupied voxels of a word that have an empty neighbour or lie on the grid's border: one of 26
 // neighbours if CLOSED, else of 6.
-static inline uint surface_bits(__global const ushort *restrict bits, int x, int y, int word)
+static inline uint surface_bits(int3 grid, __global const ushort *restrict bits,
+                                int x, int y, int word)
 {
     const int at = (x * NY + y) * WORDS + word;
     const uint here = bits[at];
     if (here == 0 || x == 0 || x == NX - 1 || y == 0 || y == NY - 1) return here;
-    uint enclosed = within_row(bits, at, word) & bits[at - WORDS] & bits[at + WORDS] &
+    uint enclosed = within_row(grid, bits, at, word) & bits[at - WORDS] & bits[at + WORDS] &
                     bits[at - NY * WORDS] & bits[at + NY * WORDS];
     if (CLOSED && enclosed != 0) {
         // Unrolled, the loads do not wait for each other.
@@ -63,14 +65,14 @@ static inline uint surface_bits(__global const ushort *restrict bits, int x, int
         for (int dx = -1; dx <= 1; ++dx)
 #pragma unroll
             for (int dy = -1; dy <= 1; ++dy)
-                enclosed &= within_row(bits, at + (dx * NY + dy) * WORDS, word);
+                enclosed &= within_row(grid, bits, at + (dx * NY + dy) * WORDS, word);
     }
     return here & ~enclosed;
 }
 
 // One work-group per slab of rows with the same x: where each row's surface voxels start within
 // the slab, and the slab's numbers of surface and occupied voxels.
-__kernel void count_slabs(__global const ushort *restrict bits, __global int *restrict starts,
+__kernel void count_slabs(int3 grid, __global const ushort *restrict bits, __global int *restrict starts,
                           __global int2 *restrict totals)
 {
     __local int2 sums[LANES];
@@ -83,7 +85,7 @@ __kernel void count_slabs(__global const ushort *restrict bits, __global int *re
         for (int word = 0; word < WORDS; ++word) {
             const uint occupied = bits[(x * NY + y) * WORDS + word];
             if (occupied == 0) continue;
-            sum.x += popcount(surface_bits(bits, x, y, word));
+            sum.x += popcount(surface_bits(grid, bits, x, y, word));
             sum.y += popcount(occupied);
         }
     }
@@ -100,7 +102,8 @@ __kernel void count_slabs(__global const ushort *restrict bits, __global int *re
 
 // Write the flat indices of the surface voxels, one work-group per slab. `found` is all of them,
 // n_surface those that the list has room for.
-__kernel void list_surface(__global const ushort *restrict bits,
+__kernel void list_surface(int3 grid, int capacity,
+                           __global const ushort *restrict bits,
                            __global const int *restrict starts,
                            __global const int2 *restrict totals, __global int *restrict n_surface,
                            __global int *restrict n_occupied, __global int *restrict found,
@@ -124,7 +127,7 @@ __kernel void list_surface(__global const ushort *restrict bits,
         int2 all = (int2)(0, 0);
         for (int other = 0; other < LANES; ++other) all += sums[other];
         *found = all.x;
-        *n_surface = all.x < CAPACITY ? all.x : CAPACITY;
+        *n_surface = all.x < capacity ? all.x : capacity;
         *n_occupied = all.y;
     }
     if (totals[x].x == 0) return;
@@ -132,9 +135,9 @@ __kernel void list_surface(__global const ushort *restrict bits,
         int at = base + starts[x * NY + y];
         const int end = y + 1 < NY ? base + starts[x * NY + y + 1] : base + totals[x].x;
         for (int word = 0; word < WORDS && at < end; ++word)
-            for (uint left = surface_bits(bits, x, y, word); left != 0; left &= left - 1u) {
+            for (uint left = surface_bits(grid, bits, x, y, word); left != 0; left &= left - 1u) {
                 const int z = word * 16 + 31 - (int)clz(left & (0u - left));
-                if (at < CAPACITY) indices[at] = (x * NY + y) * NZ + z;
+                if (at < capacity) indices[at] = (x * NY + y) * NZ + z;
                 ++at;
             }
     }
@@ -153,7 +156,7 @@ __kernel void gather(__global const float *restrict probability,
 #ifdef SAMPLES
 // Mean position of SAMPLES evenly listed surface voxels, in voxels from the grid's corner, and how
 // many surface voxels there are. One work-group.
-__kernel void mean_position(__global const int *restrict indices,
+__kernel void mean_position(int3 grid, __global const int *restrict indices,
                             __global const int *restrict n_surface, __global float *restrict mean)
 {
     __local float4 sums[LANES];

@@ -2,15 +2,18 @@
 // textured room. The twin of the person's silhouette and depth is apf/reference/synthetic/scene.py.
 //
 // Defines: those of scene_person.h and scene_room.h; BALLS; SHADOW_SIZE (texels), SHADOW_STEP (m
-// per texel); WIDTH, HEIGHT, VIEWS; TILE (px), TILES_X, TILES_Y.
-#if !defined(BALLS) || !defined(CAMERA_FLOATS) || !defined(HEIGHT) || !defined(PRIMITIVES) || \
-    !defined(SHADOW_SIZE) || !defined(SHADOW_STEP) || !defined(TILE) || !defined(TILES_X) || \
-    !defined(TILES_Y) || !defined(VIEWS) || !defined(WIDTH)
-#error "synthetic/scene.cl needs BALLS, CAMERA_FLOATS, HEIGHT, PRIMITIVES, SHADOW_SIZE, SHADOW_STEP, TILE, TILES_X, TILES_Y, VIEWS and WIDTH"
+// per texel); TILE (px).
+#if !defined(BALLS) || !defined(CAMERA_FLOATS) || !defined(PRIMITIVES) || \
+    !defined(SHADOW_SIZE) || !defined(SHADOW_STEP) || !defined(TILE)
+#error "synthetic/scene.cl needs BALLS, CAMERA_FLOATS, PRIMITIVES, SHADOW_SIZE, SHADOW_STEP and TILE"
 #endif
 #include "common/camera.h"
+#include "common/sizes.h"
 #include "synthetic/scene_person.h"
 #include "synthetic/scene_room.h"
+
+#define TILES_X ((WIDTH + TILE - 1) / TILE)
+#define TILES_Y ((HEIGHT + TILE - 1) / TILE)
 
 // Unit ray of `pixel` in the world; *depth_per_length turns lengths along it into depths. The
 // distortion is inverted by fixed-point iteration, as cv2.undistortPoints does.
@@ -43,11 +46,11 @@ INLINED float3 camera_centre(__global const float *camera)
 // tiles (V, TILES_Y, TILES_X, PRIMITIVES + 1): number, then indices of the primitives that some ray
 // of the tile may meet. Wherever a primitive is, the tile's rays stray from its middle ray by at
 // most tan(angle) times the distance.
-__kernel void bin_primitives(__global const float *cameras, __global const float *primitives,
+__kernel void bin_primitives(int2 picture, __global const float *cameras, __global const float *primitives,
                              __global uchar *tiles)
 {
     const int i = get_global_id(0), j = get_global_id(1), view = get_global_id(2);
-    if (i >= TILES_X || j >= TILES_Y || view >= VIEWS) return;
+    if (i >= TILES_X || j >= TILES_Y) return;
     __global const float *camera = cameras + view * CAMERA_FLOATS;
     __global uchar *tile = tiles + ((view * TILES_Y + j) * TILES_X + i) * (PRIMITIVES + 1);
     const float3 origin = camera_centre(camera);
@@ -72,14 +75,14 @@ __kernel void bin_primitives(__global const float *cameras, __global const float
     tile[0] = (uchar)count;
 }
 
-// picture (V, H, W, 3) float: the empty room, 2 x 2 rays per pixel; distance (V, H, W): of
+// colours (V, H, W, 3) float: the empty room, 2 x 2 rays per pixel; distance (V, H, W): of
 // the last of them; floor_point (V, H, W, 2): their mean point on the floor, FAR where it is none.
-__kernel void empty_room(__global const float *cameras, __global const float *posters,
-                         __global const float *boxes, const int seed, __global float *picture,
+__kernel void empty_room(int2 picture, __global const float *cameras, __global const float *posters,
+                         __global const float *boxes, const int seed, __global float *colours,
                          __global float *distance, __global float *floor_point)
 {
     const int u = get_global_id(0), v = get_global_id(1), view = get_global_id(2);
-    if (u >= WIDTH || v >= HEIGHT || view >= VIEWS) return;
+    if (u >= WIDTH || v >= HEIGHT) return;
     __global const float *camera = cameras + view * CAMERA_FLOATS;
     const float3 origin = camera_centre(camera);
     const int id = (view * HEIGHT + v) * WIDTH + u;
@@ -97,7 +100,7 @@ __kernel void empty_room(__global const float *cameras, __global const float *po
     }
     distance[id] = t;
     vstore2(0.25f * floor_sum, id, floor_point);
-    vstore3(0.25f * sum, id, picture);
+    vstore3(0.25f * sum, id, colours);
 }
 
 // shadow (SHADOW_SIZE, SHADOW_SIZE): by how much the body (as spheres) darkens the floor, grey
@@ -159,24 +162,24 @@ INLINED float3 shadowed_room(__global const float *room, __global const float *f
     return colour * mix(near, far, y - j);
 }
 
-static inline __global const uchar *tile_of(__global const uchar *tiles, int u, int v, int view)
+static inline __global const uchar *tile_of(int2 picture, __global const uchar *tiles, int u, int v, int view)
 {
     return tiles + ((view * TILES_Y + v / TILE) * TILES_X + u / TILE) * (PRIMITIVES + 1);
 }
 
-// picture (V, H, W, 3) float grey levels, mask (V, H, W) 0/255 and depth (V, H, W) m (0 = no
+// colours (V, H, W, 3) float grey levels, mask (V, H, W) 0/255 and depth (V, H, W) m (0 = no
 // person) from the rays through pixel centres.
-__kernel void render(__global const float *cameras, __global const float *primitives,
+__kernel void render(int2 picture, __global const float *cameras, __global const float *primitives,
                      __global const uchar *tiles, __global const float *palette,
                      __global const float *room, __global const float *distance,
                      __global const float *floor_point, __global const float *shadow,
-                     const float2 centre, __global float *picture, __global uchar *mask,
+                     const float2 centre, __global float *colours, __global uchar *mask,
                      __global float *depth)
 {
     const int u = get_global_id(0), v = get_global_id(1), view = get_global_id(2);
-    if (u >= WIDTH || v >= HEIGHT || view >= VIEWS) return;
+    if (u >= WIDTH || v >= HEIGHT) return;
     const int id = (view * HEIGHT + v) * WIDTH + u;
-    __global const uchar *tile = tile_of(tiles, u, v, view);
+    __global const uchar *tile = tile_of(picture, tiles, u, v, view);
     float t = 0.0f, per_length = 0.0f;
     float3 colour;
     if (tile[0]) {
@@ -189,22 +192,22 @@ __kernel void render(__global const float *cameras, __global const float *primit
         if (t > 0.0f) colour = shade_body(primitives, list, count, palette, origin + t * ray);
     }
     if (t <= 0.0f) colour = shadowed_room(room, floor_point, shadow, centre, id);
-    vstore3(colour, id, picture);
+    vstore3(colour, id, colours);
     mask[id] = t > 0.0f ? 255 : 0;
     depth[id] = t * per_length;
 }
 
 // Smooth the silhouette: pixels whose neighbour is on its other side are covered by as much of the
 // person as 2 x 2 rays meet.
-__kernel void smooth_edges(__global const float *cameras, __global const float *primitives,
+__kernel void smooth_edges(int2 picture, __global const float *cameras, __global const float *primitives,
                            __global const uchar *tiles, __global const float *palette,
                            __global const float *room, __global const float *distance,
                            __global const float *floor_point, __global const float *shadow,
                            const float2 centre, __global const uchar *mask,
-                           __global float *picture)
+                           __global float *colours)
 {
     const int u = get_global_id(0), v = get_global_id(1), view = get_global_id(2);
-    if (u >= WIDTH || v >= HEIGHT || view >= VIEWS) return;
+    if (u >= WIDTH || v >= HEIGHT) return;
     const int id = (view * HEIGHT + v) * WIDTH + u;
     const uchar here = mask[id];
     if (mask[id - (u > 0)] == here && mask[id + (u < WIDTH - 1)] == here &&
@@ -213,7 +216,7 @@ __kernel void smooth_edges(__global const float *cameras, __global const float *
     __global const float *camera = cameras + view * CAMERA_FLOATS;
     const float3 origin = camera_centre(camera);
     const float3 behind = shadowed_room(room, floor_point, shadow, centre, id);
-    float3 person = vload3(id, picture);
+    float3 person = vload3(id, colours);
     int hits = 0;
     for (int k = 0; k < 4; ++k) {
         const float2 pixel = (float2)(u + 0.5f * (k & 1) - 0.25f, v + 0.5f * (k >> 1) - 0.25f);
@@ -221,12 +224,12 @@ __kernel void smooth_edges(__global const float *cameras, __global const float *
         const float3 ray = camera_ray(camera, pixel, &per_length);
         uchar list[PRIMITIVES];
         int count;
-        const float t = trace(primitives, tile_of(tiles, u, v, view), origin, ray, distance[id],
+        const float t = trace(primitives, tile_of(picture, tiles, u, v, view), origin, ray, distance[id],
                               list, &count);
         if (t <= 0.0f) continue;
         if (!here && !hits) // the pixel's own ray missed: this one's colour serves
             person = shade_body(primitives, list, count, palette, origin + t * ray);
         ++hits;
     }
-    vstore3(mix(behind, person, 0.25f * hits), id, picture);
+    vstore3(mix(behind, person, 0.25f * hits), id, colours);
 }

@@ -89,7 +89,7 @@ def test_the_empty_room_agrees_with_its_twin(device: Device, case: str) -> None:
         picture, distance, floor = empty_room(camera, furniture.posters, furniture.boxes, 2)
         # Rays that graze an edge end on either side of it; so do those at the rim of a colour.
         assert picture.std() > 10
-        assert (np.abs(found["picture"][view] - picture).max(-1) < 0.5).mean() > 0.98
+        assert (np.abs(found["colours"][view] - picture).max(-1) < 0.5).mean() > 0.98
         assert np.isclose(found["distance"][view], distance, rtol=1e-4).mean() > 0.995
         assert np.isclose(found["floor_point"][view], floor, rtol=1e-3, atol=1e-3).mean() > 0.995
 
@@ -138,15 +138,15 @@ def test_smooth_edges_agree_with_their_twin(device: Device, case: str) -> None:
     """Pixels at the outline show as much of the person as of 2 x 2 rays meet him."""
     with traced("synthetic/scene.smooth_edges") as launches:
         rig, _, primitives = drawn(device, case)
-    given, found = launches[0].before, launches[0].after["picture"]
+    given, found = launches[0].before, launches[0].after["colours"]
     smoothed = wrong = 0
     for view, camera in enumerate(rig):
-        mask, before = given["mask"][view] > 0, given["picture"][view].astype(float)
+        mask, before = given["mask"][view] > 0, given["colours"][view].astype(float)
         padded = np.pad(mask, 1, "edge")
         beside = [padded[1 + y : y - 1 or None, 1 + x : x - 1 or None]
                   for y, x in ((0, 1), (0, -1), (1, 0), (-1, 0))]  # fmt: skip
         edge = np.any([other != mask for other in beside], axis=0)
-        np.testing.assert_array_equal(found[view][~edge], given["picture"][view][~edge])
+        np.testing.assert_array_equal(found[view][~edge], given["colours"][view][~edge])
         hits = [silhouette(camera, primitives, given["distance"][view], at)[0] > 0 for at in FOUR]
         share = np.mean(hits, axis=0)[..., None]
         scene = (given[name][view] for name in ("room", "floor_point"))
