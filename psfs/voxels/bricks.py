@@ -45,9 +45,8 @@ class Bricks:
     ) -> None:
         check_size(grid)
         config = config or OccupancyConfig()
-        self.body = body
         self.device, self.shape, self.evidence = device, grid.shape, evidence
-        self.picture = rig.picture
+        self.picture, self.body = rig.picture, body
         self.closed_surface = config.closed_surface
         views, width, height = len(rig), rig.width, rig.height
         columns, rows = -(-width // COARSE_TILE), -(-height // COARSE_TILE)
@@ -58,8 +57,7 @@ class Bricks:
             "MIN_CAMERAS": config.seeing_cameras(views),
             "THRESHOLD": float(config.threshold),
             "FACES": int(config.smoothing == "faces"),
-            "UNKNOWN": UNKNOWN,
-            "BODY": int(body is not None),
+            **{"UNKNOWN": UNKNOWN, "BODY": int(body is not None)},
             "FIND_LANES": 32 if device.is_gpu else 1,
             "TILE_LANES": 16 if device.is_gpu else 1,
             **rig.defines,
