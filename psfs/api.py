@@ -17,11 +17,13 @@ from cl import UserError as UserError
 from cl import select_device as select_device
 from psfs.backend import make_reconstructor
 from psfs.common.ranges import check_kind, check_number
+from psfs.diagnostics.body_agreement import check_body
 from psfs.diagnostics.examination import examine
 from psfs.footage.settings import SequenceSettings
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import Volume, automatic_grid, find_volume
+from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.clouds import remove_debris
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud
@@ -52,6 +54,7 @@ def reconstruct(
     debris: float = DEBRIS_SHARE,
     all_cameras: bool = False,
     config: ReconstructionConfig | None = None,
+    track: str | Path | None = None,
 ) -> Iterator[VoxelCloud]:
     """Reconstruct the chosen frames of `sequence`, as `psfs reconstruct` does: Song et al. 2.1-2.2.
 
@@ -65,8 +68,9 @@ def reconstruct(
     same voxels in less time and memory. debris: connected parts smaller than this share of the
     largest are dropped, see `remove_debris`. all_cameras: keep cameras that disagree with the
     others; by default they are left out, with a warning in the log, see `examine`. config: settings
-    of silhouettes and occupancy. Raises InputError if nothing stands out from the background,
-    DeviceError if the device cannot be used.
+    of silhouettes and occupancy. track: folder of `apf track`, or its npz: the tracked body is a
+    prior of the voxels, see `BodyPriorConfig`. Raises InputError if nothing stands out from the
+    background or the track is not of these frames, DeviceError if the device cannot be used.
     """
     check_sequence(sequence, frames)
     check_kind("config", config, ReconstructionConfig)
@@ -77,16 +81,18 @@ def reconstruct(
         low, high = SequenceSettings(volume=volume).volume
     settings = SessionSettings(config or ReconstructionConfig(), frames or slice(None), voxel_size)
     session = Session(sequence, resolve_device(device), settings)
+    body = None if track is None else TrackedBody.open(track)
     session = exclude_inconsistent_cameras(session, all_cameras)
     if volume is not None:
         session.replace_result(find_volume, Volume(low, high))
     grid = automatic_grid(session)
+    if body is not None:
+        check_body(session, body)
     if sparse:
-        reconstructor = session.reconstructor(grid)
+        reconstructor = session.reconstructor(grid, body)
     else:
-        reconstructor = make_reconstructor(
-            session.device, session.rig, grid, session.background, session.reconstruction
-        )
+        where = (session.device, session.rig, grid, session.background)
+        reconstructor = make_reconstructor(*where, session.reconstruction, body=body)
 
     def clouds() -> Iterator[VoxelCloud]:
         for frame in session.sequence.frames(frames):

@@ -19,6 +19,7 @@ from psfs.reference.reconstructor import NumpyReconstructor, frame_evidence
 from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
+from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid
 
@@ -34,12 +35,13 @@ def make_reconstructor(
     config: ReconstructionConfig | None = None,
     *,
     sparse: bool = False,
+    body: TrackedBody | None = None,
 ) -> AnyReconstructor:
     """Return the reconstructor of `device`: OpenCL's, or its NumPy twin, which has no sparse
     mode."""
     if isinstance(device, NumpyDevice):
-        return NumpyReconstructor(device, rig, grid, background, config)
-    return Reconstructor(device, rig, grid, background, config, sparse=sparse)
+        return NumpyReconstructor(device, rig, grid, background, config, body=body)
+    return Reconstructor(device, rig, grid, background, config, sparse=sparse, body=body)
 
 
 def make_evidence_function(

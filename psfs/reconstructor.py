@@ -13,6 +13,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.appearance import follows, looks_again
 from psfs.silhouettes.silhouette import Silhouette
+from psfs.voxels.body_prior import TrackedBody, pack_body
 from psfs.voxels.bricks import Bricks
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.device_voxels import Voxels
@@ -32,7 +33,8 @@ class Reconstructor:
     sparse: compute only the bricks that can be occupied. This gives the same voxels in much less
     time and memory on large grids (see `SparseSurface`). follow: move the grid with the person
     along x and y, by whole voxels. This copies 16 bytes to the host per frame, and the grid needs
-    to be only as large as the person, not the room (see `GridFollower`).
+    to be only as large as the person, not the room (see `GridFollower`). body: a tracked body that
+    is the prior of the voxels' occupancy, from a first pass (see `BodyPriorConfig`).
 
     The appearance model of the silhouettes is fitted to every frame for the next one (see
     `Foreground`), unless `AppearanceConfig.learn` is off. The first frame is reconstructed again,
@@ -50,12 +52,19 @@ class Reconstructor:
         *,
         sparse: bool = False,
         follow: bool = False,
+        body: TrackedBody | None = None,
     ) -> None:
         config = config or ReconstructionConfig()
         self.device, self.rig, self.config = device, rig, config
         self.silhouette = Silhouette(device, rig, background, config.silhouette)
         maps, step = self.silhouette.evidence, config.silhouette.evidence.step
-        self._bricks = Bricks(device, rig, grid, maps, step, config.occupancy)
+        self.body, self._packed_body = body, None
+        if body is not None:
+            size = (body.cones.shape[1] + 1, body.cones.shape[2])
+            self._packed_body = device.zeros(size, np.float32, "the tracked body")
+        self._bricks = Bricks(
+            device, rig, grid, maps, step, config.occupancy, body=self._packed_body
+        )
         self.surface: Surface | SparseSurface
         self._stages: list[Callable[[], object]]
         if sparse:
@@ -122,6 +131,10 @@ class Reconstructor:
         else:
             self.silhouette(frame_input(frame, self.silhouette.background))
         self._ahead, self.voxels.frame = None, frame
+        if self.body is not None and self._packed_body is not None:
+            step = self.config.silhouette.evidence.step
+            packed = pack_body(self.config.body, self.body[frame.index], step)
+            self._packed_body.set(packed)
         self._carve()
         if foreground is not None:
             for _ in range(looks_again(before is None, new, appearance)):

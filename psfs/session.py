@@ -24,6 +24,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.hidden import UNKNOWN
+from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
@@ -163,21 +164,24 @@ class Session:
             self._evidence.popitem(last=False)
         return [found[index] for index in wanted]
 
-    def reconstructor(self, grid: VoxelGrid) -> AnyReconstructor:
-        """Return the sparse reconstructor of `grid`, in its initial state.
+    def reconstructor(self, grid: VoxelGrid, body: TrackedBody | None = None) -> AnyReconstructor:
+        """Return the sparse reconstructor of `grid`, in its initial state. body: a tracked body as
+        a prior of the voxels.
 
         All stages share one reconstructor: the next stage overwrites the arrays that it computed
         for this one.
         """
         known = self._reconstructor
-        if isinstance(known, Reconstructor) and known.grid.congruent(grid):
+        if isinstance(known, Reconstructor) and known.body is body and known.grid.congruent(grid):
             known.restart()
             known.move_to(grid)
             return known
         # Free their memory before the next reconstructor is created.
         self._reconstructor = self._evidence_of = None
         self._reconstructor = make_reconstructor(
-            self.device, self.rig, grid, self.background, self.reconstruction, sparse=True
+            *(self.device, self.rig, grid, self.background, self.reconstruction),
+            sparse=True,
+            body=body,
         )
         return self._reconstructor
 

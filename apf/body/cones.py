@@ -10,6 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from psfs.cameras.camera import Camera
+from psfs.common.cones import cone_distances as cone_distances
+from psfs.common.cones import dot as dot
 
 #: Corners further out than this, px, count as unseen: float interpolation would displace the lines
 #: between them by more than a hundredth of a pixel, and at 1e9 px by whole pictures.
@@ -45,30 +47,6 @@ def project_outlines(camera: Camera, cones: np.ndarray) -> np.ndarray:
     pixels, depth = camera.project(outline_corners(camera.centre, cones))
     visible = np.all((depth > 0) & (np.abs(pixels) < FAR_OUT).all(-1), axis=-1)
     return np.where(visible[..., None, None], pixels, np.nan)
-
-
-def cone_distances(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
-    """Return signed distances (N, C) m from points (N, 3) to the surfaces of cones (C, 16).
-
-    Measured in the frame where the elliptic section is a circle: exact for round cones except for
-    their taper; the ends are rounded. Negative inside.
-    """
-    a, b = cones[:, 0:3], cones[:, 4:7]
-    axis = b - a
-    length = np.linalg.norm(axis, axis=-1)
-    axis = axis / length[:, None]
-    offset = points[:, None, :] - a
-    z, x, y = (dot(offset, other) for other in (axis, cones[:, 8:11], cones[:, 12:15]))
-    t = np.clip(z / length, 0.0, 1.0)
-    radius = cones[:, 3] + t * (cones[:, 7] - cones[:, 3])
-    return np.sqrt(x * x + y * y + (z - t * length) ** 2) - radius
-
-
-def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the scalar products (..) of vectors (.., 3); `np.sum` over three numbers is four times
-    slower."""
-    total: np.ndarray = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
-    return total
 
 
 def cone_normals(points: np.ndarray, cones: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 
 from apf.body import BodyModel, load_body
 from apf.body.angles import joint_angles, standing_ankles
-from apf.body.kinematics import posed_points
+from apf.body.kinematics import posed_cones, posed_points
 from apf.body.limbs import limb_angles, limb_bones, limb_ends, limb_joints, limb_masks
 from apf.body.markers import virtual_markers
 from apf.body.toml import format_body, parse_body
@@ -26,6 +26,7 @@ from psfs.cameras.names import join_names
 from psfs.common.files import write_atomically
 from psfs.common.npz import Values, get_scalar, read_npz
 from psfs.common.ranges import check_number
+from psfs.common.ranges import spans as spans
 
 #: The file that lists the people of a take, see `apf.tracking.people`.
 PEOPLE = "people.json"
@@ -73,13 +74,15 @@ class Track:
     settings; smoothing and interrupted, if they apply. body: the model that was tracked, in the
     person's size; None if an older file does not hold it. Raises InputError if shapes disagree.
 
-    A `track.npz` has a key for each field by its name, the body as TOML, and `diagnostic_<name>`
-    for each of the diagnostics. ess, beta, best_log_weight (F, n_layers): effective sample size,
-    annealing exponent, and log weight of the best particle at exponent 1. deviation (F, D):
-    standard deviation of the particles, rad or m. misfit (F,): see `apf.likelihood.base`. restart
-    (F,): 0 tracked, 1 found near the last good pose, 2 found by a global search. limb_margin,
-    limb_disagreement (F, L): the inputs of `limb_confidence`; the latter exists if several passes
-    were compared. confidence, lost, covariance, standing, limb_confidence: see the properties.
+    A `track.npz` has a key for each field by its name, the body as TOML, `cones` (F, C, 16) of that
+    body in the world (see `psfs.common.cones`; NaN where the person or the limb is lost), and
+    `diagnostic_<name>` for each of the diagnostics. ess, beta, best_log_weight (F, n_layers):
+    effective sample size, annealing exponent, and log weight of the best particle at exponent 1.
+    deviation (F, D): standard deviation of the particles, rad or m. misfit (F,): see
+    `apf.likelihood.base`. restart (F,): 0 tracked, 1 found near the last good pose, 2 found by a
+    global search. limb_margin, limb_disagreement (F, L): the inputs of `limb_confidence`; the
+    latter exists if several passes were compared. confidence, lost, covariance, standing,
+    limb_confidence: see the properties.
     """
 
     body_name: str
@@ -315,9 +318,17 @@ class Track:
         }
         if self.body is not None:
             arrays["body"] = format_body(self.body)
+            arrays["cones"] = self._known_cones(self.body)
         arrays |= {_DIAGNOSTIC + name: values for name, values in self.diagnostics.items()}
         with write_atomically(path) as temporary:
             np.savez_compressed(temporary, **arrays)
+
+    def _known_cones(self, body: BodyModel) -> np.ndarray:
+        """Return the cones that the npz holds for `psfs`, which knows no bodies."""
+        cones = posed_cones(body, self.poses).astype(np.float32)
+        lost = self.lost_limbs @ limb_bones(body)[:, [cone.bone for cone in body.cones]]
+        cones[lost | self.lost[:, None]] = np.nan
+        return cones
 
     @classmethod
     def open(cls, path: str | Path) -> Track:
@@ -387,14 +398,3 @@ def _provenance(text: str) -> dict[str, Any]:
     if not isinstance(found, dict) or not isinstance(found.get("smoothing") or {}, dict):
         raise InputError("provenance is no JSON table; expected what made the track")
     return found
-
-
-def spans(frames: Sequence[int]) -> str:
-    """Format frame numbers for a message: `3, 25-32`."""
-    pieces: list[list[int]] = []
-    for frame in frames:
-        if pieces and frame == pieces[-1][-1] + 1:
-            pieces[-1].append(frame)
-        else:
-            pieces.append([frame])
-    return ", ".join(f"{p[0]}-{p[-1]}" if len(p) > 1 else f"{p[0]}" for p in pieces)

@@ -25,6 +25,7 @@ from psfs.cli.settings import FILE, write_settings
 from psfs.common.files import write_json, write_picture
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.common.versions import versions
+from psfs.diagnostics.body_agreement import check_body
 from psfs.diagnostics.examination import Examination
 from psfs.diagnostics.reprojection_iou import (
     describe_cut_silhouettes,
@@ -37,6 +38,7 @@ from psfs.output.preview import draw_preview
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid, describe_expected_person, find_volume
+from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.clouds import remove_debris, write_cloud
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid, check_size
@@ -61,7 +63,8 @@ def run(args: argparse.Namespace) -> None:
 def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
     device = select_device(args.device, profile=True)
     opened = open_sequence(args)
-    out.check_inputs(opened.inputs)
+    body = None if args.track is None else TrackedBody.open(args.track)
+    out.check_inputs([*opened.inputs, *([] if body is None else [body.path])])
     select_frames(args, opened)  # checks them before the pictures are examined, which takes seconds
     selection = args.frames or slice(None)
     settings = SessionSettings(_config(args), selection, args.voxel_size)
@@ -71,7 +74,9 @@ def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
     grid = _grid(args, session)
     check_size(grid)
     _warn_of_fine_voxels(grid, sequence)
-    job = _Job(args, examination, grid)
+    if body is not None:
+        check_body(session, body)
+    job = _Job(args, examination, grid, body)
     try:
         with progress_bar() as bar:
             shown = sequence.frames(selection)
@@ -129,7 +134,13 @@ class _Job:
     Nothing is written before the first non-empty cloud.
     """
 
-    def __init__(self, args: argparse.Namespace, examination: Examination, grid: VoxelGrid) -> None:
+    def __init__(
+        self,
+        args: argparse.Namespace,
+        examination: Examination,
+        grid: VoxelGrid,
+        body: TrackedBody | None = None,
+    ) -> None:
         session = examination.session
         self.left_out = examination.left_out
         self.out: Path = args.output
@@ -139,7 +150,7 @@ class _Job:
         self.args, self.stated = args, collect_overrides(args)
         self.sequence, self.grid, self.device = session.sequence, grid, session.device
         self.config = session.reconstruction
-        self.reconstructor = session.reconstructor(grid)
+        self.reconstructor = session.reconstructor(grid, body)
         self.expected = len(session.frames)
         self.n_stated, self._stated_at = 0, -math.inf
         self.done: list[dict[str, Any]] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from numbers import Real
 from typing import Any
 
@@ -57,3 +58,14 @@ def range_text(
     low = f"above {gt:g}" if gt is not None else low
     high = f"below {lt:g}" if lt is not None else f"up to {le:g}" if le is not None else ""
     return ", ".join(filter(None, (low, high)))
+
+
+def spans(frames: Sequence[int]) -> str:
+    """Format frame numbers for a message: `3, 25-32`."""
+    pieces: list[list[int]] = []
+    for frame in frames:
+        if pieces and frame == pieces[-1][-1] + 1:
+            pieces[-1].append(frame)
+        else:
+            pieces.append([frame])
+    return ", ".join(f"{p[0]}-{p[-1]}" if len(p) > 1 else f"{p[0]}" for p in pieces)

@@ -13,6 +13,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.common.system import physical_memory
 from psfs.reference.adaptation import NumpyAdaptation
 from psfs.reference.appearance import NumpyForeground
+from psfs.reference.body_prior import body_evidence
 from psfs.reference.colour import surface_colour
 from psfs.reference.hidden import hide
 from psfs.reference.light import estimate_light
@@ -22,6 +23,7 @@ from psfs.reference.surface import smooth, surface_voxels
 from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.appearance import follows, looks_again
 from psfs.silhouettes.config import SilhouetteConfig
+from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid, check_size
 from psfs.voxels.host_voxels import HostVoxels
@@ -41,6 +43,8 @@ class NumpyReconstructor:
         grid: VoxelGrid,
         background: Background | None,
         config: ReconstructionConfig | None = None,
+        *,
+        body: TrackedBody | None = None,
     ) -> None:
         self.device, self.rig, self.grid, self.background = device, rig, grid, background
         self._given_background = background  # the light is relative to it, also after adaptation
@@ -53,6 +57,7 @@ class NumpyReconstructor:
         if background is not None and learning and silhouette.adaptation.rate:
             self.adaptation = NumpyAdaptation(rig, background, silhouette)
             self.background = self.adaptation.background
+        self.body = body
         self._before: int | None = None
         self._latest = np.zeros((len(rig), rig.height, rig.width), np.int8)
         check_size(grid)
@@ -109,9 +114,13 @@ class NumpyReconstructor:
     def _carve(self, frame: Frame, evidence: np.ndarray) -> HostVoxels:
         self._latest = evidence
         config, step = self.config.occupancy, self.config.silhouette.evidence.step
-        probability = smooth(
-            occupancy(self.rig, self.grid, evidence, step, config), config.smoothing == "faces"
-        )
+        body = None
+        if self.body is not None:
+            cones = self.body[frame.index]
+            own = self.config.body
+            body = partial(body_evidence, cones=cones, config=own, step=step)
+        padded = occupancy(self.rig, self.grid, evidence, step, config, body=body)
+        probability = smooth(padded, config.smoothing == "faces")
         occupied = probability > config.threshold
         surface = surface_voxels(occupied, config.closed_surface)
         colours = None

@@ -27,8 +27,9 @@ _REACH_FLOATS = 8
 class Bricks:
     """Inputs that the occupancy kernels of one grid share: maps, tables, tiles and definitions.
 
-    evidence: (V, H, W) int8 in counts of `step` nats. A call enqueues the computation of the tiles:
-    least and greatest evidence count of each.
+    evidence: (V, H, W) int8 in counts of `step` nats. body: a tracked body by
+    `psfs.voxels.body_prior.pack_body`, if there is one. A call enqueues the computation of the
+    tiles: least and greatest evidence count of each.
     """
 
     def __init__(
@@ -39,11 +40,13 @@ class Bricks:
         evidence: Array,
         step: float,
         config: OccupancyConfig | None = None,
+        *,
+        body: Array | None = None,
     ) -> None:
         check_size(grid)
         config = config or OccupancyConfig()
         self.device, self.shape, self.evidence = device, grid.shape, evidence
-        self.picture = rig.picture
+        self.picture, self.body = rig.picture, body
         self.closed_surface = config.closed_surface
         views, width, height = len(rig), rig.width, rig.height
         columns, rows = -(-width // COARSE_TILE), -(-height // COARSE_TILE)
@@ -54,7 +57,7 @@ class Bricks:
             "MIN_CAMERAS": config.seeing_cameras(views),
             "THRESHOLD": float(config.threshold),
             "FACES": int(config.smoothing == "faces"),
-            "UNKNOWN": UNKNOWN,
+            **{"UNKNOWN": UNKNOWN, "BODY": int(body is not None)},
             "FIND_LANES": 32 if device.is_gpu else 1,
             "TILE_LANES": 16 if device.is_gpu else 1,
             **rig.defines,
@@ -102,6 +105,7 @@ class Bricks:
             "tiles": self.tiles,
             "table": self.table,
             "geometry": self.geometry,
+            "body": self.body,
         }
 
     def move_to(self, grid: VoxelGrid) -> None:

@@ -73,6 +73,42 @@ class OccupancyConfig(Config):
         return np.asarray(1 / (1 + np.exp(-(logit + counts * step))))
 
 
+class BodyPriorConfig(Config):
+    """A tracked body as a prior of the voxels' occupancy, see `psfs reconstruct --track`: its log
+    odds fall linearly between the two bounds."""
+
+    SOURCE: ClassVar = (
+        "tried on pickup, kick and walk with 8 cameras, with true masks: docs/lab/accuracy.md"
+    )
+
+    inside: float = setting(
+        5.0, "Log odds that a voxel in the body's cones is occupied.", unit="nats", least=0
+    )
+    outside: float = setting(
+        -2.0,
+        "Log odds that a voxel outside of them is; 0 in a frame in which a limb is lost.",
+        unit="nats",
+        most=0,
+    )
+    depth: float = setting(
+        0.02, "Depth below the cones' surface from which a voxel is inside.", unit="m", above=0
+    )
+    distance: float = setting(
+        0.02, "Distance from their surface beyond which it is outside.", unit="m", above=0
+    )
+    samples: int = setting(
+        5, "Number of frames in which the track is compared with the silhouettes.", least=1
+    )
+    least_agreement: float = setting(
+        0.4,
+        "Least share of the body's axes that lies on silhouettes; below it, the track is of "
+        "another take.",
+        "by hand",
+        least=0,
+        most=1,
+    )
+
+
 class ColourConfig(Config):
     """The voxels' colours (Song et al. 3.3)."""
 
@@ -197,6 +233,7 @@ class ReconstructionConfig(Config):
 
     silhouette: SilhouetteConfig = part(SilhouetteConfig, "From pictures to silhouettes.")
     occupancy: OccupancyConfig = part(OccupancyConfig, "From silhouettes to voxels.")
+    body: BodyPriorConfig = part(BodyPriorConfig, "From a track to voxels.")
     colour: ColourConfig = part(ColourConfig, "From pictures to the voxels' colours.")
     volume: VolumeConfig = part(VolumeConfig, "How the volume is found, see `psfs.volume`.")
 

@@ -1,4 +1,4 @@
-// Tapered cones in the world, the counterpart of apf/body/cones.py. A posed cone is
+// Tapered cones in the world, the counterpart of apf/body/cones.py and psfs/common/cones.py. A posed cone is
 // CONE_FLOATS floats: A (3), radius at A, B (3), radius at B, X / sx (3), 0, Y / sy (3), 0, where
 // A, B are the end centres and X, Y the unit axes of the elliptic section.
 
@@ -16,4 +16,14 @@ static inline void cone_corners(float16 cone, float3 eye, float3 corners[4])
     corners[1] = a - cone.s3 * side;
     corners[2] = b - cone.s7 * side;
     corners[3] = b + cone.s7 * side;
+}
+
+// Signed distance from `point` to the cone's surface, negative inside; the ends are rounded.
+static inline float cone_distance(float16 cone, float3 point)
+{
+    const float3 a = cone.s012, axis = cone.s456 - a, offset = point - a;
+    const float along = dot(offset, axis) / dot(axis, axis), t = clamp(along, 0.0f, 1.0f);
+    const float u = dot(offset, cone.s89a), v = dot(offset, cone.scde), beyond = along - t;
+    return sqrt(u * u + v * v + beyond * beyond * dot(axis, axis)) -
+           (cone.s3 + t * (cone.s7 - cone.s3));
 }

@@ -2,18 +2,19 @@
 // Defines: N_CAMERAS, MIN_CAMERAS,
 // THRESHOLD, FACES (see smoothing.h), UNKNOWN (see hidden.cl); BX BY BZ voxels of a brick, CX CY CZ bricks of a coarse one; LANES items per
 // work-group, LANES_Z of them along z; NO_DISTORTION if no camera has any; HALO: 0 for dense, 1 for
-// sparse.
+// sparse; BODY: whether a tracked body is a prior (see body_prior.h).
 //
 // A CPU runs a work-group of one item, whose inner loops along z become vector code (branches are
 // selections for this reason). A camera whose evidence is the same all over a brick (mostly the
 // background's) is added once instead of being looked up for every voxel: that changes nothing
 // but the time. Dense and sparse mode share the functions that project and sum up, so that they
 // agree to the last bit (FP_CONTRACT OFF for more certainty costs PoCL its vector code).
-#if !defined(BX) || !defined(BY) || !defined(BZ) || !defined(CAMERA_FLOATS) || !defined(CX) || \
+#if !defined(BODY) || !defined(BX) || !defined(BY) || !defined(BZ) || !defined(CAMERA_FLOATS) || !defined(CX) || \
     !defined(CY) || !defined(CZ) || !defined(FIND_LANES) || !defined(HALO) || !defined(LANES) || \
     !defined(LANES_Z) || !defined(MIN_CAMERAS) || !defined(N_CAMERAS) || !defined(REACH_FLOATS) || !defined(THRESHOLD) || !defined(TILE_LANES) || !defined(UNKNOWN)
-#error "reconstruction/occupancy.cl needs BX, BY, BZ, CAMERA_FLOATS, CX, CY, CZ, FIND_LANES, HALO, LANES, LANES_Z, MIN_CAMERAS, N_CAMERAS, REACH_FLOATS, THRESHOLD, TILE_LANES and UNKNOWN"
+#error "reconstruction/occupancy.cl needs BODY, BX, BY, BZ, CAMERA_FLOATS, CX, CY, CZ, FIND_LANES, HALO, LANES, LANES_Z, MIN_CAMERAS, N_CAMERAS, REACH_FLOATS, THRESHOLD, TILE_LANES and UNKNOWN"
 #endif
+#include "reconstruction/body_prior.h"
 #include "reconstruction/bricks.h"
 #include "reconstruction/smoothing.h"
 
@@ -135,11 +136,41 @@ static inline void sum_evidence(int2 picture, __global const float *restrict cam
     }
 }
 
+#if BODY
+// Adds the counts of the tracked body to the sums of a brick's voxels.
+static inline void add_body(__global const float *restrict body,
+                            __global const float *restrict geometry, int x0, int y0, int z0,
+                            SCRATCH int *sums)
+{
+    const int lane = get_local_id(0);
+    SYNC;
+    FOR_ROWS(row, ROWS) {
+        const float px = centre_of(geometry, 0, x0 + row / DY);
+        const float py = centre_of(geometry, 1, y0 + row % DY);
+        FOR_Z(z, DZ)
+            sums[row * DZ + z] +=
+                body_counts(body, (float3)(px, py, centre_of(geometry, 2, z0 + z)), 0.0f);
+    }
+}
+#define ADD_BODY add_body(body, geometry, x0, y0, z0, sums)
+#else
+#define ADD_BODY
+#endif
+
+// Place of a sum of counts in the table; of cameras alone it is never outside.
+static inline int place_of(int counts)
+{
+#if BODY
+    counts = clamp(counts, -127 * N_CAMERAS, 127 * N_CAMERAS);
+#endif
+    return counts + 127 * N_CAMERAS;
+}
+
 // P(V = 1) by a voxel's sum.
 static inline float occupancy_of(__global const float *restrict table, int packed)
 {
     const int seeing = (packed + SEEN / 2) / SEEN;
-    const float seen = table[packed - seeing * SEEN + 127 * N_CAMERAS];
+    const float seen = table[place_of(packed - seeing * SEEN)];
     return seeing >= MIN_CAMERAS ? seen : 0.0f;
 }
 
@@ -151,12 +182,14 @@ __kernel void occupancy(int2 picture, int3 grid, __global const float *restrict 
                         __global const char *restrict evidence,
                         __global const float *restrict table, // P(V=1) by sum of evidence
                         __global const float *restrict geometry, // origin (3), voxel size
+                        __global const float *restrict body,
                         __global float *restrict probability)
 {
     SCRATCH int sums[ROWS * DZ], fixed[N_CAMERAS], open[N_CAMERAS];
     const int lane = get_local_id(0);
     const int x0 = get_group_id(2) * BX, y0 = get_group_id(1) * BY, z0 = get_group_id(0) * BZ;
     sum_evidence(picture, cameras, reach, tiles, evidence, geometry, x0, y0, z0, sums, fixed, open);
+    ADD_BODY;
     const int n_z = NZ + 2 - z0 < DZ ? NZ + 2 - z0 : DZ;
     FOR_ROWS(row, ROWS) {
         const int x = x0 + row / DY, y = y0 + row % DY;
@@ -174,7 +207,8 @@ __kernel void occupancy(int2 picture, int3 grid, __global const float *restrict 
 // first, `n` its number of voxels along the axes.
 static inline int may_hold(int2 picture, __global const float *cameras, __global const float *reach,
                            __global const char2 *tiles, __global const float *table,
-                           __global const float *geometry, int3 first, int3 n)
+                           __global const float *geometry, __global const float *body,
+                           int3 first, int3 n)
 {
     const float3 centre = (float3)(centre_of(geometry, 0, first.x + 0.5f * (n.x - 1)),
                                    centre_of(geometry, 1, first.y + 0.5f * (n.y - 1)),
@@ -188,8 +222,11 @@ static inline int may_hold(int2 picture, __global const float *cameras, __global
         high += range.high;
         seeing += range.seen > 0;
     }
+#if BODY
+    high += body_counts(body, centre, length(h));
+#endif
     // A mean of rounded numbers may exceed their largest by a few roundings.
-    return seeing >= MIN_CAMERAS && table[high + 127 * N_CAMERAS] > THRESHOLD * (1.0f - 1e-5f);
+    return seeing >= MIN_CAMERAS && table[place_of(high)] > THRESHOLD * (1.0f - 1e-5f);
 }
 
 // Lists the bricks in or beside which a voxel can be occupied after smoothing: `slots` is their
@@ -200,19 +237,21 @@ __kernel void find_bricks(int2 picture, int3 grid, __global const float *restric
                           __global const char2 *restrict tiles,
                           __global const float *restrict table,
                           __global const float *restrict geometry,
+                          __global const float *restrict body,
                           __global int *restrict slots, __global int *restrict bricks,
                           __global int *restrict n_active)
 {
     const int3 corner = (int3)(get_group_id(2) * CX, get_group_id(1) * CY, get_group_id(0) * CZ);
     const int3 size = (int3)(BX, BY, BZ);
-    const int whole = may_hold(picture, cameras, reach, tiles, table, geometry, corner * size - 1,
+    const int whole = may_hold(picture, cameras, reach, tiles, table, geometry, body, corner * size - 1,
                                (int3)(CX, CY, CZ) * size + 4);
     for (int child = get_local_id(0); child < CX * CY * CZ; child += FIND_LANES) {
         const int3 brick = corner + (int3)(child / (CY * CZ), child / CZ % CY, child % CZ);
         if (brick.x >= BRICKS_X || brick.y >= BRICKS_Y || brick.z >= BRICKS_Z) continue;
         const int at = (brick.x * BRICKS_Y + brick.y) * BRICKS_Z + brick.z;
         int slot = -1;
-        if (whole && may_hold(picture, cameras, reach, tiles, table, geometry, brick * size - 1, size + 4)) {
+        if (whole && may_hold(picture, cameras, reach, tiles, table, geometry, body,
+                              brick * size - 1, size + 4)) {
             slot = atomic_inc(n_active);
             bricks[slot] = at;
         }
@@ -230,6 +269,7 @@ __kernel void sparse_occupancy(int2 picture, int3 grid, int capacity,
                                __global const char *restrict evidence,
                                __global const float *restrict table,
                                __global const float *restrict geometry,
+                               __global const float *restrict body,
                                __global const int *restrict bricks,
                                __global const int *restrict n_active,
                                __global float *restrict pool, __global ushort *restrict bits)
@@ -242,6 +282,7 @@ __kernel void sparse_occupancy(int2 picture, int3 grid, int capacity,
         const int x0 = brick / (BRICKS_Y * BRICKS_Z) * BX;
         const int y0 = brick / BRICKS_Z % BRICKS_Y * BY, z0 = brick % BRICKS_Z * BZ;
         sum_evidence(picture, cameras, reach, tiles, evidence, geometry, x0, y0, z0, sums, fixed, open);
+        ADD_BODY;
         FOR_ROWS(row, ROWS)
             FOR_Z(z, DZ) p[row * DZ + z] = occupancy_of(table, sums[row * DZ + z]);
         SYNC;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from cl import InputError
 from psfs.cli.commandline import add_device_flag, add_output_flag
@@ -48,6 +49,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--normals", action="store_true", help="write the surface's normals into the PLY"
+    )
+    parser.add_argument(
+        "--track",
+        type=Path,
+        metavar="OUT",
+        help="use a track of the same frames (a folder of `apf track`, or its npz) as a prior of "
+        "the voxels: limbs that silhouettes miss stay",
     )
     add_all_cameras_flag(parser)
     add_device_flag(parser)

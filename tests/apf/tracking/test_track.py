@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 from helpers import tracks
 
+from apf.body.kinematics import posed_cones
+from apf.body.limbs import limb_names
 from apf.tracking.track import Track, spans
 from cl import InputError
+from psfs.voxels.body_prior import TrackedBody
 
 
 def test_npz_round_trip(tmp_path: Path) -> None:
@@ -49,6 +52,22 @@ def test_what_the_tracker_knows_of_itself(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.covariance, told["covariance"])
     np.testing.assert_array_equal(found.confidence, told["confidence"])
     assert spans([1, 2, 5, 8, 9]) == "1-2, 5, 8-9" and spans([]) == ""
+
+
+def test_the_cones_in_the_npz_are_those_that_are_known(tmp_path: Path) -> None:
+    track = tracks.walker(frames=3)
+    body = track.its_body
+    sound = np.ones((3, len(limb_names(body))))
+    sound[1, limb_names(body).index("left arm")] = 0.2
+    told = {"lost": np.array([False, False, True]), "limb_confidence": sound}
+    replace(track, diagnostics=told).save(tmp_path / "track.npz")
+    found = TrackedBody.open(tmp_path)
+    np.testing.assert_array_equal(found.frames, track.frames)
+    np.testing.assert_allclose(found[0], posed_cones(body, track.poses[:1])[0], atol=1e-6)
+    arm = {body.bones[cone.bone].name for cone, row in zip(body.cones, found[1], strict=True)
+           if np.isnan(row).any()}  # fmt: skip
+    assert arm and all("l_" in name or "left" in name for name in arm)
+    assert np.isnan(found[2]).all()
 
 
 def test_csv_rows(tmp_path: Path) -> None:

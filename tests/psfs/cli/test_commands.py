@@ -87,6 +87,26 @@ def test_the_twin_gives_the_same_clouds(folder: Path, tmp_path: Path) -> None:
     assert len(np.setxor1d(ours, twins)) <= 0.02 * len(twins)
 
 
+def test_a_track_of_the_take_and_of_another(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The trunk that the test body's masks hold, and the same beside them."""
+    flags = ("--frames", "1:3", "--volume", "-0.5,0.6,-0.5,0.5,0,1.8")
+    trunk = np.array([0, 0, 0.4, 0.2, 0, 0, 1.0, 0.2, 1, 0, 0, 0, 0, 1, 0, 0], "f4")
+    cones = np.tile(trunk, (FRAMES, 1, 1))
+    track = tmp_path / "track.npz"
+    np.savez(track, frames=np.arange(FRAMES), cones=cones)
+    assert reconstruct(folder, tmp_path / "own", *flags, "--track", str(track)) == 0
+    assert f'track = "{track}"' in (tmp_path / "own" / "settings.toml").read_text()
+    np.savez(track, frames=np.arange(FRAMES), cones=cones + np.eye(16)[0] + np.eye(16)[4])
+    assert reconstruct(folder, tmp_path / "other", *flags, "--track", str(track)) == 2
+    assert "of the body's axes lie on the silhouettes of walk" in capsys.readouterr().err
+    np.savez(track, frames=np.arange(1), cones=cones[:1])
+    assert reconstruct(folder, tmp_path / "other", *flags, "--track", str(track)) == 2
+    assert "lacks the frames 1-2; expected" in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
+
+
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
@@ -98,6 +118,7 @@ def test_the_twin_gives_the_same_clouds(folder: Path, tmp_path: Path) -> None:
         (("--frames", "0:1", "--volume", "-1,1,-1,1,0,2"), "nothing stands out"),
         (("--frames", "40:50"), "none of the 4 frames"),
         (("--debris", "2"), "--debris is 2"),
+        (("--track", "nowhere"), "nowhere: no such file; expected a track.npz"),
         (("--device", "no such device"), "no OpenCL device"),
     ],
 )

@@ -1,0 +1,42 @@
+"""Distances to tapered cones, the parts of a tracked body.
+
+A cone is 16 floats: A (3), radius at A, B (3), radius at B, X / sx (3), 0, Y / sy (3), 0, where A,
+B are the end centres and X, Y the unit axes of the elliptic section with the scales sx, sy. Also
+the float64 specification of `cone_distance` in cones.h.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def cone_distances(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
+    """Return signed distances (N, C) m from points (N, 3) to the surfaces of cones (C, 16).
+
+    Measured in the frame where the elliptic section is a circle: exact for round cones except for
+    their taper; the ends are rounded. Negative inside.
+    """
+    a, b = cones[:, 0:3], cones[:, 4:7]
+    axis = b - a
+    length = np.linalg.norm(axis, axis=-1)
+    axis = axis / length[:, None]
+    offset = points[:, None, :] - a
+    z, x, y = (dot(offset, other) for other in (axis, cones[:, 8:11], cones[:, 12:15]))
+    t = np.clip(z / length, 0.0, 1.0)
+    radius = cones[:, 3] + t * (cones[:, 7] - cones[:, 3])
+    return np.sqrt(x * x + y * y + (z - t * length) ** 2) - radius
+
+
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the scalar products (..) of vectors (.., 3); `np.sum` over three numbers is four times
+    slower."""
+    total: np.ndarray = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+    return total
+
+
+def largest_slopes(cones: np.ndarray) -> np.ndarray:
+    """Return (C,): the most that the distance to each of the cones (C, 16) changes per metre."""
+    across = np.linalg.norm([cones[:, 8:11], cones[:, 12:15]], axis=-1).max(0, initial=1.0)
+    length = np.linalg.norm(cones[:, 4:7] - cones[:, 0:3], axis=-1)
+    slopes: np.ndarray = across + np.abs(cones[:, 7] - cones[:, 3]) / length
+    return slopes

@@ -1,0 +1,96 @@
+"""A tracked body as a prior of the voxels' occupancy: where a track says that the person is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cl import InputError
+from psfs.common.cones import largest_slopes
+from psfs.common.npz import Values, read_npz
+from psfs.common.ranges import spans
+from psfs.voxels.config import BodyPriorConfig
+
+#: Numbers of a cone, see `psfs.common.cones`, and place of its slope among them.
+_CONE_FLOATS, _SLOPE = 16, 11
+#: The arrays of a `track.npz` that are read here; a cone of which nothing is known is NaN.
+_ARRAYS = {
+    "frames": Values(("F",), "int", low=0),
+    "cones": Values(("F", "C", _CONE_FLOATS), finite=False, low=-1e6, high=1e6, needed=False),
+}
+_WHAT = "a track.npz that `apf track` wrote"
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedBody:
+    """The cones of a tracked person in the world.
+
+    path: the file. frames: (F,) int frame numbers, ascending. cones: (F, C, 16), NaN where the
+    track has lost the limb or the person.
+    """
+
+    path: Path
+    frames: np.ndarray
+    cones: np.ndarray
+
+    @classmethod
+    def open(cls, path: str | Path) -> TrackedBody:
+        """Read the body of a `track.npz`, or of the folder that holds one. Raises InputError for
+        a track without a body, of several people, or a file that is no track."""
+        path = Path(path)
+        if (path / "people.json").exists():
+            raise InputError(f"{path}: a track of several people; expected that of one")
+        path = path / "track.npz" if path.is_dir() else path
+        data = read_npz(path, _ARRAYS, _WHAT)
+        if "cones" not in data:
+            raise InputError(
+                f"{path}: holds no cones of a body; expected {_WHAT} with this version, or "
+                "`apf smooth` of an older one"
+            )
+        if not data["cones"].size or np.any(np.diff(data["frames"]) <= 0):
+            raise InputError(f"{path}: {len(data['frames'])} frames, {data['cones'].shape[1]} "
+                             "cones; expected some, frames ascending")  # fmt: skip
+        return cls(path, data["frames"], data["cones"].astype(np.float64))
+
+    def __getitem__(self, frame: int) -> np.ndarray:
+        """Return the cones (C, 16) of a frame; all are unknown if the track lacks it."""
+        row = int(np.searchsorted(self.frames, frame))
+        if row == len(self.frames) or self.frames[row] != frame:
+            return np.full(self.cones.shape[1:], np.nan)
+        cones: np.ndarray = self.cones[row]
+        return cones
+
+    def check_frames(self, wanted: Iterable[int]) -> None:
+        """Raise InputError if the track lacks one of the wanted frames."""
+        missing = sorted(set(wanted) - set(self.frames.tolist()))
+        if missing:
+            raise InputError(
+                f"{self.path}: lacks the frames {spans(missing)}; expected a track of all "
+                "frames that are reconstructed"
+            )
+
+
+def body_counts(
+    config: BodyPriorConfig, cones: np.ndarray, step: float
+) -> tuple[float, float, np.ndarray]:
+    """Return the evidence counts of `step` nats that a body adds inside and outside, and its known
+    cones (N, 16).
+
+    A limb that the track has lost may be anywhere: nothing is then held against any voxel.
+    """
+    known = np.isfinite(cones).all(-1)
+    outside = config.outside if known.all() else 0.0
+    return config.inside / step, outside / step, cones[known]
+
+
+def pack_body(config: BodyPriorConfig, cones: np.ndarray, step: float) -> np.ndarray:
+    """Return (C + 1, 16) float32 of cones (C, 16), as body_prior.h reads them."""
+    inside, outside, known = body_counts(config, cones, step)
+    packed = np.zeros((len(cones) + 1, _CONE_FLOATS), np.float32)
+    packed[0, :5] = inside, outside, config.depth, config.distance, len(known)
+    packed[1 : len(known) + 1] = known
+    packed[1 : len(known) + 1, _SLOPE] = largest_slopes(known)
+    return packed

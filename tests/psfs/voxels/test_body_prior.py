@@ -1,0 +1,161 @@
+"""A tracked body as a prior of the voxels: kernels and twin, what it does, what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import scenes
+
+from cl import Device, InputError, NumpyDevice
+from psfs.backend import make_reconstructor
+from psfs.common.cones import cone_distances, largest_slopes
+from psfs.diagnostics.body_agreement import check_body, share_on_silhouettes
+from psfs.reference.body_prior import body_evidence
+from psfs.reference.occupancy import occupancy
+from psfs.reference.surface import smooth
+from psfs.sequence import Frame
+from psfs.voxels.body_prior import TrackedBody, pack_body
+from psfs.voxels.bricks import Bricks
+from psfs.voxels.config import BodyPriorConfig, OccupancyConfig
+from psfs.voxels.grid import VoxelCloud
+from psfs.voxels.occupancy import Occupancy
+from psfs.voxels.sparse import SparseSurface
+from psfs.voxels.surface import Surface
+
+RIG, GRID, STEP = scenes.ring(5), scenes.small_grid(), 0.05
+CONFIG = BodyPriorConfig()
+
+
+def cone(a: object, b: object, radii: tuple[float, float]) -> np.ndarray:
+    """One cone (16,) of an elliptic section of 1 to 0.7."""
+    a, b = np.array(a, float), np.array(b, float)
+    axis = (b - a) / np.linalg.norm(b - a)
+    x = np.cross(axis, [0.3, 1.0, 0.2])
+    x /= np.linalg.norm(x)
+    return np.hstack([a, radii[0], b, radii[1], x, 0, np.cross(axis, x) / 0.7, 0])
+
+
+#: Trunk and head of the test body, an arm that is not there, and one of which nothing is known.
+CONES = np.stack(
+    [
+        cone([0.02, -0.05, 0.4], [0.02, -0.05, 1.0], (0.22, 0.2)),
+        cone([0.1, 0.0, 1.25], [0.1, 0.0, 1.35], (0.27, 0.27)),
+        cone([0.3, 0.1, 1.0], [0.55, 0.4, 0.7], (0.08, 0.05)),
+        np.full(16, np.nan),
+    ]
+)
+BODY = TrackedBody(Path("track.npz"), np.array([3, 4, 7]), np.stack(3 * [CONES]))
+
+
+def test_no_distance_changes_faster_than_its_slope() -> None:
+    random = np.random.default_rng(0)
+    first = random.uniform(-1, 2, (400, 3))
+    second = first + random.normal(0, 0.2, first.shape)
+    known = np.vstack([CONES[:3], cone([0, 0, 0], [0, 0, 0.1], (0.02, 0.3))])
+    change = np.abs(cone_distances(first, known) - cone_distances(second, known))
+    bound = largest_slopes(known) * np.linalg.norm(first - second, axis=1)[:, None]
+    assert (change <= bound + 1e-12).all()
+    assert (change > 0.5 * bound).any(0)[:3].all()  # of those of a body it is not far above
+
+
+def test_counts_fall_from_inside_to_outside() -> None:
+    ray = np.array([0.1, 0.0, 1.62 - 0.27]) + np.outer([0.0, 0.25, 0.27, 0.29, 0.6], [0, 0, 1])
+    known = CONES[1:2]
+    np.testing.assert_allclose(body_evidence(ray, known, CONFIG, STEP), [100, 100, 30, -40, -40])
+    # A limb is lost: it may be anywhere.
+    np.testing.assert_allclose(
+        body_evidence(ray, CONES[[1, 3]], CONFIG, STEP), [100, 100, 50, 0, 0]
+    )
+    assert not body_evidence(ray, CONES[3:], CONFIG, STEP).any()
+
+
+@pytest.mark.parity("reconstruction/occupancy.occupancy", "reconstruction/occupancy.find_bricks")
+@pytest.mark.parametrize("known", [3, 4, 0])
+def test_agrees_with_the_twin(device: Device, known: int) -> None:
+    """All cones known, one lost, none known; the sparse mode leaves no brick out."""
+    evidence, config = scenes.patches_of_evidence(RIG, 5, 8), OccupancyConfig()
+    cones = CONES[:known] if known else CONES[3:].repeat(4, 0)
+    packed = device.zeros((5, 16), np.float32)
+    packed.set(np.vstack([pack_body(CONFIG, cones, STEP), np.zeros((5, 16))])[:5].astype("f4"))
+    maps = device.to_device(evidence)
+    bricks = Bricks(device, RIG, GRID, maps, STEP, config, body=packed)
+    dense = Occupancy(bricks)
+    found = dense().get()
+    expected = occupancy(
+        *(RIG, GRID, evidence, STEP, config),
+        body=lambda points: body_evidence(points, cones, CONFIG, STEP),
+    )
+    assert (np.abs(found - expected) > 1e-5).mean() < 2e-3
+    plain = occupancy(RIG, GRID, evidence, STEP, config)
+    assert (np.abs(plain - expected) > 1e-5).any() == (known > 0)
+    surface, sparse = Surface(device, GRID.shape, dense.probability, config), SparseSurface(bricks)
+    surface(), sparse()
+    count = int(surface.list.count.get()[0])
+    assert sparse.list.count.get()[0] == count
+    np.testing.assert_array_equal(sparse.list.indices.get(count), surface.list.indices.get(count))
+    assert (count > 0) == (smooth(expected, True) > config.threshold).any()
+
+
+def carve(device: Device | NumpyDevice, body: TrackedBody | None, frame: Frame) -> VoxelCloud:
+    return make_reconstructor(device, RIG, GRID, None, sparse=True, body=body)(frame).cloud()
+
+
+def test_a_part_that_one_camera_denies_stays(device: Device) -> None:
+    masks = scenes.masks_of(RIG)
+    whole = carve(device, None, scenes.frame(4, masks=masks))
+    masks[1, : masks.shape[1] // 2] = 0
+    blind = scenes.frame(4, masks=masks)
+    without, with_body = carve(device, None, blind), carve(device, BODY, blind)
+    twin = carve(NumpyDevice(), BODY, blind)
+    assert len(np.setxor1d(with_body.indices, twin.indices)) <= 0.02 * len(twin)
+    lost, kept = whole.volume - without.volume, whole.volume - with_body.volume
+    assert lost > 0.2 * whole.volume and kept < 0.7 * lost
+    # In a frame that the track lacks nothing changes.
+    np.testing.assert_array_equal(
+        carve(device, BODY, replace(blind, index=5)).indices, without.indices
+    )
+
+
+def test_share_of_the_axes_on_silhouettes() -> None:
+    evidence = np.where(scenes.masks_of(RIG) > 0, 60, -60).astype(np.int8)
+    assert share_on_silhouettes(RIG, evidence, CONES[:2]) == 1
+    assert 0.6 < share_on_silhouettes(RIG, evidence, CONES) < 0.9
+    beside = CONES[:2] + np.eye(16)[0] * 1.0 + np.eye(16)[4] * 1.0
+    assert share_on_silhouettes(RIG, evidence, beside) < 0.2
+    assert np.isnan(share_on_silhouettes(RIG, evidence, CONES[3:]))
+
+
+def test_tracks_of_nobody_or_other_frames() -> None:
+    class Taken:
+        frames = range(3, 8)
+
+    with pytest.raises(InputError, match=r"track.npz: lacks the frames 5-6; expected a track of"):
+        check_body(Taken(), BODY)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({}, "lacks frames; expected a track.npz"),
+        ({"frames": [0, 1]}, "holds no cones of a body; expected a track.npz"),
+        ({"frames": [0, 1], "cones": np.zeros((3, 2, 16))}, "cones has the shape"),
+        (
+            {"frames": [1, 0], "cones": np.zeros((2, 2, 16))},
+            "2 frames, 2 cones; expected some, frames asc",
+        ),
+        ({"frames": np.zeros(0, int), "cones": np.zeros((0, 2, 16))}, "0 frames, 2 cones"),
+        ({"frames": [0], "cones": np.full((1, 2, 16), 1e9)}, "cones holds 1e\\+09"),
+    ],
+)
+def test_other_files_are_refused(
+    tmp_path: Path, arrays: dict[str, np.ndarray], message: str
+) -> None:
+    np.savez(tmp_path / "track.npz", **arrays)
+    with pytest.raises(InputError, match=f"track.npz: {message}"):
+        TrackedBody.open(tmp_path)
+    (tmp_path / "people.json").touch()
+    with pytest.raises(InputError, match="several people"):
+        TrackedBody.open(tmp_path)
