@@ -31,9 +31,10 @@ def suite_headline(results: Results) -> str:
             [name, str(own.cameras), f"{own.mean:.1f} ± {own.std:.1f}", *_spread(own), *shown]
         )
     own = list(voxels.values())
-    means = [np.mean([r.limbs for r in rows if r.observations == w]) for w in kinds]
+    limbs = [[r.limbs for r in rows if r.observations == w] for w in kinds]
+    means = [f"{np.mean(values):.1f}" if len(values) == len(own) else NONE for values in limbs]
     mean = f"{np.mean([row.mean for row in own]):.1f}"
-    cells.append(["mean", "", mean, *_spread(*own), *(f"{value:.1f}" for value in means)])
+    cells.append(["mean", "", mean, *_spread(*own), *means])
     columns = ["sequence", "cameras", "15 joints: voxels", "offset-free", "beyond 150 mm"]
     columns += [f"12 joints: {w}" for w in kinds]
     about = (

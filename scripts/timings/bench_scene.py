@@ -31,15 +31,19 @@ FPS, _MIDDLE = 30.0, 30
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Images of pinhole cameras, undistorted, so that programs without a distortion model compute
-    the same. frames: images and true masks. joints: (F, J, 3) m, the truth; people_joints: (P, F,
-    J, 3) of everybody; joint_names: (J,)."""
+    the same. frames: images and true masks. people_joints: (P, F, J, 3) m, the truth; joint_names:
+    (J,)."""
 
     rig: CameraRig
     background: Background
     frames: Sequence[Frame]
-    joints: np.ndarray
     people_joints: np.ndarray
     joint_names: tuple[str, ...]
+
+    @property
+    def joints(self) -> np.ndarray:
+        """(F, J, 3) m, the first person's."""
+        return self.people_joints[0]
 
     def part(self, views: int) -> Scene:
         """Return the scene with `views` of the cameras, spread around the room."""
@@ -111,7 +115,7 @@ def make_scene(device: Device, frames: int, people: int = 1) -> Scene:
         masks = np.where(undistorted(masks) > 127, np.uint8(255), np.uint8(0))
         shown.append(Frame(index, undistorted(images), masks))
     joints = scene.people_joints[:, first : first + frames]
-    return Scene(rig, background, shown, joints[0], joints, tuple(scene.joint_names))
+    return Scene(rig, background, shown, joints, tuple(scene.joint_names))
 
 
 def make_grid(shape: tuple[int, int, int] = SHAPE) -> VoxelGrid:

@@ -97,7 +97,7 @@ def measure_stream(
     device = place.device()
     crowd = make_crowd(Device.best(), number, distinct)
     scene = crowd.scene
-    held = scene.pinned(device)
+    held = scene.pin(device)
     grid = VoxelGrid(_LOW, _VOXEL, SHAPE)
     reconstruct = Reconstructor(device, scene.rig, grid, scene.background, sparse=True)
     method = Method()

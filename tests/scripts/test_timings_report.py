@@ -343,7 +343,7 @@ def small_problem(device: Device) -> Problem:
     plates = np.stack([walk.background_frame(i) for i in range(6)]).astype(np.float32)
     frames = [Frame(i, *walk.frame(i)[:2]) for i in range(2)]
     background = Background(plates.mean(0), plates.std(0))
-    scene = Scene(walk.rig, background, frames, walk.joints, tuple(walk.joint_names))
+    scene = Scene(walk.rig, background, frames, walk.people_joints, tuple(walk.joint_names))
     joints = dict(zip(walk.joint_names, walk.joints[0], strict=True))
     body, pose, _ = fit_to_joints(load_body("song31"), joints)
     return Problem(scene, body, pose, FilterConfig.create(n_particles=30, n_layers=2), (50, 50, 33))

@@ -19,7 +19,7 @@ from apf.tracking.uncertainty import (
 
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from calibrate_uncertainty import Sample, fitted, pooled
+from calibrate_uncertainty import Sample, fit_calibration, pool_samples
 
 SONG = load_body("song31")
 
@@ -112,7 +112,7 @@ def test_the_script_finds_what_offsets_were_drawn_from() -> None:
         return found
 
     walks = [walk(), walk()]
-    calibration = fitted(pooled(walks))
+    calibration = fit_calibration(pool_samples(walks))
     assert calibration.scale == 2.0
     np.testing.assert_allclose(calibration.floor["wrist"], 0.020, atol=0.002)
     np.testing.assert_allclose(calibration.floor["hip"], 0.010, atol=0.0005)
@@ -124,5 +124,5 @@ def test_a_scale_is_preferred_where_floors_do_as_well() -> None:
     """Offsets that know nothing of how firmly a joint is held: some scale costs next to nothing."""
     random = np.random.default_rng(6)
     raw = random.uniform(0.001, 0.002, 3000)[:, None, None] ** 2 * np.eye(3)
-    calibration = fitted({"hip": Sample(random.normal(0, 0.02, (3000, 3)), raw)})
+    calibration = fit_calibration({"hip": Sample(random.normal(0, 0.02, (3000, 3)), raw)})
     assert calibration.scale >= 2.0 and 0.018 < calibration.floor["hip"] < 0.021
