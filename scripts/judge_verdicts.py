@@ -73,8 +73,8 @@ class Job:
 
 
 def plan(folder: Path, seed: int, chosen: list[str] | None = None) -> list[Job]:
-    """Return the jobs in random order: all sequences with truth of one person, spoilt in all ways
-    or the chosen ones."""
+    """Return the jobs in random order: all sequences with truth of one person, with each kind
+    of fault or the chosen ones."""
     names = sorted(path.parent.name for path in folder.glob("*/truth.npz"))
     names = [name for name in names if not list(folder.glob(f"{name}/truth_person*.npz"))]
     ways = [*(("voxels", how) for how in FOOTAGE), *(("keypoints", how) for how in KEYPOINTS)]

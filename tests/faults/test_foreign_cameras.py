@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import pytest
 from helpers import faults, footage
-from helpers.fuzz import CHANGE, EXAMPLES, MEMORY, changed
+from helpers.fuzz import CHANGE, FUZZING, MEMORY, changed
 from helpers.memory import limited_memory
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cl import InputError
@@ -123,13 +123,7 @@ def test_line_ends_of_windows(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", FORMATS)
-@settings(
-    max_examples=EXAMPLES or 12,
-    deadline=None,
-    database=None,
-    derandomize=not EXAMPLES,
-    suppress_health_check=list(HealthCheck),
-)
+@FUZZING
 @given(changes=st.lists(CHANGE, min_size=1, max_size=3))
 def test_damaged_cameras(tmp_path: Path, name: str, changes: list) -> None:
     shutil.rmtree(tmp_path / "a", ignore_errors=True)

@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 import tomli_w
 from helpers import bodies, footage, scenes, tracks
-from helpers.fuzz import CHANGE, EXAMPLES, MEMORY, SECONDS, changed
+from helpers.fuzz import CHANGE, FUZZING, MEMORY, SECONDS, changed
 from helpers.memory import limited_memory
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io import savemat
 
@@ -116,13 +116,7 @@ def test_seeds_are_read(whole: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", READERS)
-@settings(
-    max_examples=EXAMPLES or 12,
-    deadline=None,
-    database=None,
-    derandomize=not EXAMPLES,
-    suppress_health_check=list(HealthCheck),
-)
+@FUZZING
 @given(changes=st.lists(CHANGE, min_size=1, max_size=3))
 def test_damaged_files(tmp_path: Path, whole: Path, name: str, changes: list) -> None:
     source = name.split(" ")[0]

@@ -7,9 +7,18 @@ from __future__ import annotations
 
 import os
 
+from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
 EXAMPLES = int(os.environ.get("PSFS_APF_FUZZ", "0"))
+#: How often and how a property is tested.
+FUZZING = settings(
+    max_examples=EXAMPLES or 12,
+    deadline=None,
+    database=None,
+    derandomize=not EXAMPLES,
+    suppress_health_check=list(HealthCheck),
+)
 #: Most bytes and seconds of a reader of a small file.
 MEMORY, SECONDS = 2**30, 10.0
 #: What stands for a number, or is put in anywhere.

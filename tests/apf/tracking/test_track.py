@@ -59,8 +59,8 @@ def test_the_cones_in_the_npz_are_those_that_are_known(tmp_path: Path) -> None:
     body = track.its_body
     sound = np.ones((3, len(limb_names(body))))
     sound[1, limb_names(body).index("left arm")] = 0.2
-    told = {"lost": np.array([False, False, True]), "limb_confidence": sound}
-    replace(track, diagnostics=told).save(tmp_path / "track.npz")
+    diagnostics = {"lost": np.array([False, False, True]), "limb_confidence": sound}
+    replace(track, diagnostics=diagnostics).save(tmp_path / "track.npz")
     found = TrackedBody.open(tmp_path)
     np.testing.assert_array_equal(found.frames, track.frames)
     np.testing.assert_allclose(found[0], posed_cones(body, track.poses[:1])[0], atol=1e-6)
