@@ -75,7 +75,7 @@ class CalibrateView:
 
     @property
     def words(self) -> str:
-        """What is found and what is missing, HTML."""
+        """The words on what is found and what is missing, HTML."""
         return str(self._words.content)
 
     def _add_controls(self, gui: viser.GuiApi) -> None:

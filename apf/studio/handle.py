@@ -56,7 +56,7 @@ class JointHandle:
 
     @property
     def wanted(self) -> dict[str, Correction]:
-        """Where the joints are to be, by name."""
+        """The places where the joints are to be, by name."""
         turn = trimesh.transformations.quaternion_matrix(self._node.wxyz)[:3, :3]
         places = np.asarray(self._node.position, float) + self._offsets @ turn.T
         return {

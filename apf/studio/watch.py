@@ -44,7 +44,7 @@ class Watch:
     def __init__(self, server: viser.ViserServer, opened: Opened, panel: Any, beside: Any) -> None:
         self._server, self.opened = server, opened
         self._closed, self._reader = threading.Event(), None
-        self._position, self._told, self._timed = -1, 0.0, False
+        self._position, self._status_time, self._timed = -1, 0.0, False
         scene = server.scene
         self.bodies = {
             name: BodyNodes(scene, f"/people/{number}", track)
@@ -180,8 +180,8 @@ class Watch:
                 if row is not None:
                     body.show(row, int(_TRAIL_SECONDS * opened.fps))
         now, playing = time.monotonic(), self.time_line.playing
-        if not playing or (self._position != position and now - self._told > _PAUSE):
-            self._position, self._told = position, now
+        if not playing or (self._position != position and now - self._status_time > _PAUSE):
+            self._position, self._status_time = position, now
             self._say_status(position)
             self._ask_pictures()
 
