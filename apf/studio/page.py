@@ -166,7 +166,7 @@ class Page:
         self._message.content = make_lines([("warning", error)])
 
     def _add_open(self, gui: viser.GuiApi) -> None:
-        self._folder = gui.add_dropdown(
+        self._folder: Any = gui.add_dropdown(
             "open",
             [_NOTHING],
             initial_value=_NOTHING,
