@@ -10,7 +10,7 @@ import numpy as np
 from apf.cli.flags.shared import TRIANGULATE
 from apf.cli.keypoints.flags import find_seen_frames, open_people_keypoints, read_keypoints
 from apf.cli.method_flags import METHOD_FLAGS
-from apf.cli.takes.people import people_number
+from apf.cli.people_flag import people_number
 from apf.report.overlay import write_overlay
 from apf.report.people_page import write_people_overlay
 from apf.tracking.config import TriangulatedConfig

@@ -10,7 +10,7 @@ import numpy as np
 from apf.api import load_template, read_given_start
 from apf.body.model import BodyModel
 from apf.cli.first_pose import find_first_pose
-from apf.cli.takes.people import people_number
+from apf.cli.people_flag import people_number
 from apf.evaluation.joint_names import match_joints
 from apf.evaluation.people import load_people_truth
 from apf.filters.method import Method

@@ -15,6 +15,7 @@ from apf.cli.keypoints.flags import (
     open_people_keypoints,
     read_people_keypoints,
 )
+from apf.cli.people_flag import people_number
 from apf.cli.takes.job import TrackJob
 from apf.cli.takes.take_report import Line
 from apf.filters.method import Method
@@ -22,7 +23,7 @@ from apf.keypoints import Keypoints
 from apf.report.judged import OVERLAY
 from apf.report.names import PAGE
 from apf.report.people_page import write_people_overlay, write_people_page
-from apf.tracking.people import MOST_PEOPLE, PeopleTracks
+from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cli.commandline import stderr, stdout, warn
@@ -67,14 +68,6 @@ def read_people_flag(args: argparse.Namespace, method: Method) -> int | None:
     why = _explain_one_person(args, method)
     if number > 1 and why is not None:
         raise InputError(f"--people {number}: {why}; expected one person")
-    return number
-
-
-def people_number(text: str) -> int:
-    """Return the number of people that --people states. Raises InputError."""
-    number = int(text) if text.isdecimal() else 0
-    if not 1 <= number <= MOST_PEOPLE:
-        raise InputError(f"--people is {text}; expected 1 to {MOST_PEOPLE}, or auto")
     return number
 
 
