@@ -205,6 +205,8 @@ class FootageView:
         except UserError as error:
             self._notes = [("warning", error)]
         else:
+            if self._closed.is_set():
+                return
             known = any(fault.kind in ("unit", "far") for fault in examination.faults)
             self._notes = _list_faults(self._info, known)
             self._notes += [("warning", text) for text in warnings]
@@ -219,8 +221,10 @@ class FootageView:
             self._remarks.content = self._describe()
 
     def _show_person(self, examination: Examination) -> list[str]:
-        """Show what each camera sees of the person, and when it moves; return what to do."""
-        assert examination.diagnosis is not None
+        """Show what each camera sees of the person, and how the cameras are in time; return what to
+        do."""
+        if examination.diagnosis is None or self.sequence.settings.subject == "object":
+            return []
         views = examination.diagnosis.views
         large, small = (max(rig.width, rig.height) for rig in (self.sequence.rig, views.rig))
         self._person = find_person_in_views(views, large / small)
