@@ -159,7 +159,12 @@ def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
         found = evaluate(track, truth)
         body = stature(take.body) / true_stature(job.folder, truth)
         figures = {"heading": heading_error(take, truth), "stature": 100 * (body - 1)}
-        own = {"angles": _angles(track, job.folder / TRUTH), "exported": _export(track, truth)}
+        own: dict[str, Any] = {
+            "angles": _angles(track, job.folder / TRUTH),
+            "exported": _export(track, truth),
+        }
+        if job.setting.start == "true":
+            own["by_frame"] = [round(1000 * float(error), 1) for error in found.frame_errors]
         runs.append(replace(run, **figures, **_list_suite_figures(found), **own))
     return runs
 
@@ -172,8 +177,9 @@ def _angles(track: Track, truth: Path) -> dict[str, list[float]]:
 
 
 def _export(track: Track, truth: JointSeries) -> dict[str, float]:
-    """Return the figures of the exported joints, see `Run.exported`; {} if the truth lacks one."""
-    if not set(LIMB_JOINTS) <= set(truth.joint_names):
+    """Return the figures of the exported joints, see `Run.exported`; {} if one is missing."""
+    names = track.joint_names if track.body is None else track.points.joint_names
+    if not set(LIMB_JOINTS) <= set(truth.joint_names) & set(names):
         return {}
     figures = asdict(measure_track(track, truth))
     return {name: value for name, value in figures.items() if name != "joints"}
