@@ -15,6 +15,7 @@ import argparse
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -40,9 +41,10 @@ _LIST = ROOT / "scripts" / "site_commands.toml"
 _RESULTS = ROOT / "scripts" / "results" / "site_commands.json"
 _PAGE = ROOT / "docs" / "lab" / "commands.md"
 _SHELLS = ("sh", "bash", "console")
-#: The take that commands are run on, and names that pages give it.
+#: The take that commands are run on, names that pages give it, and copies for commands on several.
 _SCENE = SceneConfig(cameras=4, frames=12, fps=30, size=(320, 240), seed=1)
-_NAMES = ("FOLDER", "takes/a", "takes/b", "TAKE1", "TAKE2", "suite/walk")
+_NAMES = ("FOLDER", "TAKE1", "takes/a", "suite/walk")
+_COPIES = ("TAKE2", "takes/b")
 #: Joints of the truth by the names of a pose network.
 _KEYPOINTS = {
     f"{side}_{joint}": f"{side[0]}_{joint}"
@@ -76,32 +78,40 @@ def main() -> int:
 
 
 def _run(args: argparse.Namespace) -> None:
+    """Run the commands that contain `--only`; keep what is known of the others."""
     before = json.loads(_RESULTS.read_text())["commands"] if _RESULTS.exists() else []
-    known = {(row["page"], row["command"]): row for row in before}
+    known = {row["what"]: (row["exit_code"], row["seconds"]) for row in before}
     shown = list_commands()
     work = args.work.resolve()
     if not (work / "walk").exists():
         _prepare(work)
-    for one in shown:
-        old = known.get((one.page, one.command), {})
-        if one.how != "run":
-            continue
-        if args.only in one.command:
-            started = time.monotonic()
-            one.exit_code = _execute(one.what, work)
-            one.seconds = round(time.monotonic() - started, 1)
-            stdout.print(f"{one.exit_code}  {one.seconds:6.1f} s  {one.what}", soft_wrap=True)
-        elif old.get("what") == one.what:
-            one.exit_code, one.seconds = old["exit_code"], old["seconds"]
-    made = {"made": date.today().isoformat(), "commit": checked_out_commit()}
+    runs = list(dict.fromkeys(one.what for one in shown if one.how == "run"))
+    try:
+        for what in runs:
+            if args.only in what:
+                started = time.monotonic()
+                code = _execute(what, work)
+                known[what] = (code, round(time.monotonic() - started, 1))
+                stdout.print(f"{code}  {known[what][1]:6.1f} s  {what}", soft_wrap=True)
+    finally:  # write what was run, also after an interrupt
+        for one in shown:
+            if one.how == "run":
+                one.exit_code, one.seconds = known.get(one.what, (None, None))
+        _write_results(shown)
+    failed = [what for what in runs if known.get(what, (None, 0))[0] != 0]
+    if failed:
+        raise InputError(f"{len(failed)} of {len(runs)} commands fail or were not run: {failed}")
+
+
+def _write_results(shown: list[Shown]) -> None:
+    """Write the results and the page."""
+    made, commit = date.today().isoformat(), checked_out_commit()
     with write_atomically(_RESULTS) as temporary:
         rows = [asdict(one) for one in shown]
-        temporary.write_text(json.dumps({**made, "commands": rows}, indent=1) + "\n")
+        text = json.dumps({"made": made, "commit": commit, "commands": rows}, indent=1)
+        temporary.write_text(text + "\n")
     with write_atomically(_PAGE) as temporary:
-        temporary.write_text(_make_page(shown, **made))
-    failed = [one.command for one in shown if one.how == "run" and one.exit_code != 0]
-    if failed:
-        raise InputError(f"{len(failed)} of {len(shown)} commands fail or were not run: {failed}")
+        temporary.write_text(_make_page(shown, made, commit))
 
 
 def find_commands() -> Iterator[tuple[str, str]]:
@@ -143,6 +153,8 @@ def _prepare(work: Path) -> None:
         link = work / name
         link.parent.mkdir(parents=True, exist_ok=True)
         link.symlink_to(work / "walk")
+    for name in _COPIES:
+        shutil.copytree(work / "walk", work / name)
     (work / "JOINTS.npz").symlink_to(work / "walk" / "truth.npz")
     rig = Sequence.open(work / "walk").rig
     with np.load(work / "walk" / "truth.npz") as truth:
@@ -158,13 +170,21 @@ def _prepare(work: Path) -> None:
 
 
 def _execute(command: str, work: Path) -> int:
-    """Run a command in the work folder, `psfs` and `apf` being those of this checkout."""
-    starts = [f'{name}() {{ "{sys.executable}" -m {name}.cli "$@"; }}' for name in ("psfs", "apf")]
-    starts.append(f'python() {{ "{sys.executable}" "$@"; }}')
-    paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    environment = {**os.environ, "PYTHONPATH": paths, "REPOSITORY": str(ROOT)}
+    """Run a command in the work folder, `psfs`, `apf` and `python` being those of this checkout."""
+    for name in ("psfs", "apf", "python"):
+        program = work / "bin" / name
+        program.parent.mkdir(exist_ok=True)
+        module = "" if name == "python" else f" -m {name}.cli"
+        program.write_text(f'#!/bin/sh\nexec "{sys.executable}"{module} "$@"\n')
+        program.chmod(0o755)
+    environment = {
+        **os.environ,
+        "PATH": os.pathsep.join([str(work / "bin"), os.environ.get("PATH", "")]),
+        "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
+        "REPOSITORY": str(ROOT),
+    }
     done = subprocess.run(
-        ["bash", "-c", "\n".join([*starts, command])], cwd=work, env=environment,
+        ["bash", "-c", command], cwd=work, env=environment,
         stdout=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
     )  # fmt: skip
     return done.returncode
