@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 #: RGB of a side of the body: blue, orange and green, which colour-blind people distinguish; and of
 #: what is lost.
 SIDES = {side: (int(r), int(g), int(b)) for side, (b, g, r) in COLOURS.items()}
-LOST = (200, 0, 90)
+LOST = (120, 0, 80)
 _VERTICES_PER_CONE = 18
 _BONE_WIDTH, _TRAIL_WIDTH = 4.0, 2.0  # px
 _JOINT_SIZE, _HANDLE = 0.03, 0.8  # m
