@@ -196,7 +196,7 @@ def _make_page(shown: list[Shown], made: str, commit: str) -> str:
     lines = [
         "# Every command of the site",
         "",
-        f"Written by `scripts/check_site_commands.py`, {made}, the last of them at commit {commit}.",
+        f"Written by `scripts/check_site_commands.py`, {made}, the last at commit {commit}.",
         f"Run: on a synthetic walk of {_SCENE.cameras} cameras, {_SCENE.frames} frames of "
         f"{_SCENE.size[0]} x {_SCENE.size[1]}, in the order of this table. A test runs a",
         "command of that kind on its own input; what neither can run was tried by hand.",
