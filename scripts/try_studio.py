@@ -1,8 +1,8 @@
 """Work through the page of `apf studio` as a new user would, in a headless Chromium.
 
 Opens a take, tracks some of its frames, plays the track, puts a wrist that was turned away on
-purpose right by its handle, tracks again, and saves a BVH; with a screenshot of each step. Prints
-the wrist's error against the take's truth.npz before and after, as JSON.
+purpose right by clicks in two pictures, tracks again, and saves a BVH; with a screenshot of each
+step. Prints the wrist's error against the take's truth.npz before and after, as JSON.
 
 With --first it is a new user's first try: `apf studio` on the folder that holds the take, and from
 then on only what is seen on the page, to a BVH. Prints each step with its seconds.
@@ -27,6 +27,7 @@ import numpy as np
 from apf.body.kinematics import posed_joints
 from apf.evaluation.evaluate import load_truth
 from apf.studio.folders import Roots
+from apf.studio.look_through import find_fov
 from apf.studio.page import Page
 from apf.tracking.track import Track
 from cl import InputError, select_device
@@ -61,6 +62,23 @@ class Trial:
         self._n_shots += 1
         path = self._shots / f"{self._n_shots}_{name}.png"
         self.tab.screenshot(path=path, timeout=300_000)
+
+    def click_in_picture(self, view: int, point: np.ndarray) -> None:
+        """Look through a camera, and click where its picture shows a point (3,) m."""
+        watch = self.page.watch
+        assert watch is not None and watch.opened.sequence is not None
+        camera = watch.opened.sequence.rig[view]
+        watch.through.value = camera.name
+        self.tab.wait_for_timeout(4000)
+        box = self.tab.locator("canvas").first.bounding_box()
+        client = next(iter(self.page.server.get_clients().values()))
+        x, y, depth = camera.R @ point + camera.t
+        focal = box["height"] / 2 / np.tan(find_fov(camera, client) / 2)
+        self.tab.mouse.click(
+            box["x"] + box["width"] / 2 + focal * x / depth,
+            box["y"] + box["height"] / 2 + focal * y / depth,
+        )
+        self.tab.wait_for_timeout(1000)
 
     def track(self, frames: str) -> Path:
         """Track frames of the footage that is open by the buttons; return the run's folder."""
@@ -131,12 +149,14 @@ def work_through(trial: Trial, take: Path, frames: str) -> dict[str, Any]:
     page.watch.time_line.seek(row)
     trial.click("Correct", "tab")
     page.correct.joint.value = "l_wrist"
+    page.correct.way.value = "clicking it in two pictures"
     trial.click("put it right in this frame")
-    trial.wait(lambda: page.correct.place.label != "put it right in this frame", "the handle")
     truth = load_truth(take / "truth.npz")
     number = list(truth.joint_names).index("l_wrist")
-    page.correct.move_handle(truth.joints[int(as_tracked.frames[row]), number])
-    trial.shoot("handle")
+    for view in (0, 1):
+        trial.click_in_picture(view, truth.joints[int(as_tracked.frames[row]), number])
+    trial.wait(lambda: page.correct.place.label != "put it right in this frame", "the handle")
+    trial.shoot("clicked")
     trial.click("it is right there now")
     trial.wait(lambda: "left wrist" in page.correct.list, "the correction")
     trial.click("track again")

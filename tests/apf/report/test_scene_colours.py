@@ -8,9 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-pytest.importorskip("viser", reason="viser is not installed")
-
-from apf.studio.nodes import LOST, SIDES
+from apf.report.scene_colours import LOST, SIDES
 
 #: Linear RGB as people without one kind of cone see it (Machado, Oliveira & Fernandes, IEEE TVCG
 #: 15, 2009, severity 1).
