@@ -25,6 +25,12 @@ class ConsistencyConfig(Config):
         "Share of its silhouette that must lie within the others' shape before furniture explains "
         "what it lacks.",
     )
+    near: float = fraction(
+        0.15,
+        "Distance from the others' shape up to which a camera's silhouette is the person's, as a "
+        "share of that shape's height; what lies farther away is clutter.",
+        "by hand: with it rafters that touch the head accuse no camera of four or six",
+    )
     agreeing: float = fraction(
         0.2,
         "Median IoU of the other cameras below which these do not agree among themselves, or "
@@ -251,4 +257,20 @@ class FaultConfig(Config):
         0.5,
         "Greatest ratio of a camera's cost after a rotation to the cost before for it to count"
         " as turned.",
+    )
+
+
+class InViewConfig(Config):
+    """Least view of the person that each camera should have, see
+    `psfs.diagnostics.person_in_view`."""
+
+    SOURCE: ClassVar = "by hand"
+
+    seen: float = fraction(0.7, "Share of the frames in which a camera should see somebody.")
+    whole: float = fraction(0.8, "Share of these in which it should see the whole person.")
+    height: float = positive(
+        100.0,
+        "Height of the person in a picture.",
+        "the sequences of docs/accuracy.md show people 150 to 390 px high",
+        unit="px",
     )
