@@ -13,6 +13,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.appearance import follows, looks_again
 from psfs.silhouettes.silhouette import Silhouette
+from psfs.voxels.body_location import BodyLocation
 from psfs.voxels.body_prior import TrackedBody, pack_body
 from psfs.voxels.bricks import Bricks
 from psfs.voxels.config import ReconstructionConfig
@@ -59,9 +60,14 @@ class Reconstructor:
         self.silhouette = Silhouette(device, rig, background, config.silhouette)
         maps, step = self.silhouette.evidence, config.silhouette.evidence.step
         self.body, self._packed_body = body, None
+        self._body_location: BodyLocation | None = None
         if body is not None:
             size = (body.cones.shape[1] + 1, body.cones.shape[2])
             self._packed_body = device.zeros(size, np.float32, "the tracked body")
+            foreground = self.silhouette.foreground
+            if foreground is not None:
+                location = foreground.prior.location
+                self._body_location = BodyLocation(device, rig, location, self._packed_body)
         self._bricks = Bricks(
             device, rig, grid, maps, step, config.occupancy, body=self._packed_body
         )
@@ -125,21 +131,19 @@ class Reconstructor:
         new = before is None or not follows(before.index, frame.index, appearance)
         if foreground is not None and new:
             foreground.forget_location()
+        if self.body is not None and self._packed_body is not None:
+            evidence = self.config.silhouette.evidence
+            cones, scales = self.body[frame.index], (evidence.step, evidence.ratio_steps)
+            self._packed_body.set(pack_body(self.config.body, cones, *scales))
         if self._uploads is not None and frame is self._ahead:
             self._uploads.finish()
-            self.silhouette.compute()
         else:
-            self.silhouette(frame_input(frame, self.silhouette.background))
+            self.silhouette.input.set(frame_input(frame, self.silhouette.background))
         self._ahead, self.voxels.frame = None, frame
-        if self.body is not None and self._packed_body is not None:
-            step = self.config.silhouette.evidence.step
-            packed = pack_body(self.config.body, self.body[frame.index], step)
-            self._packed_body.set(packed)
         self._carve()
         if foreground is not None:
             for _ in range(looks_again(before is None, new, appearance)):
                 foreground.learn(self.voxels)
-                self.silhouette.compute()
                 self._carve()
             foreground.learn(self.voxels)
         if self.silhouette.adaptation is not None:
@@ -147,6 +151,9 @@ class Reconstructor:
         return self.voxels
 
     def _carve(self) -> None:
+        if self._body_location is not None:
+            self._body_location()
+        self.silhouette.compute()
         for stage in self._stages:
             stage()
 

@@ -96,6 +96,25 @@ class BodyPriorConfig(Config):
     distance: float = setting(
         0.02, "Distance from their surface beyond which it is outside.", unit="m", above=0
     )
+    foreground: float = setting(
+        4.0,
+        "Log odds that a pixel well within the drawn body shows the person, in place of "
+        "`location_inside` of the silhouettes.",
+        unit="nats",
+        least=0,
+    )
+    background: float = setting(
+        -0.8, "Log odds that a pixel well beside the drawn body does.", unit="nats", most=0
+    )
+    width: float = setting(
+        0.01,
+        "Distance from the drawn body's edge over which these fall by 1 nat.",
+        unit="m",
+        above=0,
+    )
+    edge: float = setting(
+        0.0, "Distance from the cones at which the log odds are 0: clothes are wider.", unit="m"
+    )
     samples: int = setting(
         5, "Number of frames in which the track is compared with the silhouettes.", least=1
     )
