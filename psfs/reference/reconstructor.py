@@ -120,7 +120,7 @@ class NumpyReconstructor:
         self._latest = evidence
         config, step = self.config.occupancy, self.config.silhouette.evidence.step
         body = None
-        if self.body is not None:
+        if self.body is not None and self.foreground is None:
             cones = self.body[frame.index]
             own = self.config.body
             body = partial(body_evidence, cones=cones, config=own, step=step)

@@ -11,7 +11,7 @@ from helpers import scenes
 
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import make_reconstructor
-from psfs.cameras.cells import cell_rays
+from psfs.cameras.cells import CELL, cell_rays
 from psfs.common.cones import cone_distances, largest_slopes, ray_cone_distances
 from psfs.diagnostics.body_agreement import check_body, share_on_silhouettes
 from psfs.reference.body_prior import body_evidence, body_location
@@ -152,6 +152,30 @@ def test_a_part_that_one_camera_denies_stays(device: Device) -> None:
     np.testing.assert_array_equal(
         carve(device, BODY, replace(blind, index=5)).indices, without.indices
     )
+
+
+def test_pictures_are_judged_by_where_the_body_is(device: Device) -> None:
+    """As the twin judges them; what one camera shows could be either everywhere."""
+    picture, background = scenes.pictures_of(RIG)
+    assert picture.images is not None
+    signs = np.random.default_rng(2).choice([-2.2, 2.2], background.mean[1].shape)
+    picture.images[1] = np.clip(background.mean[1] + signs * background.std[1], 0, 255)
+    frame, evidence = replace(picture, index=4), []
+    for where, body in ((device, BODY), (NumpyDevice(), BODY), (device, None)):
+        reconstruct = make_reconstructor(where, RIG, GRID, background, sparse=True, body=body)
+        reconstruct(frame)
+        evidence.append(reconstruct.evidence().astype(int))
+    found, expected, without = evidence
+    assert (np.abs(found - expected) > 2).mean() < 0.02
+    location = body_location(RIG, CONES, CONFIG, STEPS)
+    assert location is not None
+    drawn = location[1].repeat(CELL, 0).repeat(CELL, 1)[: RIG.height, : RIG.width]
+    person = found[1] > 0, without[1] > 0
+    inside, outside = (
+        [shown[where].mean() for shown in person] for where in (drawn > 90, drawn == 0)
+    )
+    assert inside[0] > inside[1] + 0.3
+    assert outside[0] < 0.2
 
 
 def test_share_of_the_axes_on_silhouettes() -> None:
