@@ -96,20 +96,20 @@ class BodyPriorConfig(Config):
         0.02, "Distance from their surface beyond which it is outside.", unit="m", above=0
     )
     foreground: float = setting(
-        8.0,
+        4.0,
         "Log odds that a pixel well within the drawn body shows the person, in place of "
         "`location_inside` of the silhouettes.",
         unit="nats",
         least=0,
     )
     background: float = setting(
-        -1.0,
+        -0.8,
         "Log odds that a pixel well beside it does; 0 in a frame in which a limb is lost.",
         unit="nats",
         most=0,
     )
     width: float = setting(
-        0.005,
+        0.01,
         "Distance at the drawn body's edge over which these fall by 1 nat.",
         unit="m",
         above=0,

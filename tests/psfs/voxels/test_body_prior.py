@@ -21,7 +21,7 @@ from psfs.sequence import Frame
 from psfs.voxels.body_location import BodyLocation
 from psfs.voxels.body_prior import TrackedBody, pack_body
 from psfs.voxels.bricks import Bricks
-from psfs.voxels.config import BodyPriorConfig, OccupancyConfig
+from psfs.voxels.config import BodyPriorConfig, OccupancyConfig, ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud
 from psfs.voxels.occupancy import Occupancy
 from psfs.voxels.sparse import SparseSurface
@@ -160,14 +160,17 @@ def test_pictures_are_judged_by_where_the_body_is(device: Device) -> None:
     assert picture.images is not None
     signs = np.random.default_rng(2).choice([-2.2, 2.2], background.mean[1].shape)
     picture.images[1] = np.clip(background.mean[1] + signs * background.std[1], 0, 255)
+    config = ReconstructionConfig(body=BodyPriorConfig(foreground=8, width=0.005))
     frame, evidence = replace(picture, index=4), []
     for where, body in ((device, BODY), (NumpyDevice(), BODY), (device, None)):
-        reconstruct = make_reconstructor(where, RIG, GRID, background, sparse=True, body=body)
+        reconstruct = make_reconstructor(
+            where, RIG, GRID, background, config, sparse=True, body=body
+        )
         reconstruct(frame)
         evidence.append(reconstruct.evidence().astype(int))
     found, expected, without = evidence
     assert (np.abs(found - expected) > 2).mean() < 0.02
-    location = body_location(RIG, CONES, CONFIG, STEPS)
+    location = body_location(RIG, CONES, config.body, STEPS)
     assert location is not None
     drawn = location[1].repeat(CELL, 0).repeat(CELL, 1)[: RIG.height, : RIG.width]
     person = found[1] > 0, without[1] > 0
