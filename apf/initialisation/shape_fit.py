@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from apf.body.cones import cone_distances, cone_normals, dot
+from apf.body.cones import cone_normals
 from apf.body.jacobian import point_jacobian
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.limbs import limb_joints
@@ -24,6 +24,7 @@ from apf.initialisation.shape_model import (
     place_points,
     surface_samples,
 )
+from psfs.common.cones import cone_distances, dot
 
 #: Step of the differences of a log of a scale: small against any scale, large against float64's
 #: resolution.

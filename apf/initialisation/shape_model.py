@@ -6,10 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from apf.body.cones import dot
 from apf.body.kinematics import bone_matrices
 from apf.body.model import BodyModel, sideless
 from apf.initialisation.config import ShapePrior
+from psfs.common.cones import dot
 
 
 class ShapeModel:

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pyopencl
 
-from apf.body.kinematics import CONE_FLOATS
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, FRAME_FLOATS, SPAN_FLOATS, body_defines, pack_body
 from apf.likelihood.base import Likelihood, PointSubset
@@ -25,6 +24,7 @@ from cl.staging import Ahead
 from cl.workgroups import pack_defines, pack_size, stated_group
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import join_names
+from psfs.common.cones import CONE_FLOATS
 from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection

@@ -8,7 +8,6 @@ from helpers import bodies
 from helpers.scenes import ring
 
 import apf.initialisation.automatic as find
-from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel
 from apf.body.stature import lowest_point, stature
@@ -36,6 +35,7 @@ from apf.initialisation.shape_fit import Cloud, find_unfolded, fit_shape
 from apf.initialisation.shape_model import ShapeModel, place_points, surface_samples
 from apf.scene import Scene
 from cl import Device
+from psfs.common.cones import cone_distances
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 SONG = load_body("song31")

@@ -8,9 +8,9 @@ import numpy as np
 from helpers.tracks import walker
 
 from apf.body import load_body
-from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones
 from apf.report.viewer_layers import cone_layer, describe_frame, skeleton_layer
+from psfs.common.cones import cone_distances
 from psfs.mesh.drawing import Lines, SurfaceDrawing
 
 
