@@ -133,7 +133,11 @@ def caliscope(rig: CameraRig) -> dict[str, str]:
     return {"camera_array.toml": tomli_w.dumps({"cameras": tables})}
 
 
-#: Tsai's parameters before the pose: of the sensor, the lens and the picture's middle.
+_TSAI_NAMES = (
+    *("Ncx", "Nfx", "dx", "dy", "dpx", "dpy", "Cx", "Cy", "sx", "f", "kappa1"),
+    *("Tx", "Ty", "Tz", "Rx", "Ry", "Rz"),
+)
+#: Tsai's parameters before the pose: of the sensor, the picture's middle and the lens.
 _TSAI = "768 644 0.0084 0.0098 0.01 0.0098 48 36 1 5.6 0.008"
 
 
@@ -142,9 +146,8 @@ def tsai(rig: CameraRig) -> dict[str, str]:
 
 
 def named_tsai(rig: CameraRig) -> dict[str, str]:
-    names = "Ncx Nfx dx dy dpx dpy Cx Cy sx f kappa1 Tx Ty Tz Rx Ry Rz".split()
     values = {name: text.split() for name, text in tsai(rig).items()}
-    lines = {name: zip(names, of, strict=True) for name, of in values.items()}
+    lines = {name: zip(_TSAI_NAMES, of, strict=True) for name, of in values.items()}
     return {
         f"{Path(name).stem}.tsai": "\n".join(f"{key} = {value}" for key, value in of)
         for name, of in lines.items()
