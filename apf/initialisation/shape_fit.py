@@ -172,16 +172,18 @@ class _ShapeFit:
 
     def find_loose(self, shape: np.ndarray) -> np.ndarray:
         """Return (S',) bool: the free scales of `shape` (S,) that are radii of loose parts."""
-        own = self._chosen >= len(shape) - len(self._model.radii)
-        excess: np.ndarray = own & (
-            shape[self._chosen] > self._config.prior.loose * self._deviation
-        )
-        return excess
+        loose = np.zeros(len(shape), bool)
+        loose[len(shape) - len(self._model.radii) :] = self._model.find_loose(shape)
+        return loose[self._chosen]
 
     def loosen(self, loose: np.ndarray) -> _ShapeFit:
-        """Return the fit with the prior of the `loose` (S',) radii wide enough for clothes."""
-        other = copy(self)
-        other._deviation = np.where(loose, self._config.prior.clothes, self._deviation)
+        """Return the fit with the prior of the `loose` (S',) radii wide enough for clothes, and
+        those of girth and the other radii narrow, see `ShapePrior.beside_clothes`."""
+        other, prior, deviation = copy(self), self._config.prior, self._deviation.copy()
+        n_scales, n_radii = len(self._model.deviation), len(self._model.radii)
+        radial = (self._chosen == 1) | (self._chosen >= n_scales - n_radii)
+        deviation[radial] = np.minimum(deviation[radial], prior.beside_clothes)
+        other._deviation = np.where(loose, prior.clothes, deviation)
         return other
 
     def run(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +21,8 @@ _LINES = {
     "right": {"color": "#d55e00", "dash": "dash"},
     "middle": {"color": "#009e73"},
 }
+#: Text and grid that are read on a light page and on a dark one.
+_INK, _GRID = "#7d7d7d", "rgba(128,128,128,0.25)"
 _MARGIN = {"l": 42, "r": 8, "t": 28, "b": 34}
 
 
@@ -60,11 +64,33 @@ def draw_confidence(track: Track) -> go.Figure:
     return _small(figure)
 
 
+def draw_motion(frames: Sequence[int], motion: np.ndarray, names: Sequence[str]) -> go.Figure:
+    """Return the figure of how much each camera's silhouette moves, motion (F, V), by frame; one
+    curve above the other: peaks of cameras that run together are in one line."""
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    known = np.where(np.isfinite(motion), motion, 0)
+    tops = np.maximum(np.percentile(known, 99, axis=0), 1e-6)  # single jumps are cut off
+    for number, curve in enumerate(np.minimum(motion / tops, 1).T):
+        figure.add_scatter(
+            x=list(frames), y=curve - 1.1 * number, hoverinfo="x",
+            line={"color": "#0072b2", "width": 1}, mode="lines", showlegend=False,
+        )  # fmt: skip
+    rows = [-1.1 * number for number in range(len(names))]
+    figure.update_yaxes(tickvals=rows, ticktext=[html.escape(name) for name in names])
+    figure.update_layout(title="motion of each camera's silhouette", xaxis_title="frame")
+    return _small(figure)
+
+
 def _small(figure: go.Figure) -> go.Figure:
     figure.update_layout(
         margin=_MARGIN,
-        font={"size": 11},
+        font={"size": 11, "color": _INK},
         title_font_size=12,
-        template="plotly_white",
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
     )
+    figure.update_xaxes(gridcolor=_GRID, zeroline=False)
+    figure.update_yaxes(gridcolor=_GRID, zeroline=False)
     return figure

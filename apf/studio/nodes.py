@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +28,7 @@ SIDES = {side: (int(r), int(g), int(b)) for side, (b, g, r) in COLOURS.items()}
 LOST = (200, 0, 90)
 _VERTICES_PER_CONE = 18
 _BONE_WIDTH, _TRAIL_WIDTH = 4.0, 2.0  # px
-_JOINT_SIZE = 0.03  # m
+_JOINT_SIZE, _HANDLE = 0.03, 0.8  # m
 _NO_LINES = np.zeros((1, 2, 3), np.float32)
 
 
@@ -130,7 +131,7 @@ class BodyNodes:
 
 
 class VoxelNode:
-    """The surface voxels of one frame as points of the voxels' size."""
+    """The surface voxels of one frame as points."""
 
     def __init__(self, scene: viser.SceneApi, grid: VoxelGrid) -> None:
         self._node = scene.add_point_cloud(
@@ -147,6 +148,7 @@ class VoxelNode:
         self._points = points
         if points is not None and len(points.positions):
             self._node.points, self._node.colors = points.positions, points.colours
+            self._node.point_size = points.size
         self._node.visible = points is not None and len(points.positions) > 0
 
 
@@ -162,7 +164,7 @@ class CameraNodes:
             node = scene.add_camera_frustum(
                 f"/cameras/{number}",
                 fov=2 * float(np.arctan2(height / 2, camera.K[1, 1])),
-                aspect=width / height, scale=depth, color=(40, 60, 95),
+                aspect=width / height, scale=depth, color=(70, 110, 170),
                 thickness=2.0, thickness_units="screen",
                 wxyz=to_quaternion(camera.R.T), position=camera.centre,
             )  # fmt: skip
@@ -189,18 +191,41 @@ def add_floor(scene: viser.SceneApi, grid: VoxelGrid) -> None:
     )  # fmt: skip
 
 
-def add_box(
-    scene: viser.SceneApi, name: str, low: np.ndarray, high: np.ndarray
-) -> viser.LineSegmentsHandle:
-    """Add the edges of a box between two corners (3,) m, and return its node."""
-    corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3)
-    pairs = [
-        (a, b) for a in range(8) for b in range(a) if np.abs(corners[a] - corners[b]).sum() == 1
-    ]
-    lines = (low + corners * (high - low))[np.array(pairs)]
-    return scene.add_line_segments(
-        name, lines.astype(np.float32), (120, 60, 160), thickness=2.0, thickness_units="screen"
-    )
+class BoxNode:
+    """The edges of a box, with a handle at two opposite corners by which it is dragged.
+
+    corners: (2, 3) m. dragged: called with the corners after a handle was moved by a user.
+    """
+
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        name: str,
+        corners: np.ndarray,
+        dragged: Callable[[np.ndarray], None],
+    ) -> None:
+        self._edges = scene.add_line_segments(
+            name, _NO_LINES, (120, 60, 160), thickness=2.0, thickness_units="screen"
+        )
+        self.handles = [
+            scene.add_transform_controls(
+                f"{name}/{number}", scale=_HANDLE, disable_rotations=True, depth_test=False,
+                opacity=0.7,
+            )
+            for number in range(2)
+        ]  # fmt: skip
+        for handle in self.handles:
+            handle.on_update(lambda event: dragged(np.stack([h.position for h in self.handles])))
+        self.show(corners)
+
+    def show(self, corners: np.ndarray) -> None:
+        """Show the box between two corners (2, 3) m."""
+        low, high = corners
+        cube = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3)
+        pairs = [(a, b) for a in range(8) for b in range(a) if np.abs(cube[a] - cube[b]).sum() == 1]
+        self._edges.points = (low + cube * (high - low))[np.array(pairs)].astype(np.float32)
+        for handle, corner in zip(self.handles, corners, strict=True):
+            handle.position = corner
 
 
 def to_quaternion(rotation: np.ndarray) -> np.ndarray:

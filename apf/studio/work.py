@@ -1,4 +1,4 @@
-"""A run of `apf track` in a process of its own: started, followed by the files it writes, ended."""
+"""A command in a process of its own: started, followed by the files it writes, ended."""
 
 from __future__ import annotations
 
@@ -34,31 +34,34 @@ def free_folder(root: Path, name: str) -> Path:
 
 
 class Work:
-    """A running `apf track`.
+    """A running command.
 
     flags: after the subcommand, without -o. output: its folder, which must not exist. tables:
-    settings for --config. n_frames: how many are to be tracked.
+    settings for --config. n_frames: how many are to be tracked. command: program and subcommand.
     """
 
     def __init__(
         self,
         flags: Sequence[str],
         output: Path,
-        n_frames: int,
+        n_frames: int = 0,
         tables: Mapping[str, object] | None = None,
+        *,
+        command: tuple[str, str] = ("apf", "track"),
     ) -> None:
         self.output, self.n_frames = output, n_frames
         self._files = ExitStack()
-        words = ["track", *flags, "-o", str(output)]
+        program, subcommand = command
+        words = [subcommand, *flags, "-o", str(output)]
         if tables:
             settings = self._files.enter_context(temporary_folder()) / "settings.toml"
             settings.write_text(tomli_w.dumps(dict(tables)), encoding="utf-8")
             words += ["--config", str(settings)]
-        self.command = ["apf", *words]
+        self.command = [program, *words]
         self._counts: dict[Path, int] = {}
         self._lines: list[str] = []
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "apf.cli", *words],
+            [sys.executable, "-m", f"{program}.cli", *words],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -67,7 +70,7 @@ class Work:
             errors="replace",
             start_new_session=True,
         )
-        self._reader = threading.Thread(target=self._read, daemon=True, name="apf track")
+        self._reader = threading.Thread(target=self._read, daemon=True, name=" ".join(command))
         self._reader.start()
 
     @property
