@@ -21,6 +21,7 @@ from helpers.faults import refused
 from helpers.opensim import write_model
 
 from apf.cli.keypoints.flags import keypoints_path
+from apf.filters.method import Method
 from apf.formats.opensim.model import read_model
 from apf.tracking.correction import Correction, Corrections
 from apf.tracking.people import PeopleTracks
@@ -124,6 +125,11 @@ def test_models_of_opensim(tmp_path: Path, change: Callable[[str], str], said: s
     with pytest.raises(InputError) as error:
         read_model(path)
     assert said in str(error.value) and "m.osim" in str(error.value)
+
+
+def test_a_table_for_a_name_in_settings() -> None:
+    with pytest.raises(InputError, match=r"search is \{'a': 1\}; expected apf, sir, pso"):
+        Method.from_dict({"search": {"a": 1}})
 
 
 @pytest.mark.parametrize("pattern", ["x/**a/[*", "**a"])
