@@ -221,7 +221,7 @@ class CalibrateView:
             gaps += [("warning", f"{camera.name} {text}") for text in missing]
         if rows and not gaps:
             gaps = [("good", "every camera has seen enough")]
-        heading = ("camera", "frames with it", "with another", "picture covered")
+        heading = ("camera", "frames", "shared", "covered")
         table = make_table(rows, heading) if rows else ""
         self._words.content = make_text(doing) + table + make_lines([*gaps, *self._notes])
 

@@ -23,6 +23,9 @@ _LINES = {
 }
 #: Text and grid that are read on a light page and on a dark one.
 _INK, _GRID = "#7d7d7d", "rgba(128,128,128,0.25)"
+#: Colours that colour-blind people distinguish, and dashes.
+_HUES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9")
+_DASHES = ("solid", "dash", "dot", "dashdot")
 _MARGIN = {"l": 42, "r": 8, "t": 28, "b": 34}
 
 
@@ -64,22 +67,24 @@ def draw_confidence(track: Track) -> go.Figure:
     return _small(figure)
 
 
-def draw_motion(frames: Sequence[int], motion: np.ndarray, names: Sequence[str]) -> go.Figure:
-    """Return the figure of how much each camera's silhouette moves, motion (F, V), by frame; one
-    curve above the other: peaks of cameras that run together are in one line."""
+def draw_lags(costs: np.ndarray, names: Sequence[str]) -> go.Figure:
+    """Return the figure of how far each camera's silhouettes are from the others' as a share of the
+    person's size, costs (V, 2 m + 1), if its pictures came so many frames later, -m to m: a camera
+    that runs with the others is lowest at 0."""
     import plotly.graph_objects as go
 
     figure = go.Figure()
-    known = np.where(np.isfinite(motion), motion, 0)
-    tops = np.maximum(np.percentile(known, 99, axis=0), 1e-6)  # single jumps are cut off
-    for number, curve in enumerate(np.minimum(motion / tops, 1).T):
+    most = costs.shape[1] // 2
+    for number, (name, cost) in enumerate(zip(names, costs, strict=True)):
         figure.add_scatter(
-            x=list(frames), y=curve - 1.1 * number, hoverinfo="x",
-            line={"color": "#0072b2", "width": 1}, mode="lines", showlegend=False,
+            x=list(range(-most, most + 1)), y=cost, name=html.escape(name), mode="lines",
+            line={"color": _HUES[number % len(_HUES)], "dash": _DASHES[number % len(_DASHES)]},
         )  # fmt: skip
-    rows = [-1.1 * number for number in range(len(names))]
-    figure.update_yaxes(tickvals=rows, ticktext=[html.escape(name) for name in names])
-    figure.update_layout(title="motion of each camera's silhouette", xaxis_title="frame")
+    figure.add_vline(0, line_color=_INK, line_width=1)
+    figure.update_layout(
+        title="cameras in time: lowest at 0", xaxis_title="late by, frames",
+        yaxis_rangemode="tozero", legend={"y": -0.35, "orientation": "h"},
+    )  # fmt: skip
     return _small(figure)
 
 

@@ -8,17 +8,19 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from apf.studio.curves import draw_motion
+from apf.studio.curves import draw_lags
 from apf.studio.nodes import BoxNode, CameraNodes, add_floor
 from apf.studio.opened import MakeDevice
 from apf.studio.pictures import PictureReader, mosaic, small_pictures
 from apf.studio.timeline import TimeLine
 from apf.studio.words import make_lines, make_table, make_text
 from cl import UserError
+from psfs.diagnostics.arrangement import Lags
 from psfs.diagnostics.config import InViewConfig
 from psfs.diagnostics.examination import Examination, examine
-from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views, measure_motion
+from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
+from psfs.diagnostics.tangency import Tangency
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
 from psfs.volume import find_volume
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 
 #: RGB of the silhouettes, a colour that is rare in rooms.
 _SILHOUETTE = np.array([255, 0, 200])
+_MOST_LAG = 30  # frames; longest lag that the curves show
 _FLOOR_VOXEL = 0.05  # m; the floor is drawn under a grid
 
 
@@ -202,6 +205,8 @@ class FootageView:
         except UserError as error:
             self._notes = [("warning", error)]
         else:
+            if self._closed.is_set():
+                return
             known = any(fault.kind in ("unit", "far") for fault in examination.faults)
             self._notes = _list_faults(self._info, known)
             self._notes += [("warning", text) for text in warnings]
@@ -216,14 +221,20 @@ class FootageView:
             self._remarks.content = self._describe()
 
     def _show_person(self, examination: Examination) -> list[str]:
-        """Show what each camera sees of the person, and when it moves; return what to do."""
-        assert examination.diagnosis is not None
+        """Show what each camera sees of the person, and how the cameras are in time; return what to
+        do."""
+        if examination.diagnosis is None or self.sequence.settings.subject == "object":
+            return []
         views = examination.diagnosis.views
         large, small = (max(rig.width, rig.height) for rig in (self.sequence.rig, views.rig))
         self._person = find_person_in_views(views, large / small)
-        figure = draw_motion(views.frames, measure_motion(views), views.rig.names)
-        with self._beside:
-            self._parts.append(self._server.gui.add_plotly(figure, aspect=0.8))
+        tangency = Tangency(views.rig, views.outlines)
+        if np.isfinite(tangency.size):
+            lags = Lags(tangency, min(_MOST_LAG, len(views.frames) // 3))
+            costs = [lags.curve(view, [0] * len(views.rig)) for view in range(len(views.rig))]
+            figure = draw_lags(np.stack(costs), views.rig.names)
+            with self._beside:
+                self._parts.append(self._server.gui.add_plotly(figure, aspect=0.8))
         config = InViewConfig()
         return [text for seen in self._person if (text := seen.describe(config))]
 
@@ -239,7 +250,7 @@ class FootageView:
         ]
         heading: tuple[str, ...] = ("camera", "px", "m away", "m high")
         if self._person:
-            heading += ("person whole", "px")
+            heading += ("whole", "px")
             seen = [(f"{one.seen * one.whole:.0%}", f"{one.height:.0f}") for one in self._person]
             rows = [(*row, *more) for row, more in zip(rows, seen, strict=True)]
         facts = (

@@ -11,8 +11,7 @@ import trimesh
 from apf.body.kinematics import bone_matrices, posed_joints
 from apf.body.limbs import limb_bones, limb_ends
 from apf.body.mesh import cone_mesh
-from apf.body.model import find_side
-from apf.report.overlay import COLOURS
+from apf.report.scene_colours import LOST, colour_by_side, colour_edges
 from apf.studio.clouds import Points, grid_centre
 from apf.tracking.track import Track
 from psfs.cameras.camera import CameraRig
@@ -22,10 +21,6 @@ from psfs.voxels.grid import VoxelGrid
 if TYPE_CHECKING:
     import viser
 
-#: RGB of a side of the body: blue, orange and green, which colour-blind people distinguish; and of
-#: what is lost.
-SIDES = {side: (int(r), int(g), int(b)) for side, (b, g, r) in COLOURS.items()}
-LOST = (200, 0, 90)
 _VERTICES_PER_CONE = 18
 _BONE_WIDTH, _TRAIL_WIDTH = 4.0, 2.0  # px
 _JOINT_SIZE, _HANDLE = 0.03, 0.8  # m
@@ -42,14 +37,13 @@ class BodyNodes:
         self._track, body = track, track.its_body
         self._limb_bones, self.ends = limb_bones(body), limb_ends(body)
         self._lost, self._lost_limbs = track.lost, track.lost_limbs  # computed at each call
-        sides = [find_side(track.joint_names[end]) for _, end in track.edges]
-        self._edge_colours = np.array([SIDES[side] for side in sides], np.uint8)
+        self._edge_colours = colour_edges(track)
         self._root = scene.add_frame(name, show_axes=False)
         self._bones = [
             scene.add_frame(f"{name}/{b}", show_axes=False) for b in range(len(body.bones))
         ]
         self.cones: list[viser.MeshHandle] = []
-        self._cone_sides = [find_side(cone) for cone in body.cone_names]
+        self._cone_colours = colour_by_side(body.cone_names).tolist()
         self._cone_bones = np.array([cone.bone for cone in body.cones])
         mesh = cone_mesh(body, _VERTICES_PER_CONE)
         for number, cone in enumerate(body.cones):
@@ -60,7 +54,7 @@ class BodyNodes:
                     f"{name}/{cone.bone}/cone{number}",
                     mesh.positions[used, 0],
                     corners.reshape(-1, 3),
-                    color=SIDES[self._cone_sides[number]],
+                    color=self._cone_colours[number],
                     opacity=0.55,
                 )
             )
@@ -115,7 +109,7 @@ class BodyNodes:
 
     def _colour_cones(self, lost: np.ndarray) -> None:
         for number in np.flatnonzero(lost != self._shown_lost):
-            self.cones[number].color = LOST if lost[number] else SIDES[self._cone_sides[number]]
+            self.cones[number].color = LOST if lost[number] else self._cone_colours[number]
         self._shown_lost = lost
 
     def _show_trails(self, row: int, rows: int) -> None:
@@ -124,8 +118,8 @@ class BodyNodes:
             self.trails.visible = False
             return
         lines = np.stack([past[:-1], past[1:]], axis=2).reshape(-1, 2, 3)
-        sides = [SIDES[find_side(self._track.joint_names[end])] for end in self.ends]
-        colours = np.tile(np.array(sides, np.uint8), (len(past) - 1, 1))
+        sides = colour_by_side(self._track.joint_names[end] for end in self.ends)
+        colours = np.tile(sides, (len(past) - 1, 1))
         self.trails.points, self.trails.visible = lines, True
         self.trails.colors = np.repeat(colours[:, None], 2, axis=1)
 

@@ -19,6 +19,8 @@ from apf.tracking.track import PARTS, Track
 from cl import UserError
 from psfs.common.scratch import temporary_folder
 
+#: Characters of progress bars and tables, which the page has in its own way.
+_DRAWN = frozenset("━┃│└╇┡")
 #: Longest wait for a run that was interrupted to write what it has, s.
 _PATIENCE = 60.0
 
@@ -127,5 +129,5 @@ class Work:
         assert self._process.stdout is not None
         with self._process.stdout as lines:
             for line in lines:
-                if line.strip():
+                if line.strip() and not _DRAWN.intersection(line):
                     self._lines.append(line.rstrip())

@@ -239,8 +239,8 @@ class FaultConfig(Config):
     )
     lens_share: float = fraction(
         0.9,
-        "Greatest ratio of the cost with a lens's distortion to the cost without for the distortion "
-        "to count as dropped: of all cameras, or of the one without.",
+        "Greatest ratio of the cost with a lens's distortion to the cost without for the "
+        "distortion to count as dropped: of all cameras, or of the one without.",
         "sound cameras: from 1.0 on; dropped: 0.47 to 0.97 of one camera, 0.64 to 1.0 of all",
     )
     turned_ratio: float = setting(

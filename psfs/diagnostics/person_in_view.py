@@ -1,10 +1,9 @@
-"""What each camera sees of the person: how often, whether wholly, how large, and when it moves."""
+"""What each camera sees of the person: how often, whether wholly, and how large."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from psfs.diagnostics.config import InViewConfig
@@ -67,23 +66,6 @@ def find_person_in_views(views: SmallViews, scale: float) -> list[PersonInView]:
             )
         )
     return found
-
-
-def measure_motion(views: SmallViews) -> np.ndarray:
-    """Return how much of each camera's silhouette moves from one frame to the next (F, V): the
-    pixels in one of both as a share of those in each; NaN without a silhouette in both."""
-    moved = np.full((len(views.outlines), len(views.rig)), np.nan)
-    for view, camera in enumerate(views.rig):
-        before: np.ndarray | None = None
-        for row, outlines in enumerate(views.outlines):
-            outline, now = outlines[view], None
-            if outline is not None:
-                now = np.zeros(camera.size[::-1], np.uint8)
-                cv2.fillPoly(now, [outline.contour.astype(np.int32)], (1,))
-            if now is not None and before is not None:
-                moved[row, view] = (now ^ before).sum() / (now.sum() + before.sum())
-            before = now
-    return moved
 
 
 def _find_edges(outline: Outline, size: tuple[int, int]) -> np.ndarray:

@@ -54,7 +54,7 @@ def rig(aside: float = 0.0) -> CameraRig:
         angle = 1.1 * k + 0.3
         centre = np.array([3.2 * np.cos(angle), 3.2 * np.sin(angle), 1.0 + 0.4 * k])
         left = (-1) ** k * aside * np.array([-np.sin(angle), np.cos(angle), 0])
-        looking = scenes.looking_at(name, centre, left + [0, 0, 0.9], (160, 120), 140.0)
+        looking = scenes.looking_at(name, centre, left + np.array([0, 0, 0.9]), (160, 120), 140.0)
         cameras.append(replace(looking, distortion=np.zeros(5)))
     return CameraRig(tuple(cameras))
 

@@ -1,4 +1,4 @@
-"""What each camera sees of the person: frames, wholeness, height, motion."""
+"""What each camera sees of the person: frames, wholeness, height."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from helpers import scenes
 
 from psfs.diagnostics.config import InViewConfig
-from psfs.diagnostics.person_in_view import find_person_in_views, measure_motion
+from psfs.diagnostics.person_in_view import find_person_in_views
 from psfs.diagnostics.small_views import SmallViews, extract_outline
 
 
@@ -40,10 +40,3 @@ def test_cameras_that_see_too_little_are_told_what_to_do() -> None:
     assert cut.whole == 0 and "beyond the picture's bottom" in cut.describe(config)
     small = find_person_in_views(views, 1.0)[0]
     assert "a person of 60 px" in small.describe(config)
-
-
-def test_motion_is_what_changes_of_the_silhouette() -> None:
-    motion = measure_motion(make_views())
-    assert np.isnan(motion[0]).all() and np.isnan(motion[6:, 1]).all()
-    np.testing.assert_allclose(motion[1:, 0], 0.1, atol=0.005)  # 2 of 20 columns on each side
-    np.testing.assert_allclose(motion[1:5, 1:], 0)
