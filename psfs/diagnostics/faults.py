@@ -153,11 +153,11 @@ def _explain_misfit(
     foreign = _find_foreign_camera(tangency, names, shifts, config)
     if foreign is not None:
         return [foreign, *late]
+    if compared.cost > config.disagreeing:
+        return [_explain_disagreement(views, tangency, compared.cost, known, config)]
     lens = None if late else find_dropped_distortion(views.rig, views.outlines, config)
     if lens is not None:
         return [_describe_lens(names, *lens)]
-    if compared.cost > config.disagreeing:
-        return [_explain_disagreement(views, tangency, compared.cost, known, config)]
     return late or _find_turned_camera(tangency, names, known, config)
 
 
