@@ -25,6 +25,12 @@ class ConsistencyConfig(Config):
         "Share of its silhouette that must lie within the others' shape before furniture explains "
         "what it lacks.",
     )
+    near: float = fraction(
+        0.15,
+        "Distance from the others' shape up to which a camera's silhouette is the person's, as a "
+        "share of that shape's height; what lies farther away is clutter.",
+        "by hand: with it rafters that touch the head accuse no camera of four or six",
+    )
     agreeing: float = fraction(
         0.2,
         "Median IoU of the other cameras below which these do not agree among themselves, or "
