@@ -243,6 +243,12 @@ class FaultConfig(Config):
         "Cost above which the cameras do not fit each other at all.",
         "untouched sequences: up to 0.061",
     )
+    lens_share: float = fraction(
+        0.9,
+        "Greatest ratio of the cost with a lens's distortion to the cost without for the "
+        "distortion to count as dropped: of all cameras, or of the one without.",
+        "sound cameras: from 1.0 on; dropped: 0.47 to 0.97 of one camera, 0.64 to 1.0 of all",
+    )
     turned_ratio: float = setting(
         2.5,
         "Least factor between a camera's cost and the others' for a search of its rotation.",
