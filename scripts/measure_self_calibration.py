@@ -25,6 +25,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+import apf
 from apf.evaluation.evaluate import evaluate, load_truth
 from apf.formats.trc import JointSeries
 from apf.tracking.track import Track
@@ -32,10 +33,11 @@ from cl import InputError
 from psfs.cameras.calibration import find_calibration, read_calibration
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
-from psfs.cli.commandline import add_message_flags, stdout
+from psfs.cli.commandline import add_message_flags, frame_range, stdout
 from psfs.cli.program import run_command
 from psfs.common.files import write_json
 from psfs.footage.media import Media, list_media, open_media
+from psfs.sequence import Sequence
 
 #: The videos begin between minus and plus this many frames.
 _MOST = 20.0
@@ -63,8 +65,8 @@ def main() -> int:
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="RESULTS.json")
     parser.add_argument("--seeds", nargs="+", type=int, default=[0], metavar="K")
     parser.add_argument(
-        "--track", nargs="?", const="", metavar="FLAGS",
-        help="track by the cameras found, too, with more flags of apf track",
+        "--track", nargs="?", const=slice(None), type=frame_range, metavar="a:b",
+        help="track by the cameras found, too, these frames (default: all)",
     )  # fmt: skip
     parser.add_argument(
         "--calibrate", default="", metavar="FLAGS", help="more flags of psfs calibrate"
@@ -185,7 +187,7 @@ def _measure(scene: Scene, args: argparse.Namespace) -> dict[str, Any]:
     row["misfits"] = [own["misfit_px"] for own in cameras]
     row["path"] = report["path_m"]
     if args.track is not None:
-        row |= _compare_tracks(scene, rig, report["sync"], args.track.split())
+        row |= _compare_tracks(scene, rig, report["sync"], args.track)
     return row
 
 
@@ -230,7 +232,7 @@ def compare_rigs(found: CameraRig, truth: CameraRig) -> dict[str, Any]:
 
 
 def _compare_tracks(
-    scene: Scene, found: CameraRig, sync: str, more: list[str]
+    scene: Scene, found: CameraRig, sync: str, frames: slice
 ) -> dict[str, Any]:
     """Return the mean errors, mm, of tracks by the cameras found, after the similarity alignment,
     and by the true ones."""
@@ -244,34 +246,34 @@ def _compare_tracks(
         ("true", true, stated, (1.0, np.eye(3), np.zeros(3))),
     )
     for way, path, delays, alignment in ways:
-        out = scene.folder / f"track_{way}"
-        flags = "--calibration", str(path), "--sync", delays, "--people", "1", *more
-        done = _call("apf", "track", str(scene.folder), *flags, "-o", str(out))
-        if done.returncode:
-            row[f"track_{way}"] = (done.stderr.strip().splitlines() or ["?"])[-1]
+        try:
+            sequence = Sequence.open(scene.folder, calibration=path, sync=_read_delays(delays))
+            track = apf.track(sequence, frames=frames)
+        except InputError as error:
+            row[f"track_{way}"] = str(error)
             continue
-        row[f"track_{way}_mm"] = round(_track_error(scene, out, delays, alignment), 2)
+        row[f"track_{way}_mm"] = round(_track_error(scene, track, delays, alignment), 2)
     return row
 
 
 def _track_error(
-    scene: Scene, out: Path, delays: str, alignment: tuple[float, np.ndarray, np.ndarray]
+    scene: Scene, track: Track, delays: str, alignment: tuple[float, np.ndarray, np.ndarray]
 ) -> float:
     """Return the mean error, mm, of a track whose frame k is frame k + delay of each camera."""
     size, R, shift = alignment
-    late = dict(pair.split("=") for pair in delays.split(","))
-    own = np.array([int(late[name]) for name in scene.rig.names])
+    own = np.array([_read_delays(delays)[name] for name in scene.rig.names])
     begin = float((own - own.min() + scene.starts).mean())
-    truth = load_truth(scene.source / "truth.npz").resample(_rate(scene), begin)
-    track = Track.open(out)
+    truth = load_truth(scene.source / "truth.npz")
+    truth = truth.resample(truth.fps, begin)
     moved = JointSeries(
         track.joint_names, size * track.joints @ R.T + shift, track.fps, track.frames
     )
     return 1000 * evaluate(moved, truth).mean_error
 
 
-def _rate(scene: Scene) -> float:
-    return load_truth(scene.source / "truth.npz").fps
+def _read_delays(text: str) -> dict[str, int]:
+    pairs = (pair.split("=") for pair in text.split(","))
+    return {name: int(late) for name, late in pairs}
 
 
 if __name__ == "__main__":

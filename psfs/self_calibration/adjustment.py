@@ -14,6 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
+from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.config import AlignmentConfig
@@ -146,9 +147,11 @@ def adjust_extremes(
     )  # fmt: skip
 
 
-def adjust_frontier(rig: CameraRig, lags: np.ndarray, points: PersonPoints) -> Adjusted | None:
-    """Adjust the rig to all frontier points, in a round per gate; None if there are too few."""
-    return _adjust(rig, lags, points.find_all, points.config.narrow, points.config.gates)
+def adjust_frontier(
+    rig: CameraRig, lags: np.ndarray, points: PersonPoints, gates: Sequence[float]
+) -> Adjusted | None:
+    """Adjust the rig to all frontier points, in a round per gate, px; None if there are too few."""
+    return _adjust(rig, lags, points.find_all, points.config.narrow, gates)
 
 
 def _adjust(
@@ -167,16 +170,19 @@ def _adjust(
         start = np.zeros((len(rig), 8))
         start[:, 7] = shifts - lags
         # Cameras without common points have no variances; they are refused later.
-        with np.errstate(invalid="ignore"):
-            found = fit.solve(start=start, rounds=1)
-        if found is None:
-            return None
-        rig, lags = found.apply(rig), shifts - found.offsets
+        with np.errstate(all="ignore"):
+            try:
+                found = fit.solve(start=start, rounds=1)
+                if found is None:
+                    return None
+                rig, lags = found.apply(rig), shifts - found.offsets
+            except InputError:  # cameras that cannot be: the steps diverge
+                return None
         lags = lags - lags[0]
     return None if found is None else Adjusted(rig, lags, found)
 
 
-def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int, cap: float = 8.0) -> float:
+def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int, cap: float) -> float:
     """Return the mean distance, px, at most `cap`, of the outermost points from the epipolar
     lines. Half the cap counts for points that the shorter recording would have and that lags leave
     out."""

@@ -16,6 +16,7 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
+from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.adjustment import (
     Adjusted,
@@ -30,7 +31,7 @@ from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.hulls import HullRays
 from psfs.self_calibration.pairing import Walker, compare_pair
 from psfs.self_calibration.search import ArrangementSearch
-from psfs.self_calibration.start import place_cameras
+from psfs.self_calibration.start import place_cameras, reverse_rig
 from psfs.self_calibration.upright import UprightView, fit_upright
 from psfs.self_calibration.world import align_to_person, measure_path
 
@@ -89,7 +90,7 @@ def calibrate_by_person(
     points = PersonPoints(cameras, outlines, config.adjustment)
     starts = _search(cameras, outlines, upright, rate, config)
     best = _adjust_best(starts, points, step, config)
-    return _check(best, [own[1].axes[2] for own in upright], points, config)
+    return _check(best, [own[0].axes[2] for own in upright], points, config)
 
 
 def _check_seen(cameras: Sequence[Camera], outlines: Outlines, config: PersonConfig) -> None:
@@ -112,7 +113,7 @@ def _search(
     hulls = [HullRays(c, own[::step]) for c, own in zip(cameras, outlines, strict=True)]
     walkers = [[Walker.create(v, h) for v in own] for own, h in zip(views, hulls, strict=True)]
     bobbing = [
-        measure_bobbing(HullRays(c, own), view[1], rate, config.pairs)
+        measure_bobbing(HullRays(c, own), view[0], rate, config.pairs)
         for c, own, view in zip(cameras, outlines, views, strict=True)
     ]
     angles = 2 * np.pi * np.arange(config.angles) / config.angles
@@ -139,21 +140,32 @@ def _adjust_best(
     starts: list[tuple[CameraRig, np.ndarray]], points: PersonPoints, step: int,
     config: PersonConfig,
 ) -> Adjusted | None:  # fmt: skip
-    """Return the start that fits best after adjustment."""
-    first = [
-        adjust_extremes(rig, lags, points, config.adjustment.first, step) for rig, lags in starts
-    ]
-    found = [(measure_misfit(own, points, step), own) for own in first if own is not None]
-    found.sort(key=lambda of: of[0])
-    second = [
-        adjust_extremes(own.rig, own.lags, points, config.adjustment.second, step)
-        for _, own in found[: config.finalists]
-    ]
-    final = [own for own in second if own is not None]
-    if not final:
-        return None
-    best = min(final, key=lambda own: measure_misfit(own, points, step))
-    return adjust_frontier(best.rig, best.lags, points)
+    """Return the start that fits best after adjustment.
+
+    A silhouette and its mirror image from the other side look alike from afar, so that the rigs
+    that see the mirror image are tried as well.
+    """
+    own = config.adjustment
+    first = [adjust_extremes(rig, lags, points, own.first, step) for rig, lags in starts]
+    best = _sort_by_misfit(first, points, step, own.far)[: config.finalists]
+    pairs = [(of.rig, of.lags) for of in best]
+    pairs += [(reverse_rig(rig, intersect_axes_ahead(rig)), lags) for rig, lags in pairs]
+    second = [adjust_extremes(rig, lags, points, own.second, step) for rig, lags in pairs]
+    best = _sort_by_misfit(second, points, step, own.far)[: config.finalists]
+    third = [adjust_frontier(of.rig, of.lags, points, own.gates) for of in best]
+    found: Adjusted | None = None
+    for found in _sort_by_misfit(third, points, step, own.near)[:1]:
+        for _ in range(own.repeated):
+            again = adjust_frontier(found.rig, found.lags, points, own.gates[2:])
+            found = again or found
+    return found
+
+
+def _sort_by_misfit(
+    found: Sequence[Adjusted | None], points: PersonPoints, step: int, cap: float
+) -> list[Adjusted]:
+    known = [of for of in found if of is not None]
+    return sorted(known, key=lambda of: measure_misfit(of, points, step, cap))
 
 
 def _check(

@@ -47,9 +47,14 @@ class UprightConfig(Config):
     height: float = positive(0.9, "Usual height of cameras.", unit="statures")
     height_spread: float = positive(0.35, "Standard deviation of the height.", unit="statures")
     fewest: int = setting(8, "Fewest frames that must show the whole person.", least=3)
-    turn: float = positive(
-        0.105, "Turn of the fitted tilt, upwards and downwards, that is tried too.", unit="rad"
+    slender: float = fraction(
+        0.7, "Share of the silhouette's greatest slenderness above which somebody counts as upright."
     )
+    variants: int = natural(6, "Most heights of a camera that are tried.")
+    step: float = positive(0.25, "Step between these heights.", unit="statures")
+    lowest: float = positive(0.2, "Least height of a camera.", unit="statures")
+    highest: float = positive(2.0, "Greatest height of a camera.", unit="statures")
+    worse: float = positive(9.0, "Increase of the sum of squares up to which a height is tried.")
 
 
 class PairConfig(Config):
@@ -105,6 +110,11 @@ class AdjustmentConfig(Config):
     gates: tuple[float, ...] = setting(
         (16, 8, 6, 4, 4, 2, 2, 2), "Gates of the last rounds.", unit="px"
     )
+    far: float = positive(
+        8.0, "Greatest misfit of a point that counts while arrangements are compared.", unit="px"
+    )
+    near: float = positive(2.5, "The same after the adjustment to frontier points.", unit="px")
+    repeated: int = nonnegative(2, "Further adjustments of the best to frontier points.")
     wide: AlignmentConfig = part(
         AlignmentConfig,
         "Steps while the arrangement is uncertain; lenses are kept.",
@@ -169,12 +179,12 @@ class PersonConfig(Config):
     )
     angles: int = setting(36, "Number of angles around the vertical that are tried.", least=8)
     candidates: int = natural(40, "Number of arrangements from the search that are adjusted.")
-    finalists: int = natural(3, "Number of these that are adjusted to frontier points.")
+    finalists: int = natural(4, "Number of these that are adjusted to frontier points.")
     least_frames: int = setting(
         40, "Fewest frames of a camera that must show the whole person.", least=8
     )
     worst_residual: float = positive(
-        1.2,
+        2.3,
         "Greatest median distance of the outermost points of two cameras from epipolar lines.",
         unit="px",
     )
