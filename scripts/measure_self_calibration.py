@@ -220,9 +220,7 @@ def compare_rigs(found: CameraRig, truth: CameraRig) -> dict[str, Any]:
     size, R, shift = align_rigs(found, truth)
     places = size * found.centres @ R.T + shift - truth.centres
     radius = np.linalg.norm(truth.centres - truth.centres.mean(axis=0), axis=1).mean()
-    turns = [
-        cv2.Rodrigues(a.R @ R.T @ b.R.T)[0].ravel() for a, b in zip(found, truth, strict=True)
-    ]
+    turns = [cv2.Rodrigues(a.R @ R.T @ b.R.T)[0].ravel() for a, b in zip(found, truth, strict=True)]
     return {
         "places_percent": (100 * np.linalg.norm(places, axis=1) / radius).round(3).tolist(),
         "directions_degrees": np.degrees(np.linalg.norm(turns, axis=1)).round(3).tolist(),
@@ -231,9 +229,7 @@ def compare_rigs(found: CameraRig, truth: CameraRig) -> dict[str, Any]:
     }
 
 
-def _compare_tracks(
-    scene: Scene, found: CameraRig, sync: str, frames: slice
-) -> dict[str, Any]:
+def _compare_tracks(scene: Scene, found: CameraRig, sync: str, frames: slice) -> dict[str, Any]:
     """Return the mean errors, mm, of tracks by the cameras found, after the similarity alignment,
     and by the true ones."""
     true = find_calibration(scene.source)

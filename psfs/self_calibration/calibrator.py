@@ -7,7 +7,7 @@ adjusted, and the best of these is adjusted to all frontier points (`adjustment`
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -17,6 +17,7 @@ from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
 from psfs.cameras.rig_geometry import intersect_axes_ahead
+from psfs.diagnostics.frontier import FrontierPoints
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.adjustment import (
     Adjusted,
@@ -27,7 +28,7 @@ from psfs.self_calibration.adjustment import (
     measure_misfits,
 )
 from psfs.self_calibration.bobbing import compare_bobbing, measure_bobbing
-from psfs.self_calibration.config import PersonConfig
+from psfs.self_calibration.config import AdjustmentConfig, PersonConfig
 from psfs.self_calibration.hulls import HullRays
 from psfs.self_calibration.pairing import Walker, compare_pair
 from psfs.self_calibration.search import ArrangementSearch
@@ -36,6 +37,8 @@ from psfs.self_calibration.upright import UprightView, fit_upright
 from psfs.self_calibration.world import align_to_person, measure_path
 
 Outlines = Sequence[Sequence[Outline | None]]
+#: Return outlines [view][frame] by a rig and lags (V,).
+Extract = Callable[[CameraRig, np.ndarray], Outlines]
 #: What to film if the cameras cannot be found.
 FILM = (
     "film one person who walks about for ten seconds or more, towards and past all cameras, wholly "
@@ -65,12 +68,14 @@ class PersonCalibration:
 
 
 def calibrate_by_person(
-    cameras: Sequence[Camera], outlines: Outlines, rate: float, config: PersonConfig
-) -> PersonCalibration:
+    cameras: Sequence[Camera], outlines: Outlines, rate: float, config: PersonConfig,
+    extract: Extract | None = None,
+) -> PersonCalibration:  # fmt: skip
     """Estimate the cameras' poses and lags from outlines [view][frame] at `rate` per second.
 
-    cameras: small, with the intrinsics that are kept. Raises InputError, which says what to film,
-    if they cannot be found.
+    cameras: small, with the intrinsics that are kept. extract: returns better outlines, without
+    shadows on the floor, once a rig, metres, Z = 0 on the floor, and lags (V,) are known. Raises
+    InputError, which says what to film, if the cameras cannot be found.
     """
     if len(cameras) < 3:
         raise InputError(
@@ -78,19 +83,47 @@ def calibrate_by_person(
             "tell their arrangement"
         )
     _check_seen(cameras, outlines, config)
+    failures = []
+    for in_place in (False, True):
+        views = _fit_views(cameras, outlines, rate, config, in_place)
+        try:
+            return _calibrate(cameras, outlines, views, rate, config, extract)
+        except InputError as error:
+            failures.append(error)
+    raise failures[0]
+
+
+def _fit_views(
+    cameras: Sequence[Camera], outlines: Outlines, rate: float, config: PersonConfig, in_place: bool
+) -> list[list[UprightView]]:
     step = max(1, round(rate / config.table_rate))
     views = [
-        fit_upright(c, own[::step], config.upright)
+        fit_upright(c, own[::step], config.upright, in_place)
         for c, own in zip(cameras, outlines, strict=True)
     ]
     if any(own is None for own in views):
         unseen = [c.name for c, own in zip(cameras, views, strict=True) if own is None]
         raise InputError(f"{join_names(unseen)}: the person is seldom seen wholly; {FILM}")
-    upright = [own for own in views if own is not None]
+    return [own for own in views if own is not None]
+
+
+def _calibrate(
+    cameras: Sequence[Camera], outlines: Outlines, views: list[list[UprightView]], rate: float,
+    config: PersonConfig, extract: Extract | None,
+) -> PersonCalibration:  # fmt: skip
+    """Estimate the cameras from what each of them tells of its tilt and height."""
+    step = max(1, round(rate / config.table_rate))
     points = PersonPoints(cameras, outlines, config.adjustment)
-    starts = _search(cameras, outlines, upright, rate, config)
-    best = _adjust_best(starts, points, step, config)
-    return _check(best, [own[0].axes[2] for own in upright], points, config)
+    best = _adjust_best(_search(cameras, outlines, views, rate, config), points, step, config)
+    if best is None:
+        raise InputError(f"no arrangement of the cameras fits the silhouettes; {FILM}")
+    ups = [own[0].axes[2] for own in views]
+    if extract is not None:
+        _check_misfits(best, points, config.first_residual)
+        world = align_to_person(best.rig, ups, _find_touched(best, points, config), config)
+        points = PersonPoints(cameras, extract(world, best.lags), config.adjustment)
+        best = _adjust_again(Adjusted(world, best.lags, best.last), points, config.adjustment)
+    return _check(best, ups, points, config)
 
 
 def _check_seen(cameras: Sequence[Camera], outlines: Outlines, config: PersonConfig) -> None:
@@ -153,12 +186,22 @@ def _adjust_best(
     second = [adjust_extremes(rig, lags, points, own.second, step) for rig, lags in pairs]
     best = _sort_by_misfit(second, points, step, own.far)[: config.finalists]
     third = [adjust_frontier(of.rig, of.lags, points, own.gates) for of in best]
-    found: Adjusted | None = None
     for found in _sort_by_misfit(third, points, step, own.near)[:1]:
-        for _ in range(own.repeated):
-            again = adjust_frontier(found.rig, found.lags, points, own.gates[2:])
-            found = again or found
+        return _adjust_again(found, points, own)
+    return None
+
+
+def _adjust_again(found: Adjusted, points: PersonPoints, config: AdjustmentConfig) -> Adjusted:
+    """Adjust a rig that is nearly right to the frontier points several times."""
+    for _ in range(config.repeated):
+        found = adjust_frontier(found.rig, found.lags, points, config.gates[2:]) or found
     return found
+
+
+def _find_touched(best: Adjusted, points: PersonPoints, config: PersonConfig) -> FrontierPoints:
+    """Return the frontier points that agree."""
+    shifts = np.round(best.lags).astype(int)
+    return points.find_all(best.rig.cameras, shifts, config.adjustment.gates[-1])
 
 
 def _sort_by_misfit(
@@ -168,12 +211,9 @@ def _sort_by_misfit(
     return sorted(known, key=lambda of: measure_misfit(of, points, step, cap))
 
 
-def _check(
-    best: Adjusted | None, ups: list[np.ndarray], points: PersonPoints, config: PersonConfig
-) -> PersonCalibration:
-    """Return the calibration in its world. Raises InputError if it cannot be trusted."""
-    if best is None:
-        raise InputError(f"no arrangement of the cameras fits the silhouettes; {FILM}")
+def _check_misfits(best: Adjusted, points: PersonPoints, most: float) -> np.ndarray:
+    """Return the misfits (V,) of the cameras, see `measure_misfits`. Raises InputError if they are
+    greater than `most`, px."""
     rig = best.rig
     misfits = measure_misfits(best, points)
     worst = int(np.argmax(misfits))
@@ -182,15 +222,22 @@ def _check(
             f"{rig[worst].name} shares too few pictures of the whole person with the other "
             f"cameras; {FILM}"
         )
-    if misfits[worst] > config.worst_residual:
+    if misfits[worst] > most:
         raise InputError(
             f"the silhouettes fit no arrangement of the cameras: those of {rig[worst].name} and "
             f"another camera differ by {misfits[worst]:.2f} px, expected at most "
-            f"{config.worst_residual:g}; {FILM}"
+            f"{most:g}; {FILM}"
         )
-    shifts = np.round(best.lags).astype(int)
-    touched = points.find_all(rig.cameras, shifts, config.adjustment.gates[-1])
-    world = align_to_person(rig, ups, touched, config)
+    return misfits
+
+
+def _check(
+    best: Adjusted, ups: list[np.ndarray], points: PersonPoints, config: PersonConfig
+) -> PersonCalibration:
+    """Return the calibration in its world. Raises InputError if it cannot be trusted."""
+    misfits = _check_misfits(best, points, config.worst_residual)
+    touched = _find_touched(best, points, config)
+    world = align_to_person(best.rig, ups, touched, config)
     path = measure_path(world, touched)
     if path < config.least_path * config.stature:
         raise InputError(

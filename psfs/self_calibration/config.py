@@ -47,8 +47,12 @@ class UprightConfig(Config):
     height: float = positive(0.9, "Usual height of cameras.", unit="statures")
     height_spread: float = positive(0.35, "Standard deviation of the height.", unit="statures")
     fewest: int = setting(8, "Fewest frames that must show the whole person.", least=3)
+    turn: float = positive(
+        0.105, "Turn of the fitted tilt, upwards and downwards, that is tried too.", unit="rad"
+    )
     slender: float = fraction(
-        0.7, "Share of the silhouette's greatest slenderness above which somebody counts as upright."
+        0.6,
+        "Share of the silhouette's greatest slenderness above which somebody counts as upright.",
     )
     variants: int = natural(6, "Most heights of a camera that are tried.")
     step: float = positive(0.25, "Step between these heights.", unit="statures")
@@ -184,12 +188,15 @@ class PersonConfig(Config):
         40, "Fewest frames of a camera that must show the whole person.", least=8
     )
     worst_residual: float = positive(
-        2.3,
+        1.2,
         "Greatest median distance of the outermost points of two cameras from epipolar lines.",
         unit="px",
     )
+    first_residual: float = positive(
+        3.0, "The same before shadows on the floor are known.", unit="px"
+    )
     least_path: float = nonnegative(
-        0.15,
+        0.05,
         "Least standard deviation of the person's places along the walk's main direction, as a "
         "share of the stature.",
     )

@@ -44,16 +44,21 @@ def floor_axes(tilt: float, roll: float) -> np.ndarray:
 
 
 def fit_upright(
-    camera: Camera, outlines: Sequence[Outline | None], config: UprightConfig
+    camera: Camera,
+    outlines: Sequence[Outline | None],
+    config: UprightConfig,
+    in_place: bool = False,
 ) -> list[UprightView] | None:
     """Fit the camera's tilt, roll and height to its outlines [frame].
 
-    Returns the view that fits best, and then those whose heights differ by multiples of
-    `config.step` and that fit hardly worse, with the tilts that fit at these heights: whoever stays
-    in place tells the tilt by the height only. None if too few frames show the whole person.
+    Returns the views at the fitted tilt, and at this tilt less and plus `config.turn`. in_place:
+    somebody who bends and stays in place, whose frames upright are used and who tells the tilt by
+    the camera's height only: instead, views at the heights, multiples of `config.step` away, that
+    fit hardly worse. None if too few frames show the whole person.
     """
     hulls = HullRays(camera, outlines)
-    ends = _Ends(camera, outlines, config, _find_upright(hulls, config))
+    upright = _find_upright(hulls, config) if in_place else np.ones(hulls.n_frames, bool)
+    ends = _Ends(camera, outlines, config, upright)
     values = np.array([config.tilt, 0.0, config.height])
     for _ in range(2):
         seen = _measure(hulls, ends, floor_axes(values[0], values[1]))
@@ -71,7 +76,18 @@ def fit_upright(
             },
         )
         values = found.x
-    least, views = found.fun, [(0.0, _describe(hulls, ends, values[0], values[1]))]
+    best = _describe(hulls, ends, values[0], values[1])
+    if not in_place:
+        turned = [values[0] - config.turn, values[0] + config.turn]
+        return [best, *(_describe(hulls, ends, tilt, values[1]) for tilt in turned)]
+    return [best, *_find_heights(hulls, ends, values, found.fun)]
+
+
+def _find_heights(
+    hulls: HullRays, ends: _Ends, values: np.ndarray, least: float
+) -> list[UprightView]:
+    """Return the views at other heights than the fitted one of `values`, whose cost is `least`."""
+    config, views = ends.config, []
     for direction in (-1, 1):
         tilt = values[0]
         for number in range(1, config.variants):
@@ -83,7 +99,7 @@ def fit_upright(
                 break
             views.append((worse - least, _describe(hulls, ends, tilt, values[1])))
     views.sort(key=lambda of: of[0])
-    return [view for _, view in views[: config.variants]]
+    return [view for _, view in views[: config.variants - 1]]
 
 
 def _find_upright(hulls: HullRays, config: UprightConfig) -> np.ndarray:
