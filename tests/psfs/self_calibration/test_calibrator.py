@@ -11,14 +11,22 @@ from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.self_calibration import calibrator
 from psfs.self_calibration.calibrator import calibrate_by_person
-from psfs.self_calibration.config import OutlineConfig, PersonConfig, UprightConfig
+from psfs.self_calibration.config import (
+    AdjustmentConfig,
+    OutlineConfig,
+    PersonConfig,
+    UprightConfig,
+)
 from psfs.self_calibration.footage import outline_person
 from psfs.self_calibration.start import reverse_rig
 from psfs.self_calibration.upright import fit_upright
 
 RATE, FRAMES, STATURE = 30.0, 100, 1.77
 LAGS = (0, 4, -3, 6)
-CONFIG = PersonConfig(stature=STATURE, longest_lag=0.35, candidates=6, angles=24)
+CONFIG = PersonConfig(
+    stature=STATURE, longest_lag=0.35, candidates=6, angles=24, finalists=2,
+    adjustment=AdjustmentConfig(repeated=1),
+)  # fmt: skip
 
 
 def place(name, azimuth, distance, height):
