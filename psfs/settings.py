@@ -14,6 +14,7 @@ from psfs.diagnostics.config import (
     AlignmentConfig,
     ConsistencyConfig,
     FaultConfig,
+    InViewConfig,
     OccluderConfig,
 )
 from psfs.diagnostics.picture_config import PictureConfig
@@ -42,6 +43,7 @@ class DiagnosticsSettings(Config):
     pictures: PictureConfig = part(PictureConfig, "Search for faults of one camera's pictures.")
     alignment: AlignmentConfig = part(AlignmentConfig, "Correction of a slightly wrong rig.")
     occluders: OccluderConfig = part(OccluderConfig, "Search for furniture that hides the person.")
+    in_view: InViewConfig = part(InViewConfig, "What each camera should see of the person.")
 
 
 class Settings(Config):

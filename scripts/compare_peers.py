@@ -17,17 +17,16 @@ from __future__ import annotations
 
 import argparse
 import sys
-from math import nan
 from pathlib import Path
 
 from peers.environments import PACKAGES, list_versions, make_environment
 from peers.figures import measure
-from peers.programs import NEEDS, PROGRAMS, Task, select_joints
+from peers.programs import NEEDS, PROGRAMS, Task
 from peers.results import (
     PeerResults,
     PeerRun,
-    add_suite_runs,
     print_tables,
+    replace_suite_runs,
     sequence_table,
     summary_table,
     write_tables,
@@ -36,8 +35,6 @@ from timings.report.readme import replace_marked
 from timings.results import checked_out_commit
 
 from apf.evaluation.evaluate import load_truth
-from apf.tracking.smoothing import smooth_track
-from apf.tracking.track import Track
 from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import add_device_flag, add_message_flags, stderr, warn
 from psfs.cli.program import run_command
@@ -68,15 +65,9 @@ def main() -> int:
     )  # fmt: skip
     parser.add_argument(
         "--ours-from", type=Path, metavar="FILE",
-        help="results.json of accuracy.py --suite --by: our runs on the same keypoints, instead of "
-        "new ones; without gaps, jitter and skating",
+        help="results.json of accuracy.py --suite --by: our runs on the same keypoints, replacing "
+        "those of OUT by --programs",
     )  # fmt: skip
-    parser.add_argument(
-        "--tracks", type=Path, metavar="FOLDER",
-        help="SEQUENCE.voxels.npz and SEQUENCE.both.npz of apf track: our runs with seed 0, in the "
-        "place of new ones; --device-name says where they were made",
-    )  # fmt: skip
-    parser.add_argument("--device-name", default="unknown", metavar="TEXT", help="see --tracks")
     parser.add_argument("--commit", help="the commit, where there is no git to ask")
     add_message_flags(parser)
     add_device_flag(parser)
@@ -87,10 +78,8 @@ def main() -> int:
 def _run(args: argparse.Namespace) -> None:
     results = PeerResults.read(args.out / "peers.json")
     if args.ours_from is not None:
-        add_suite_runs(results, args.ours_from)
-    if args.tracks is not None:
-        _add_tracks(args, results)
-    if not args.tables and args.tracks is None:
+        replace_suite_runs(results, args.ours_from, args.programs)
+    if not args.tables:
         _do_runs(args, results)
     if not results.runs:
         raise InputError(f"{args.out}: no runs; expected a suite with keypoints.npz and truth.npz")
@@ -131,21 +120,6 @@ def _do_runs(args: argparse.Namespace, results: PeerResults) -> None:
                     warn(f"{folder.name}: {program}: {error}", stderr)
                     run = run.failed_with(str(error))
                 results.add(run)
-
-
-def _add_tracks(args: argparse.Namespace, results: PeerResults) -> None:
-    """Add our runs from tracks, smoothed as `apf export` does; the seconds are not known."""
-    commit = args.commit or checked_out_commit() or "unknown"
-    for folder in _sequences(args.suite, args.sequences):
-        sequence, truth = Sequence.open(folder), load_truth(folder / "truth.npz")
-        for how in ("voxels", "both"):
-            path = args.tracks / f"{folder.name}.{how}.npz"
-            if results.has(folder.name, f"ours: {how}", 0) or not path.is_file():
-                continue
-            task = Task(sequence, args.out / "work" / folder.name, {})
-            found = select_joints(task, smooth_track(Track.open(path)), {"cpu": nan, "clock": nan})
-            run = PeerRun(folder.name, f"ours: {how}", 0, args.device_name, commit)
-            results.add(run.with_figures(measure(found.joints, truth), None, nan))
 
 
 def _sequences(suite: Path, names: list[str] | None) -> list[Path]:

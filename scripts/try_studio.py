@@ -1,15 +1,21 @@
 """Work through the page of `apf studio` as a new user would, in a headless Chromium.
 
 Opens a take, tracks some of its frames, plays the track, puts a wrist that was turned away on
-purpose right by its handle, tracks again, and saves a BVH; with a screenshot of each step. Prints
-the wrist's error against the take's truth.npz before and after, as JSON.
+purpose right by clicks in two pictures, tracks again, and saves a BVH; with a screenshot of each
+step. Prints the wrist's error against the take's truth.npz before and after, as JSON.
+
+With --first it is a new user's first try: `apf studio` on the folder that holds the take, and from
+then on only what is seen on the page, to a BVH. Prints each step with its seconds.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import shutil
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,6 +27,7 @@ import numpy as np
 from apf.body.kinematics import posed_joints
 from apf.evaluation.evaluate import load_truth
 from apf.studio.folders import Roots
+from apf.studio.look_through import find_fov
 from apf.studio.page import Page
 from apf.tracking.track import Track
 from cl import InputError, select_device
@@ -56,12 +63,27 @@ class Trial:
         path = self._shots / f"{self._n_shots}_{name}.png"
         self.tab.screenshot(path=path, timeout=300_000)
 
+    def click_in_picture(self, view: int, point: np.ndarray) -> None:
+        """Look through a camera, and click where its picture shows a point (3,) m."""
+        watch = self.page.watch
+        assert watch is not None and watch.opened.sequence is not None
+        camera = watch.opened.sequence.rig[view]
+        watch.through.value = camera.name
+        self.tab.wait_for_timeout(4000)
+        box = self.tab.locator("canvas").first.bounding_box()
+        client = next(iter(self.page.server.get_clients().values()))
+        x, y, depth = camera.R @ point + camera.t
+        focal = box["height"] / 2 / np.tan(find_fov(camera, client) / 2)
+        self.tab.mouse.click(
+            box["x"] + box["width"] / 2 + focal * x / depth,
+            box["y"] + box["height"] / 2 + focal * y / depth,
+        )
+        self.tab.wait_for_timeout(1000)
+
     def track(self, frames: str) -> Path:
         """Track frames of the footage that is open by the buttons; return the run's folder."""
         self.click("Run", "tab")
-        label = self.tab.locator("label:text-is('frames')").first
-        row = label.locator("xpath=ancestor::div[contains(@class, 'Flex')][1]")
-        row.locator("input").fill(frames)
+        find_field(self.tab, "frames").fill(frames)
         self.tab.keyboard.press("Enter")
         self.wait(lambda: self.page.run.frames.value == frames, "the field of frames")
         self.click("track")
@@ -77,6 +99,12 @@ class Trial:
         if not work.succeeded:
             raise InputError(f"the run ended early: {'; '.join(work.words)}; expected a track")
         return work.output
+
+
+def find_field(tab: Any, label: str) -> Any:
+    """Return the field of a browser's tab that has this label."""
+    row = tab.locator(f"label:text-is('{label}')").first
+    return row.locator("xpath=ancestor::div[contains(@class, 'Flex')][1]").locator("input")
 
 
 def turn_arm_away(folder: Path) -> tuple[int, np.ndarray]:
@@ -121,12 +149,14 @@ def work_through(trial: Trial, take: Path, frames: str) -> dict[str, Any]:
     page.watch.time_line.seek(row)
     trial.click("Correct", "tab")
     page.correct.joint.value = "l_wrist"
+    page.correct.way.value = "clicking it in two pictures"
     trial.click("put it right in this frame")
-    trial.wait(lambda: page.correct.place.label != "put it right in this frame", "the handle")
     truth = load_truth(take / "truth.npz")
     number = list(truth.joint_names).index("l_wrist")
-    page.correct.move_handle(truth.joints[int(as_tracked.frames[row]), number])
-    trial.shoot("handle")
+    for view in (0, 2):
+        trial.click_in_picture(view, truth.joints[int(as_tracked.frames[row]), number])
+    trial.wait(lambda: page.correct.place.label != "put it right in this frame", "the handle")
+    trial.shoot("clicked")
     trial.click("it is right there now")
     trial.wait(lambda: "left wrist" in page.correct.list, "the correction")
     trial.click("track again")
@@ -147,14 +177,78 @@ def work_through(trial: Trial, take: Path, frames: str) -> dict[str, Any]:
     }
 
 
+def try_first(folder: Path, name: str, frames: str, output: Path) -> list[tuple[str, float]]:
+    """Do what a new user does from `apf studio FOLDER` to a BVH of the take `name`, by the page
+    alone; return the steps with the seconds that each took."""
+    from playwright.sync_api import sync_playwright
+
+    steps, began = [], time.monotonic()
+
+    def note(step: str) -> None:
+        nonlocal began
+        now = time.monotonic()
+        steps.append((step, round(now - began, 1)))
+        began = now
+
+    words = ["studio", str(folder), "-o", str(output / "results"), "--no-browser", "--port", "0"]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    with (
+        subprocess.Popen(
+            [sys.executable, "-m", "apf.cli", *words],
+            stdout=subprocess.PIPE, text=True, env=environment,
+        ) as studio,
+        sync_playwright() as running,
+    ):  # fmt: skip
+        assert studio.stdout is not None
+        address = studio.stdout.readline().split()[0]
+        browser = running.chromium.launch(executable_path=shutil.which("chromium"), args=_BROWSER)
+        tab = browser.new_page(viewport={"width": 1200, "height": 700}, accept_downloads=True)
+        tab.set_default_timeout(1000 * _LONGEST)
+        tab.goto(address)
+        tab.get_by_text("Choose a folder to open.").wait_for()
+        note("apf studio, the page is there")
+        tab.locator("input[value='(choose)']").first.click()
+        tab.get_by_role("option", name=f"{name} (footage)", exact=True).click()
+        tab.get_by_text("whole", exact=True).wait_for()  # the table, once the footage is examined
+        tab.screenshot(path=output / "first_1_footage.png")
+        note("open: the take; cameras, volume, what was found")
+        tab.get_by_role("tab", name="Run").click()
+        find_field(tab, "frames").fill(frames)
+        tab.keyboard.press("Enter")
+        tab.get_by_role("button", name="track", exact=True).click()
+        tab.get_by_role("button", name="cancel").wait_for()
+        tab.get_by_role("button", name="cancel").wait_for(state="hidden")
+        tab.screenshot(path=output / "first_2_tracked.png")
+        note("Run, track: until the track is shown")
+        tab.get_by_role("tab", name="Watch").click()
+        tab.get_by_role("button", name="play", exact=True).click()
+        tab.wait_for_timeout(3000)
+        tab.get_by_role("button", name="first", exact=True).click()
+        note("Watch, play")
+        tab.get_by_role("tab", name="Take home").click()
+        with tab.expect_download() as saved:
+            tab.get_by_role("button", name="save", exact=True).click()
+        size = Path(saved.value.path()).stat().st_size
+        tab.screenshot(path=output / "first_3_home.png")
+        note(f"Take home, save: {saved.value.suggested_filename}, {size} bytes")
+        browser.close()
+        studio.terminate()
+    return steps
+
+
 def main() -> None:
     """Work through the page on a take, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("take", type=Path, help="folder of a take with truth.npz")
     parser.add_argument("--frames", default="0:45")
     parser.add_argument("-o", "--output", type=Path, required=True, help="runs and screenshots")
+    parser.add_argument("--first", action="store_true", help="a new user's first try")
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
+    if args.first:
+        for step, seconds in try_first(args.take.parent, args.take.name, args.frames, args.output):
+            print(f"{seconds:6.1f} s  {step}")
+        return
     from playwright.sync_api import sync_playwright
 
     page = Page(Roots(args.take), lambda: select_device("auto"), results=args.output / "results")

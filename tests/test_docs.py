@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import inspect
 import re
 import runpy
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -49,6 +51,8 @@ def test_public_names_exist(page: Path) -> None:
         else:
             continue  # a file, or a name of another kind
         for part in rest:
+            if hasattr(owner, "__path__") and find_spec(f"{owner.__name__}.{part}"):
+                importlib.import_module(f"{owner.__name__}.{part}")
             if not hasattr(owner, part):
                 if not re.search(rf"\b{part}\b", inspect.getsource(owner)):
                     missing.append(name)

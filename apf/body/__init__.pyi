@@ -1,4 +1,3 @@
-from .cones import cone_distances as cone_distances
 from .cones import overlap_errors as overlap_errors
 from .cones import project_outlines as project_outlines
 from .jacobian import distance_jacobian as distance_jacobian

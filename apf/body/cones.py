@@ -10,8 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from psfs.cameras.camera import Camera
-from psfs.common.cones import cone_distances as cone_distances
-from psfs.common.cones import dot as dot
+from psfs.common.cones import cone_distances, dot
 
 #: Corners further out than this, px, count as unseen: float interpolation would displace the lines
 #: between them by more than a hundredth of a pixel, and at 1e9 px by whole pictures.

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.body.cones import cone_distances, cone_normals
+from apf.body.cones import cone_normals
 from apf.body.kinematics import axis_rotations, bone_matrices, posed_cones
 from apf.body.model import AXES, BodyModel
+from psfs.common.cones import cone_distances
 
 #: Codes in the table `cone_moves` for how a degree of freedom moves a cone.
 _SLIDES, _TURNS = 1, 2

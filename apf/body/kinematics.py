@@ -11,10 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from apf.body.model import AXES, BodyModel, Joint
-
-#: Floats of a posed cone: A (3), radius at A, B (3), radius at B, X / sx (3), 0, Y / sy (3), 0,
-#: where A, B are the end centres in the world and X, Y the unit axes of the elliptic section.
-CONE_FLOATS = 16
+from psfs.common.cones import CONE_FLOATS
 
 
 def axis_rotation(axis: int, angles: np.ndarray) -> np.ndarray:

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.cones import cone_distances
 from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel, Cone
 from cl import InputError
+from psfs.common.cones import cone_distances
 from psfs.common.npz import Values, read_npz
 from psfs.common.reading import open_input
 

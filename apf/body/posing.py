@@ -7,11 +7,11 @@ from functools import lru_cache
 import numpy as np
 
 from apf.body.cones import FAR_OUT
-from apf.body.kinematics import CONE_FLOATS
 from apf.body.model import AXES, BodyModel
 from cl import Array, Device, Launch
 from cl.program import Define
 from cl.workgroups import pack_defines, pack_size
+from psfs.common.cones import CONE_FLOATS
 
 #: Floats of a bone and of a free axis in the body's table, of a posed bone, and of the additional
 #: values for distances to a cone; see kinematics.h and packed_cones.h.

@@ -21,8 +21,6 @@ def run(args: argparse.Namespace) -> None:
     roots = Roots(args.folder)
     make_device = lru_cache(1)(partial(select_device, args.device))
     page = Page(roots, make_device, args.port, results=args.output, device=args.device)
-    if args.output.is_dir():
-        roots.add(args.output)
     try:
         if find_kind(args.folder) is not None:
             page.open(args.folder)

@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 
 from apf.body.jacobian import bone_moves, cone_moves
-from apf.body.kinematics import CONE_FLOATS
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, FRAME_FLOATS, SPAN_FLOATS, body_defines, pack_body
 from apf.filters.config import FilterConfig
@@ -15,6 +14,7 @@ from cl import Array, Device, InputError, Launch
 from cl.signature import Argument
 from cl.workgroups import pack_defines
 from psfs.cameras.camera import CAMERA_FLOATS
+from psfs.common.cones import CONE_FLOATS
 
 _GROUP = 256
 #: Floats that the kernel keeps of a voxel.

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones
 from apf.body.mesh import BodyMesh
 from apf.body.model import BodyModel, Cone
@@ -14,6 +13,7 @@ from apf.body.posing import CONE_DEFINES, Kinematics
 from apf.scene import Scene
 from cl import Array, InputError, Launch
 from psfs.cameras.camera import CameraRig
+from psfs.common.cones import cone_distances
 
 #: Work-items of a group: on a GPU each processes one row of a picture; on a CPU a single work-item
 #: processes _PACK rows at a time in vectors.

@@ -80,7 +80,8 @@ def _build_start(
     seen = float(np.median([np.ptp(cloud.heights) for cloud in clouds]))
     shape, poses = best.fit.found[0].shape, best.fit.poses
     girth = float(np.exp(shape[:2].sum())) * stature(template) / seen
-    body = ShapeModel(template, config.shape.prior).body(shape)
+    model = ShapeModel(template, config.shape.prior)
+    body = model.mark_loose(model.body(shape), shape)
     return Start(body, poses[0], poses, best.registration_error, best.rival, seen, girth, config)
 
 

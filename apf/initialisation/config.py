@@ -163,6 +163,11 @@ class ShapePrior(Config):
         "Standard deviation of such a part's radius, which then says nothing about the others.",
         "by hand",
     )
+    beside_clothes: float = positive(
+        0.05,
+        "Standard deviation of girth and of the other parts' radii then: arms that hang beside a "
+        "skirt look as thick as the hull that joins both.",
+    )
     stature: float = positive(
         0.005,
         "Standard deviation of a known stature.",

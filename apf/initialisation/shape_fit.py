@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from apf.body.cones import cone_distances, cone_normals, dot
+from apf.body.cones import cone_normals
 from apf.body.jacobian import point_jacobian
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.limbs import limb_joints
@@ -24,6 +24,7 @@ from apf.initialisation.shape_model import (
     place_points,
     surface_samples,
 )
+from psfs.common.cones import cone_distances, dot
 
 #: Step of the differences of a log of a scale: small against any scale, large against float64's
 #: resolution.
@@ -171,16 +172,18 @@ class _ShapeFit:
 
     def find_loose(self, shape: np.ndarray) -> np.ndarray:
         """Return (S',) bool: the free scales of `shape` (S,) that are radii of loose parts."""
-        own = self._chosen >= len(shape) - len(self._model.radii)
-        excess: np.ndarray = own & (
-            shape[self._chosen] > self._config.prior.loose * self._deviation
-        )
-        return excess
+        loose = np.zeros(len(shape), bool)
+        loose[len(shape) - len(self._model.radii) :] = self._model.find_loose(shape)
+        return loose[self._chosen]
 
     def loosen(self, loose: np.ndarray) -> _ShapeFit:
-        """Return the fit with the prior of the `loose` (S',) radii wide enough for clothes."""
-        other = copy(self)
-        other._deviation = np.where(loose, self._config.prior.clothes, self._deviation)
+        """Return the fit with the prior of the `loose` (S',) radii wide enough for clothes, and
+        those of girth and the other radii narrow, see `ShapePrior.beside_clothes`."""
+        other, prior, deviation = copy(self), self._config.prior, self._deviation.copy()
+        n_scales, n_radii = len(self._model.deviation), len(self._model.radii)
+        radial = (self._chosen == 1) | (self._chosen >= n_scales - n_radii)
+        deviation[radial] = np.minimum(deviation[radial], prior.beside_clothes)
+        other._deviation = np.where(loose, prior.clothes, deviation)
         return other
 
     def run(

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from apf.body.cones import dot
 from apf.body.kinematics import bone_matrices
 from apf.body.model import BodyModel, sideless
 from apf.initialisation.config import ShapePrior
+from psfs.common.cones import dot
 
 
 class ShapeModel:
@@ -19,7 +20,7 @@ class ShapeModel:
     """
 
     def __init__(self, template: BodyModel, prior: ShapePrior | None = None) -> None:
-        prior = prior or ShapePrior()
+        self.prior = prior = prior or ShapePrior()
         self.template = template
         self.lengths = template.scale_groups
         self.radii = template.radius_groups
@@ -60,6 +61,17 @@ class ShapeModel:
             dict(zip(self.lengths, lengths, strict=True)),
             dict(zip(self.radii, radii, strict=True)),
         )
+
+    def find_loose(self, shape: np.ndarray) -> np.ndarray:
+        """Return (R,) bool: the groups of radii that are loose clothes in `shape` (S,)."""
+        excess: np.ndarray = shape[len(shape) - len(self.radii) :]
+        return excess > self.prior.loose * self.prior.radius
+
+    def mark_loose(self, body: BodyModel, shape: np.ndarray) -> BodyModel:
+        """Return `body`, whose `shape` (S,) this is, with the parts marked that are loose."""
+        found = {self.radii[k] for k in np.flatnonzero(self.find_loose(shape))}
+        cones = [replace(c, loose=c.loose or sideless(c.name) in found) for c in body.cones]
+        return replace(body, cones=tuple(cones))
 
     def growths(self, body: BodyModel, poses: np.ndarray, cones: np.ndarray) -> np.ndarray:
         """Return the derivatives (M, S, C, 8) of the ends and radii of posed `cones` (M, C, 16)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.body.kinematics import CONE_FLOATS
 from apf.body.posing import CONE_DEFINES
 from apf.likelihood.base import PointSubset
 from apf.scene import Scene
 from cl import Array, Kernel, Launch
 from cl.workgroups import pack_defines, stated_group
+from psfs.common.cones import CONE_FLOATS
 
 #: Items that a GPU takes for a pose: mostly few are judged, each has a multiprocessor to itself.
 _GROUP = 512

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pyopencl
 
-from apf.body.kinematics import CONE_FLOATS
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, FRAME_FLOATS, SPAN_FLOATS, body_defines, pack_body
 from apf.likelihood.base import Likelihood, PointSubset
@@ -25,6 +24,7 @@ from cl.staging import Ahead
 from cl.workgroups import pack_defines, pack_size, stated_group
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import join_names
+from psfs.common.cones import CONE_FLOATS
 from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection
@@ -46,7 +46,7 @@ def choose_cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
     rows = [np.linalg.norm(cone.end - cone.start) / spacing for cone in body.cones]
     columns = [np.mean(cone.radii) * 2 / spacing for cone in body.cones]
     sampling = np.maximum(np.ceil(np.stack([rows, columns], -1)), _FEWEST_SAMPLES).astype(np.int32)
-    sampling[[not cone.in_images for cone in body.cones]] = 0
+    sampling[[cone.loose or not cone.in_images for cone in body.cones]] = 0
     return sampling
 
 

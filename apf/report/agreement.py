@@ -10,13 +10,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from apf.body.cones import cone_distances, project_outlines
+from apf.body.cones import project_outlines
 from apf.body.kinematics import posed_cones
 from apf.report.overlay import check_indices
 from apf.report.parts import Part, find_parts
 from apf.tracking.track import Track
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
+from psfs.common.cones import cone_distances
 from psfs.common.regions import iou
 from psfs.diagnostics.reprojection_iou import volume_region, whole_silhouettes
 from psfs.session import Session

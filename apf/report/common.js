@@ -48,13 +48,69 @@ const room = {
     camera: { eye: { x: 1.1, y: 1.1, z: 0.5 } } },
 };
 
+// Without WebGL the same traces are painted on a plane; a drag turns it.
+
+const hasWebGL = Boolean(document.createElement("canvas").getContext("webgl"));
+const turned = [0.8, 0.35]; // azimuth and elevation of the viewer, rad
+const list = (values, n) => (Array.isArray(values) ? values : new Array(n).fill(values));
+
+function paint(shown) {
+  const canvas = byId("player").querySelector("canvas") || addCanvas();
+  const [wide, high] = [canvas.width = canvas.clientWidth, canvas.height = canvas.clientHeight];
+  const pen = canvas.getContext("2d"), scale = (0.9 * Math.min(wide, high)) / Math.hypot(...extent);
+  const [ca, sa] = [Math.cos(turned[0]), Math.sin(turned[0])];
+  const [ce, se] = [Math.cos(turned[1]), Math.sin(turned[1])];
+  const middle = [0, 1, 2].map((k) => (scene.low[k] + scene.high[k]) / 2);
+  const place = (x, y, z) => {
+    const [a, b, c] = [x - middle[0], y - middle[1], z - middle[2]];
+    return [wide / 2 + scale * (ca * b - sa * a), high / 2 - scale * (ce * c - se * (ca * a + sa * b)),
+      ce * (ca * a + sa * b) + se * c];
+  };
+  const line = (from, to, colour, width) => {
+    pen.strokeStyle = colour; pen.lineWidth = width; pen.lineCap = "round";
+    pen.beginPath(); pen.moveTo(from[0], from[1]); pen.lineTo(to[0], to[1]); pen.stroke();
+  };
+  const [x0, y0, z0] = scene.low, [x1, y1] = scene.high;
+  for (let x = Math.ceil(x0); x <= x1; x++) line(place(x, y0, z0), place(x, y1, z0), "#d9dee5", 1);
+  for (let y = Math.ceil(y0); y <= y1; y++) line(place(x0, y, z0), place(x1, y, z0), "#d9dee5", 1);
+  for (const one of [...shown].reverse()) { // voxels are the last trace, and lie behind the skeleton
+    const places = one.x.map((x, i) => (x === null ? null : place(x, one.y[i], one.z[i])));
+    if (one.mode === "lines") {
+      const colours = list(one.line.color, places.length);
+      for (let i = 1; i < places.length; i++) {
+        if (places[i - 1] && places[i]) line(places[i - 1], places[i], colours[i], one.line.width / 2);
+      }
+    } else {
+      const colours = list(one.marker.color, places.length), size = one.marker.size * 1.5;
+      pen.globalAlpha = one.marker.opacity ?? 1;
+      for (const i of [...places.keys()].sort((a, b) => places[a][2] - places[b][2])) {
+        pen.fillStyle = colours[i];
+        pen.fillRect(places[i][0] - size / 2, places[i][1] - size / 2, size, size);
+      }
+      pen.globalAlpha = 1;
+    }
+  }
+}
+
+function addCanvas() {
+  const canvas = element("canvas", "", byId("player"));
+  canvas.style.cssText = "width:100%;height:100%;touch-action:none";
+  canvas.onpointermove = (event) => {
+    if (!event.buttons) return;
+    turned[0] -= event.movementX / 150;
+    turned[1] = Math.max(-1.5, Math.min(1.5, turned[1] + event.movementY / 150));
+    draw(row);
+  };
+  return canvas;
+}
+
 let drawing = false, waiting = null;
 
 /** Draw the newest row; rows that come while one is drawn wait, the last of them only. */
 async function draw(at) {
   if (drawing) { waiting = at; return; }
   drawing = true;
-  await Plotly.react("player", traces(at), room, config);
+  if (hasWebGL) await Plotly.react("player", traces(at), room, config); else paint(traces(at));
   drawing = false;
   byId("player").dataset.row = at;
   if (waiting !== null) { const next = waiting; waiting = null; draw(next); }

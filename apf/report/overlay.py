@@ -11,11 +11,12 @@ import cv2
 import numpy as np
 
 from apf.body.cones import project_outlines
-from apf.body.kinematics import CONE_FLOATS, posed_cones
+from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel, find_side
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.common.cones import CONE_FLOATS
 from psfs.output.preview import crop_view
 from psfs.output.video import write_video
 from psfs.sequence import Frame, Sequence

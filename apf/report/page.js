@@ -31,7 +31,7 @@ function joint(at, number) {
 function skeleton(at) {
   const x = [], y = [], z = [], color = [];
   scene.edges.forEach(([a, b], number) => {
-    const shade = page.lost[at] ? "#c0392b" : scene.edge_colours[number];
+    const shade = page.lost[at] ? scene.lost_colour : scene.edge_colours[number];
     for (const point of [joint(at, a), joint(at, b)]) {
       x.push(point[0]); y.push(point[1]); z.push(point[2]); color.push(shade);
     }

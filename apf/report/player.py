@@ -6,9 +6,8 @@ import base64
 
 import numpy as np
 
-from apf.body.model import find_side
-from apf.report.overlay import COLOURS
 from apf.report.quality import Quality
+from apf.report.scene_colours import LOST, colour_edges
 
 #: Greatest number of voxels in all frames together, and in one frame: 12 MB and 60 kB of page. More
 #: would not be visible at the size of the player.
@@ -25,12 +24,12 @@ def player_scene(quality: Quality) -> dict[str, object]:
     """
     track = quality.track
     joints = track.joints.reshape(-1, 3)
-    names = [track.joint_names[b] for _, b in track.edges]
     low, high = joints.min(axis=0), joints.max(axis=0)
     scene: dict[str, object] = {
         "joint_names": list(track.joint_names),
         "edges": track.edges.tolist(),
-        "edge_colours": ["rgb({}, {}, {})".format(*COLOURS[find_side(n)][::-1]) for n in names],
+        "edge_colours": [f"rgb({r}, {g}, {b})" for r, g, b in colour_edges(track).tolist()],
+        "lost_colour": "rgb({}, {}, {})".format(*LOST),
         "joints": encode(track.joints, "<f4"),
         "low": (low - 0.2).round(3).tolist(),
         "high": (high + 0.2).round(3).tolist(),

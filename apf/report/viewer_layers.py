@@ -8,13 +8,12 @@ import numpy as np
 import trimesh
 
 from apf.body.mesh import cone_mesh
-from apf.body.model import BodyModel, find_side
-from apf.report.overlay import COLOURS
+from apf.body.model import BodyModel
+from apf.report.scene_colours import LOST, colour_by_side
 from apf.tracking.track import Track
 from psfs.mesh.drawing import Layer, Lines, SurfaceDrawing
 
-#: RGB of the skeleton, and of the skeleton of a lost person.
-_BONE, _LOST = (20, 20, 20), (220, 30, 30)
+_BONE = (20, 20, 20)  # RGB of the skeleton
 _BONE_WIDTH = 6.0  # px
 _OPACITY = 0.75  # of the cones: their content stays visible
 _VERTICES_PER_CONE = 34
@@ -23,7 +22,7 @@ _KEPT = 16
 
 
 def skeleton_layer(track: Track) -> Layer:
-    """Return the layer of the joints' edges, red where the person was lost."""
+    """Return the layer of the joints' edges, in `LOST` where the person was lost."""
     rows = {int(frame): row for row, frame in enumerate(track.frames)}
 
     @lru_cache(_KEPT)
@@ -31,7 +30,7 @@ def skeleton_layer(track: Track) -> Layer:
         if frame not in rows:
             return None
         row = rows[frame]
-        colour = np.array(_LOST if track.lost[row] else _BONE, np.uint8)
+        colour = np.array(LOST if track.lost[row] else _BONE, np.uint8)
         colours = np.tile(colour, (len(track.edges), 1))
         return Lines(track.joints[row], track.edges, colours, _BONE_WIDTH)
 
@@ -43,7 +42,7 @@ def cone_layer(track: Track, body: BodyModel) -> Layer:
     colours of the overlay: one per side of the body."""
     rows = {int(frame): row for row, frame in enumerate(track.frames)}
     mesh = cone_mesh(body, _VERTICES_PER_CONE)
-    of_cone = np.array([COLOURS[find_side(name)][::-1] for name in mesh.names], np.uint8)
+    of_cone = colour_by_side(mesh.names)
     # Every triangle has corners of its own: with shared ones Open3D 0.20 presented no frame of
     # these cones on Mesa's software Vulkan.
     corners = mesh.faces.ravel()

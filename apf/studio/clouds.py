@@ -16,21 +16,29 @@ from psfs.mesh.drawing import voxel_colours
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
-#: Greatest size of the points that are kept, bytes: about 900 frames of 30,000 voxels.
+#: Greatest size of the points that are kept, bytes: about 700 frames of 30,000 voxels.
 KEPT_BYTES = 2**28
+#: About the most points that a browser without a graphics chip draws 25 times a second.
+FEW = 8_000
+#: Blocks k voxels wide of a surface of N voxels, as a share of N / k^2.
+_BLOCKS = 1.4
 
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Voxels as points: (N, 3) float16 m from the grid's centre, and (N, 3) uint8 RGB."""
+    """Voxels as points: (N, 3) float16 m from the grid's centre, and (N, 3) uint8 RGB. size: of a
+    point, m. blocks: the same as fewer, larger points; None if these are few."""
 
     positions: np.ndarray
     colours: np.ndarray
+    size: float
+    blocks: Points | None = None
 
     @property
     def nbytes(self) -> int:
         """Size in memory, bytes."""
-        return self.positions.nbytes + self.colours.nbytes
+        own = self.positions.nbytes + self.colours.nbytes
+        return own + (self.blocks.nbytes if self.blocks is not None else 0)
 
 
 class Clouds(Protocol):
@@ -57,7 +65,26 @@ def grid_centre(grid: VoxelGrid) -> np.ndarray:
 def make_points(cloud: VoxelCloud) -> Points:
     """Return a cloud's voxels as points."""
     positions = (cloud.centres - grid_centre(cloud.grid)).astype(np.float16)
-    return Points(positions, voxel_colours(cloud, "colour"))
+    colours = voxel_colours(cloud, "colour")
+    blocks = merge_voxels(cloud, colours) if len(cloud) > FEW else None
+    return Points(positions, colours, cloud.grid.voxel_size, blocks)
+
+
+def merge_voxels(cloud: VoxelCloud, colours: np.ndarray, most: int = FEW) -> Points:
+    """Return a surface's voxels, with colours (N, 3) uint8, as cubic blocks, about `most` or fewer,
+    each in the mean colour of its voxels."""
+    grid = cloud.grid
+    width = int(np.ceil(np.sqrt(_BLOCKS * len(cloud) / most)))
+    shape = tuple(-(-n // width) for n in grid.shape)
+    cells = [at // width for at in np.unravel_index(cloud.indices, grid.shape)]
+    used, of_voxel, counts = np.unique(
+        np.ravel_multi_index(cells, shape), return_inverse=True, return_counts=True
+    )
+    sums = [np.bincount(of_voxel, colours[:, channel]) for channel in range(3)]
+    size = width * grid.voxel_size
+    centres = grid.low + size * (np.stack(np.unravel_index(used, shape), -1) + 0.5)
+    means = np.rint(np.stack(sums, -1) / counts[:, None]).astype(np.uint8)
+    return Points((centres - grid_centre(grid)).astype(np.float16), means, size)
 
 
 class KeptPoints:

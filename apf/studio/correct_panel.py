@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from apf.body.model import plain_name
+from apf.studio.handle import JointHandle
+from apf.studio.look_through import intersect_rays
 from apf.studio.opened import Opened
 from apf.studio.watch import Watch
 from apf.studio.words import make_lines, make_text
@@ -20,6 +22,7 @@ from apf.tracking.correction import (
     correct_pose,
     write_corrections,
 )
+from apf.tracking.track import Track
 from cl import InputError, UserError
 
 if TYPE_CHECKING:
@@ -27,8 +30,8 @@ if TYPE_CHECKING:
 
 #: The file of corrections, beside the track that they correct.
 FILE = "corrections.toml"
-#: Size of a handle, m.
-_HANDLE = 0.35
+_DRAG, _TURN, _POINT = "dragging it", "turning its limb", "clicking it in two pictures"
+_WAYS = (_DRAG, _TURN, _POINT)
 _FIRST = ("wrist", "elbow", "hand", "ankle", "knee", "foot")
 
 
@@ -44,11 +47,16 @@ class CorrectPanel:
     ) -> None:
         self._server, self._start, self._say = server, start, say
         self._watch: Watch | None = None
-        self._handle: viser.TransformControlsHandle | None = None
+        self._handle: JointHandle | None = None
+        self._rays: dict[int, np.ndarray] | None = None  # while a joint is clicked in pictures
         self.corrections: Corrections | None = None
         gui = server.gui
         self._message = gui.add_html(make_text("Open a track to correct it."))
         self.joint: Any = gui.add_dropdown("joint", ["-"], initial_value="-")
+        self.way = gui.add_dropdown(
+            "by", _WAYS, initial_value=_DRAG,
+            hint="drag the joint, turn it about the joint before it, or click it in two pictures",
+        )  # fmt: skip
         self.place = gui.add_button("put it right in this frame", hint="key: C", disabled=True)
         self.reach = gui.add_number(
             "reach, s", DEFAULTS.reach, min=0.0, max=10.0, step=0.1,
@@ -74,6 +82,8 @@ class CorrectPanel:
         """Offer to correct what is watched; None offers nothing."""
         self._remove_handle()
         self._watch, self.corrections = watch, None
+        if watch is not None:
+            watch.pointed = self.point
         opened = watch.opened if watch is not None else None
         able = opened is not None and len(opened.tracks) == 1 and opened.sequence is not None
         for button in (self.place, self.bad):
@@ -88,7 +98,7 @@ class CorrectPanel:
         self.joint.options = names
         self.joint.value = names[0]
         self.corrections = Corrections(opened.folder)
-        self._message.content = make_text("Choose a joint, put it right, drag it to its place.")
+        self._message.content = make_text("Choose a joint that is wrong in this frame.")
         self._tell()
 
     def toggle_handle(self) -> None:
@@ -96,7 +106,7 @@ class CorrectPanel:
         if self._watch is None or self.corrections is None:
             return
         if self._handle is not None:
-            self.correct(self.joint.value, np.asarray(self._handle.position, float))
+            self.correct(self._handle.wanted)
             self._remove_handle()
             return
         opened, frame = self._watch.opened, self._watch.frame
@@ -106,28 +116,60 @@ class CorrectPanel:
             self._say(f"frame {frame} was not tracked; expected one that was")
             return
         self._watch.time_line.seek(self._watch.time_line.position)  # pause
-        number = opened.track.joint_names.index(self.joint.value)
-        self._handle = self._server.scene.add_transform_controls(
-            "/handle", scale=_HANDLE, disable_rotations=True, depth_test=False,
-            position=opened.track.joints[row, number],
-        )  # fmt: skip
-        self._handle.on_update(lambda event: self._preview())
+        if self.way.value == _POINT:
+            self._rays = {}
+            self._tell_pointing("")
+            return
+        self._add_handle(opened.track, row)
+
+    def _add_handle(self, track: Track, row: int) -> None:
+        """Show a handle at the chosen joint."""
+        try:
+            self._handle = JointHandle(
+                self._server.scene, track, row, self.joint.value,
+                turns=self.way.value == _TURN, moved=self._preview,
+            )  # fmt: skip
+        except InputError as error:
+            self._say(error)
+            return
         self.place.label = "it is right there now"
 
     def move_handle(self, position: np.ndarray) -> None:
         """Put the handle that is shown to a place (3,) m; the limb follows."""
         if self._handle is not None:
-            self._handle.position = position
+            self._handle.move(position)
             self._preview()
 
-    def correct(self, joint: str, position: np.ndarray) -> None:
-        """Add a correction of a joint in the frame that is shown, in place of an earlier one."""
-        assert self._watch is not None and self.corrections is not None
-        frame = self._watch.frame
-        x, y, z = (float(value) for value in position)
-        kept = [p for p in self.corrections.points if (p.frame, p.joint) != (frame, joint)]
-        points = (*kept, Correction(frame, joint, (x, y, z)))
-        self.corrections = replace(self.corrections, points=points)
+    def turn_handle(self, rotation: np.ndarray) -> None:
+        """Turn the handle that is shown by a rotation (3, 3); the limb follows."""
+        if self._handle is not None:
+            self._handle.turn(rotation)
+            self._preview()
+
+    def point(self, view: int, way: np.ndarray) -> None:
+        """Take a click on the joint in a camera's picture, as a direction (3,); a handle appears
+        where two of them meet."""
+        if self._watch is None or self._rays is None:
+            return
+        opened, sequence = self._watch.opened, self._watch.opened.sequence
+        assert sequence is not None and opened.track is not None
+        self._rays[view] = way
+        if len(self._rays) < 2:
+            self._tell_pointing(f"clicked in {sequence.rig[view].name}")
+            return
+        place, apart = intersect_rays(self._rays, sequence.rig)
+        if self._handle is None:
+            row = next(iter(opened.rows.values()))[self._watch.frame]
+            self._add_handle(opened.track, row)
+        self.move_handle(place)
+        self._tell_pointing(f"the clicks pass it by {1000 * apart:.0f} mm at most")
+
+    def correct(self, joints: Mapping[str, Correction]) -> None:
+        """Add corrections of joints, by name, in place of earlier ones of the same frame."""
+        assert self.corrections is not None
+        new = {(point.frame, point.joint) for point in joints.values()}
+        kept = [p for p in self.corrections.points if (p.frame, p.joint) not in new]
+        self.corrections = replace(self.corrections, points=(*kept, *joints.values()))
         self._tell()
 
     def mark_bad(self) -> None:
@@ -172,16 +214,21 @@ class CorrectPanel:
         opened = self._watch.opened
         name, track = next(iter(opened.tracks.items()))
         row = opened.rows[name][self._watch.frame]
-        x, y, z = (float(value) for value in self._handle.position)
-        wanted = {self.joint.value: Correction(self._watch.frame, self.joint.value, (x, y, z))}
-        pose = correct_pose(track.its_body, track.poses[row], wanted)
+        pose = correct_pose(track.its_body, track.poses[row], self._handle.wanted)
         self._watch.bodies[name].show_pose(pose)
 
     def _remove_handle(self) -> None:
         if self._handle is not None:
             self._handle.remove()
             self._handle = None
+        self._rays = None
         self.place.label = "put it right in this frame"
+
+    def _tell_pointing(self, found: str) -> None:
+        """Say how to point at the joint, and what the clicks so far give."""
+        joint = plain_name(self.joint.value)
+        how = f"Look through a camera (left) and click the {joint}; then through another one."
+        self._message.content = make_lines([("note", text) for text in (how, found) if text])
 
     def _tell(self) -> None:
         found = self.corrections

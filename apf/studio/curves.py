@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +21,11 @@ _LINES = {
     "right": {"color": "#d55e00", "dash": "dash"},
     "middle": {"color": "#009e73"},
 }
+#: Text and grid that are read on a light page and on a dark one.
+_INK, _GRID = "#7d7d7d", "rgba(128,128,128,0.25)"
+#: Colours that colour-blind people distinguish, and dashes.
+_HUES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9")
+_DASHES = ("solid", "dash", "dot", "dashdot")
 _MARGIN = {"l": 42, "r": 8, "t": 28, "b": 34}
 
 
@@ -60,11 +67,35 @@ def draw_confidence(track: Track) -> go.Figure:
     return _small(figure)
 
 
+def draw_lags(costs: np.ndarray, names: Sequence[str]) -> go.Figure:
+    """Return the figure of how far each camera's silhouettes are from the others' as a share of the
+    person's size, costs (V, 2 m + 1), if its pictures came so many frames later, -m to m: a camera
+    that runs with the others is lowest at 0."""
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    most = costs.shape[1] // 2
+    for number, (name, cost) in enumerate(zip(names, costs, strict=True)):
+        figure.add_scatter(
+            x=list(range(-most, most + 1)), y=cost, name=html.escape(name), mode="lines",
+            line={"color": _HUES[number % len(_HUES)], "dash": _DASHES[number % len(_DASHES)]},
+        )  # fmt: skip
+    figure.add_vline(0, line_color=_INK, line_width=1)
+    figure.update_layout(
+        title="cameras in time: lowest at 0", xaxis_title="late by, frames",
+        yaxis_rangemode="tozero", legend={"y": -0.35, "orientation": "h"},
+    )  # fmt: skip
+    return _small(figure)
+
+
 def _small(figure: go.Figure) -> go.Figure:
     figure.update_layout(
         margin=_MARGIN,
-        font={"size": 11},
+        font={"size": 11, "color": _INK},
         title_font_size=12,
-        template="plotly_white",
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
     )
+    figure.update_xaxes(gridcolor=_GRID, zeroline=False)
+    figure.update_yaxes(gridcolor=_GRID, zeroline=False)
     return figure

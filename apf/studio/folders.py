@@ -10,18 +10,23 @@ from apf.report.summary import SUMMARY
 from apf.tracking.track import PARTS
 from cl import InputError, MissingFileError, UserError
 from psfs.footage.layouts import LAYOUTS
+from psfs.footage.layouts.native import NATIVE, find_settings_calibration
+from psfs.footage.layouts.uncalibrated import list_pictures
+from psfs.footage.media import VIDEO_SUFFIXES
 from psfs.footage.settings import SequenceSettings
 
 #: Levels below a given folder that are searched, and the most folders that are listed.
 _DEPTH, _MOST = 3, 500
+#: The file of cameras that `psfs calibrate` writes.
+CAMERAS = "calibration.toml"
 #: Parts of a take or a run, which are not searched.
 _INSIDE = ("clouds", "parts", "videos", "background", "truth_masks", "keypoints")
 
 
 @dataclass(frozen=True)
 class Found:
-    """A folder that can be opened. kind: take, track or voxels. name: relative to the folder that
-    was given."""
+    """A folder that can be opened. kind: take, views, track or voxels. name: relative to the folder
+    that was given."""
 
     path: Path
     kind: str
@@ -40,7 +45,8 @@ class Roots:
 
     def add(self, folder: Path) -> None:
         """Allow another folder, which the command made itself."""
-        self._folders.append(folder.resolve())
+        if (folder := folder.resolve()) not in self._folders:
+            self._folders.append(folder)
 
     def check(self, path: Path) -> Path:
         """Return the resolved path. Raises InputError if it lies outside the given folders."""
@@ -55,26 +61,36 @@ class Roots:
         """Return what can be opened, in the order of the names; links out of the folders are left
         out."""
         found: dict[Path, Found] = {}
+        for path, name in self._walk():
+            if len(found) < _MOST and (kind := find_kind(path)) is not None:
+                found.setdefault(path, Found(path, kind, name))
+        return list(found.values())
+
+    def find_calibrations(self) -> dict[str, Path]:
+        """Return the files of cameras by the names of their folders."""
+        return {name: path / CAMERAS for path, name in self._walk() if (path / CAMERAS).is_file()}
+
+    def _walk(self) -> Iterator[tuple[Path, str]]:
+        """Yield the folders that may be opened, with their names."""
         for root in self._folders:
             for path in _walk(root, _DEPTH):
-                kind = find_kind(path)
-                if kind is None or len(found) >= _MOST or not path.resolve().is_relative_to(root):
-                    continue
-                name = path.relative_to(root).as_posix()
-                found.setdefault(path, Found(path, kind, root.name if name == "." else name))
-        return list(found.values())
+                if path.resolve().is_relative_to(root):
+                    name = path.relative_to(root).as_posix()
+                    yield path, root.name if name == "." else name
 
 
 def find_kind(folder: Path) -> str | None:
     """Return what a folder holds: a `track` of one person or of several, `voxels` of psfs
-    reconstruct, a `take`; None for anything else."""
+    reconstruct, a `take`, `views` without a calibration; None for anything else."""
     if (folder / "track.npz").is_file() or next(folder.glob(PARTS), None):
         return "track"
     if list_people(folder):
         return "track"
     if (folder / SUMMARY).is_file() and (folder / "clouds").is_dir():
         return "voxels"
-    return "take" if _is_take(folder) else None
+    if _is_take(folder):
+        return "take"
+    return "views" if _holds_views(folder) else None
 
 
 def list_people(folder: Path) -> list[Path]:
@@ -83,12 +99,28 @@ def list_people(folder: Path) -> list[Path]:
     return sorted(found, key=lambda path: (len(path.name), path.name))
 
 
-def _is_take(folder: Path) -> bool:
-    """Return whether a folder has the layout of a take."""
+def _holds_views(folder: Path) -> bool:
+    """Return whether a folder has videos, or pictures over time, of several cameras."""
     try:
-        return any(layout.matches(folder, SequenceSettings()) for layout in LAYOUTS)
-    except UserError:  # a calibration that cannot be read
+        found = list_pictures(folder)
+    except UserError:
+        return False
+    lasting = [len(of) > 1 or of[0].suffix.lower() in VIDEO_SUFFIXES for of in found.values()]
+    return sum(lasting) > 1
+
+
+def _is_take(folder: Path) -> bool:
+    """Return whether a folder has the layout of a take, and a calibration if that needs one."""
+    try:
+        layout = next((one for one in LAYOUTS if one.matches(folder, SequenceSettings())), None)
+        if layout is NATIVE:
+            settings = SequenceSettings.read(folder / "sequence.toml")
+            find_settings_calibration(folder, settings)
+    except MissingFileError:
+        return False
+    except UserError:  # a file that cannot be read
         return True
+    return layout is not None
 
 
 def _walk(folder: Path, depth: int) -> Iterator[Path]:

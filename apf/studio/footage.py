@@ -8,14 +8,19 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from apf.studio.nodes import CameraNodes, add_box, add_floor
+from apf.studio.curves import draw_lags
+from apf.studio.nodes import BoxNode, CameraNodes, add_floor
 from apf.studio.opened import MakeDevice
 from apf.studio.pictures import PictureReader, mosaic, small_pictures
 from apf.studio.timeline import TimeLine
 from apf.studio.words import make_lines, make_table, make_text
 from cl import UserError
-from psfs.diagnostics.examination import examine
+from psfs.diagnostics.arrangement import Lags
+from psfs.diagnostics.config import InViewConfig
+from psfs.diagnostics.examination import Examination, examine
+from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
+from psfs.diagnostics.tangency import Tangency
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
 from psfs.volume import find_volume
@@ -26,6 +31,7 @@ if TYPE_CHECKING:
 
 #: RGB of the silhouettes, a colour that is rare in rooms.
 _SILHOUETTE = np.array([255, 0, 200])
+_MOST_LAG = 30  # frames; longest lag that the curves show
 _FLOOR_VOXEL = 0.05  # m; the floor is drawn under a grid
 
 
@@ -44,18 +50,18 @@ class FootageView:
         self._closed, self._lock = threading.Event(), threading.Lock()
         self._session: Session | None = None
         self._info = sequence_info(sequence)
-        self._box: viser.LineSegmentsHandle | None = None
+        self._person: list[PersonInView] = []
         self._frame: Frame | None = None
         self._cameras = CameraNodes(server.scene, sequence.rig)
         self._place(server)
         self._reader = PictureReader(sequence, self._show_pictures, self._warn)
-        panel, beside = panels
+        panel, self._beside = panels
         with panel:
             self._add_controls(server.gui)
-        with beside:
+        with self._beside:
             self._add_pictures(server.gui)
+        self.box = BoxNode(server.scene, "/volume", self._corners, self.drag_box)
         self.time_line.refresh()
-        self._draw_box()
         self._examiner = threading.Thread(target=self._examine, daemon=True, name="examination")
         self._examiner.start()
 
@@ -79,8 +85,19 @@ class FootageView:
         """Lowest and highest corner (3,) m of the volume, if the box on the page is to be used."""
         if not self._own_box.value:
             return None
+        low, high = self._corners
+        return low, high
+
+    def drag_box(self, corners: np.ndarray) -> None:
+        """Use the volume between corners (2, 3) m, to which its handles were dragged."""
+        self._own_box.value = True
+        self._set_corners(corners)
+
+    @property
+    def _corners(self) -> np.ndarray:
+        """The lowest and highest corner (2, 3) m of the box on the page."""
         corners = np.array([self._low.value, self._high.value])
-        return corners.min(axis=0), corners.max(axis=0)
+        return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
     def close(self) -> None:
         """End all work in the background, and remove everything from the page."""
@@ -96,13 +113,15 @@ class FootageView:
         self._status = gui.add_html("")
         self.time_line = TimeLine(gui, np.arange(max(1, count)), fps, self._show)
         low, high = self._first_box()
-        self._own_box = gui.add_checkbox(
-            "use this volume", False, hint="else it is found around what moves"
+        self._own_box: Any = gui.add_checkbox(
+            "use this volume",
+            False,
+            hint="drag its corners; else it is found around what moves",
         )
         self._low: Any = gui.add_vector3("lowest, m", tuple(low.tolist()), step=0.05)
         self._high: Any = gui.add_vector3("highest, m", tuple(high.tolist()), step=0.05)
-        for corner in (self._low, self._high, self._own_box):
-            corner.on_update(lambda event: self._draw_box())
+        for corner in (self._low, self._high):
+            corner.on_update(lambda event: self.box.show(self._corners))
         self._notes: list[tuple[str, object]] = [("note", "examining the footage ...")]
         self._remarks = gui.add_html(self._describe())
         self._parts: list[Any] = [self._status, self._own_box, self._low, self._high, self._remarks]
@@ -130,11 +149,10 @@ class FootageView:
         server.initial_camera.position = (low + high) / 2 + size * np.array([0.6, -0.9, 0.5])
         server.scene.set_up_direction("+z")
 
-    def _draw_box(self) -> None:
-        if self._box is not None:
-            self._box.remove()
-        corners = np.array([self._low.value, self._high.value])
-        self._box = add_box(self._server.scene, "/volume", corners.min(axis=0), corners.max(axis=0))
+    def _set_corners(self, corners: np.ndarray) -> None:
+        """Set the box on the page to corners (2, 3) m."""
+        low, high = np.round([corners.min(axis=0), corners.max(axis=0)], 2)
+        self._low.value, self._high.value = tuple(low.tolist()), tuple(high.tolist())
 
     def _show(self, position: int) -> None:
         self._status.content = make_lines(
@@ -187,18 +205,38 @@ class FootageView:
         except UserError as error:
             self._notes = [("warning", error)]
         else:
+            if self._closed.is_set():
+                return
             known = any(fault.kind in ("unit", "far") for fault in examination.faults)
             self._notes = _list_faults(self._info, known)
             self._notes += [("warning", text) for text in warnings]
             self._notes += [("note", text) for text in faults]
-            if not warnings and not self._info.warnings:
+            advice = self._show_person(examination)
+            self._notes += [("warning", text) for text in advice]
+            if not (warnings or advice or self._info.warnings):
                 self._notes.append(("good", "nothing found that speaks against tracking it"))
             if not self._own_box.value:
-                self._low.value = tuple(np.round(volume.low, 2).tolist())
-                self._high.value = tuple(np.round(volume.high, 2).tolist())
-                self._draw_box()
+                self._set_corners(np.stack([volume.low, volume.high]))
         if not self._closed.is_set():
             self._remarks.content = self._describe()
+
+    def _show_person(self, examination: Examination) -> list[str]:
+        """Show what each camera sees of the person, and how the cameras are in time; return what to
+        do."""
+        if examination.diagnosis is None or self.sequence.settings.subject == "object":
+            return []
+        views = examination.diagnosis.views
+        large, small = (max(rig.width, rig.height) for rig in (self.sequence.rig, views.rig))
+        self._person = find_person_in_views(views, large / small)
+        tangency = Tangency(views.rig, views.outlines)
+        if np.isfinite(tangency.size):
+            lags = Lags(tangency, min(_MOST_LAG, len(views.frames) // 3))
+            costs = [lags.curve(view, [0] * len(views.rig)) for view in range(len(views.rig))]
+            figure = draw_lags(np.stack(costs), views.rig.names)
+            with self._beside:
+                self._parts.append(self._server.gui.add_plotly(figure, aspect=0.8))
+        config = InViewConfig()
+        return [text for seen in self._person if (text := seen.describe(config))]
 
     def _warn(self, text: str) -> None:
         self._notes.append(("warning", text))
@@ -206,15 +244,20 @@ class FootageView:
 
     def _describe(self) -> str:
         info = self._info
-        rows = [
-            (c.name, f"{c.size[0]} x {c.size[1]}", f"{c.distance:.2f}", f"{c.height:.2f}", c.frames)
+        rows: list[tuple[object, ...]] = [
+            (c.name, f"{c.size[0]} x {c.size[1]}", f"{c.distance:.2f}", f"{c.height:.2f}")
             for c in info.cameras
         ]
+        heading: tuple[str, ...] = ("camera", "px", "m away", "m high")
+        if self._person:
+            heading += ("whole", "px")
+            seen = [(f"{one.seen * one.whole:.0%}", f"{one.height:.0f}") for one in self._person]
+            rows = [(*row, *more) for row, more in zip(rows, seen, strict=True)]
         facts = (
             f"{self.sequence.folder.name}: {info.frames} frames at {info.fps:g} per second; "
             f"background: {info.background_kind}"
         )
-        table = make_table(rows, ("camera", "px", "distance m", "height m", "frames"))
+        table = make_table(rows, heading)
         return make_text(facts) + table + make_lines(self._notes)
 
 

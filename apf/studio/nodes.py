@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,8 +11,7 @@ import trimesh
 from apf.body.kinematics import bone_matrices, posed_joints
 from apf.body.limbs import limb_bones, limb_ends
 from apf.body.mesh import cone_mesh
-from apf.body.model import find_side
-from apf.report.overlay import COLOURS
+from apf.report.scene_colours import LOST, colour_by_side, colour_edges
 from apf.studio.clouds import Points, grid_centre
 from apf.tracking.track import Track
 from psfs.cameras.camera import CameraRig
@@ -21,13 +21,9 @@ from psfs.voxels.grid import VoxelGrid
 if TYPE_CHECKING:
     import viser
 
-#: RGB of a side of the body: blue, orange and green, which colour-blind people distinguish; and of
-#: what is lost.
-SIDES = {side: (int(r), int(g), int(b)) for side, (b, g, r) in COLOURS.items()}
-LOST = (200, 0, 90)
 _VERTICES_PER_CONE = 18
 _BONE_WIDTH, _TRAIL_WIDTH = 4.0, 2.0  # px
-_JOINT_SIZE = 0.03  # m
+_JOINT_SIZE, _HANDLE = 0.03, 0.8  # m
 _NO_LINES = np.zeros((1, 2, 3), np.float32)
 
 
@@ -41,14 +37,13 @@ class BodyNodes:
         self._track, body = track, track.its_body
         self._limb_bones, self.ends = limb_bones(body), limb_ends(body)
         self._lost, self._lost_limbs = track.lost, track.lost_limbs  # computed at each call
-        sides = [find_side(track.joint_names[end]) for _, end in track.edges]
-        self._edge_colours = np.array([SIDES[side] for side in sides], np.uint8)
+        self._edge_colours = colour_edges(track)
         self._root = scene.add_frame(name, show_axes=False)
         self._bones = [
             scene.add_frame(f"{name}/{b}", show_axes=False) for b in range(len(body.bones))
         ]
         self.cones: list[viser.MeshHandle] = []
-        self._cone_sides = [find_side(cone) for cone in body.cone_names]
+        self._cone_colours = colour_by_side(body.cone_names).tolist()
         self._cone_bones = np.array([cone.bone for cone in body.cones])
         mesh = cone_mesh(body, _VERTICES_PER_CONE)
         for number, cone in enumerate(body.cones):
@@ -59,7 +54,7 @@ class BodyNodes:
                     f"{name}/{cone.bone}/cone{number}",
                     mesh.positions[used, 0],
                     corners.reshape(-1, 3),
-                    color=SIDES[self._cone_sides[number]],
+                    color=self._cone_colours[number],
                     opacity=0.55,
                 )
             )
@@ -114,7 +109,7 @@ class BodyNodes:
 
     def _colour_cones(self, lost: np.ndarray) -> None:
         for number in np.flatnonzero(lost != self._shown_lost):
-            self.cones[number].color = LOST if lost[number] else SIDES[self._cone_sides[number]]
+            self.cones[number].color = LOST if lost[number] else self._cone_colours[number]
         self._shown_lost = lost
 
     def _show_trails(self, row: int, rows: int) -> None:
@@ -123,14 +118,14 @@ class BodyNodes:
             self.trails.visible = False
             return
         lines = np.stack([past[:-1], past[1:]], axis=2).reshape(-1, 2, 3)
-        sides = [SIDES[find_side(self._track.joint_names[end])] for end in self.ends]
-        colours = np.tile(np.array(sides, np.uint8), (len(past) - 1, 1))
+        sides = colour_by_side(self._track.joint_names[end] for end in self.ends)
+        colours = np.tile(sides, (len(past) - 1, 1))
         self.trails.points, self.trails.visible = lines, True
         self.trails.colors = np.repeat(colours[:, None], 2, axis=1)
 
 
 class VoxelNode:
-    """The surface voxels of one frame as points of the voxels' size."""
+    """The surface voxels of one frame as points."""
 
     def __init__(self, scene: viser.SceneApi, grid: VoxelGrid) -> None:
         self._node = scene.add_point_cloud(
@@ -147,6 +142,7 @@ class VoxelNode:
         self._points = points
         if points is not None and len(points.positions):
             self._node.points, self._node.colors = points.positions, points.colours
+            self._node.point_size = points.size
         self._node.visible = points is not None and len(points.positions) > 0
 
 
@@ -162,7 +158,7 @@ class CameraNodes:
             node = scene.add_camera_frustum(
                 f"/cameras/{number}",
                 fov=2 * float(np.arctan2(height / 2, camera.K[1, 1])),
-                aspect=width / height, scale=depth, color=(40, 60, 95),
+                aspect=width / height, scale=depth, color=(70, 110, 170),
                 thickness=2.0, thickness_units="screen",
                 wxyz=to_quaternion(camera.R.T), position=camera.centre,
             )  # fmt: skip
@@ -189,18 +185,41 @@ def add_floor(scene: viser.SceneApi, grid: VoxelGrid) -> None:
     )  # fmt: skip
 
 
-def add_box(
-    scene: viser.SceneApi, name: str, low: np.ndarray, high: np.ndarray
-) -> viser.LineSegmentsHandle:
-    """Add the edges of a box between two corners (3,) m, and return its node."""
-    corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3)
-    pairs = [
-        (a, b) for a in range(8) for b in range(a) if np.abs(corners[a] - corners[b]).sum() == 1
-    ]
-    lines = (low + corners * (high - low))[np.array(pairs)]
-    return scene.add_line_segments(
-        name, lines.astype(np.float32), (120, 60, 160), thickness=2.0, thickness_units="screen"
-    )
+class BoxNode:
+    """The edges of a box, with a handle at two opposite corners by which it is dragged.
+
+    corners: (2, 3) m. dragged: called with the corners after a handle was moved by a user.
+    """
+
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        name: str,
+        corners: np.ndarray,
+        dragged: Callable[[np.ndarray], None],
+    ) -> None:
+        self._edges = scene.add_line_segments(
+            name, _NO_LINES, (120, 60, 160), thickness=2.0, thickness_units="screen"
+        )
+        self.handles = [
+            scene.add_transform_controls(
+                f"{name}/{number}", scale=_HANDLE, disable_rotations=True, depth_test=False,
+                opacity=0.7,
+            )
+            for number in range(2)
+        ]  # fmt: skip
+        for handle in self.handles:
+            handle.on_update(lambda event: dragged(np.stack([h.position for h in self.handles])))
+        self.show(corners)
+
+    def show(self, corners: np.ndarray) -> None:
+        """Show the box between two corners (2, 3) m."""
+        low, high = corners
+        cube = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3)
+        pairs = [(a, b) for a in range(8) for b in range(a) if np.abs(cube[a] - cube[b]).sum() == 1]
+        self._edges.points = (low + cube * (high - low))[np.array(pairs)].astype(np.float32)
+        for handle, corner in zip(self.handles, corners, strict=True):
+            handle.position = corner
 
 
 def to_quaternion(rotation: np.ndarray) -> np.ndarray:

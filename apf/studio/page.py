@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from apf.studio.calibrate import CalibrateView
 from apf.studio.correct_panel import CorrectPanel
 from apf.studio.export_panel import ExportPanel
 from apf.studio.folders import Found, Roots, find_kind
@@ -22,7 +23,12 @@ if TYPE_CHECKING:
     import viser
 
 #: Kinds of folders, as the list names them.
-_KINDS = {"take": "footage", "track": "track", "voxels": "voxels"}
+_KINDS = {
+    "take": "footage",
+    "views": "footage without cameras",
+    "track": "track",
+    "voxels": "voxels",
+}
 _NOTHING = "(choose)"
 
 
@@ -46,8 +52,9 @@ class Page:
         self._lock = threading.RLock()
         self.watch: Watch | None = None
         self.footage: FootageView | None = None
+        self.calibrate: CalibrateView | None = None
         gui = self.server.gui
-        gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
+        self._choose_theme(False)
         gui.set_panel_label("psfs-apf studio")
         self._beside = gui.add_panel()
         self.pictures = self._beside.add_tab("Pictures and curves")
@@ -82,7 +89,10 @@ class Page:
         with self._lock:
             path = self.roots.check(path)
             kind = find_kind(path)
+            if self._results.is_dir():
+                self.roots.add(self._results)
             self.close_folder()
+            self._choose_in_list(path)
             self._message.content = ""
             server, panels = self.server, (self.watching, self.pictures)
             if kind == "track":
@@ -92,9 +102,13 @@ class Page:
             elif kind == "voxels":
                 self.watch = Watch(server, open_voxels(path), *panels)
             elif kind == "take":
-                sequence = Sequence.open(path)
-                self.footage = footage = FootageView(server, sequence, panels, self._make_device)
-                self.run.offer(sequence, lambda: footage.volume)
+                self._open_footage(Sequence.open(path))
+            elif kind == "views":
+                known = self.roots.find_calibrations()
+                self.calibrate = CalibrateView(
+                    server, path, panels, self._results, known,
+                    lambda cameras: self._open_with_cameras(path, cameras),
+                )  # fmt: skip
             else:
                 raise InputError(
                     f"{path}: nothing to open; expected a take, or results of apf track or psfs "
@@ -105,11 +119,34 @@ class Page:
         """Close the folder that is open, if one is."""
         with self._lock:
             self.correct.offer(None)  # its handle stands in the scene
-            for shown in (self.watch, self.footage):
+            for shown in (self.watch, self.footage, self.calibrate):
                 if shown is not None:
                     shown.close()
-            self.watch = self.footage = None
+            self.watch = self.footage = self.calibrate = None
             self._offer()
+
+    def _open_footage(self, sequence: Sequence) -> None:
+        panels = self.watching, self.pictures
+        self.footage = footage = FootageView(self.server, sequence, panels, self._make_device)
+        self.run.offer(sequence, lambda: footage.volume)
+
+    def _open_with_cameras(self, path: Path, cameras: Path) -> None:
+        """Open footage without a calibration with the cameras of a file."""
+        with self._lock:
+            try:
+                sequence = Sequence.open(path, calibration=cameras)
+            except UserError as error:
+                self.say(error)
+                return
+            self.close_folder()
+            self._open_footage(sequence)
+
+    def _choose_in_list(self, path: Path) -> None:
+        """Have the list of folders show which one is open."""
+        self.list_folders()
+        names = [name for name, one in self._choices.items() if one.path.resolve() == path]
+        self._opened = names[0] if names else _NOTHING
+        self._folder.value = self._opened
 
     def _offer(self) -> None:
         """Have the panels offer what can be done with the run that is open, or nothing."""
@@ -129,19 +166,30 @@ class Page:
         self._message.content = make_lines([("warning", error)])
 
     def _add_open(self, gui: viser.GuiApi) -> None:
-        self._folder = gui.add_dropdown(
+        self._folder: Any = gui.add_dropdown(
             "open",
             [_NOTHING],
             initial_value=_NOTHING,
             hint="takes and results in the folders of the command",
         )
+        self._opened = _NOTHING
         self._message = gui.add_html(make_text("Choose a folder to open."))
         self.list_folders()
         self._folder.on_update(lambda event: self._choose())
+        self.dark: Any = gui.add_checkbox("dark", False, hint="key: D")
+        self.dark.on_update(lambda event: self._choose_theme(self.dark.value))
+        gui.add_command("Dark or light", hotkey="D").on_trigger(
+            lambda event: setattr(self.dark, "value", not self.dark.value)
+        )
+
+    def _choose_theme(self, dark: bool) -> None:
+        self.server.gui.configure_theme(
+            dark_mode=dark, show_logo=False, show_share_button=False, control_width="large"
+        )
 
     def _choose(self) -> None:
         found = self._choices.get(self._folder.value)
-        if found is None:
+        if found is None or self._folder.value == self._opened:
             return
         try:
             self.open(found.path)
@@ -155,7 +203,6 @@ class Page:
             self.open(output)
         except UserError as error:  # its first part is just being replaced
             self.say(error)
-        self.list_folders()
 
     def _show_carved(self, frame: int) -> None:
         if (watch := self.watch) is not None:

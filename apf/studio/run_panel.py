@@ -108,6 +108,8 @@ class RunPanel:
             flags.append("--one-way")
         if self.keypoints.value and (found := find_keypoints(self._sequence.folder)) is not None:
             flags += ["--keypoints", str(found)]
+        if self._sequence.settings.calibration is not None:
+            flags += ["--calibration", str(self._sequence.settings.calibration)]
         if (box := self._volume()) is not None:
             numbers = np.stack(box, axis=-1).ravel()
             flags.append("--volume=" + ",".join(f"{number:g}" for number in numbers))

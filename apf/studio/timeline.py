@@ -161,14 +161,17 @@ class TimeLine:
             self.slider.value = self.playback.position
 
     def _play(self) -> None:
-        last, slid = time.perf_counter(), 0.0
+        last, slid, played = time.perf_counter(), 0.0, False
         while not self._ended.is_set():
             if not self.playback.playing:
+                if played:
+                    self.refresh()  # with what was left out while it played
+                played = False
                 self._wake.wait()
                 self._wake.clear()
                 last = time.perf_counter()
                 continue
-            now = time.perf_counter()
+            now, played = time.perf_counter(), True
             with self._lock:
                 before = self.playback.position
                 self.playback.advance(now - last)

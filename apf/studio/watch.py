@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import threading
+import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from apf.body.limbs import limb_names
+from apf.studio.browsers import draws_slowly
 from apf.studio.clouds import CarvedClouds, Clouds
 from apf.studio.curves import angle_groups, draw_angles, draw_confidence
+from apf.studio.look_through import LookThrough
 from apf.studio.nodes import BodyNodes, CameraNodes, VoxelNode, add_floor
 from apf.studio.opened import Opened
 from apf.studio.pictures import PictureReader, draw_people, small_pictures
@@ -22,8 +26,10 @@ from psfs.voxels.grid import VoxelGrid
 if TYPE_CHECKING:
     import viser
 
-_ALL = "all cameras"
+_ALL, _FREE = "all cameras", "(none)"
 _TRAIL_SECONDS = 1.0
+#: Least time between two changes of the words while playing, s: browsers draw whole panels again.
+_PAUSE = 0.2
 #: A 3-D view without voxels gets a floor of this many metres around the person.
 _AROUND = 1.0
 
@@ -38,7 +44,7 @@ class Watch:
     def __init__(self, server: viser.ViserServer, opened: Opened, panel: Any, beside: Any) -> None:
         self._server, self.opened = server, opened
         self._closed, self._reader = threading.Event(), None
-        self._position = -1
+        self._position, self._status_time, self._timed = -1, 0.0, False
         scene = server.scene
         self.bodies = {
             name: BodyNodes(scene, f"/people/{number}", track)
@@ -47,9 +53,13 @@ class Watch:
         self._grid = opened.clouds.grid if opened.clouds is not None else _grid_around(opened)
         self._voxels = VoxelNode(scene, self._grid)
         add_floor(scene, self._grid)
-        self._cameras = None
+        self._cameras, self._looking = None, None
+        #: Called with a camera's index and the direction of what was clicked in its picture.
+        self.pointed: Callable[[int, np.ndarray], object] = lambda view, way: None
         if opened.sequence is not None:
-            self._cameras = CameraNodes(scene, opened.sequence.rig)
+            rig = opened.sequence.rig
+            self._cameras = CameraNodes(scene, rig)
+            self._looking = LookThrough(server, rig, lambda view, way: self.pointed(view, way))
         self._look_at_scene()
         with panel:
             self._add_controls(server.gui)
@@ -81,8 +91,12 @@ class Watch:
         for name, box in self._shown.items():
             box.visible = name in ("voxels", "cameras") or bool(self.bodies)
             box.on_update(lambda event: self._choose_layers())
+        self._coarse: Any = gui.add_checkbox(
+            "coarse while playing", False, visible=opened.clouds is not None,
+            hint="fewer, larger voxels; set by itself where the browser has no graphics chip",
+        )  # fmt: skip
         self._remarks = gui.add_html(self._describe())
-        self._parts: list[Any] = [self._status, self._remarks, *self._shown.values()]
+        self._parts: list[Any] = [self._status, self._remarks, self._coarse, *self._shown.values()]
 
     def _add_pictures(self, gui: viser.GuiApi) -> None:
         opened, track = self.opened, self.opened.track
@@ -90,6 +104,12 @@ class Watch:
             names = [_ALL, *opened.sequence.rig.names]
             self._view = gui.add_dropdown("camera", names, initial_value=_ALL)
             self._view.on_update(lambda event: self._ask_pictures())
+            self.through = gui.add_dropdown(
+                "look through", (_FREE, *opened.sequence.rig.names), initial_value=_FREE,
+                hint="the 3-D view as this camera has it, before its picture",
+            )  # fmt: skip
+            self.through.on_update(lambda event: self._look_through())
+            self._parts.append(self.through)
             self._picture = gui.add_image(np.zeros((90, 160, 3), np.uint8), format="jpeg")
             self._parts += [self._view, self._picture]
         if track is not None and len(track) > 1:
@@ -119,6 +139,11 @@ class Watch:
         """The words about the run, HTML."""
         return str(self._remarks.content)
 
+    @property
+    def coarse(self) -> bool:
+        """Whether voxels are shown coarsely while playing."""
+        return bool(self._coarse.value)
+
     def show_carved(self, frame: int) -> None:
         """Show voxels that have just become known, if they are of the frame that is shown."""
         if self._closed.is_set():
@@ -134,6 +159,8 @@ class Watch:
         self.time_line.close()
         if self._reader is not None:
             self._reader.close()
+        if self._looking is not None:
+            self._looking.close()
         self.opened.close()
         for part in self._parts:
             part.remove()
@@ -152,17 +179,29 @@ class Watch:
                 body.set_visible(row is not None)
                 if row is not None:
                     body.show(row, int(_TRAIL_SECONDS * opened.fps))
-        if self._position != position or not self.time_line.playing:
-            self._position = position
+        now, playing = time.monotonic(), self.time_line.playing
+        if not playing or (self._position != position and now - self._status_time > _PAUSE):
+            self._position, self._status_time = position, now
             self._say_status(position)
             self._ask_pictures()
 
     def _show_voxels(self, clouds: Clouds, frame: int) -> None:
         try:
-            self._voxels.show(clouds.get(frame))
+            points = clouds.get(frame)
+            if points is not None and points.blocks is not None and self.time_line.playing:
+                if not self._timed:
+                    self._timed = True
+                    threading.Thread(target=self._time_browsers, daemon=True).start()
+                points = points.blocks if self._coarse.value else points
+            self._voxels.show(points)
         except UserError as error:  # a file that is gone or damaged
             self._voxels.show(None)
             self._fail(f"no voxels of frame {frame}: {error}")
+
+    def _time_browsers(self) -> None:
+        """Have voxels shown coarsely while playing if a browser draws slowly."""
+        if draws_slowly(self._server) and not self._closed.is_set():
+            self._coarse.value = True
 
     def _say_status(self, position: int) -> None:
         opened, frame = self.opened, int(self.opened.frames[position])
@@ -203,12 +242,19 @@ class Watch:
                 cone.visible = shown["body"]
             body.skeleton.visible = body.joints.visible = shown["skeleton"]
             body.set_trails(shown["trails"])
-        if self._cameras is not None:
-            self._cameras.set_visible(shown["cameras"])
+        if self._cameras is not None and self._looking is not None:
+            self._cameras.set_visible(shown["cameras"] and self._looking.view is None)
         self._want_voxels()
         if not shown["voxels"]:
             self._voxels.show(None)
         self.time_line.refresh()
+
+    def _look_through(self) -> None:
+        assert self._looking is not None and self.opened.sequence is not None
+        names = self.opened.sequence.rig.names
+        chosen = self.through.value
+        self._looking.choose(names.index(chosen) if chosen in names else None)
+        self._choose_layers()
 
     def _want_voxels(self) -> None:
         if isinstance(self.opened.clouds, CarvedClouds):
@@ -226,6 +272,8 @@ class Watch:
         view = names.index(self._view.value) if self._view.value in names else None
         self._picture.image = draw_people(frame, self.opened, view)
         self._cameras.show(small_pictures(frame, self.opened.sequence))
+        if self._looking is not None:
+            self._looking.show(frame)
 
     def _fail(self, text: str) -> None:
         if not self._closed.is_set():

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from psfs.common.names import escape_unprintable
 
-_CELL = "padding:1px 8px 1px 0;vertical-align:top"
+_CELL = "padding:1px 8px 1px 0;vertical-align:top;white-space:nowrap"
 #: Signs before a line, so that its kind does not depend on a colour.
 _SIGNS = {"warning": "⚠", "note": "•", "good": "✓"}
 

@@ -1,4 +1,4 @@
-"""A run of `apf track` in a process of its own: started, followed by the files it writes, ended."""
+"""A command in a process of its own: started, followed by the files it writes, ended."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from apf.tracking.track import PARTS, Track
 from cl import UserError
 from psfs.common.scratch import temporary_folder
 
+#: Characters of progress bars and tables, which the page has in its own way.
+_DRAWN = frozenset("━┃│└╇┡")
 #: Longest wait for a run that was interrupted to write what it has, s.
 _PATIENCE = 60.0
 
@@ -34,31 +36,34 @@ def free_folder(root: Path, name: str) -> Path:
 
 
 class Work:
-    """A running `apf track`.
+    """A running command.
 
     flags: after the subcommand, without -o. output: its folder, which must not exist. tables:
-    settings for --config. n_frames: how many are to be tracked.
+    settings for --config. n_frames: how many are to be tracked. command: program and subcommand.
     """
 
     def __init__(
         self,
         flags: Sequence[str],
         output: Path,
-        n_frames: int,
+        n_frames: int = 0,
         tables: Mapping[str, object] | None = None,
+        *,
+        command: tuple[str, str] = ("apf", "track"),
     ) -> None:
         self.output, self.n_frames = output, n_frames
         self._files = ExitStack()
-        words = ["track", *flags, "-o", str(output)]
+        program, subcommand = command
+        words = [subcommand, *flags, "-o", str(output)]
         if tables:
             settings = self._files.enter_context(temporary_folder()) / "settings.toml"
             settings.write_text(tomli_w.dumps(dict(tables)), encoding="utf-8")
             words += ["--config", str(settings)]
-        self.command = ["apf", *words]
+        self.command = [program, *words]
         self._counts: dict[Path, int] = {}
         self._lines: list[str] = []
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "apf.cli", *words],
+            [sys.executable, "-m", f"{program}.cli", *words],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -67,7 +72,7 @@ class Work:
             errors="replace",
             start_new_session=True,
         )
-        self._reader = threading.Thread(target=self._read, daemon=True, name="apf track")
+        self._reader = threading.Thread(target=self._read, daemon=True, name=" ".join(command))
         self._reader.start()
 
     @property
@@ -124,5 +129,5 @@ class Work:
         assert self._process.stdout is not None
         with self._process.stdout as lines:
             for line in lines:
-                if line.strip():
+                if line.strip() and not _DRAWN.intersection(line):
                     self._lines.append(line.rstrip())

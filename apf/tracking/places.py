@@ -6,13 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from apf.body.kinematics import CONE_FLOATS, posed_cones
+from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, body_defines, pack_body
 from apf.body.spheres import ALONG
 from cl import Array, Device, Launch
 from cl.parts import Parts
 from cl.workgroups import pack_defines
+from psfs.common.cones import CONE_FLOATS
 
 #: Frames whose poses are held: the two that the next frame is predicted from, and the one that a
 #: search may be writing.

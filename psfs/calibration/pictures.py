@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 
 from psfs.calibration.calibrator import CalibrationResult
-from psfs.calibration.report import CELLS, ViewReport
+from psfs.calibration.coverage import CELLS
+from psfs.calibration.report import ViewReport
 from psfs.common.files import write_atomically
 
 if TYPE_CHECKING:

@@ -9,12 +9,11 @@ import numpy as np
 
 from psfs.calibration.calibrator import CalibrationResult
 from psfs.calibration.config import CalibrationConfig
+from psfs.calibration.coverage import Coverage, find_cells
 from psfs.calibration.scene import all_reprojection_errors, rms
 from psfs.calibration.targets.target import group_by_view
 from psfs.cameras.camera import Camera
 
-#: Cells of a picture, across and down, for measuring coverage.
-CELLS = (8, 6)
 #: Reprojection errors, px: up to the first good, above the second unusable.
 _GOOD, _BAD = 1.0, 3.0
 
@@ -62,9 +61,7 @@ def summarise_views(
         sightings = own[view]
         pixels = np.concatenate([s.pixels for s in sightings] or [np.zeros((0, 2))])
         errors = all_reprojection_errors(result.scene, result.target, sightings)
-        cells = np.zeros(CELLS[::-1], bool)
-        at = (pixels / camera.size * CELLS).astype(int).clip(0, np.array(CELLS) - 1)
-        cells[at[:, 1], at[:, 0]] = True
+        cells = find_cells(pixels, camera.size)
         shared = int(np.delete(result.shared[view], view).max(initial=0))
         dropped = result.dropped[camera.name]
         report = ViewReport(camera, len(sightings), shared, pixels, errors, cells, dropped)
@@ -88,23 +85,8 @@ def _list_faults(
             f"{result.misfits[name]}; calibrate without --intrinsics, or with those of these "
             "pictures' size and zoom"
         )
-    if view.frames < config.few_frames:
-        faults.append(
-            f"sees too little: the {what} in {view.frames} frames, expected {config.few_frames} or "
-            "more; wave it longer where this camera looks"
-        )
-    elif result.target.known is None and view.shared < config.few_frames:
-        faults.append(
-            f"sees too little together with others: {view.shared} frames, expected "
-            f"{config.few_frames} or more; hold the {what} where two cameras see it at once"
-        )
-    if not lenses_known and view.coverage < config.coverage:
-        faults.append(
-            f"sees the {what} in {100 * view.coverage:.0f} % of its picture, expected "
-            f"{100 * config.coverage:.0f} or more: bring it nearer and into the corners, or give "
-            "--intrinsics"
-        )
-    return tuple(faults)
+    seen = Coverage(view.frames, view.shared if result.target.known is None else None, view.cells)
+    return (*faults, *seen.list_gaps(what, lenses_known, config))
 
 
 def judge_calibration(views: list[ViewReport]) -> str:

@@ -9,6 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+#: Floats of a cone.
+CONE_FLOATS = 16
+
 
 def cone_distances(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
     """Return signed distances (N, C) m from points (N, 3) to the surfaces of cones (C, 16).

@@ -252,3 +252,19 @@ class FaultConfig(Config):
         "Greatest ratio of a camera's cost after a rotation to the cost before for it to count"
         " as turned.",
     )
+
+
+class InViewConfig(Config):
+    """Least view of the person that each camera should have, see
+    `psfs.diagnostics.person_in_view`."""
+
+    SOURCE: ClassVar = "by hand"
+
+    seen: float = fraction(0.7, "Share of the frames in which a camera should see somebody.")
+    whole: float = fraction(0.8, "Share of these in which it should see the whole person.")
+    height: float = positive(
+        100.0,
+        "Height of the person in a picture.",
+        "the sequences of docs/accuracy.md show people 150 to 390 px high",
+        unit="px",
+    )

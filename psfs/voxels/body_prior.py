@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError
-from psfs.common.cones import largest_slopes
+from psfs.common.cones import CONE_FLOATS, largest_slopes
 from psfs.common.npz import Values, read_npz
 from psfs.common.ranges import spans
 from psfs.voxels.config import BodyPriorConfig
 
-#: Numbers of a cone, see `psfs.common.cones`, and place of its slope among them.
-_CONE_FLOATS, _SLOPE = 16, 11
+#: Place of a cone's slope among its floats, where `psfs.common.cones` leaves a 0.
+_SLOPE = 11
 #: The arrays of a `track.npz` that are read here; a cone of which nothing is known is NaN.
 _ARRAYS = {
     "frames": Values(("F",), "int", low=0),
-    "cones": Values(("F", "C", _CONE_FLOATS), finite=False, low=-1e6, high=1e6, needed=False),
+    "cones": Values(("F", "C", CONE_FLOATS), finite=False, low=-1e6, high=1e6, needed=False),
 }
 _WHAT = "a track.npz that `apf track` wrote"
 
@@ -89,7 +89,7 @@ def body_counts(
 def pack_body(config: BodyPriorConfig, cones: np.ndarray, step: float) -> np.ndarray:
     """Return (C + 1, 16) float32 of cones (C, 16), as body_prior.h reads them."""
     inside, outside, known = body_counts(config, cones, step)
-    packed = np.zeros((len(cones) + 1, _CONE_FLOATS), np.float32)
+    packed = np.zeros((len(cones) + 1, CONE_FLOATS), np.float32)
     packed[0, :5] = inside, outside, config.depth, config.distance, len(known)
     packed[1 : len(known) + 1] = known
     packed[1 : len(known) + 1, _SLOPE] = largest_slopes(known)

@@ -1,21 +1,25 @@
-"""Public datasets with markers as suites: BioCV and TotalCapture, by their published layouts.
+"""Public datasets with markers as suites: BioCV, TotalCapture and Human3.6M, by their published
+layouts.
 
 BioCV (Evans et al., University of Bath, researchdata.bath.ac.uk/1258): in a participant's folder
 NN.mp4.calib for each camera, and in a folder for each trial NN.mp4 and markers.c3d, whose joint
 centres are LEFT_HIP and so on, in mm. TotalCapture (Trumble et al. 2017, CVSSP): calibration.cal,
 videos TC_S1_walking1_cam1.mp4, and gt_skel_gbl_pos.txt in a folder of the trial's name, joints in
-inches, Y up. The data themselves were not at hand: the readers are tested on files made in these
-layouts. Human3.6M, whose joints are CDF files, is not read.
+inches, Y up. Human3.6M (Ionescu et al. 2014): metadata.xml with the cameras, and in a subject's
+folder Videos/ACTION.CAMERA.mp4 and MyPoseFeatures/D3_Positions/ACTION.cdf, 32 joints in mm, Z up.
+The data themselves were not at hand: the readers are tested on files made in these layouts.
 """
 
 from __future__ import annotations
 
 import re
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import JointSeries
@@ -25,7 +29,7 @@ from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.files import read_text, write_atomically
 
-DATASETS = ("biocv", "totalcapture")
+DATASETS = ("biocv", "totalcapture", "human36m")
 #: Joints by their names in BioCV, after LEFT_ or RIGHT_, and in TotalCapture, after Left or Right.
 _BIOCV = {"SHO": "shoulder"} | {n.upper(): n for n in ("elbow", "wrist", "hip", "knee", "ankle")}
 _TOTALCAPTURE = {
@@ -33,6 +37,17 @@ _TOTALCAPTURE = {
     "UpLeg": "hip", "Leg": "knee", "Foot": "ankle",
 }  # fmt: skip
 _INCH, _TOTALCAPTURE_FPS = 0.0254, 60.0
+#: Human3.6M's joints of the limbs by their rows out of 32, its cameras with their picture sizes,
+#: its number of subjects, and its rate, frames/s.
+_HUMAN36M = {
+    "Right": {"UpLeg": 1, "Leg": 2, "Foot": 3, "Arm": 25, "ForeArm": 26, "Hand": 27},
+    "Left": {"UpLeg": 6, "Leg": 7, "Foot": 8, "Arm": 17, "ForeArm": 18, "Hand": 19},
+}
+_HUMAN36M_CAMERAS = {
+    "54138969": (1000, 1002), "55011271": (1000, 1000),
+    "58860488": (1000, 1000), "60457274": (1000, 1002),
+}  # fmt: skip
+_HUMAN36M_SUBJECTS, _HUMAN36M_FPS = 11, 50.0
 #: From Y up to Z up.
 _UPRIGHT = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
@@ -50,9 +65,9 @@ class Trial:
 def prepare_dataset(kind: str, folder: Path, suite: Path) -> Path:
     """Make a suite of a dataset's trials: a folder each with links to the videos, calibration.toml
     and truth.npz; return `suite`. Raises InputError if there is none, or one that is damaged."""
-    readers = {"biocv": read_biocv, "totalcapture": read_totalcapture}
+    readers = (read_biocv, read_totalcapture, read_human36m)
     count = 0
-    for trial in readers[kind](folder):
+    for trial in dict(zip(DATASETS, readers, strict=True))[kind](folder):
         own, count = suite / trial.name, count + 1
         (own / "videos").mkdir(parents=True, exist_ok=True)
         for camera, video in zip(trial.rig, trial.videos, strict=True):
@@ -144,6 +159,74 @@ def _read_positions(path: Path) -> JointSeries:
         ) from None
     frames = np.arange(len(joints))
     return JointSeries(tuple(names), joints @ _UPRIGHT.T, _TOTALCAPTURE_FPS, frames)
+
+
+def read_human36m(folder: Path) -> Iterator[Trial]:
+    """Yield the trials of all subjects in a folder with metadata.xml."""
+    found = sorted(folder.rglob("metadata.xml"))
+    if len(found) != 1:
+        raise InputError(f"{folder}: {len(found)} files metadata.xml; expected one")
+    numbers = _read_camera_numbers(found[0])
+    for path in sorted(folder.rglob("D3_Positions/*.cdf")):
+        home = path.parents[2]
+        if not re.fullmatch(r"S([1-9]|1[01])", home.name):
+            raise InputError(f"{path}: in a folder {home.name}; expected a subject's, S1 to S11")
+        videos = [home / "Videos" / f"{path.stem}.{camera}.mp4" for camera in _HUMAN36M_CAMERAS]
+        lacking = [video for video in videos if not video.is_file()]
+        if lacking:
+            raise InputError(f"{path}: no video {lacking[0].name}; expected one for each camera")
+        cameras = _make_human36m_cameras(numbers, int(home.name[1:]))
+        truth = _select(path, _read_cdf(path), _TOTALCAPTURE, ("Left", "Right"))
+        name = f"{home.name}_{path.stem.replace(' ', '_')}"
+        yield Trial(name, CameraRig(cameras), tuple(videos), truth)
+
+
+def _read_camera_numbers(path: Path) -> np.ndarray:
+    """Return the 300 numbers of metadata.xml: for each camera and subject three angles and the
+    centre, mm, then for each camera fx fy cx cy k1 k2 k3 p1 p2."""
+    try:
+        text = ElementTree.fromstring(read_text(path, "Human3.6M's metadata")).findtext(".//w0")
+        numbers = np.array([float(word) for word in (text or "").strip(" []\n").split()])
+    except (ElementTree.ParseError, ValueError) as error:
+        raise InputError(f"{path}: {error}; expected Human3.6M's metadata") from None
+    if numbers.size != 300 or not np.isfinite(numbers).all():
+        raise InputError(f"{path}: w0 has {numbers.size} numbers; expected 300 finite ones")
+    return numbers
+
+
+def _make_human36m_cameras(numbers: np.ndarray, subject: int) -> tuple[Camera, ...]:
+    """Return the cameras of a subject. Their tangential terms are taken as OpenCV's; the published
+    projection has half of them, which moves a point near the picture's corner by half a pixel."""
+    count = len(_HUMAN36M_CAMERAS)
+    outer = numbers[: -9 * count].reshape(count, _HUMAN36M_SUBJECTS, 6)[:, subject - 1]
+    cameras = []
+    for (name, size), (*angles, x, y, z), inner in zip(
+        _HUMAN36M_CAMERAS.items(), outer, numbers[-9 * count :].reshape(count, 9), strict=True
+    ):
+        R = Rotation.from_euler("XYZ", angles).as_matrix()
+        fx, fy, cx, cy, k1, k2, k3, p1, p2 = inner
+        K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        t = -R @ np.array([x, y, z]) / 1000
+        distortion = np.array([k1, k2, p1, p2, k3])
+        cameras.append(Camera(name=name, K=K, distortion=distortion, R=R, t=t, size=size))
+    return tuple(cameras)
+
+
+def _read_cdf(path: Path) -> JointSeries:
+    """Read the limbs' joints of a CDF file, whose variable Pose is (1, F, 96) mm."""
+    try:
+        import cdflib
+    except ImportError:
+        raise InputError(
+            f"{path}: reading CDF needs cdflib; expected: pip install cdflib"
+        ) from None
+    try:
+        pose = np.asarray(cdflib.CDF(path)["Pose"], float).reshape(-1, 32, 3)
+    except Exception as error:  # whatever the parser meets in a damaged file
+        raise InputError(f"{path}: {error}; expected a CDF file with Pose, 32 joints") from None
+    places = {side + name: row for side, rows in _HUMAN36M.items() for name, row in rows.items()}
+    joints = pose[:, list(places.values())] / 1000
+    return JointSeries(tuple(places), joints, _HUMAN36M_FPS, np.arange(len(joints)))
 
 
 def _select(

@@ -48,7 +48,9 @@ class Run:
     than `LOST_LIMB` from the truth. angles: name -> [RMS, RMS without the mean offset], degrees,
     where the truth has rotations. limbs, limbs_rest, limbs_far: as mean, rest and lost_joints, of
     the twelve joints that keypoints have as well, shoulders to ankles. flags: see `FlagCounts`;
-    inside_unflagged: as inside_95, of limbs that are not reported as lost. seconds of such a run
+    inside_unflagged: as inside_95, of limbs that are not reported as lost. exported: of these
+    joints as `apf export` writes them, see `peers.figures.Figures`. by_frame: the mean over joints
+    of each frame, of runs from the true first joints. seconds of such a run
     include start and reconstruction. failed: the error if there is no track; all figures are NaN
     then.
     """
@@ -77,6 +79,8 @@ class Run:
     limbs_far: float = math.nan
     flags: list[int] = field(default_factory=lambda: [0] * 4)
     inside_unflagged: float = math.nan
+    exported: dict[str, float] = field(default_factory=dict)
+    by_frame: list[float] = field(default_factory=list)
     angles: dict[str, list[float]] = field(default_factory=dict)
     failed: str = ""
 
@@ -210,6 +214,8 @@ def _plain(run: Run) -> dict[str, Any]:
     """Return the run as JSON values: None for NaN."""
     row = {**asdict(run), "setting": _stored_setting(run.setting)}
     row["joints"] = {name: [_none(of) for of in errors] for name, errors in run.joints.items()}
+    row["by_frame"] = [_none(error) for error in run.by_frame]
+    row["exported"] = {name: _none(value) for name, value in run.exported.items()}
     return {name: _none(value) for name, value in row.items()}
 
 
@@ -220,6 +226,9 @@ def _parse_row(row: dict[str, Any]) -> Run:
         name: [math.nan if of is None else of for of in errors]
         for name, errors in row["joints"].items()
     }
+    values["by_frame"] = [math.nan if of is None else of for of in row.get("by_frame", [])]
+    exported = row.get("exported", {}).items()
+    values["exported"] = {name: math.nan if of is None else of for name, of in exported}
     return Run(**{**values, "setting": _read_setting(row["setting"]), "joints": joints})
 
 
@@ -285,7 +294,7 @@ class Results:
 
     def write_csv(self, path: Path) -> None:
         """Write one row per run; errors in mm."""
-        left_out = ("setting", "joints", "angles")
+        left_out = ("setting", "joints", "angles", "exported", "by_frame")
         columns = [f.name for f in fields(Run) if f.name not in left_out]
         with write_atomically(path) as temporary, temporary.open("w", newline="") as file:
             writer = csv.writer(file)

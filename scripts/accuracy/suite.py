@@ -8,12 +8,13 @@ import re
 import time
 from collections.abc import Callable, Iterator
 from collections.abc import Sequence as Items
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tomllib
+from peers.figures import LIMB_JOINTS, measure_track
 
 from accuracy.ablation import load_preset
 from accuracy.recordings import open_for_preset
@@ -158,8 +159,13 @@ def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
         found = evaluate(track, truth)
         body = stature(take.body) / true_stature(job.folder, truth)
         figures = {"heading": heading_error(take, truth), "stature": 100 * (body - 1)}
-        angles = _angles(track, job.folder / TRUTH)
-        runs.append(replace(run, **figures, **_list_suite_figures(found), angles=angles))
+        own: dict[str, Any] = {
+            "angles": _angles(track, job.folder / TRUTH),
+            "exported": _export(track, truth),
+        }
+        if job.setting.start == "true":
+            own["by_frame"] = [round(1000 * float(error), 1) for error in found.frame_errors]
+        runs.append(replace(run, **figures, **_list_suite_figures(found), **own))
     return runs
 
 
@@ -170,6 +176,15 @@ def _angles(track: Track, truth: Path) -> dict[str, list[float]]:
     return {error.name: [error.rms, error.free] for error in found}
 
 
+def _export(track: Track, truth: JointSeries) -> dict[str, float]:
+    """Return the figures of the exported joints, see `Run.exported`; {} if one is missing."""
+    names = track.joint_names if track.body is None else track.points.joint_names
+    if not set(LIMB_JOINTS) <= set(truth.joint_names) & set(names):
+        return {}
+    figures = asdict(measure_track(track, truth))
+    return {name: value for name, value in figures.items() if name != "joints"}
+
+
 def _triangulate(sequence: Sequence, setting: Setting, truth: JointSeries) -> Run:
     """Triangulate keypoints and filter them with a low pass, the usual way without a body."""
     began = time.perf_counter()
@@ -177,7 +192,8 @@ def _triangulate(sequence: Sequence, setting: Setting, truth: JointSeries) -> Ru
     track = triangulate_track(sequence, keypoints, TriangulatedConfig(low_pass=LOW_PASS))
     run = evaluate_run(track, truth, setting, 0, time.perf_counter() - began)
     first = {"heading": _heading(track.joint_names, track.joints[:1], truth, track.frames[0])}
-    return replace(run, **first, **_list_suite_figures(evaluate(track, truth)))
+    figures = _list_suite_figures(evaluate(track, truth))
+    return replace(run, **first, **figures, exported=_export(track, truth))
 
 
 def _take(

@@ -17,6 +17,7 @@ from matplotlib.patches import Patch
 from timings.tables.grid import NONE, Grid
 
 from accuracy.ablation import ABLATIONS
+from accuracy.frame_plot import plot_frames
 from accuracy.runs import Results, Run
 from accuracy.settings import Setting
 from apf.body.model import sideless
@@ -266,7 +267,7 @@ def mean_row(rows: Sequence[Row]) -> Row:
 
 def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
     """Write suite.md, suite.csv (a row per sequence, preset, observation and start), runs.csv (a
-    row per run) and suite.png."""
+    row per run), suite.png, and frames.png of the runs from the true first joints."""
     runs = [run for run in results.runs if run.failed]
     failed = [
         f"- {r.setting.sequence}, {r.setting.preset or 'default'}, {r.setting.observations}, "
@@ -294,6 +295,7 @@ def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
             values = [*(getattr(row, name) for name in names), *row.flags]
             writer.writerow([f"{v:.4g}" if isinstance(v, float) else v for v in values])
     _plot(out / "suite.png", results, rows)
+    plot_frames(out / "frames.png", results)
 
 
 def _plot(path: Path, results: Results, rows: Sequence[Row]) -> None:

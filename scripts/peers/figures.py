@@ -9,11 +9,19 @@ import numpy as np
 from apf.evaluation.evaluate import LOST_JOINT, evaluate
 from apf.formats.trc import JointSeries
 from apf.tracking.foot_contact import find_stances
+from apf.tracking.smoothing import smooth_track
+from apf.tracking.track import Track
 
 #: A true foot stands if it is slower than this, m/s, and not higher, m, above its lowest position;
 #: least number of frames of a stance. As in scripts/compare_smoothing.py.
 _STILL, _LOW, _SHORTEST = 0.3, 0.04, 6
 _SIDES = ("l", "r")
+#: The joints that are measured: those that keypoints have, too.
+LIMB_JOINTS = tuple(
+    f"{side}_{joint}"
+    for side in _SIDES
+    for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+)
 
 
 @dataclass(frozen=True)
@@ -60,9 +68,24 @@ def measure(found: JointSeries, truth: JointSeries) -> Figures:
     )
 
 
+def measure_track(track: Track, truth: JointSeries) -> Figures:
+    """Return the figures of a track as `apf export` writes it: smoothed if it has a body, without
+    limbs reported as lost."""
+    return measure(select_limb_joints(track if track.body is None else smooth_track(track)), truth)
+
+
+def select_limb_joints(track: Track) -> JointSeries:
+    """Return the twelve joints of a track, without limbs reported as lost."""
+    points = track.points if track.body is not None else track
+    columns = [points.joint_names.index(name) for name in LIMB_JOINTS]
+    return JointSeries(LIMB_JOINTS, points.joints[:, columns], track.fps, track.frames)
+
+
 def _skating(joints: np.ndarray, names: list[str], truth: JointSeries) -> float:
     """Return the mean travel, mm, of the ankles of `joints` (F, J, 3) over the true stances; NaN if
-    there are none."""
+    there are none, or no toes."""
+    if not {f"{side}_toe" for side in _SIDES} <= set(truth.joint_names):
+        return float("nan")
     travels = []
     for side in _SIDES:
         ankle, toe = (

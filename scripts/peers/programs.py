@@ -22,18 +22,14 @@ from apf.keypoints.readers.orders import MEDIAPIPE
 from apf.keypoints.series import fill_gaps
 from apf.tracking.config import TriangulatedConfig
 from apf.tracking.smoothing import smooth_track
-from apf.tracking.track import Track
 from apf.tracking.triangulated import triangulate_track
 from cl import Device, InputError
 from peers.environments import run_script
+from peers.figures import LIMB_JOINTS, select_limb_joints
 from psfs.sequence import Sequence
 
 #: The joints that all have, and the keypoints of a pose network that they are.
-JOINTS = {
-    f"{side[0]}_{joint}": f"{side}_{joint}"
-    for side in ("left", "right")
-    for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-}
+JOINTS = {name: f"{'left' if name[0] == 'l' else 'right'}_{name[2:]}" for name in LIMB_JOINTS}
 _LIMBS = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
 #: Least visibility of a keypoint that is triangulated, as in Pose2Sim's demo (its
 #: likelihood_threshold_triangulation).
@@ -192,18 +188,7 @@ def run_ours(task: Task, what: str) -> Found:
             apf.track(task.sequence, device=task.device, method=method, keypoints=keypoints)
         )
     seconds = {"cpu": time.process_time() - cpu, "clock": time.perf_counter() - clock}
-    return select_joints(task, track, seconds)
-
-
-def select_joints(task: Task, track: Track, seconds: dict[str, float]) -> Found:
-    """Return the joints of a track, without limbs reported as lost."""
-    points = track.points if track.body is not None else _series(track)
-    columns = [points.joint_names.index(name) for name in JOINTS]
-    return _make_found(points.joints[:, columns], track.frames, task, seconds)
-
-
-def _series(track: Track) -> JointSeries:
-    return JointSeries(track.joint_names, track.joints, track.fps, track.frames)
+    return _make_found(select_limb_joints(track).joints, track.frames, task, seconds)
 
 
 def _make_found(

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import csv
 import json
+from collections import Counter
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, field, replace
 from datetime import date
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from accuracy.runs import Results
+from accuracy.runs import Results, Run
 from timings.tables.grid import NONE, Grid
 
 from cl import InputError
@@ -84,7 +86,11 @@ class PeerResults:
 
     def add(self, run: PeerRun) -> None:
         """Add a run and write the file."""
-        self.runs.append(run)
+        self.extend([run])
+
+    def extend(self, runs: list[PeerRun]) -> None:
+        """Add runs and write the file."""
+        self.runs += runs
         self.made = date.today().isoformat()
         data = {
             "made": self.made,
@@ -102,25 +108,32 @@ class PeerResults:
 _OURS = {"voxels": "ours: voxels", "keypoints": "ours: keypoints", "both": "ours: both"}
 
 
-def add_suite_runs(results: PeerResults, path: Path) -> None:
-    """Add our runs with an automatic start from the results of `accuracy.py --suite --by`, on the
-    sequences that the peers were run on. Raises InputError."""
+def replace_suite_runs(results: PeerResults, path: Path, programs: Collection[str]) -> None:
+    """Replace our runs of `programs` by those with an automatic start in the results of
+    `accuracy.py --suite --by`, where these have some, on the sequences that the peers were run on.
+    Raises InputError."""
     suite = Results.read(path)
     known = {run.sequence for run in results.runs}
-    for run in suite.runs:
-        setting = run.setting
-        program = _OURS.get(setting.observations)
-        if setting.preset or setting.start != "found" or setting.sequence not in known:
-            continue
-        if program is None or results.has(setting.sequence, program, run.seed):
-            continue
-        nothing = dict.fromkeys(("gaps", "jitter", "skating"), np.nan)
-        figures = Figures(
-            mean=run.limbs, rest=run.limbs_rest, far=run.limbs_far, joints={}, **nothing
-        )
-        where = (suite.conditions["device"], suite.conditions["commit"])
-        ours = PeerRun(setting.sequence, program, run.seed, *where)
-        results.add(ours.with_figures(figures, None, run.seconds))
+    ours = [
+        PeerRun(
+            *(run.setting.sequence, _OURS[run.setting.observations], run.seed),
+            *(suite.conditions["device"], suite.conditions["commit"]),
+        ).with_figures(_read_figures(run), None, run.seconds)
+        for run in suite.runs
+        if _OURS.get(run.setting.observations) in programs and run.setting.sequence in known
+        and run.setting.start == "found" and not run.setting.preset and not run.failed
+    ]  # fmt: skip
+    replaced = {(run.sequence, run.program) for run in ours}
+    results.runs = [run for run in results.runs if (run.sequence, run.program) not in replaced]
+    results.extend(ours)
+
+
+def _read_figures(run: Run) -> Figures:
+    """Return the figures of the exported joints; of older files those that they have."""
+    if run.exported:
+        return Figures(**run.exported, joints={})
+    nothing = dict.fromkeys(("gaps", "jitter", "skating"), np.nan)
+    return Figures(mean=run.limbs, rest=run.limbs_rest, far=run.limbs_far, joints={}, **nothing)
 
 
 def _parse_row(row: dict[str, Any]) -> PeerRun:
@@ -178,8 +191,10 @@ def _about(results: PeerResults) -> str:
         for of in results.versions.values()
     )
     commits = ", ".join(sorted({run.commit for run in results.runs}))
-    seeds = max((run.seed for run in results.runs), default=0) + 1
-    return f"{_NOTE} {versions}. {results.made}, commit {commits}, {seeds} seeds of ours."
+    ours = [run for run in results.runs if run.program in _OURS.values()]
+    counts = Counter((run.sequence, run.program) for run in ours).values()
+    seeds = " to ".join(map(str, sorted({min(counts), max(counts)}))) if counts else "none"
+    return f"{_NOTE} {versions}. {results.made}, commit {commits}, seeds of ours: {seeds}."
 
 
 def sequence_table(results: PeerResults) -> Grid:

@@ -14,13 +14,13 @@ _FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshade
 
 
 @contextmanager
-def browser() -> Iterator[Any]:
-    """Yield the browser (playwright's); skip the test if there is none."""
+def browser(*flags: str) -> Iterator[Any]:
+    """Yield the browser (playwright's), started with more flags; skip the test if there is none."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     path = next((found for name in NAMES if (found := shutil.which(name))), None)
     if path is None:
         pytest.skip(f"no browser is installed; looked for {', '.join(NAMES)}")
     with playwright.sync_playwright() as running:
-        launched = running.chromium.launch(executable_path=path, args=_FLAGS)
+        launched = running.chromium.launch(executable_path=path, args=[*_FLAGS, *flags])
         yield launched
         launched.close()

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from apf.body import load_body
-from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones
 from apf.initialisation.kept_voxels import StoredVoxels
 from cl import Device
+from psfs.common.cones import cone_distances
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 SONG = load_body("song31")

@@ -6,13 +6,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.scene import Scene
 from cl import Device, NumpyDevice
 from helpers import bodies, scenes
 from psfs.cameras.camera import CameraRig
+from psfs.common.cones import cone_distances
 from psfs.reconstructor import Reconstructor
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid

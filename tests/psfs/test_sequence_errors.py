@@ -68,10 +68,19 @@ def stretched(folder: Path) -> None:
     (folder / "x_par.txt").write_text("\n".join(["3", *lines]))
 
 
+def leave_only_videos(folder: Path) -> None:
+    videos = [path.rename(folder.parent / path.name) for path in folder.glob("videos/*")]
+    shutil.rmtree(folder)
+    folder.mkdir()
+    for path in videos:
+        path.rename(folder / path.name)
+
+
 PROBLEMS: dict[str, tuple[Callable[[Path], object], str]] = {
     "no folder": (lambda f: shutil.rmtree(f), "no such folder"),
     "empty folder": (lambda f: [shutil.rmtree(f), f.mkdir()], "no sequence is recognised"),
     "no calibration": (lambda f: (f / "calibration.toml").unlink(), "no calibration"),
+    "videos alone": (leave_only_videos, "no calibration; expected calibration.toml"),
     "no pictures": (lambda f: [p.unlink() for p in f.glob("videos/*")], "no pictures"),
     "truncated video": (lambda f: cut(f / "videos/cam02.mp4", 0.5), "cam02.mp4: cannot be opened"),
     "truncated streaming video": (

@@ -1,4 +1,4 @@
-"""Readers of BioCV and TotalCapture, on small files made in their layouts."""
+"""Readers of BioCV, TotalCapture and Human3.6M, on small files made in their layouts."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from helpers.shared import ROOT
@@ -17,7 +18,7 @@ from cl import InputError
 from psfs.cameras.calibration import read_calibration
 
 sys.path.insert(0, str(ROOT / "scripts"))
-from accuracy.datasets import _UPRIGHT, prepare_dataset
+from accuracy.datasets import _UPRIGHT, _make_human36m_cameras, prepare_dataset
 from accuracy.suite import suite_folders, true_stature
 
 from apf.evaluation.evaluate import load_truth
@@ -81,11 +82,39 @@ def _totalcapture(folder: Path) -> tuple[list[str], np.ndarray]:
     return names, joints
 
 
+def _human36m(folder: Path) -> tuple[list[str], np.ndarray]:
+    cdfwrite = pytest.importorskip("cdflib.cdfwrite", reason="the extra dev is not installed")
+    names, joints = _limbs()
+    numbers = np.random.default_rng(0).normal(size=(4, 11, 6))  # of other subjects
+    # Rx(a) Ry(b) Rz(c) with a = 90 degrees is _R turned by c.
+    numbers[:, 8] = [np.pi / 2, 0, 0, *(1000 * -_R.T @ _T)]
+    inner = [_K[0, 0], _K[1, 1], _K[0, 2], _K[1, 2], 0, 0, 0, 0, 0]
+    words = " ".join(f"{v:.9f}" for v in [*numbers.ravel(), *np.tile(inner, 4)])
+    (folder / "metadata.xml").write_text(f"<metadata><w0>[{words}]</w0></metadata>")
+    poses = folder / "S9" / "MyPoseFeatures" / "D3_Positions"
+    poses.mkdir(parents=True)
+    rows = [6, 7, 8, 17, 18, 19], [1, 2, 3, 25, 26, 27]  # hip, knee, ankle, shoulder, elbow, wrist
+    order = [_LIMBS.index(n) for n in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")]
+    pose = np.full((1, len(joints), 32, 3), 1e6)
+    for side, of in enumerate(rows):
+        pose[0, :, of] = 1000 * np.swapaxes(joints[:, [6 * side + k for k in order]], 0, 1)
+    path = poses / "Walking 1.cdf"
+    with cdfwrite.CDF(path, cdf_spec={"Compressed": 6}) as file:
+        spec = {"Variable": "Pose", "Data_Type": 45, "Num_Elements": 1, "Rec_Vary": True,
+                "Dim_Sizes": [len(joints), 96]}  # fmt: skip
+        file.write_var(spec, var_data=pose.reshape(1, len(joints), 96))
+    (folder / "S9" / "Videos").mkdir()
+    for camera in ("54138969", "55011271", "58860488", "60457274"):
+        (folder / "S9" / "Videos" / f"Walking 1.{camera}.mp4").write_bytes(b"film")
+    return names, joints
+
+
 @pytest.mark.parametrize(
     ("kind", "write", "name", "fps"),
     [
         ("biocv", _biocv, "P03_P03_WALK_01", 200.0),
         ("totalcapture", _totalcapture, "S1_walking1", 60),
+        ("human36m", _human36m, "S9_Walking_1", 50),
     ],
 )
 def test_a_trial_becomes_a_sequence_with_truth(
@@ -105,12 +134,28 @@ def test_a_trial_becomes_a_sequence_with_truth(
     np.testing.assert_allclose(truth.joints, joints, atol=1e-5)
     rig = read_calibration(folder / "calibration.toml")
     videos = sorted(path.stem for path in (folder / "videos").iterdir())
-    assert [camera.name for camera in rig] == videos and len(videos) == 2
-    if kind == "totalcapture":  # without distortion here
+    assert [camera.name for camera in rig] == videos and len(videos) == (
+        4 if kind == "human36m" else 2
+    )
+    if kind != "biocv":  # without distortion here
         np.testing.assert_allclose(rig[0].project(truth.joints)[0], _project(joints), atol=0.01)
-    assert rig[1].size == _SIZE
-    np.testing.assert_allclose(rig.centres, np.tile(-_R.T @ _T, (2, 1)), atol=1e-6)
+    assert rig[1].size == ((1000, 1000) if kind == "human36m" else _SIZE)
+    np.testing.assert_allclose(rig.centres, np.tile(-_R.T @ _T, (len(rig), 1)), atol=1e-6)
     assert 1.5 < true_stature(folder, truth) < 2.0
+
+
+def test_human36ms_cameras_turn_about_x_then_y_then_z() -> None:
+    numbers = np.random.default_rng(1).uniform(0.2, 1, 300)
+    place = 3 * 11 * 6 + 6 * 2  # the fourth camera, subject 3
+    turns = [
+        cv2.Rodrigues(angle * axis)[0]
+        for angle, axis in zip(numbers[place : place + 3], np.eye(3), strict=True)
+    ]
+    camera = _make_human36m_cameras(numbers, 3)[3]
+    np.testing.assert_allclose(camera.R, turns[0] @ turns[1] @ turns[2], atol=1e-12)
+    np.testing.assert_allclose(-camera.R.T @ camera.t, numbers[place + 3 : place + 6] / 1000)
+    k1, k2, k3, p1, p2 = numbers[-5:]
+    assert camera.distortion.tolist() == [k1, k2, p1, p2, k3] and camera.K[0, 2] == numbers[-7]
 
 
 def test_what_is_missing_is_named(tmp_path: Path) -> None:
@@ -118,6 +163,11 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
         prepare_dataset("biocv", tmp_path, tmp_path / "suite")
     with pytest.raises(InputError, match=r"0 files calibration\.cal; expected one"):
         prepare_dataset("totalcapture", tmp_path, tmp_path / "suite")
+    with pytest.raises(InputError, match=r"0 files metadata\.xml; expected one"):
+        prepare_dataset("human36m", tmp_path, tmp_path / "suite")
+    (tmp_path / "metadata.xml").write_text("<metadata><w0>[1 2]</w0></metadata>")
+    with pytest.raises(InputError, match="w0 has 2 numbers; expected 300"):
+        prepare_dataset("human36m", tmp_path, tmp_path / "suite")
     _biocv(tmp_path)
     calibration = tmp_path / "P03" / "01.mp4.calib"
     calibration.write_text("640 480 1")

@@ -14,6 +14,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from helpers.shared import ROOT
@@ -155,12 +156,16 @@ def test_triangulation_voxels_keypoints_and_both_side_by_side(folder: Path, tmp_
     exact, voxels, keypoints, both = results.runs
     assert exact.limbs < 0.1 and exact.heading < 0.1 and exact.seconds > 0
     assert exact.limbs_far == 0 and np.isnan(exact.stature)
+    assert exact.exported["mean"] == pytest.approx(exact.limbs) and exact.exported["gaps"] == 0
     for one in (voxels, keypoints, both):
         assert one.limbs < 100 and one.frames == FRAMES and abs(one.stature) < 5
+        assert one.exported["mean"] < 100 and one.exported["jitter"] < 100
+        assert np.mean(one.by_frame) == pytest.approx(one.mean, abs=0.1)
     assert keypoints.limbs_rest < voxels.limbs_rest
     write_suite(tmp_path, results, suite_rows(results, list(settings), lambda name: float("nan")))
     table = (tmp_path / "suite.md").read_text()
     assert all(f"| walk | 4 | default | {name} |" in table for name in by)
+    assert cv2.imread(str(tmp_path / "frames.png")) is not None
     with pytest.raises(InputError, match="no sequence has keypoints"):
         list(suite_settings([takes / "without"], ["found"], ["both"], first))
 
@@ -242,9 +247,11 @@ def test_runs_are_kept_whole(tmp_path: Path) -> None:
     """What is not known is null in the file, and comes back."""
     path = tmp_path / "results.json"
     results = Results(path, {"device": "abacus", "commit": "c0ffee"})
-    results.add(a_run(FOUND, 0, 40.0))
+    exported = {"mean": 39.0, "skating": float("nan")}
+    results.add(replace(a_run(FOUND, 0, 40.0), exported=exported))
     assert "NaN" not in path.read_text()
     (again,) = Results.read(path).runs
+    assert again.exported["mean"] == 39 and np.isnan(again.exported["skating"])
     assert again.setting == FOUND and np.isnan(again.joints["pelvis"][2])
 
 

@@ -60,9 +60,19 @@ class TakeLine:
     ) -> None:
         self._bar, self._check = bar, check
         self._prefix = f"{name}: " if name else ""
-        self._stage, self.n_frames = "", 0
+        self._stage, self._n_frames = "", 0
         self._done: Counter[str] = Counter()
         self._task = bar.add_task(f"{self._prefix}opening", total=None)
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames of the track. Setting it begins another track, as of the next person."""
+        return self._n_frames
+
+    @n_frames.setter
+    def n_frames(self, number: int) -> None:
+        self._n_frames = number
+        self._done.clear()
 
     def __call__(self, stage: str) -> None:
         self._check()

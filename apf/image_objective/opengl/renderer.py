@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from apf.body.kinematics import CONE_FLOATS, posed_cones
+from apf.body.kinematics import posed_cones
 from apf.body.mesh import BodyMesh
 from apf.body.model import BodyModel
 from apf.image_objective.opengl.context import egl_context
@@ -17,6 +17,7 @@ from apf.image_objective.opengl.shapes import FlatShape, MeshShape
 from apf.image_objective.renderer import whole_pictures
 from cl import InputError
 from psfs.cameras.camera import CameraRig
+from psfs.common.cones import CONE_FLOATS
 
 #: Largest side of the frame buffer, px: with its depths it takes 400 MB.
 _LARGEST = 8192

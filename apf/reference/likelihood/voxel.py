@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from apf.body.cones import cone_distances, overlap_errors, project_outlines
+from apf.body.cones import overlap_errors, project_outlines
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.likelihood.config import LikelihoodConfig
@@ -20,6 +20,7 @@ from apf.reference.likelihood.silhouette_recall import uncovered_errors
 from apf.scene import Scene
 from cl import NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.common.cones import cone_distances
 from psfs.reference.reprojection import NumpyReprojection
 from psfs.voxels.host_voxels import HostVoxels
 

@@ -29,7 +29,9 @@ _BACKGROUND_WORDS = {"background", "bg", "empty"}
 
 
 def _matches(folder: Path, settings: SequenceSettings) -> bool:
-    return settings.calibration is not None or find_calibration(folder) is not None
+    """Return whether there is a calibration, or a video, for which reading will ask for one."""
+    videos = (path for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES)
+    return bool(settings.calibration or find_calibration(folder) or any(videos))
 
 
 def _kind(path: Path) -> str:

@@ -10,10 +10,10 @@ from helpers.shared import shared_data
 from scipy.spatial.transform import Rotation
 
 from apf.body.bodytrack import TRANSLATIONS, is_bodytrack, read_body, read_poses
-from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.evaluation.joint_names import EVALUATED_JOINTS
 from cl import InputError
+from psfs.common.cones import cone_distances
 from psfs.sequence import Sequence
 
 H = np.pi / 2

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from helpers import bodies, scenes
 
-from apf.body.cones import cone_distances, outline_corners, project_outlines
-from apf.body.kinematics import CONE_FLOATS, posed_cones
+from apf.body.cones import outline_corners, project_outlines
+from apf.body.kinematics import posed_cones
 from psfs.cameras.camera import Camera
+from psfs.common.cones import CONE_FLOATS, cone_distances
 
 
 def cone(

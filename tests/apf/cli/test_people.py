@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from apf.cli import main
+from apf.cli.takes.take_report import TakeLine
+from psfs.cli.commandline import progress_bar
 
 
 @pytest.mark.parametrize(
@@ -23,3 +25,15 @@ def test_impossible_numbers_are_refused(
 ) -> None:
     assert main(["track", str(tmp_path), "-o", str(tmp_path / "out"), *flags]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_each_persons_frames_are_counted_from_the_first() -> None:
+    bar = progress_bar()
+    line = TakeLine(bar)
+    for _ in range(2):
+        line.n_frames = 3
+        for _ in range(3):
+            line("tracking back")
+        (task,) = bar.tasks
+        assert (task.completed, task.total) == (3, 3)
+        line("judging")

@@ -12,7 +12,6 @@ from helpers.parity import traced
 from helpers.sightings import seen_points
 
 from apf.body import BodyModel, load_body
-from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.limbs import limb_masks
 from apf.filters.config import FilterConfig
@@ -27,6 +26,7 @@ from apf.reference.likelihood.keypoints import NumpyKeypointLikelihood
 from apf.reference.likelihood.voxel import NumpyLikelihood, subset
 from apf.scene import Scene
 from cl import Array, Device, Launch
+from psfs.common.cones import cone_distances
 
 CONFIG = FilterConfig.create(
     n_particles=150, n_points=400, refinement_steps=5, limb_search_reach=12.0

@@ -11,7 +11,6 @@ from helpers import bodies, rendered, scenes
 from helpers.shared import shared_data
 
 from apf.body import BodyModel, load_body
-from apf.body.kinematics import CONE_FLOATS
 from apf.evaluation.evaluate import load_truth
 from apf.evaluation.joint_names import match_joints
 from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
@@ -23,6 +22,7 @@ from apf.reference.image_objective.render import flat_body
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.common.cones import CONE_FLOATS
 from psfs.sequence import Sequence
 
 #: Looks along -x at the z axis, 1 px per cm at the origin.

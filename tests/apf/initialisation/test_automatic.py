@@ -8,7 +8,6 @@ from helpers import bodies
 from helpers.scenes import ring
 
 import apf.initialisation.automatic as find
-from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel
 from apf.body.stature import lowest_point, stature
@@ -34,8 +33,10 @@ from apf.initialisation.hypotheses import (
 from apf.initialisation.kept_voxels import StoredVoxels, select_person_points
 from apf.initialisation.shape_fit import Cloud, find_unfolded, fit_shape
 from apf.initialisation.shape_model import ShapeModel, place_points, surface_samples
+from apf.likelihood.voxel import choose_cone_sampling
 from apf.scene import Scene
 from cl import Device
+from psfs.common.cones import cone_distances
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 SONG = load_body("song31")
@@ -115,6 +116,11 @@ def test_a_skirt_does_not_thicken_the_arms() -> None:
     assert found["l_upper_arm"] == pytest.approx(1, abs=0.015)
     assert found["l_thigh"] == pytest.approx(2, abs=0.2)
     assert thickness[99.0]["l_upper_arm"] > 1.03
+    marked = model.mark_loose(body, true)
+    sampled = choose_cone_sampling(marked, 0.06).any(1)
+    for cone, rows in zip(marked.cones, sampled, strict=True):
+        assert cone.loose == cone.name.endswith("thigh")
+        assert rows == (cone.in_images and not cone.loose)
 
 
 def test_crouching_frames_do_not_inform_the_shape() -> None:

@@ -10,8 +10,8 @@ import pytest
 from helpers import bodies, scenes
 from helpers.likelihoods import FRONT
 
-from apf.body.cones import cone_distances, overlap_errors
-from apf.body.kinematics import CONE_FLOATS, posed_cones
+from apf.body.cones import overlap_errors
+from apf.body.kinematics import posed_cones
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.voxel import choose_cone_sampling
 from apf.reference.likelihood.voxel import (
@@ -25,6 +25,7 @@ from apf.reference.likelihood.voxel import (
 )
 from cl import NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.common.cones import CONE_FLOATS, cone_distances
 from psfs.reference.reprojection import NumpyReprojection
 from psfs.reference.surface import surface_voxels
 from psfs.voxels.grid import VoxelGrid

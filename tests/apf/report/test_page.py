@@ -137,6 +137,28 @@ def test_in_a_browser(page_file: Path) -> None:
     assert [url for url in asked if not url.startswith(("file:", "blob:", "data:"))] == []
 
 
+def test_without_webgl_the_player_is_painted(page_file: Path) -> None:
+    """Voxels and skeleton are there, move with the slider, and turn when they are dragged."""
+    seen = "document.querySelector('#player canvas').toDataURL()"
+    with browser("--disable-3d-apis") as chromium:
+        page = chromium.new_page(viewport={"width": 900, "height": 700})
+        page.goto(page_file.as_uri())
+        page.wait_for_function("document.getElementById('player').dataset.row === '0'")
+        pictures = [page.evaluate(seen)]
+        page.locator("#slider").fill("120")
+        page.wait_for_function("document.getElementById('player').dataset.row === '120'")
+        pictures.append(page.evaluate(seen))
+        page.mouse.move(200, 300)
+        page.mouse.down()
+        page.mouse.move(260, 300)
+        pictures.append(page.evaluate(seen))
+        assert len(set(pictures)) == 3 and min(map(len, pictures)) > 10_000
+        page.locator("#show-voxels").uncheck()
+        page.locator("#show-skeleton").uncheck()
+        assert len(page.evaluate(seen)) < 0.5 * min(map(len, pictures))  # the floor alone
+        assert "WebGL" not in page.locator("#player").inner_text()
+
+
 def test_videos_are_made_to_fit(tmp_path: Path) -> None:
     """Those of other codecs and those that are too large are encoded anew, frame for frame."""
     small = noise_video(tmp_path / "small.mp4", 5, (320, 240))

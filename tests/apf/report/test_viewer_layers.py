@@ -8,9 +8,10 @@ import numpy as np
 from helpers.tracks import walker
 
 from apf.body import load_body
-from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones
+from apf.report.scene_colours import LOST
 from apf.report.viewer_layers import cone_layer, describe_frame, skeleton_layer
+from psfs.common.cones import cone_distances
 from psfs.mesh.drawing import Lines, SurfaceDrawing
 
 
@@ -25,13 +26,13 @@ def test_the_skeleton_of_a_frame() -> None:
     assert layer.drawing(9, "colour") is None and layer.drawing(15, "colour") is None
 
 
-def test_a_lost_person_is_red() -> None:
+def test_a_lost_person_has_another_colour() -> None:
     track = walker(3)
     lost = replace(track, diagnostics={"lost": np.array([False, True, False])})
     layer = skeleton_layer(lost)
-    red, dark = layer.drawing(1, "colour"), layer.drawing(2, "colour")
-    assert isinstance(red, Lines) and isinstance(dark, Lines)
-    assert (red.colours[:, 0] > 200).all() and (dark.colours < 50).all()
+    gone, dark = layer.drawing(1, "colour"), layer.drawing(2, "colour")
+    assert isinstance(gone, Lines) and isinstance(dark, Lines)
+    assert (gone.colours == LOST).all() and (dark.colours < 50).all()
 
 
 def test_cones_are_drawn_where_they_are() -> None:

@@ -9,14 +9,22 @@ from pathlib import Path
 import numpy as np
 from helpers.studio import GRID, save_voxels
 
-from apf.studio.clouds import CarvedClouds, KeptPoints, Points, StoredClouds, grid_centre
+from apf.studio.clouds import (
+    CarvedClouds,
+    KeptPoints,
+    Points,
+    StoredClouds,
+    grid_centre,
+    make_points,
+    merge_voxels,
+)
 from cl import InputError
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.voxels.grid import VoxelCloud
 
 
 def points(n: int) -> Points:
-    return Points(np.zeros((n, 3), np.float16), np.zeros((n, 3), np.uint8))
+    return Points(np.zeros((n, 3), np.float16), np.zeros((n, 3), np.uint8), 0.02)
 
 
 def cloud(n: int) -> VoxelCloud:
@@ -43,6 +51,20 @@ def test_stored_voxels_become_points(tmp_path: Path) -> None:
     off = found.positions.astype(float) + grid_centre(GRID) - expected.centres
     assert np.abs(off).max() < 0.001
     assert np.array_equal(found.colours, expected.colour)
+
+
+def test_slow_browsers_get_blocks_in_mean_colours() -> None:
+    cells = np.stack(np.meshgrid([3, 4, 5], [10, 11], [6, 7], indexing="ij"), -1).reshape(-1, 3)
+    indices = np.ravel_multi_index(tuple(cells.T), GRID.shape).astype(np.int32)
+    colours = np.stack([10 * cells[:, 0], cells[:, 1], cells[:, 2]], -1).astype(np.uint8)
+    merged = merge_voxels(VoxelCloud(GRID, indices, np.ones(12, np.float32)), colours, most=6)
+    assert merged.size == 2 * GRID.voxel_size
+    places = merged.positions.astype(float) + grid_centre(GRID) - GRID.origin
+    assert np.allclose(places / merged.size, [[1.5, 5.5, 3.5], [2.5, 5.5, 3.5]], atol=0.05)
+    assert merged.colours.tolist() == [[30, 10, 6], [45, 10, 6]]
+    assert make_points(cloud(8000)).blocks is None
+    many = make_points(cloud(9000))
+    assert many.blocks is not None and many.nbytes > 9 * 9000
 
 
 def test_voxels_are_carved_only_while_wanted() -> None:

@@ -96,7 +96,11 @@ def test_footage_is_examined_and_its_silhouettes_are_drawn(page: Page, take: Pat
     assert footage is not None
     assert "walk &lt;i&gt;" in footage.remarks and "cam01" in footage.remarks
     wait_for(lambda: "examining" not in footage.remarks)
-    assert footage.volume is None
+    assert footage.volume is None and ">whole<" in footage.remarks
+    footage.drag_box(np.array([[0.9, -1.0, 2.0], [-1.0, 1.25, 0.0]]))
+    assert footage.volume is not None
+    assert np.allclose(footage.volume, [[-1.0, -1.0, 0.0], [0.9, 1.25, 2.0]])
+    assert np.allclose([handle.position for handle in footage.box.handles], footage.volume)
     wait_for(lambda: footage.picture.shape[1] > 160)
     plain = footage.picture
     footage.show_silhouettes(1.0)

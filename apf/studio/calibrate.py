@@ -1,0 +1,242 @@
+"""Footage without a calibration: the target that its pictures show, and what is missing."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from apf.studio.folders import CAMERAS
+from apf.studio.nodes import CameraNodes, add_floor
+from apf.studio.pictures import PictureReader, mosaic, small_pictures
+from apf.studio.target_fields import TargetFields
+from apf.studio.timeline import TimeLine
+from apf.studio.words import make_lines, make_table, make_text
+from apf.studio.work import Work, free_folder
+from cl import UserError
+from psfs.calibration.config import CalibrationConfig
+from psfs.calibration.coverage import CELLS, Coverage, measure_coverage
+from psfs.calibration.targets.detection import find_sightings, open_uncalibrated
+from psfs.calibration.targets.target import Sighting
+from psfs.cameras.calibration import read_calibration
+from psfs.footage.settings import SequenceSettings
+from psfs.sequence import Frame
+from psfs.voxels.grid import VoxelGrid
+
+if TYPE_CHECKING:
+    import viser
+
+#: RGB of found points, and how much darker parts of pictures without any are.
+_POINT, _SHADE = (0, 230, 120), 0.45
+_INTERVAL = 0.5  # s, between two looks at a calibration that goes on
+_FLOOR = VoxelGrid.covering(np.array([-2.0, -2.0, 0.0]), np.array([2.0, 2.0, 2.0]), 0.05)
+_NONE = "(none)"
+
+
+class CalibrateView:
+    """A folder of views on the page, shown until `close`.
+
+    panels: as of `Watch`. results: folder for the calibration. known: calibrations by name. use:
+    opens the folder with the cameras of a calibration. Raises InputError.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        folder: Path,
+        panels: tuple[Any, Any],
+        results: Path,
+        known: Mapping[str, Path],
+        use: Callable[[Path], None],
+    ) -> None:
+        self.views = open_uncalibrated(folder, SequenceSettings())
+        self._server, self._results, self._known, self._use = server, results, dict(known), use
+        self._config = CalibrationConfig()
+        self.sightings: list[Sighting] = []
+        self.coverage: list[Coverage] = []
+        self.work: Work | None = None
+        self._stopped, self._target = threading.Event(), "target"
+        self._worker: threading.Thread | None = None
+        self._notes: list[tuple[str, object]] = []
+        add_floor(server.scene, _FLOOR)
+        server.scene.set_up_direction("+z")
+        self._reader = PictureReader(self.views, self._show_pictures, self._say)
+        panel, beside = panels
+        with beside:
+            self._picture = server.gui.add_image(np.zeros((90, 160, 3), np.uint8), format="jpeg")
+        with panel:
+            self._add_controls(server.gui)
+        self.time_line.refresh()
+
+    @property
+    def words(self) -> str:
+        """The words on what is found and what is missing, HTML."""
+        return str(self._words.content)
+
+    def _add_controls(self, gui: viser.GuiApi) -> None:
+        self._status = gui.add_html("")
+        self.time_line = TimeLine(gui, np.arange(len(self.views)), self.views.fps, self._show)
+        self._words = gui.add_html(make_text("Say what was filmed, and look for it."))
+        with gui.add_folder("cameras that are known") as use:
+            self.cameras: Any = gui.add_dropdown("of", (_NONE, *self._known), initial_value=_NONE)
+            self.use_button = gui.add_button("use these cameras", disabled=True)
+        with gui.add_folder("or calibrate them") as calibrate:
+            self.target = TargetFields(gui, self._known)
+            self.search_button = gui.add_button("look for it", hint="key: L")
+            self.floor = gui.add_text(
+                "on the floor", "", hint="frame in which it lies there: Z = 0"
+            )
+            self.floor_button = gui.add_button("it lies on the floor in this frame")
+            self.calibrate_button = gui.add_button("calibrate")
+        self.cameras.on_update(
+            lambda event: setattr(self.use_button, "disabled", self.cameras.value == _NONE)
+        )
+        self.use_button.on_click(lambda event: self.use())
+        self.search_button.on_click(lambda event: self.search())
+        self.floor_button.on_click(
+            lambda event: setattr(self.floor, "value", str(self.time_line.position))
+        )
+        self.calibrate_button.on_click(lambda event: self.calibrate())
+        key = gui.add_command("Look for the board or wand", hotkey="L")
+        key.on_trigger(lambda event: self.search())
+        self._parts: list[Any] = [self._status, self._picture, use, calibrate, self._words, key]
+
+    def use(self) -> None:
+        """Open the footage with the cameras that are chosen."""
+        if self.cameras.value in self._known:
+            self._use(self._known[self.cameras.value])
+
+    def wait(self, seconds: float) -> None:
+        """Wait until what was started has ended, at most so long."""
+        if self._worker is not None:
+            self._worker.join(timeout=seconds)
+
+    def search(self) -> None:
+        """Look for the target in all pictures, or in evenly spread ones of long footage."""
+        self._stop_search()
+        self._stopped = threading.Event()
+        self._worker = threading.Thread(
+            target=self._search, args=(self._stopped,), daemon=True, name="calibration target"
+        )
+        self._worker.start()
+
+    def calibrate(self) -> None:
+        """Start `psfs calibrate` as the fields say; its cameras are shown when it has ended."""
+        if self.work is not None and not self.work.ended:
+            return
+        self._stop_search()
+        try:
+            flags = [str(self.views.folder), *self.target.flags()]
+        except UserError as error:
+            self._say(error)
+            return
+        if self.floor.value.strip() and self.target.searchable:
+            flags += ["--floor", self.floor.value.strip()]
+        output = free_folder(self._results, f"{self.views.folder.name}-cameras")
+        self.work = Work(flags, output, command=("psfs", "calibrate"))
+        self._worker = threading.Thread(target=self._follow, args=(self.work,), daemon=True)
+        self._worker.start()
+
+    def close(self) -> None:
+        """End all work in the background, and remove everything from the page."""
+        self._stopped.set()
+        if self.work is not None:
+            self.work.close()
+        self.wait(30)
+        self.time_line.close()
+        self._reader.close()
+        for part in self._parts:
+            part.remove()
+        self._server.scene.reset()
+
+    def _stop_search(self) -> None:
+        self._stopped.set()
+        self.wait(30)
+
+    def _search(self, stopped: threading.Event) -> None:
+        every = range(len(self.views))
+        chosen = list(every[:: max(1, -(-len(every) // self._config.most_frames))])
+        self.sightings, self._notes = [], []
+        try:
+            finder = self.target.make_finder(self.views, chosen)
+            self._target = finder.target.name
+            for number, found in enumerate(find_sightings(self.views, chosen, finder), 1):
+                if stopped.is_set():
+                    return
+                self.sightings += found
+                self.coverage = measure_coverage(list(self.views.rig), self.sightings)
+                self._tell(f"looking: {number} of {len(chosen)} frames")
+                if found:
+                    self._reader.ask(found[0].frame)
+        except UserError as error:
+            self._say(error)
+            return
+        self._tell("looked at all frames")
+        self._reader.ask(self.time_line.position)
+
+    def _follow(self, work: Work) -> None:
+        """Follow a calibration to its end."""
+        while not work.ended:
+            self._tell("calibrating ...")
+            time.sleep(_INTERVAL)
+        kind = "good" if work.succeeded else "warning"
+        self._notes = [(kind, line) for line in work.words]
+        if work.succeeded:
+            file = work.output / CAMERAS
+            CameraNodes(self._server.scene, read_calibration(file))
+            self._known[work.output.name] = file
+            self.cameras.options = (_NONE, *self._known)
+            self.cameras.value = work.output.name
+        self._tell("calibrated" if work.succeeded else "not calibrated")
+
+    def _show(self, position: int) -> None:
+        seconds = position / self.views.fps
+        self._status.content = make_lines([("note", f"frame {position} · {seconds:.2f} s")])
+        self._reader.ask(position)
+
+    def _show_pictures(self, frame: Frame) -> None:
+        pictures = small_pictures(frame, self.views)
+        for view, (picture, camera) in enumerate(zip(pictures, self.views.rig, strict=True)):
+            if self.coverage:
+                _shade(picture, self.coverage[view].cells)
+            scale = picture.shape[1] / camera.size[0]
+            for sighting in self.sightings:
+                if sighting.view == view:
+                    size = 3 if sighting.frame == frame.index else 1
+                    for x, y in np.rint(scale * sighting.pixels).astype(int).tolist():
+                        cv2.circle(picture, (x, y), size, _POINT, -1)
+        self._picture.image = mosaic(pictures)
+
+    def _tell(self, doing: str) -> None:
+        """Say what is done, found and missing."""
+        rows, gaps = [], []
+        for camera, seen in zip(self.views.rig, self.coverage, strict=False):
+            rows.append((camera.name, seen.frames, seen.shared, f"{seen.share:.0%}"))
+            missing = seen.list_gaps(self._target, self.target.lenses_known, self._config)
+            gaps += [("warning", f"{camera.name} {text}") for text in missing]
+        if rows and not gaps:
+            gaps = [("good", "every camera has seen enough")]
+        heading = ("camera", "frames", "shared", "covered")
+        table = make_table(rows, heading) if rows else ""
+        self._words.content = make_text(doing) + table + make_lines([*gaps, *self._notes])
+
+    def _say(self, error: object) -> None:
+        self._notes = [("warning", error)]
+        self._tell("")
+
+
+def _shade(picture: np.ndarray, cells: np.ndarray) -> None:
+    """Darken the cells (6, 8) of a picture (h, w, 3) uint8 in which nothing was found."""
+    height, width = picture.shape[:2]
+    columns, rows = CELLS
+    for row, column in np.argwhere(~cells).tolist():
+        part = picture[
+            row * height // rows : (row + 1) * height // rows,
+            column * width // columns : (column + 1) * width // columns,
+        ]
+        part[:] = (_SHADE * part).astype(np.uint8)

@@ -1,0 +1,137 @@
+"""The fields that say what cameras are calibrated by, with their flags and detectors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from apf.studio.words import make_text
+from cl import InputError
+from psfs.calibration.config import MarkerConfig
+from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
+from psfs.calibration.targets.detection import Finder, median_pictures
+from psfs.calibration.targets.markers import MarkerFinder
+from psfs.calibration.targets.print_board import write_board_pdf
+from psfs.calibration.targets.target import make_wand
+from psfs.common.scratch import temporary_folder
+from psfs.sequence import Sequence
+
+if TYPE_CHECKING:
+    import viser
+
+CHARUCO, CHESSBOARD, WAND, PERSON = "ChArUco board", "chessboard", "wand", "somebody who walks"
+_BOARDS = {CHARUCO: "charuco", CHESSBOARD: "chessboard"}
+_NONE = "found, too"
+#: A marker's side as a share of its square's.
+_MARKER = 0.75
+
+
+class TargetFields:
+    """The fields, in the current folder of `gui`. lenses: calibrations by the names that are
+    offered."""
+
+    def __init__(self, gui: viser.GuiApi, lenses: Mapping[str, Path]) -> None:
+        self._lenses = lenses
+        self.kind = gui.add_dropdown(
+            "by", (CHARUCO, CHESSBOARD, WAND, PERSON), initial_value=CHARUCO,
+            hint="what is filmed by all cameras at once",
+        )  # fmt: skip
+        self.squares: Any = gui.add_vector2(
+            "squares", (7, 5), min=(3, 3), max=(100, 100), step=1,
+            hint="columns and rows of the board; not its inner corners",
+        )  # fmt: skip
+        self.square = gui.add_number("square, m", 0.037, min=0.001, max=2.0, step=0.001)
+        self.wand = gui.add_text(
+            "wand, m", "0.5", hint="from each marker to the next: 0.5, or 0.2,0.3"
+        )
+        self.stature = gui.add_number("height, m", 1.7, min=0.3, max=3.0, step=0.01)
+        self.intrinsics: Any = gui.add_dropdown(
+            "lenses", (_NONE, *lenses), initial_value=_NONE, hint="those of another calibration"
+        )
+        self.sound = gui.add_checkbox(
+            "shift by sound", False, hint="cameras began apart; one loud clap is in all videos"
+        )
+        self.board = gui.add_button("a board to print", hint="a PDF of the board above")
+        self.board.on_click(lambda event: self._send_board(event.client))
+        self._problem = gui.add_html("")
+        self.kind.on_update(lambda event: self._show_fields())
+        self._show_fields()
+        self.parts: list[Any] = [
+            self.kind, self.squares, self.square, self.wand, self.stature, self.intrinsics,
+            self.sound, self.board, self._problem,
+        ]  # fmt: skip
+
+    @property
+    def searchable(self) -> bool:
+        """Whether pictures are searched for the target before the calibration."""
+        return self.kind.value != PERSON
+
+    @property
+    def lenses_known(self) -> bool:
+        """Whether the lenses of another calibration are used."""
+        return self.intrinsics.value != _NONE
+
+    def make_finder(self, views: Sequence, chosen: list[int]) -> Finder:
+        """Return the detector of the target in the chosen frames of `views`. Raises InputError."""
+        if self.kind.value == WAND:
+            target = make_wand(self._lengths())
+            return MarkerFinder(target, median_pictures(views, chosen), MarkerConfig())
+        squares, square = self._squares(), float(self.square.value)
+        if self.kind.value == CHESSBOARD:
+            return ChessboardFinder(squares, square)
+        return CharucoFinder(squares, square, _MARKER * square)
+
+    def flags(self) -> list[str]:
+        """Return the flags of `psfs calibrate` that the fields mean. Raises InputError."""
+        kind = self.kind.value
+        if kind == PERSON:
+            flags = ["--person", "--stature", f"{self.stature.value:g}"]
+        elif kind == WAND:
+            flags = ["--wand", ",".join(f"{length:g}" for length in self._lengths())]
+        else:
+            columns, rows = self._squares()
+            flags = ["--board", _BOARDS[kind], "--squares", f"{columns}x{rows}"]
+            flags += ["--square", f"{self.square.value:g}"]
+        if self.lenses_known:
+            flags += ["--intrinsics", str(self._lenses[self.intrinsics.value])]
+        return [*flags, *(["--sync", "audio"] if self.sound.value and kind != PERSON else [])]
+
+    def make_board(self) -> tuple[str, bytes]:
+        """Return name and content of the PDF of the board. Raises InputError."""
+        columns, rows = self._squares()
+        square = float(self.square.value)
+        with temporary_folder() as folder:
+            path = folder / "board.pdf"
+            write_board_pdf(path, (columns, rows), square, _MARKER * square, "4X4")
+            return f"board_{columns}x{rows}_{1000 * square:g}mm.pdf", path.read_bytes()
+
+    def _squares(self) -> tuple[int, int]:
+        columns, rows = self.squares.value
+        return int(columns), int(rows)
+
+    def _lengths(self) -> list[float]:
+        try:
+            return [float(word) for word in self.wand.value.split(",")]
+        except ValueError:
+            raise InputError(
+                f"the wand's length is {self.wand.value!r}; expected metres, as 0.5 or 0.2,0.3"
+            ) from None
+
+    def _show_fields(self) -> None:
+        """Show the fields that the kind of target has."""
+        kind = self.kind.value
+        self.squares.visible = self.square.visible = kind in _BOARDS
+        self.board.visible = kind == CHARUCO
+        self.wand.visible, self.stature.visible = kind == WAND, kind == PERSON
+        self.sound.visible = kind != PERSON
+
+    def _send_board(self, client: viser.ClientHandle | None) -> None:
+        if client is None:
+            return
+        try:
+            name, content = self.make_board()
+        except InputError as error:
+            self._problem.content = make_text(error)
+            return
+        client.send_file_download(name, content, save_immediately=True)

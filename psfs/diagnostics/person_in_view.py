@@ -1,0 +1,78 @@
+"""What each camera sees of the person: how often, whether wholly, and how large."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from psfs.diagnostics.config import InViewConfig
+from psfs.diagnostics.small_views import Outline, SmallViews
+
+_EDGES = ("left", "top", "right", "bottom")
+
+
+@dataclass(frozen=True)
+class PersonInView:
+    """One camera's view of the person in the examined frames.
+
+    seen: share of the frames. whole: share of those in which the silhouette ends within the
+    picture. height: median, px of the sequence's own pictures; NaN if it is never seen. edge: of
+    the picture, beyond which the person goes most often; empty if it never does.
+    """
+
+    camera: str
+    seen: float
+    whole: float
+    height: float
+    edge: str = ""
+
+    def describe(self, config: InViewConfig) -> str:
+        """Return what to do about the camera; empty if nothing."""
+        if self.seen < config.seen:
+            return (
+                f"{self.camera} sees somebody in {self.seen:.0%} of the frames: turn it to where "
+                "the person moves"
+            )
+        if self.whole < config.whole:
+            return (
+                f"{self.camera} sees the whole person in {self.whole:.0%} of the frames; the rest "
+                f"is beyond the picture's {self.edge}: turn it, or move it back"
+            )
+        if self.height < config.height:
+            return (
+                f"{self.camera} sees a person of {self.height:.0f} px, expected "
+                f"{config.height:g} or more: move it nearer"
+            )
+        return ""
+
+
+def find_person_in_views(views: SmallViews, scale: float) -> list[PersonInView]:
+    """Return what each camera sees. scale: size of the sequence's own pictures relative to the
+    small ones."""
+    found = []
+    for view, camera in enumerate(views.rig):
+        own = [outline for row in views.outlines if (outline := row[view]) is not None]
+        beyond = np.array([_find_edges(outline, camera.size) for outline in own]).reshape(-1, 4)
+        whole = ~beyond.any(axis=1)
+        heights = [float(np.ptp(outline.points[:, 1])) + 1 for outline in own]
+        found.append(
+            PersonInView(
+                camera.name,
+                len(own) / max(1, len(views.outlines)),
+                float(whole.mean()) if len(own) else 0.0,
+                scale * float(np.median(heights)) if heights else float("nan"),
+                _EDGES[int(beyond.sum(axis=0).argmax())] if beyond.any() else "",
+            )
+        )
+    return found
+
+
+def _find_edges(outline: Outline, size: tuple[int, int]) -> np.ndarray:
+    """Return which edges of a picture of `size` an outline reaches (4,) bool: left, top, right,
+    bottom."""
+    points = outline.contour[outline.contour_at_border]
+    if not len(points):
+        return np.zeros(4, bool)
+    last = np.array(size) - 2
+    return np.concatenate([(points <= 1).any(axis=0), (points >= last).any(axis=0)])

@@ -1,0 +1,97 @@
+"""The page calibrates cameras: what the board has covered, what is missing, the cameras' use."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers import calibration as made
+
+pytest.importorskip("viser", reason="viser is not installed")
+
+from apf.studio.folders import Roots, find_kind
+from apf.studio.page import Page
+from apf.studio.target_fields import CHESSBOARD, PERSON, WAND
+from cl import InputError, select_device
+from psfs.calibration.config import CalibrationConfig
+from psfs.calibration.coverage import Coverage
+
+SQUARES, SQUARE = (6, 4), 0.2
+CAMERAS = made.ring(step=28)[:3]
+
+
+@pytest.fixture(scope="module")
+def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Views of a board, and of somebody else, without a calibration."""
+    folder = tmp_path_factory.mktemp("day")
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    board = cv2.aruco.CharucoBoard(SQUARES, SQUARE, 0.15, dictionary)
+    picture = board.generateImage((60 * SQUARES[0], 60 * SQUARES[1]))
+    rng = np.random.default_rng(1)
+    poses = [made.facing(rng, CAMERAS[k % 3].centre) for k in range(15)]
+    made.film(folder / "board", CAMERAS, poses, made.board_picture(picture, SQUARE, SQUARES))
+    shutil.copytree(folder / "board", folder / "walk")
+    return folder
+
+
+@pytest.fixture
+def page(day: Path, tmp_path: Path) -> Iterator[Page]:
+    page = Page(Roots(day), lambda: select_device("auto"), results=tmp_path / "results")
+    yield page
+    page.stop()
+
+
+def test_gaps_are_named() -> None:
+    config, empty = CalibrationConfig(), np.zeros((6, 8), bool)
+    few = Coverage(3, 1, empty).list_gaps("wand", False, config)
+    assert "in 3 frames" in few[0] and "in 0 % of its picture" in few[1]
+    alone = Coverage(50, 2, ~empty).list_gaps("wand", False, config)
+    assert len(alone) == 1 and "together with others: 2 frames" in alone[0]
+    assert Coverage(50, None, empty).list_gaps("wand", True, config) == []
+
+
+def test_board_is_found_and_cameras_are_used(day: Path, page: Page) -> None:
+    assert find_kind(day / "board") == "views"
+    page.open(day / "board")
+    view = page.calibrate
+    assert view is not None
+    view.target.squares.value, view.target.square.value = SQUARES, SQUARE
+    view.search()
+    view.wait(60)
+    assert "looked at all frames" in view.words and "cam" in view.words
+    assert all(seen.frames >= 5 for seen in view.coverage)
+    view.calibrate()
+    view.wait(120)
+    assert view.work is not None and view.work.succeeded, view.work and view.work.words
+    cameras = view.cameras.value
+    page.open(day / "walk")
+    again = page.calibrate
+    assert again is not None and cameras in again.cameras.options
+    again.cameras.value = cameras
+    again.use()
+    assert page.footage is not None and page.calibrate is None
+    assert page.footage.sequence.rig.names == [camera.name for camera in CAMERAS]
+    flags = page.run.flags()
+    assert flags[flags.index("--calibration") + 1].endswith("calibration.toml")
+
+
+def test_fields_are_the_flags_of_calibrate(day: Path, page: Page) -> None:
+    page.open(day / "board")
+    assert page.calibrate is not None
+    fields = page.calibrate.target
+    assert fields.flags() == ["--board", "charuco", "--squares", "7x5", "--square", "0.037"]
+    name, content = fields.make_board()
+    assert name == "board_7x5_37mm.pdf" and content.startswith(b"%PDF")
+    fields.kind.value = CHESSBOARD
+    assert fields.flags()[1] == "chessboard" and not fields.wand.visible
+    fields.kind.value = PERSON
+    assert fields.flags() == ["--person", "--stature", "1.7"] and not fields.searchable
+    fields.kind.value, fields.wand.value = WAND, "0.2,0.3"
+    assert fields.flags() == ["--wand", "0.2,0.3"]
+    fields.wand.value = "long"
+    with pytest.raises(InputError, match="expected metres"):
+        fields.flags()
