@@ -153,7 +153,7 @@ def work_through(trial: Trial, take: Path, frames: str) -> dict[str, Any]:
     trial.click("put it right in this frame")
     truth = load_truth(take / "truth.npz")
     number = list(truth.joint_names).index("l_wrist")
-    for view in (0, 2):
+    for view in (0, 1):
         trial.click_in_picture(view, truth.joints[int(as_tracked.frames[row]), number])
     trial.wait(lambda: page.correct.place.label != "put it right in this frame", "the handle")
     trial.shoot("clicked")

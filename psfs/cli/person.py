@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from rich.table import Table
 
 from cl import InputError, select_device
 from psfs.calibration.intrinsics import read_intrinsics
 from psfs.cameras.calibration.toml_tables import write_toml_tables
-from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.cli.flags.calibrate import CALIBRATION, REPORT
 from psfs.cli.settings import write_settings
 from psfs.common.files import write_json
 from psfs.common.ranges import check_number
 from psfs.common.versions import versions
-from psfs.diagnostics.small_views import Outline
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
 from psfs.footage.settings import SequenceSettings
 from psfs.self_calibration.calibrator import PersonCalibration, calibrate_by_person
 from psfs.self_calibration.config import PersonConfig
-from psfs.self_calibration.footage import extract_joint_outlines, extract_outlines
+from psfs.self_calibration.footage import extract_outlines
 from psfs.sequence import Sequence
 
 #: Keys of `sequence.toml` that may be stated; delays are found, so those of the file do not apply.
@@ -58,21 +55,10 @@ def calibrate_from_person(args: argparse.Namespace) -> None:
     with progress_bar() as bar:
         for view in bar.track(range(len(small)), len(small), description="silhouettes"):
             outlines.append(extract_outlines(views.footage, view, small[view], device, config))
-
-    def extract(rig: CameraRig, lags: np.ndarray) -> list[list[Outline | None]]:
-        footage = replace(views.footage, rig=_place(large, rig))
-        sequence = Sequence(folder, LAYOUT, footage, settings)
-        return extract_joint_outlines(sequence, lags, device, config)
-
-    by_all = extract if views.footage.background is not None else None
-    found = calibrate_by_person(small, outlines, views.fps, config, by_all)
-    _write(args, _place(large, found.rig), found, config)
-
-
-def _place(cameras: Iterable[Camera], rig: CameraRig) -> CameraRig:
-    """Return cameras where those of a rig are."""
-    pairs = zip(cameras, rig, strict=True)
-    return CameraRig(tuple(replace(camera, R=own.R, t=own.t) for camera, own in pairs))
+    found = calibrate_by_person(small, outlines, views.fps, config)
+    placed = zip(large, found.rig, strict=True)
+    rig = CameraRig(tuple(replace(camera, R=own.R, t=own.t) for camera, own in placed))
+    _write(args, rig, found, config)
 
 
 def _write(

@@ -85,7 +85,7 @@ def small_views(
     backgrounds = None if background is None else _grey(background.mean.astype(np.uint8))
     outlines, foreground, gains, masks, pictures = [], [], [], [], []
     shown = (shrink.frame(frame) for frame in sequence.frames(slice(frames.start, frames.stop)))
-    for number, (small, evidence) in enumerate(compute_ahead(shown, begin)):
+    for number, (small, evidence) in enumerate(_compute_ahead(shown, begin)):
         silhouettes = evidence > 0
         pairs = list(zip(shrink.small, silhouettes, strict=True))
         outlines.append([extract_outline(mask[: c.size[1], : c.size[0]]) for c, mask in pairs])
@@ -102,7 +102,7 @@ def small_views(
     )  # fmt: skip
 
 
-def compute_ahead(
+def _compute_ahead(
     frames: Iterable[Frame], begin: Callable[[Frame], Callable[[], np.ndarray]]
 ) -> Iterator[tuple[Frame, np.ndarray]]:
     """Yield frames with their evidence, while that of the next frame is computed."""

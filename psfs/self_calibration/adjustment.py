@@ -147,11 +147,9 @@ def adjust_extremes(
     )  # fmt: skip
 
 
-def adjust_frontier(
-    rig: CameraRig, lags: np.ndarray, points: PersonPoints, gates: Sequence[float]
-) -> Adjusted | None:
-    """Adjust the rig to all frontier points, in a round per gate, px; None if there are too few."""
-    return _adjust(rig, lags, points.find_all, points.config.narrow, gates)
+def adjust_frontier(rig: CameraRig, lags: np.ndarray, points: PersonPoints) -> Adjusted | None:
+    """Adjust the rig to all frontier points, in a round per gate; None if there are too few."""
+    return _adjust(rig, lags, points.find_all, points.config.narrow, points.config.gates)
 
 
 def _adjust(
@@ -182,7 +180,7 @@ def _adjust(
     return None if found is None else Adjusted(rig, lags, found)
 
 
-def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int, cap: float) -> float:
+def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int, cap: float = 8.0) -> float:
     """Return the mean distance, px, at most `cap`, of the outermost points from the epipolar
     lines. Half the cap counts for points that the shorter recording would have and that lags leave
     out."""

@@ -7,7 +7,7 @@ adjusted, and the best of these is adjusted to all frontier points (`adjustment`
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -16,8 +16,6 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
-from psfs.cameras.rig_geometry import intersect_axes_ahead
-from psfs.diagnostics.frontier import FrontierPoints
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.adjustment import (
     Adjusted,
@@ -28,17 +26,15 @@ from psfs.self_calibration.adjustment import (
     measure_misfits,
 )
 from psfs.self_calibration.bobbing import compare_bobbing, measure_bobbing
-from psfs.self_calibration.config import AdjustmentConfig, PersonConfig
+from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.hulls import HullRays
 from psfs.self_calibration.pairing import Walker, compare_pair
 from psfs.self_calibration.search import ArrangementSearch
-from psfs.self_calibration.start import place_cameras, reverse_rig
+from psfs.self_calibration.start import place_cameras
 from psfs.self_calibration.upright import UprightView, fit_upright
 from psfs.self_calibration.world import align_to_person, measure_path
 
 Outlines = Sequence[Sequence[Outline | None]]
-#: Return outlines [view][frame] by a rig and lags (V,).
-Extract = Callable[[CameraRig, np.ndarray], Outlines]
 #: What to film if the cameras cannot be found.
 FILM = (
     "film one person who walks about for ten seconds or more, towards and past all cameras, wholly "
@@ -68,14 +64,12 @@ class PersonCalibration:
 
 
 def calibrate_by_person(
-    cameras: Sequence[Camera], outlines: Outlines, rate: float, config: PersonConfig,
-    extract: Extract | None = None,
-) -> PersonCalibration:  # fmt: skip
+    cameras: Sequence[Camera], outlines: Outlines, rate: float, config: PersonConfig
+) -> PersonCalibration:
     """Estimate the cameras' poses and lags from outlines [view][frame] at `rate` per second.
 
-    cameras: small, with the intrinsics that are kept. extract: returns better outlines, without
-    shadows on the floor, once a rig, metres, Z = 0 on the floor, and lags (V,) are known. Raises
-    InputError, which says what to film, if the cameras cannot be found.
+    cameras: small, with the intrinsics that are kept. Raises InputError, which says what to film,
+    if they cannot be found.
     """
     if len(cameras) < 3:
         raise InputError(
@@ -87,7 +81,7 @@ def calibrate_by_person(
     for in_place in (False, True):
         views = _fit_views(cameras, outlines, rate, config, in_place)
         try:
-            return _calibrate(cameras, outlines, views, rate, config, extract)
+            return _calibrate(cameras, outlines, views, rate, config)
         except InputError as error:
             failures.append(error)
     raise failures[0]
@@ -109,21 +103,13 @@ def _fit_views(
 
 def _calibrate(
     cameras: Sequence[Camera], outlines: Outlines, views: list[list[UprightView]], rate: float,
-    config: PersonConfig, extract: Extract | None,
+    config: PersonConfig,
 ) -> PersonCalibration:  # fmt: skip
     """Estimate the cameras from what each of them tells of its tilt and height."""
-    step = max(1, round(rate / config.table_rate))
     points = PersonPoints(cameras, outlines, config.adjustment)
-    best = _adjust_best(_search(cameras, outlines, views, rate, config), points, step, config)
-    if best is None:
-        raise InputError(f"no arrangement of the cameras fits the silhouettes; {FILM}")
-    ups = [own[0].axes[2] for own in views]
-    if extract is not None:
-        _check_misfits(best, points, config.first_residual)
-        world = align_to_person(best.rig, ups, _find_touched(best, points, config), config)
-        points = PersonPoints(cameras, extract(world, best.lags), config.adjustment)
-        best = _adjust_again(Adjusted(world, best.lags, best.last), points, config.adjustment)
-    return _check(best, ups, points, config)
+    starts = _search(cameras, outlines, views, rate, config)
+    best = _adjust_best(starts, points, max(1, round(rate / config.table_rate)), config)
+    return _check(best, [own[0].axes[2] for own in views], points, config)
 
 
 def _check_seen(cameras: Sequence[Camera], outlines: Outlines, config: PersonConfig) -> None:
@@ -173,47 +159,29 @@ def _adjust_best(
     starts: list[tuple[CameraRig, np.ndarray]], points: PersonPoints, step: int,
     config: PersonConfig,
 ) -> Adjusted | None:  # fmt: skip
-    """Return the start that fits best after adjustment.
-
-    A silhouette and its mirror image from the other side look alike from afar, so that the rigs
-    that see the mirror image are tried as well.
-    """
-    own = config.adjustment
-    first = [adjust_extremes(rig, lags, points, own.first, step) for rig, lags in starts]
-    best = _sort_by_misfit(first, points, step, own.far)[: config.finalists]
-    pairs = [(of.rig, of.lags) for of in best]
-    pairs += [(reverse_rig(rig, intersect_axes_ahead(rig)), lags) for rig, lags in pairs]
-    second = [adjust_extremes(rig, lags, points, own.second, step) for rig, lags in pairs]
-    best = _sort_by_misfit(second, points, step, own.far)[: config.finalists]
-    third = [adjust_frontier(of.rig, of.lags, points, own.gates) for of in best]
-    for found in _sort_by_misfit(third, points, step, own.near)[:1]:
-        return _adjust_again(found, points, own)
-    return None
-
-
-def _adjust_again(found: Adjusted, points: PersonPoints, config: AdjustmentConfig) -> Adjusted:
-    """Adjust a rig that is nearly right to the frontier points several times."""
-    for _ in range(config.repeated):
-        found = adjust_frontier(found.rig, found.lags, points, config.gates[2:]) or found
-    return found
+    """Return the start that fits best after adjustment."""
+    first = [
+        adjust_extremes(rig, lags, points, config.adjustment.first, step) for rig, lags in starts
+    ]
+    found = [(measure_misfit(own, points, step), own) for own in first if own is not None]
+    found.sort(key=lambda of: of[0])
+    second = [
+        adjust_extremes(own.rig, own.lags, points, config.adjustment.second, step)
+        for _, own in found[: config.finalists]
+    ]
+    final = [own for own in second if own is not None]
+    if not final:
+        return None
+    best = min(final, key=lambda own: measure_misfit(own, points, step))
+    return adjust_frontier(best.rig, best.lags, points)
 
 
-def _find_touched(best: Adjusted, points: PersonPoints, config: PersonConfig) -> FrontierPoints:
-    """Return the frontier points that agree."""
-    shifts = np.round(best.lags).astype(int)
-    return points.find_all(best.rig.cameras, shifts, config.adjustment.gates[-1])
-
-
-def _sort_by_misfit(
-    found: Sequence[Adjusted | None], points: PersonPoints, step: int, cap: float
-) -> list[Adjusted]:
-    known = [of for of in found if of is not None]
-    return sorted(known, key=lambda of: measure_misfit(of, points, step, cap))
-
-
-def _check_misfits(best: Adjusted, points: PersonPoints, most: float) -> np.ndarray:
-    """Return the misfits (V,) of the cameras, see `measure_misfits`. Raises InputError if they are
-    greater than `most`, px."""
+def _check(
+    best: Adjusted | None, ups: list[np.ndarray], points: PersonPoints, config: PersonConfig
+) -> PersonCalibration:
+    """Return the calibration in its world. Raises InputError if it cannot be trusted."""
+    if best is None:
+        raise InputError(f"no arrangement of the cameras fits the silhouettes; {FILM}")
     rig = best.rig
     misfits = measure_misfits(best, points)
     worst = int(np.argmax(misfits))
@@ -222,22 +190,15 @@ def _check_misfits(best: Adjusted, points: PersonPoints, most: float) -> np.ndar
             f"{rig[worst].name} shares too few pictures of the whole person with the other "
             f"cameras; {FILM}"
         )
-    if misfits[worst] > most:
+    if misfits[worst] > config.worst_residual:
         raise InputError(
             f"the silhouettes fit no arrangement of the cameras: those of {rig[worst].name} and "
             f"another camera differ by {misfits[worst]:.2f} px, expected at most "
-            f"{most:g}; {FILM}"
+            f"{config.worst_residual:g}; {FILM}"
         )
-    return misfits
-
-
-def _check(
-    best: Adjusted, ups: list[np.ndarray], points: PersonPoints, config: PersonConfig
-) -> PersonCalibration:
-    """Return the calibration in its world. Raises InputError if it cannot be trusted."""
-    misfits = _check_misfits(best, points, config.worst_residual)
-    touched = _find_touched(best, points, config)
-    world = align_to_person(best.rig, ups, touched, config)
+    shifts = np.round(best.lags).astype(int)
+    touched = points.find_all(rig.cameras, shifts, config.adjustment.gates[-1])
+    world = align_to_person(rig, ups, touched, config)
     path = measure_path(world, touched)
     if path < config.least_path * config.stature:
         raise InputError(

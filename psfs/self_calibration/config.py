@@ -114,11 +114,6 @@ class AdjustmentConfig(Config):
     gates: tuple[float, ...] = setting(
         (16, 8, 6, 4, 4, 2, 2, 2), "Gates of the last rounds.", unit="px"
     )
-    far: float = positive(
-        8.0, "Greatest misfit of a point that counts while arrangements are compared.", unit="px"
-    )
-    near: float = positive(2.5, "The same after the adjustment to frontier points.", unit="px")
-    repeated: int = nonnegative(2, "Further adjustments of the best to frontier points.")
     wide: AlignmentConfig = part(
         AlignmentConfig,
         "Steps while the arrangement is uncertain; lenses are kept.",
@@ -183,7 +178,7 @@ class PersonConfig(Config):
     )
     angles: int = setting(36, "Number of angles around the vertical that are tried.", least=8)
     candidates: int = natural(40, "Number of arrangements from the search that are adjusted.")
-    finalists: int = natural(4, "Number of these that are adjusted to frontier points.")
+    finalists: int = natural(3, "Number of these that are adjusted to frontier points.")
     least_frames: int = setting(
         40, "Fewest frames of a camera that must show the whole person.", least=8
     )
@@ -192,11 +187,8 @@ class PersonConfig(Config):
         "Greatest median distance of the outermost points of two cameras from epipolar lines.",
         unit="px",
     )
-    first_residual: float = positive(
-        3.0, "The same before shadows on the floor are known.", unit="px"
-    )
     least_path: float = nonnegative(
-        0.05,
+        0.15,
         "Least standard deviation of the person's places along the walk's main direction, as a "
         "share of the stature.",
     )

@@ -9,15 +9,14 @@ import cv2
 import numpy as np
 
 from cl import Device, NumpyDevice
-from psfs.backend import make_evidence_function, make_evidence_pipeline
+from psfs.backend import make_evidence_function
 from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.background.gaussian import Background, estimate_background, median_moments
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.diagnostics.small_views import Outline, Shrink, compute_ahead, extract_outline
+from psfs.diagnostics.small_views import Outline, Shrink, extract_outline
 from psfs.footage.layouts.common import Footage
-from psfs.footage.timing import Timing, synchronise
 from psfs.self_calibration.config import OutlineConfig, PersonConfig
-from psfs.sequence import Frame, Sequence
+from psfs.sequence import Frame
 from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
 
 #: No appearance model, and no shadows on the floor, which is not yet known.
@@ -33,30 +32,6 @@ def extract_outlines(
     itself. small: the camera, scaled to the pictures that are used."""
     masks = _silhouettes(footage, view, small, device, config.most_frames)
     return [outline_person(mask, config.outline) for mask in masks]
-
-
-def extract_joint_outlines(
-    sequence: Sequence, lags: np.ndarray, device: Device | NumpyDevice, config: PersonConfig
-) -> list[list[Outline | None]]:
-    """Return the outlines [view][frame] of the person in the first pictures of cameras whose rig,
-    lags (V,) and floor, Z = 0, are known: shadows on the floor, which all cameras see alike, do not
-    count. None for pictures without a counterpart in every camera."""
-    late = np.round(lags - np.min(lags)).astype(int)
-    timing = Timing((sequence.fps,) * len(late), tuple(late.tolist()))
-    counts = [item.count for item in sequence.footage.images or ()]
-    footage = synchronise(sequence.footage, timing)
-    shown = Sequence(sequence.folder, sequence.layout, footage, sequence.settings)
-    shrink = Shrink(shown.rig, config.longest_side)
-    background = shrink.background(shown.background)
-    begin = make_evidence_pipeline(device, shrink.small, background, SilhouetteConfig())
-    outlines: list[list[Outline | None]] = [[None] * count for count in counts]
-    frames = slice(0, min(config.most_frames, len(shown)))
-    small = (shrink.frame(frame) for frame in shown.frames(frames))
-    for number, (_, evidence) in enumerate(compute_ahead(small, begin)):
-        for view, camera in enumerate(shrink.small):
-            mask = evidence[view, : camera.size[1], : camera.size[0]] > 0
-            outlines[view][number + late[view]] = outline_person(mask, config.outline)
-    return outlines
 
 
 def _silhouettes(

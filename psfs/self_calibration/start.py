@@ -32,18 +32,3 @@ def place_cameras(
         R = view.axes.T @ world.T
         placed.append(replace(camera, R=R, t=-R @ (stature * np.array([*shift, view.height]))))
     return CameraRig(tuple(placed))
-
-
-def reverse_rig(rig: CameraRig, scene: np.ndarray) -> CameraRig:
-    """Return the rig that sees the mirror image of the scene, from the other side.
-
-    From afar it shows the same pictures (Necker reversal): cameras above the scene's middle (3,)
-    come to lie as far below it. Only the perspective tells which of the two is right.
-    """
-    mirror, back = np.diag([1.0, -1.0, 1.0]), np.diag([1.0, 1.0, -1.0])
-    reversed_ = []
-    for camera in rig:
-        R = back @ camera.R @ mirror
-        middle = camera.R @ scene + camera.t  # of the scene, in the camera's axes
-        reversed_.append(replace(camera, R=R, t=middle - R @ scene))
-    return CameraRig(tuple(reversed_))
