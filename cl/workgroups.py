@@ -51,8 +51,9 @@ def size_defines(
 ) -> dict[str, int]:
     """Return the sizes of sizes.h for a GPU; none for a CPU, for which they are arguments alone.
 
-    GPUs gain 2 % of a streamed frame (H200). On CPUs arguments cost 3 to 4 % of the kernels' time,
-    but PoCL takes .2 s less for every program and kernel of a take of another size.
+    GPUs gain 2 % of a streamed frame (H200). On CPUs arguments cost up to 10 % in some kernels, as
+    much as others gain (PoCL), and .2 s less is compiled for every program and kernel of a take of
+    another size.
     """
     if not device.is_gpu:
         return {}

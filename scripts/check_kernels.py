@@ -41,9 +41,21 @@ AMD, INTEL = ("gfx90a", "gfx1100"), "dg2"
 CLANG = "clang-19"
 #: s for one program of one compiler; for a run of pytest that collects, or only builds.
 _COMPILING_LIMIT, _COLLECTING_LIMIT = 300, 900
-#: What Oclgrind's detector of uninitialised values reports though nothing is wrong: "stage.kernel"
-#: and the reason.
-SUPPRESSED: dict[str, str] = {}
+#: What Oclgrind reports though nothing is wrong, by "stage.kernel": a part of the message.
+SUPPRESSED = {
+    # Oclgrind 21.10 takes element 11 that a shuffle of a vector picks for undefined.
+    "common/probe.check": "ninitialized",
+    # Reads before atomic_min whether there is something to do at all.
+    "reconstruction/colour.nearest_depth": "data race",
+    # Follows what other items lower by atomic_min (union-find, Komura 2015).
+    "image/features.blob_region": "data race",
+    # All work-groups of a pose write the same numbers to `next`, and each reads what it wrote.
+    "tracking/refinement.refine_on": "data race",
+}
+#: Built for CPUs alone: OpenCL's own command fills a GPU's memory.
+ON_CPUS = {"common/fill.fill_words"}
+#: Oclgrind takes minutes for the pixels of the scene; tests of this name have small pictures.
+_SMALL = "amid the body"
 #: Functions of OpenCL C, whose names are mangled, and those of LLVM may be left to the linker.
 _FOREIGN = ("_Z", "__", "llvm.")
 
@@ -121,19 +133,20 @@ def _run(args: argparse.Namespace) -> None:
     for (kernel, column), problems in sorted(findings.wrong.items()):
         for problem in sorted(problems):
             stdout.print(f"{kernel}, {column}: {problem}", markup=False, highlight=False)
-    if any(verdict(row, column, findings) != "ok" for row in rows for column in columns):
+    verdicts = [verdict(row, column, findings) for row in rows for column in columns]
+    if not all(found.startswith("ok") for found in verdicts):
         raise SystemExit(1)
 
 
 def require_tools() -> None:
     """Raise MissingFileError unless the compilers and Oclgrind are here."""
     tools = {CLANG: CLANG, "ocloc": "intel-opencl-icd"}
-    missing = [package for tool, package in tools.items() if shutil.which(tool) is None]
-    missing += [] if ICD.is_file() else ["oclgrind"]
+    missing = {tool: package for tool, package in tools.items() if shutil.which(tool) is None}
+    missing |= {} if ICD.is_file() else {"Oclgrind": "oclgrind"}
     if missing:
         raise MissingFileError(
-            f"this check needs clang, ocloc and Oclgrind; expected them as Debian installs them: "
-            f"apt-get install {' '.join(missing)}"
+            f"{' and '.join(missing)} not found; expected {CLANG}, ocloc and Oclgrind as Debian "
+            f"installs them: apt-get install {' '.join(missing.values())}"
         )
 
 
@@ -166,10 +179,11 @@ def built_programs(place: Path, cases: Sequence[str]) -> set[Program]:
 
 
 def choose_cases(cases: Sequence[tuple[str, list[str]]], each: int) -> list[tuple[str, list[str]]]:
-    """Return the first tests such that each kernel has `each` of them, or all that there are."""
+    """Return the first tests, small ones before others, such that each kernel has `each` of them,
+    or all that there are."""
     seen: dict[str, int] = {}
     chosen = []
-    for case, kernels in cases:
+    for case, kernels in sorted(cases, key=lambda named: _SMALL not in named[0]):
         if any(seen.get(kernel, 0) < each for kernel in kernels):
             chosen.append((case, kernels))
             for kernel in kernels:
@@ -190,7 +204,7 @@ def run_case(place: Path, case: str, kernels: list[str], limit: float, findings:
         findings.add(kernels, "oclgrind", f"{case} fails")
     for report in oclgrind_reports(text):
         named = {k for k in record["launched"] if k.rpartition(".")[2] == report.kernel}
-        named = {k for k in named if k not in SUPPRESSED or "ninitialized" not in report.what}
+        named = {k for k in named if k not in SUPPRESSED or SUPPRESSED[k] not in report.what}
         findings.add(named, "oclgrind", f"{report.what} at {report.line}")
 
 
@@ -220,6 +234,8 @@ def _simulate_device(place: Path) -> dict[str, str]:
         # at noalias.scope.decl.
         **{"OCLGRIND_BUILD_OPTIONS": "-cl-opt-disable -DINLINED=static"},
         **{"OCLGRIND_MAX_ERRORS": "200", "OCLGRIND_GLOBAL_MEM_SIZE": str(2**31)},
+        # With more threads it loses track of what is initialised, and may crash.
+        **{"OCLGRIND_NUM_THREADS": "1"},
     }
 
 
@@ -294,7 +310,10 @@ def table(kernels: Iterable[str], columns: Sequence[str], findings: Findings) ->
 
 
 def verdict(kernel: str, column: str, findings: Findings) -> str:
-    """Return ok, or how many different things are wrong, or that nothing was tried."""
+    """Return ok, or how many different things are wrong, or that nothing was tried; ok without
+    more for a kernel that no GPU runs."""
+    if kernel in ON_CPUS:
+        return "ok (CPUs alone)"
     if wrong := findings.wrong.get((kernel, column), ()):
         return f"{len(wrong)} wrong"
     if column == "oclgrind":

@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> None:
     truth = _read_truth(args)
     stated = [Path(path) for path in (args.init, args.body, args.truth) if path is not None]
     inputs = [Path(args.folder), *(path for path in stated if path.exists())]
-    with output_folder(args.output, args.parser.prog, inputs, RESULTS):
+    with output_folder(args.output, args.parser.prog, inputs, (*RESULTS, "take*")):
         _live(args, method, config, device, (number, truth))
 
 
@@ -108,14 +108,16 @@ def _live(
         stderr.print(str(pace), soft_wrap=True)
     else:
         warn(f"{pace}; {pace.advice}")
-    result = _run(args, live, start, pace)
+    result, takes = _run(args, live, start, pace)
     if not result.frames:
         raise InputError("no frame was tracked; expected at least one before the end")
     provenance = {**method.describe(), "device": device.name}
-    tracks = [
-        _track(person.body, source, found, result.frames, provenance)
-        for person, found in zip(live.persons, result.list_estimates(), strict=True)
-    ]
+    tracks = _make_tracks(live, result, (0, result.frames[-1]), provenance)
+    for number, take in enumerate(takes, start=1):
+        if recorded := _make_tracks(live, result, take, provenance):
+            folder = args.output / f"take{number}"
+            folder.mkdir(parents=True, exist_ok=True)
+            _write_tracks(folder, recorded)
     write_settings(args.output, args, {"method": method, "live": config}, METHOD_FLAGS)
     summary = live.timeline.summary() | {"sizes": result.sizes, "scale": scale}
     summary |= _write_tracks(args.output, tracks) | _compare(tracks, result, truth)
@@ -166,8 +168,11 @@ def _read_truth(args: argparse.Namespace) -> Truth | None:
     return load_truth(args.truth, args.convention)
 
 
-def _run(args: argparse.Namespace, live: Live, start: LiveStart, pace: Pace) -> LiveResult:
-    """Run, with its progress on the terminal and, with --studio, on a page."""
+def _run(
+    args: argparse.Namespace, live: Live, start: LiveStart, pace: Pace
+) -> tuple[LiveResult, list[tuple[int, int]]]:
+    """Run, with its progress on the terminal and, with --studio, on a page. Return the result, and
+    the first and last frames of takes that were recorded on the page."""
     late = warn if pace.keeps_up else None
     with ExitStack() as stack:
         if stderr.console.is_terminal:
@@ -176,7 +181,7 @@ def _run(args: argparse.Namespace, live: Live, start: LiveStart, pace: Pace) -> 
         else:
             progress = PaceReporter(pace.wanted, None, partial(stderr.print, soft_wrap=True), late)
         if not args.studio:
-            return live.run(progress)
+            return live.run(progress), []
         from apf.studio.live import LivePage  # imports an extra
 
         rig = live.source.rig
@@ -184,7 +189,8 @@ def _run(args: argparse.Namespace, live: Live, start: LiveStart, pace: Pace) -> 
         stdout.print(f"{page.address} (for this machine alone)", soft_wrap=True)
         webbrowser.open(page.address)
         both = (progress, page)
-        return live.run(lambda result, timeline: [of(result, timeline) for of in both])
+        result = live.run(lambda result, timeline: [of(result, timeline) for of in both])
+        return result, page.takes
 
 
 def _check_ranges(args: argparse.Namespace) -> None:
@@ -200,6 +206,20 @@ def _check_ranges(args: argparse.Namespace) -> None:
         raise InputError(f"--fps is {args.budget}; expected 0.1 to 1000 poses per second")
     if not 0 <= args.empty <= 600:
         raise InputError(f"--empty is {args.empty}; expected 0 to 600 s")
+
+
+def _make_tracks(
+    live: Live, result: LiveResult, take: tuple[int, int], provenance: dict[str, Any]
+) -> list[Track]:
+    """Return each person's track from the first to the last frame of a take; none without poses."""
+    rows = [row for row, frame in enumerate(result.frames) if take[0] <= frame <= take[1]]
+    if not rows:
+        return []
+    frames = [result.frames[row] for row in rows]
+    return [
+        _track(person.body, live.source, [found[row] for row in rows], frames, provenance)
+        for person, found in zip(live.persons, result.list_estimates(), strict=True)
+    ]
 
 
 def _track(

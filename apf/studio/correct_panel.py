@@ -11,7 +11,7 @@ import numpy as np
 
 from apf.body.model import plain_name
 from apf.studio.handle import JointHandle
-from apf.studio.look_through import intersect_rays
+from apf.studio.look_through import crosses, intersect_rays
 from apf.studio.opened import Opened
 from apf.studio.watch import Watch
 from apf.studio.words import make_lines, make_text
@@ -162,7 +162,10 @@ class CorrectPanel:
             row = next(iter(opened.rows.values()))[self._watch.frame]
             self._add_handle(opened.track, row)
         self.move_handle(place)
-        self._tell_pointing(f"the clicks pass it by {1000 * apart:.0f} mm at most")
+        found = f"the clicks pass it by {1000 * apart:.0f} mm at most"
+        if not crosses(self._rays):
+            found += "; these cameras look along one line: click it in one from the side, too"
+        self._tell_pointing(found)
 
     def correct(self, joints: Mapping[str, Correction]) -> None:
         """Add corrections of joints, by name, in place of earlier ones of the same frame."""

@@ -21,6 +21,7 @@ from psfs.voxels.grid import VoxelGrid
 
 #: Most updates of the page per second.
 _RATE = 30.0
+_BEGIN = "record a take"
 #: Half of the floor's side without a grid, m.
 _AROUND = 2.0
 
@@ -48,6 +49,15 @@ class LivePage:
         gui.set_panel_label("psfs-apf live")
         self._status = gui.add_html(make_text("Waiting for the first pose."))
         self._button = gui.add_button("end the run", hint="key: S; what is tracked is kept")
+        self._record = gui.add_button(
+            _BEGIN, hint="key: R; a take of its own, in a folder take1, ..."
+        )
+        self._takes: list[tuple[int, int]] = []
+        self._began: int | None = None  # frame in which the take that is recorded began
+        self._record.on_click(lambda event: self.press_record())
+        gui.add_command("Begin or end a take", hotkey="R").on_trigger(
+            lambda event: self.press_record()
+        )
         self._stop = stop
         self._button.on_click(lambda event: self.press_end())
         gui.add_command("End the run", hotkey="S").on_trigger(lambda event: self.press_end())
@@ -79,6 +89,26 @@ class LivePage:
     def __call__(self, result: LiveResult, timeline: Timeline) -> None:
         """Show the newest pose of a run from now on; tracking does not wait for it."""
         self._run = result, timeline
+
+    @property
+    def takes(self) -> list[tuple[int, int]]:
+        """The first and the last frame of each recorded take; one that is recorded ends now."""
+        if self._began is None:
+            return list(self._takes)
+        return [*self._takes, (self._began, max(self._began, self._newest_frame))]
+
+    @property
+    def _newest_frame(self) -> int:
+        frames = self._run[0].frames if self._run is not None else []
+        return frames[-1] if frames else 0
+
+    def press_record(self) -> None:
+        """Begin a take with the next pose, or end the one that is recorded."""
+        if self._began is None:
+            self._began = self._newest_frame + 1
+        else:
+            self._takes, self._began = self.takes, None
+        self._record.label = _BEGIN if self._began is None else "end this take"
 
     def press_end(self) -> None:
         """End the run."""

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 #: Height of the picture behind the scene, px; and by how far the point of view may have moved, m.
 _HEIGHT, _MOVED = 720, 0.01
+#: Cosine of the angle between rays below which they cross: 30 degrees.
+_ALONG = 0.87
 
 
 class LookThrough:
@@ -122,3 +124,10 @@ def intersect_rays(rays: Mapping[int, np.ndarray], rig: CameraRig) -> tuple[np.n
     )[0]
     off = np.linalg.norm(np.einsum("vij,vj->vi", across, point - centres), axis=1)
     return point, float(off.max())
+
+
+def crosses(rays: Mapping[int, np.ndarray]) -> bool:
+    """Return whether two of the rays, directions (3,), cross well enough to tell how far a point
+    is."""
+    ways = np.stack([way / np.linalg.norm(way) for way in rays.values()])
+    return bool(np.abs(ways @ ways.T).min() < _ALONG)

@@ -54,7 +54,7 @@ INLINED void enclose(int4 box, __local int4 *scratch, int2 size, __global int4 *
     }
     if (lane == 0) {
         const int4 all = scratch[0];
-        const int2 low = max(all.xy - MARGIN, 0), high = min(all.zw + MARGIN, size);
+        const int2 low = max(all.xy - MARGIN, (int2)(0)), high = min(all.zw + MARGIN, size);
         *region = all.z > 0 ? (int4)(low, high) : (int4)(0);
     }
 }

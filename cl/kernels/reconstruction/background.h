@@ -20,8 +20,9 @@ static inline Colour colour_of(__global const uchar *pixel)
 // The pixels' mean, or their 1 / sigma^2, in the background's planes from `first` on.
 static inline Colour planes_of(int2 picture, __global const float *plane, int first)
 {
-    plane += first * PIXELS;
-    return (Colour){LOAD_PACK(plane), LOAD_PACK(plane + PIXELS), LOAD_PACK(plane + 2 * PIXELS)};
+    const size_t step = PIXELS;
+    plane += first * step;
+    return (Colour){LOAD_PACK(plane), LOAD_PACK(plane + step), LOAD_PACK(plane + 2 * step)};
 }
 
 // A view's light, see psfs/background/light.py: LIGHT_FLOATS numbers of which the first are gains,

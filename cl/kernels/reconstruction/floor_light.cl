@@ -11,8 +11,9 @@
 
 // Light factor that explains the colour of pixel (x, y) of the background best, and in *left the squared
 // distance that it leaves. `images`, `background` and `light` are those of all views.
-static inline float light_factor(int2 picture, __global const uchar *images,
-                                 __global const float *background, __global const float *light, int view, int x, int y, float *left)
+INLINED float light_factor(int2 picture, __global const uchar *images,
+                           __global const float *background, __global const float *light, int view,
+                           int x, int y, float *left)
 {
     const int pixel = y * WIDTH + x;
     __global const float *plane = background + (size_t)view * 8 * PIXELS + pixel;
@@ -42,11 +43,12 @@ __kernel void floor_light(int2 picture, float floor, __global const float *restr
 {
     const int column = get_global_id(0), row = get_global_id(1), view = get_global_id(2);
     if (column >= CELLS_X + 2 || row >= CELLS_Y + 2) return;
-    const int x = min(max(column - 1, 0), CELLS_X - 1), y = min(max(row - 1, 0), CELLS_Y - 1);
+    const int x = column < 1 ? 0 : column > CELLS_X ? CELLS_X - 1 : column - 1;
+    const int y = row < 1 ? 0 : row > CELLS_Y ? CELLS_Y - 1 : row - 1;
     const float2 point = points[(view * CELLS_Y + y) * CELLS_X + x];
     const int on_floor = point.x == point.x;
-    const int middle_x = min(CELL * x + CELL / 2, WIDTH - 1);
-    const int middle_y = min(CELL * y + CELL / 2, HEIGHT - 1);
+    const int middle_x = CELL * x + CELL / 2 < WIDTH ? CELL * x + CELL / 2 : WIDTH - 1;
+    const int middle_y = CELL * y + CELL / 2 < HEIGHT ? CELL * y + CELL / 2 : HEIGHT - 1;
     float left;
     const float own =
         light_factor(picture, images, background, light, view, middle_x, middle_y, &left);
@@ -63,7 +65,7 @@ __kernel void floor_light(int2 picture, float floor, __global const float *restr
                                          (int)(pixel.x + 0.5f), (int)(pixel.y + 0.5f), &left);
         if (left >= FLOOR_LEFT || alpha >= SHADOW_HIGH) continue;
         ++asked;
-        const float off = fabs(alpha - own);
+        const float off = alpha > own ? alpha - own : own - alpha;
         if (off < nearest_off) {
             second = nearest;
             second_off = nearest_off;
@@ -75,6 +77,6 @@ __kernel void floor_light(int2 picture, float floor, __global const float *restr
         }
     }
     const float agreed = asked >= FLOOR_ENOUGH ? second : nearest;
-    const int steps = (int)(127.0f * min(max(agreed, 0.0f), 1.0f) + 0.5f);
+    const int steps = (int)(127.0f * within(agreed, 0.0f, 1.0f) + 0.5f);
     floor_light[(view * (CELLS_Y + 2) + row) * (CELLS_X + 2) + column] = 2 * steps + on_floor;
 }

@@ -100,16 +100,18 @@ static inline bool near_silhouette(int2 picture, int left, int top, __global con
     return near;
 }
 
+static inline int width_of(int2 picture) { return WIDTH; }
+
 // The boundary lies inside the silhouette, with a 4-neighbour outside; the border of the picture is
 // no boundary: nothing is known beyond it.
 static inline bytes edges_of(const edge_source *source, columns at, int y)
 {
-    const int2 picture = source->picture;
+    const int width = width_of(source->picture);
     const int height = source->height, row = y < 0 ? 0 : y < height ? y : height - 1;
-    __global const uchar *here = source->map + row * WIDTH + at.x;
+    __global const uchar *here = source->map + row * width + at.x;
     const uchar top = row == 0 ? 255 : 0, bottom = row == height - 1 ? 255 : 0;
     const bytes inside = (MAP_BYTES(here - 1) | at.first) & (MAP_BYTES(here + 1) | at.last) &
-                         (MAP_BYTES(here - WIDTH) | top) & (MAP_BYTES(here + WIDTH) | bottom);
+                         (MAP_BYTES(here - width) | top) & (MAP_BYTES(here + width) | bottom);
     return MAP_BYTES(here) & ~inside & at.below & (uchar)(row == y ? 255 : 0);
 }
 

@@ -121,7 +121,7 @@ __kernel void find_contours(int width, int height, int contrast, __global const 
     const short8 hidden = hidden_in(maps, view * size + within);
     const int8 kept = convert_int8(shown & ~hidden), instead = convert_int8(hidden) & HIDDEN;
     const int scale = (255 << 16) / contrast + 1;
-#define VALUE(slope) convert_uchar8((min(slope, contrast) * scale >> 16 & kept) | instead)
+#define VALUE(slope) convert_uchar8((min(slope, (int8)(contrast)) * scale >> 16 & kept) | instead)
     STORE_UCHAR8(VALUE(convert_int8(level)), to);
     STORE_UCHAR8(VALUE(convert_int8(falling) * DIAGONAL >> 8), to + size);
     STORE_UCHAR8(VALUE(convert_int8(upright)), to + 2 * size);

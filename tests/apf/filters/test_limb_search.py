@@ -157,7 +157,9 @@ def test_kernels_and_twin(device: Device, name: str, n_particles: int) -> None:
 def test_each_kernel_agrees_with_the_twin(device: Device, n_particles: int) -> None:
     """On what it gets: what the kernels before it left."""
     body = load_body("song31")
-    config = CONFIG.with_changes(n_particles=n_particles, first_survival=0.9, last_survival=0.6)
+    config = CONFIG.with_changes(
+        n_particles=n_particles, first_survival=0.9, last_survival=0.6, refinement_steps=1
+    )
     pose = bodies.random_poses(body, 1)[0].astype(np.float32)
     likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.samples.n_points))
     likelihood.errors = device.zeros((n_particles,), np.float32)

@@ -13,13 +13,14 @@ import pytest
 from apf.api import read_given_start
 from apf.body import load_body, save_body
 from apf.body.kinematics import posed_joints
+from apf.cli import live as live_command
 from apf.cli import main
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.pose import read_pose, write_pose
 from apf.live.config import SizeConfig
 from apf.live.person import translation
-from apf.live.session import Live, LiveStart, ObservedFrame
+from apf.live.session import Live, LiveResult, LiveStart, ObservedFrame
 from apf.live.sources import ACQUISITION, Replay, Shot
 from apf.live.timeline import Timeline
 from apf.tracking.track import Track
@@ -73,6 +74,22 @@ def test_a_recording_from_the_command_line(filmed: Path, tmp_path: Path, capfd) 
     assert len(track) + sum(summary["dropped"].values()) <= 5
     said = capfd.readouterr()
     assert "mean error" in said.out and "poses per second can be found" in said.err
+
+
+def test_takes_that_were_recorded_have_folders(filmed: Path, tmp_path: Path, monkeypatch) -> None:
+    def run_with_takes(args, run: Live, start, pace) -> tuple[LiveResult, list[tuple[int, int]]]:
+        result = run.run(lambda result, timeline: None)
+        middle = result.frames[len(result.frames) // 2]
+        return result, [(middle, result.frames[-1]), (10**6, 10**6)]
+
+    monkeypatch.setattr(live_command, "_run", run_with_takes)
+    out = tmp_path / "out"
+    assert live(filmed, out, "--particles", "48", "--layers", "6") == 0
+    whole, take = Track.open(out / "track.npz"), Track.open(out / "take1" / "track.npz")
+    kept = whole.frames >= whole.frames[len(whole) // 2]
+    np.testing.assert_array_equal(take.frames, whole.frames[kept])
+    np.testing.assert_array_equal(take.poses, whole.poses[kept])
+    assert not (out / "take2").exists()  # no pose was in it
 
 
 def test_videos_as_cameras(filmed: Path, tmp_path: Path) -> None:

@@ -41,5 +41,12 @@ def test_newest_pose_is_shown() -> None:
             time.sleep(0.02)
         assert np.allclose(page.nodes[0].joints.points, track.joints[3], atol=1e-5)
         assert "the person is lost" in page.status and "2 poses" in page.status
+        page.press_record()  # from the next pose on
+        assert page.takes == [(4, 4)]
+        result.frames += [4, 6, 7]
+        assert page.takes == [(4, 7)]
+        page.press_record()
+        result.frames.append(9)
+        assert page.takes == [(4, 7)]
         page.press_end()
         assert stopped == [1]

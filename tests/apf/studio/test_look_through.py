@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from helpers.scenes import ring
 
-from apf.studio.look_through import intersect_rays, straighten
+from apf.studio.look_through import crosses, intersect_rays, straighten
 
 
 def test_pictures_are_shown_where_the_scene_has_them() -> None:
@@ -33,5 +33,6 @@ def test_clicks_meet_at_the_joint() -> None:
     rays = {view: 3 * (joint - rig[view].centre) for view in (0, 2, 3)}
     place, apart = intersect_rays(rays, rig)
     assert np.allclose(place, joint) and apart < 1e-9
+    assert crosses(rays) and not crosses({0: rays[0], 2: rays[2]})  # 2 is opposite of 0
     rays[0] = rays[0] + np.array([0.0, 0.0, 0.3])
     assert intersect_rays(rays, rig)[1] > 0.02
