@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,8 +16,11 @@ from cl.profile import Profile
 
 
 class Commands(Protocol):
-    """The part of a `Device` that its arrays and launches use."""
+    """The part of a `Device` that its arrays and launches use.
 
+    collected: the commands that are collected, see `Device.collect`; None if they are enqueued."""
+
+    collected: list[Callable[[], None]] | None
     queue: Any
     raw_queue: ctypes.c_void_p
     context: Any
@@ -59,6 +63,20 @@ class Array:
         """Return the same memory, flat, as numbers of another type."""
         dtype = np.dtype(dtype)
         return Array(self.device, self.buffer, (self.nbytes // dtype.itemsize,), dtype)
+
+    @property
+    def place(self) -> tuple[Any, int]:
+        """The whole buffer that the array lies in, and where in it the array begins, bytes."""
+        whole = self.buffer.associated_memobject
+        return (self.buffer, 0) if whole is None else (whole, self.buffer.offset)
+
+    def region(self, start: int, shape: Sequence[int], dtype: npt.DTypeLike) -> Array:
+        """Return an array of the memory from byte `start` on, a multiple of the device's
+        alignment."""
+        whole, offset = self.place
+        nbytes = max(1, math.prod(shape) * np.dtype(dtype).itemsize)
+        buffer = whole.get_sub_region(offset + start, nbytes)
+        return Array(self.device, buffer, tuple(shape), dtype)
 
     def set(self, host: np.ndarray) -> None:
         """Copy `host` (same number of elements and type) to the device, without waiting."""

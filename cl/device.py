@@ -7,7 +7,7 @@ import ctypes
 import logging
 import math
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,8 +18,8 @@ import pyopencl
 
 from cl.array import Array
 from cl.errors import DeviceError, raise_device_errors
-from cl.fill import Fills
-from cl.launch import Kernel, Launch
+from cl.fill import Fill, Fills
+from cl.launch import Kernel, Launch, Step
 from cl.listing import (
     DeviceInfo,
     device_info,
@@ -109,6 +109,7 @@ class Device:
     profiler: Profile | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
+        self.collected: list[Step] | None = None
         self.info = device_info(self.handle)
         try:
             self.programs = shared_programs(self.handle)
@@ -119,6 +120,7 @@ class Device:
             raise DeviceError(f"the device {self.name} cannot be used: {error}") from error
         self.profiler = Profile() if self.profile else None
         self._allocated = [0]  # bytes; shared by siblings, as a list is
+        self._allocate: Callable[[int], Any] | None = None
         self._fills = Fills()
 
     @classmethod
@@ -130,7 +132,9 @@ class Device:
 
     @property
     def queue(self) -> Any:
-        """The queue that everything is enqueued on."""
+        """The queue that everything is enqueued on, after what is collected, see `collect`."""
+        if self.collected:
+            self._enqueue_collected(self.collected)
         return self._queue
 
     @queue.setter
@@ -175,6 +179,34 @@ class Device:
             self.queue = own
             queue.flush()
 
+    @contextmanager
+    def collect(self) -> Iterator[list[Step]]:
+        """Collect the launches and fills of the `with` block instead of enqueuing them; yield the
+        list of them. If the block enqueues something else, those before it are enqueued first, and
+        leave the list."""
+        commands: list[Step] = []
+        self.collected = commands
+        try:
+            yield commands
+        finally:
+            self.collected = None
+
+    def enqueue(self, steps: Sequence[Step]) -> None:
+        """Enqueue launches and other steps in their order."""
+        if self.collected is not None:
+            self.collected.extend(steps)
+            return
+        for step in steps:
+            step()
+
+    def _enqueue_collected(self, commands: list[Step]) -> None:
+        self.collected = None
+        try:
+            self.enqueue(commands)
+        finally:
+            commands.clear()
+            self.collected = commands
+
     @property
     def name(self) -> str:
         return self.info.name
@@ -199,7 +231,7 @@ class Device:
         nbytes = max(1, math.prod(shape) * np.dtype(dtype).itemsize)
         self.require_memory(nbytes, what)
         try:
-            buffer = pyopencl.Buffer(self.context, pyopencl.mem_flags.READ_WRITE, nbytes)
+            buffer = (self._allocate or self.new_buffer)(nbytes)
         except pyopencl.Error as error:
             raise DeviceError(
                 f"{self.name} could not allocate {_megabytes(nbytes)} for {what}: {error}"
@@ -208,6 +240,19 @@ class Device:
         self._allocated[0] += nbytes
         weakref.finalize(array, self._release, nbytes)
         return array
+
+    def new_buffer(self, nbytes: int) -> Any:
+        """Return uninitialised memory, which no array accounts for."""
+        return pyopencl.Buffer(self.context, pyopencl.mem_flags.READ_WRITE, nbytes)
+
+    @contextmanager
+    def use_allocator(self, allocate: Callable[[int], Any]) -> Iterator[None]:
+        """Let `allocate(nbytes)` make the buffers of the arrays of the `with` block."""
+        self._allocate = allocate
+        try:
+            yield
+        finally:
+            self._allocate = None
 
     def zeros(
         self, shape: int | Sequence[int], dtype: npt.DTypeLike, what: str = "an array"
@@ -218,6 +263,9 @@ class Device:
 
     def fill(self, array: Array, value: float) -> None:
         """Set every element of `array` to `value`, on the device."""
+        if self.collected is not None:
+            self.collected.append(Fill(array, value))
+            return
         self._fills.fill(self, array, value)
 
     def to_device(self, host: np.ndarray, what: str = "an array") -> Array:

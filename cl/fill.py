@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 from weakref import WeakKeyDictionary
 
@@ -16,6 +17,17 @@ from cl.launch import Kernel, Launch
 _LARGE, _MANY = 1_000_000, 4
 #: Bytes of a pack of fill.cl, and packs of a work-group.
 _PACK_BYTES, _FILL_GROUP = 16, 1024
+
+
+@dataclass(frozen=True)
+class Fill:
+    """A fill of an array, done when called."""
+
+    array: Array
+    value: float
+
+    def __call__(self) -> None:
+        self.array.fill(self.value)
 
 
 class Builder(Commands, Protocol):

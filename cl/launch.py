@@ -38,12 +38,15 @@ Step: TypeAlias = Callable[[], None]
 class Kernel:
     """Kernel of a built program and its parameters; holds no arguments itself.
 
-    parameters: by name, in the order of the prototype. Raises DeviceError if the program has no
-    kernel of that name, or one with other parameters than were read from `file`.
+    parameters: by name, in the order of the prototype. text: source and the compiler's options that
+    the program was built from. Raises DeviceError if the program has no kernel of that name, or one
+    with other parameters than were read from `file`.
     """
 
-    def __init__(self, program: Any, name: str, file: str, signatures: Signatures) -> None:
-        self.name, self.file = name, file
+    def __init__(
+        self, program: Any, name: str, file: str, signatures: Signatures, text: tuple[str, str]
+    ) -> None:
+        self.name, self.file, self.text = name, file, text
         if name not in signatures:
             found = ", ".join(signatures) or "none at all"
             raise DeviceError(f"{file} has no kernel {name}; found: {found}")
@@ -73,7 +76,7 @@ class Launch:
     event.
 
     name: label of its timings, by default the kernel's name. arguments: current values by name:
-    arrays, numbers, None.
+    arrays, numbers, None. on_change: called after they are set.
     """
 
     def __init__(
@@ -97,6 +100,7 @@ class Launch:
         self._sizes = _raw_sizes(self._bound, self.global_size, self.local_size)
         # Keeps arrays alive as long as the kernel refers to them.
         self.arguments: dict[str, Argument] = {}
+        self.on_change: Step | None = None
         self.set(**arguments)
 
     def set(self, **arguments: Argument) -> None:
@@ -118,9 +122,14 @@ class Launch:
                 raise type(error)(f"{self.kernel}, argument {name}: {error}") from None
             self._bound.set_arg(self._places[name], bound)
             self.arguments[name] = value
+        if self.on_change is not None:
+            self.on_change()
 
     def __call__(self) -> None:
         device, profiler = self.device, self.device.profiler
+        if device.collected is not None:
+            device.collected.append(self)
+            return
         raw = _ENQUEUE if profiler is None else None
         if raw is not None and raw(device.raw_queue, *self._sizes) == 0:
             return

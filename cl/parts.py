@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from cl.array import Array
 from cl.device import Device
 
 
@@ -23,5 +22,4 @@ class Parts:
         apart = -(-nbytes // align) * align
         self.step = apart // dtype.itemsize
         self.whole = device.zeros((n * self.step,), dtype, "the parts of several people")
-        regions = [self.whole.buffer.get_sub_region(k * apart, nbytes) for k in range(n)]
-        self.arrays = [Array(device, region, tuple(shape), dtype) for region in regions]
+        self.arrays = [self.whole.region(k * apart, shape, dtype) for k in range(n)]

@@ -38,7 +38,8 @@ class Programs:
             named = (*key, name)
             if named not in self._kernels:
                 program = self._programs[key]
-                self._kernels[named] = Kernel(program, name, file, signatures(source, file))
+                found = signatures(source, file)
+                self._kernels[named] = Kernel(program, name, file, found, (source, options))
             return self._kernels[named]
 
 

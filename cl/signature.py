@@ -30,7 +30,8 @@ _SCALARS = {
     **{"half": np.float16, "float": np.float32, "double": np.float64},
 }
 _COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
-_KERNEL = re.compile(r"\b(?:__)?kernel\b[^;{}]*?\bvoid\s+(\w+)\s*\(([^()]*)\)\s*\{")
+#: A kernel's prototype: its name and parameters.
+KERNEL = re.compile(r"\b(?:__)?kernel\b[^;{}]*?\bvoid\s+(\w+)\s*\(([^()]*)\)\s*\{")
 _QUALIFIER = re.compile(r"\b(?:const|restrict|volatile)\b")
 _PARAMETER = re.compile(r"(?:(?:__)?(global|constant|local)\s+)?(\w+)(\s*\*\s*|\s+)(\w+)")
 _VECTOR = re.compile(r"([a-z]+?)(2|3|4|8|16)?")
@@ -99,6 +100,11 @@ class Parameter:
 Signatures = dict[str, tuple[Parameter, ...]]
 
 
+def without_comments(source: str) -> str:
+    """Return a program's text without its comments."""
+    return _COMMENT.sub("", source)
+
+
 @cache
 def signatures(source: str, file: str) -> Signatures:
     """Return the parameters of every kernel in `source`, in the order of its prototype.
@@ -106,10 +112,10 @@ def signatures(source: str, file: str) -> Signatures:
     Raises DeviceError, naming `file`, for a parameter that is more than qualifiers, a type and a
     name: no macros, no arrays.
     """
-    text = _COMMENT.sub("", source)
+    text = without_comments(source)
     return {
         name: tuple(_parameter(each, name, file) for each in inside.split(",") if each.strip())
-        for name, inside in _KERNEL.findall(text)
+        for name, inside in KERNEL.findall(text)
     }
 
 

@@ -145,8 +145,8 @@ class Ahead:
         self._whole = [device.zeros((int(places[-1]),), np.uint8, what) for _ in range(2)]
         self.written, self.read = (
             [
-                Array(device, whole.buffer.get_sub_region(int(place), max(1, size)), *each)
-                for place, size, each in zip(places[:-1], sizes, shapes, strict=True)
+                whole.region(int(place), *each)
+                for place, each in zip(places[:-1], shapes, strict=True)
             ]
             for whole in self._whole
         )

@@ -105,7 +105,8 @@ def _run(args: argparse.Namespace) -> None:
 
 def _write_results(shown: list[Shown]) -> None:
     """Write the results and the page."""
-    made, commit = date.today().isoformat(), checked_out_commit()
+    # Its own results are what makes the checkout dirty.
+    made, commit = date.today().isoformat(), (checked_out_commit() or "").removesuffix("-dirty")
     with write_atomically(_RESULTS) as temporary:
         rows = [asdict(one) for one in shown]
         text = json.dumps({"made": made, "commit": commit, "commands": rows}, indent=1)
@@ -190,14 +191,14 @@ def _execute(command: str, work: Path) -> int:
     return done.returncode
 
 
-def _make_page(shown: list[Shown], made: str, commit: str | None) -> str:
+def _make_page(shown: list[Shown], made: str, commit: str) -> str:
     """Return docs/lab/commands.md."""
     lines = [
         "# Every command of the site",
         "",
-        f"Written by `scripts/check_site_commands.py`, {made}, commit {commit}. Run: on a",
-        f"synthetic walk of {_SCENE.cameras} cameras, {_SCENE.frames} frames of {_SCENE.size[0]} x "
-        f"{_SCENE.size[1]}, in the order of this table. A test runs a",
+        f"Written by `scripts/check_site_commands.py`, {made}, the last at commit {commit}.",
+        f"Run: on a synthetic walk of {_SCENE.cameras} cameras, {_SCENE.frames} frames of "
+        f"{_SCENE.size[0]} x {_SCENE.size[1]}, in the order of this table. A test runs a",
         "command of that kind on its own input; what neither can run was tried by hand.",
         "",
         "| command | pages | checked | exit code |",

@@ -11,6 +11,11 @@ from apf.body.model import BodyModel
 ALONG = 4
 
 
+def count_spheres(body: BodyModel) -> int:
+    """Return the number of a body's spheres."""
+    return len(body.cones) * ALONG
+
+
 def body_spheres(body: BodyModel, pose: np.ndarray) -> np.ndarray:
     """Return spheres (C * ALONG, 4), centres and radii, m, along the cones of `body` in `pose`
     (D,)."""

@@ -15,7 +15,7 @@ from apf.api import load_template, read_given_start
 from apf.backend import check_renderer
 from apf.body import BodyModel, save_body
 from apf.cli.first_pose import check_start, explain_failed_start, warn_of_doubts
-from apf.cli.keypoints.flags import read_keypoints, read_people_keypoints
+from apf.cli.keypoints.flags import read_keypoints
 from apf.cli.keypoints.triangulate import TRIANGULATE, run_triangulate
 from apf.cli.method_flags import METHOD_FLAGS, select_method
 from apf.cli.takes.corrected import CorrectedTrack, read_corrections_flag, track_with_corrections
@@ -201,8 +201,6 @@ def _track_and_judge(out: OutputFolder, job: TrackJob, line: Line) -> list[Finis
     persons = find_persons(job, session, given, line) if line.n_frames else None
     if persons is None:
         return [_track_person(job, examination, given, line)]
-    own_keypoints = read_people_keypoints(args, session, persons.people)
-    persons = replace(persons, keypoints=own_keypoints)
     done = []
     for own_job, own in persons.jobs(job):
         line.n_frames = len(own.frames)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from apf.likelihood.observations import (
 )
 from apf.scene import Scene
 from cl import Array, InputError, Launch, Step
+from cl.batch import Batch
 from cl.staging import Download
 
 
@@ -197,11 +198,18 @@ class DeviceTracker(Tracker):
     def begin_search(self, queue: Any = None) -> Callable[[], list[Estimate]]:
         """Enqueue the search; return a function that waits for it and returns each run's
         estimate. queue: the queue that is enqueued on, if that is not the device's own."""
-        for launch in self._layers[self._n_frames % 2]:
-            launch()
+        self.enqueue_search(queue)
+        return self.fetch_estimates()
+
+    def enqueue_search(self, queue: Any = None) -> None:
+        """Enqueue the launches of the search, the first half of `begin_search`."""
+        self.device.enqueue(self._layers[self._n_frames % 2])
         self._n_frames += 1
         if queue is not None:
             self._streaming = queue
+
+    def fetch_estimates(self) -> Callable[[], list[Estimate]]:
+        """Enqueue the download of the estimates, the second half of `begin_search`."""
         report, n_layers = self._download.fetch(), self.particles.config.n_layers
         return lambda: unpack_report(report(), self.body, self.particles.n_runs, n_layers)
 
@@ -265,19 +273,21 @@ def begin_searches(
     shows: Sequence[Step],
     queue: Any,
     finish: Sequence[Step] = (),
+    batch: Batch | None = None,
 ) -> list[Callable[[], list[Estimate]]]:
     """Enqueue on `queue` the searches of the trackers of one device in the frame that each one's
-    `likelihood.prepare` prepared and `shows` show, and then `finish`; return, for each tracker, a
-    function that waits for its search and returns each run's estimate."""
+    `likelihood.prepare` prepared and `shows` show, and then each one's step of `finish`; return,
+    for each tracker, a function that waits for its search and returns each run's estimate. batch:
+    that of the trackers, which joins their launches."""
     device = trackers[0].device
+    batch = batch or Batch(device, 1)
     with device.enqueue_on(queue) as own:
         for show in shows:
             show()
         device.make_wait(own)  # the next observations overwrite these
-        searches = [tracker.begin_search(queue) for tracker in trackers]
-        for step in finish:
-            step()
-    return searches
+        batch.run([partial(tracker.enqueue_search, queue) for tracker in trackers])
+        batch.run(finish)
+        return [tracker.fetch_estimates() for tracker in trackers]
 
 
 def check_pose(body: BodyModel, pose: np.ndarray) -> np.ndarray:

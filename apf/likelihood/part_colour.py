@@ -24,7 +24,8 @@ from psfs.voxels.device_voxels import CarvedVoxels
 
 #: Work-items of a GPU per camera: cameras are few, so each gets a multiprocessor to itself.
 _GROUP = 512
-#: Number of codes: the palette's colours, and a last one for pixels outside the silhouettes.
+#: Number of codes: the palette's colours, and the last two, for pixels inside the silhouettes whose
+#: colour is hidden by furniture or by another person, and for those outside.
 N_CODES = 64
 #: Log ratios are quantised to this many steps up to their bound.
 RATIO_STEPS = 127
@@ -104,7 +105,7 @@ def fit_palette(
     if len(person) < config.least_pixels:
         return None
     chosen = person[np.arange(_PALETTE_PIXELS) * len(person) // _PALETTE_PIXELS]
-    n = min(config.n_colours, N_CODES - 1)
+    n = min(config.n_colours, N_CODES - 2)
     centres, _ = kmeans2(_lab(chosen), n, iter=20, minit="++", seed=0, missing="warn")
     levels = (np.arange(1 << _BITS) << 8 - _BITS) + (1 << 7 - _BITS)
     every = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), -1).reshape(-1, 3)

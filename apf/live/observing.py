@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from apf.backend import make_observer
-from apf.body.spheres import ALONG
+from apf.body.spheres import count_spheres
 from apf.filters.method import Method
 from apf.likelihood.observations import Shown
 from apf.live.config import LiveConfig
@@ -65,7 +65,7 @@ class VoxelObserver:
         parts: Sequence[CarvedVoxels] = [reconstruct.voxels]
         division = None
         if len(persons) > 1:
-            n_spheres = ALONG * len(persons[0].body.cones)
+            n_spheres = count_spheres(persons[0].body)
             division = Division(device, pictures.rig, reconstruct.voxels, len(persons), n_spheres)
             parts = division.persons
         means = [MeanPosition(device, grid.shape, part.surface, part.count) for part in parts]

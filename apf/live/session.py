@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from apf.live.sources import ACQUISITION, Newest, Shot, Source
 from apf.live.timeline import Timeline
 from apf.scene import Scene
 from cl import Device
+from cl.batch import Batch
 from psfs.people.separation import with_hidden_maps
 from psfs.voxels.grid import VoxelGrid
 
@@ -107,10 +109,16 @@ class Live:
         self.processor = device.sibling()
         pictures = Smaller(source, scale)
         rig = with_hidden_maps(pictures.rig) if start.others else pictures.rig
-        self.persons = [
-            LivePerson(Scene(device, rig, start.grid, body), pose, searches, self._config)
-            for body, pose in ((start.body, start.pose), *start.others)
-        ]
+        people = (start.body, start.pose), *start.others
+        self._batch = Batch(device, len(people))
+        self.persons = self._batch.run(
+            [
+                partial(
+                    LivePerson, Scene(device, rig, start.grid, body), pose, searches, self._config
+                )
+                for body, pose in people
+            ]
+        )
         self.observe = self._observer(pictures, start.grid, follow)
         self._shots = Newest[Shot](lambda shot: self.timeline.drop(PROCESSING, shot.frame.index))
         self._ready = Newest[ObservedFrame](
@@ -212,8 +220,7 @@ class Live:
             self._free_at = start + self._tracking_time
             with self.timeline.span(TRACKING, shot.frame.index):
                 self.expect(observed)
-                for person, (observation, _) in zip(self.persons, observed.seen, strict=True):
-                    person.tracker.observe(observation)
+                self._observe_people(observed.seen)
                 if self._overlaps:  # the trackers no longer need the observations
                     self.device.finish()
                     self._free.set()
@@ -233,8 +240,17 @@ class Live:
 
     def search(self) -> list[Estimate]:
         """Enqueue all searches; then wait for them and return their estimates."""
-        searches = [person.tracker.begin_search() for person in self.persons]
+        trackers = [person.tracker for person in self.persons]
+        self._batch.run([tracker.enqueue_search for tracker in trackers])
+        searches = [tracker.fetch_estimates() for tracker in trackers]
         return [search()[0] for search in searches]
+
+    def _observe_people(self, seen: Sequence[Seen]) -> None:
+        """Enqueue the likelihood's preparation of what each person's tracker observes."""
+        pairs = zip(self.persons, seen, strict=True)
+        self._batch.run(
+            [partial(person.tracker.observe, observation) for person, (observation, _) in pairs]
+        )
 
     def keep(self, observed: ObservedFrame, estimates: list[Estimate], latency: float) -> None:
         """Add each person's estimate to the result, see `LivePerson.keep`."""
@@ -289,8 +305,7 @@ class Live:
         seconds = []
         for _ in range(1 + self._config.n_probes):
             start = time.perf_counter()
-            for person, (observation, _) in zip(self.persons, seen, strict=True):
-                person.tracker.observe(observation)
+            self._observe_people(seen)
             self.search()
             seconds.append(time.perf_counter() - start)
         return min(seconds[1:])

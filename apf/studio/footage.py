@@ -62,8 +62,9 @@ class FootageView:
             self._add_pictures(server.gui)
         self.box = BoxNode(server.scene, "/volume", self._corners, self.drag_box)
         self.time_line.refresh()
-        self._examiner = threading.Thread(target=self._examine, daemon=True, name="examination")
-        self._examiner.start()
+        #: It goes on after `close` until the step that it is at has ended.
+        self.examiner = threading.Thread(target=self._examine, daemon=True, name="examination")
+        self.examiner.start()
 
     @property
     def remarks(self) -> str:

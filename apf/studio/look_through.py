@@ -38,6 +38,7 @@ class LookThrough:
         self._server, self._rig, self._pointed = server, rig, pointed
         self.view: int | None = None
         self._before: dict[int, tuple[np.ndarray, np.ndarray, float]] = {}
+        self._map: tuple[tuple[int, float], np.ndarray] | None = None  # of the last picture
         self._on_click = self._click  # one object, by which it is removed
         server.scene.on_click()(self._on_click)
 
@@ -70,8 +71,11 @@ class LookThrough:
         camera = self._rig[self.view]
         picture = crop_view(frame, self.view, camera)
         for client in self._server.get_clients().values():
-            fov, aspect = find_fov(camera, client), client.camera.aspect
-            straight = straighten(picture, camera, fov, aspect)
+            key = self.view, client.camera.aspect
+            if self._map is None or self._map[0] != key:
+                pixels = find_straight_map(camera, find_fov(camera, client), client.camera.aspect)
+                self._map = key, pixels
+            straight = straighten(picture, self._map[1])
             client.scene.set_background_image(
                 cv2.cvtColor(straight, cv2.COLOR_BGR2RGB), format="jpeg"
             )
@@ -100,16 +104,21 @@ def find_fov(camera: Camera, client: viser.ClientHandle) -> float:
     return float(2 * np.arctan(max(across, down)))
 
 
-def straighten(picture: np.ndarray, camera: Camera, fov: float, aspect: float) -> np.ndarray:
-    """Return a picture (h, w, 3) uint8 as a camera without distortion would have it whose optical
-    axis meets the middle of its picture: `fov` rad high, `aspect` times as wide as high."""
+def find_straight_map(camera: Camera, fov: float, aspect: float) -> np.ndarray:
+    """Return the pixels (h, w, 2) float32 of a camera's picture that a camera without distortion
+    has whose optical axis meets the middle of its picture: `fov` rad high, `aspect` times as wide
+    as high."""
     width = round(aspect * _HEIGHT)
     focal = _HEIGHT / 2 / np.tan(fov / 2)
     x, y = np.meshgrid(np.arange(width) - (width - 1) / 2, np.arange(_HEIGHT) - (_HEIGHT - 1) / 2)
     rays = np.stack([x, y, np.full_like(x, focal)], -1).reshape(-1, 3) / focal
     pixels, _ = camera.project(rays @ camera.R + camera.centre)
-    found = np.float32(pixels).reshape(_HEIGHT, width, 2)
-    straight: np.ndarray = cv2.remap(picture, found[..., 0], found[..., 1], cv2.INTER_LINEAR)
+    return pixels.astype(np.float32).reshape(_HEIGHT, width, 2)
+
+
+def straighten(picture: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Return a picture (h, w, 3) uint8 without distortion. pixels: of `find_straight_map`."""
+    straight: np.ndarray = cv2.remap(picture, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR)
     return straight
 
 

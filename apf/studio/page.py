@@ -52,6 +52,7 @@ class Page:
         self._lock = threading.RLock()
         self.watch: Watch | None = None
         self.footage: FootageView | None = None
+        self._examiners: list[threading.Thread] = []
         self.calibrate: CalibrateView | None = None
         gui = self.server.gui
         self._choose_theme(False)
@@ -119,6 +120,8 @@ class Page:
         """Close the folder that is open, if one is."""
         with self._lock:
             self.correct.offer(None)  # its handle stands in the scene
+            if self.footage is not None:
+                self._examiners.append(self.footage.examiner)
             for shown in (self.watch, self.footage, self.calibrate):
                 if shown is not None:
                     shown.close()
@@ -143,7 +146,8 @@ class Page:
 
     def _choose_in_list(self, path: Path) -> None:
         """Have the list of folders show which one is open."""
-        self.list_folders()
+        if not any(one.path.resolve() == path for one in self._choices.values()):
+            self.list_folders()
         names = [name for name, one in self._choices.items() if one.path.resolve() == path]
         self._opened = names[0] if names else _NOTHING
         self._folder.value = self._opened
@@ -160,6 +164,8 @@ class Page:
         self.run.close()
         self.close_folder()
         stop_server(self.server)
+        for examiner in self._examiners:  # drivers abort a process that ends while they compute
+            examiner.join(timeout=60)
 
     def say(self, error: object) -> None:
         """Show an error on the page."""

@@ -9,7 +9,7 @@ import numpy as np
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, body_defines, pack_body
-from apf.body.spheres import ALONG
+from apf.body.spheres import ALONG, count_spheres
 from cl import Array, Device, Launch
 from cl.parts import Parts
 from cl.workgroups import pack_defines
@@ -37,7 +37,7 @@ class Places:
         }
         self._expect = device.launch(
             device.kernel("tracking/people", "expect_spheres", **defines),
-            (len(bodies) * n_cones * ALONG,),
+            (len(bodies) * count_spheres(bodies[0]),),
             None,
             newest=0,
             before=0,

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from apf.backend import make_device_tracker
 from apf.body.model import BodyModel
-from apf.body.spheres import ALONG
+from apf.body.spheres import count_spheres
 from apf.filters.base import DeviceTracker, Estimate, begin_searches
 from apf.filters.method import Method
 from apf.scene import Scene
 from apf.tracking.places import SLOTS, Places
 from cl import Device, Launch
+from cl.batch import Batch
 from psfs.cameras.camera import CameraRig
 from psfs.people.separation import with_hidden_maps
 from psfs.voxels.device_voxels import CarvedVoxels
@@ -36,14 +38,19 @@ class PeopleTracker:
         voxels: CarvedVoxels,
         bodies: Sequence[BodyModel],
         method: Method,
+        *,
+        joins: bool | None = None,
     ) -> None:
         several = len(bodies) > 1
         own_rig = with_hidden_maps(rig) if several else rig
         self.device = device
-        self.trackers: list[DeviceTracker] = [
-            make_device_tracker(Scene(device, own_rig, voxels.grid, body), method)
-            for body in bodies
-        ]
+        self._batch = Batch(device, len(bodies), joins)
+        self.trackers: list[DeviceTracker] = self._batch.run(
+            [
+                partial(make_device_tracker, Scene(device, own_rig, voxels.grid, body), method)
+                for body in bodies
+            ]
+        )
         # One queue for all searches: with a queue each a frame takes a tenth longer (H200).
         self._queue = device.new_queue() if device.is_gpu else device.queue
         self._division: Division | None = None
@@ -51,13 +58,20 @@ class PeopleTracker:
         self._pose: list[list[Launch]] = []
         self._n_frames = 0
         if several:
-            n_spheres = len(bodies[0].cones) * ALONG
+            n_spheres = count_spheres(bodies[0])
             self._division = Division(device, rig, voxels, len(bodies), n_spheres)
             self._places = Places(device, bodies, self._division.spheres)
-            self._pose = [
-                self._places.pose_launches(device, person, tracker.particles.result)
-                for person, tracker in enumerate(self.trackers)
-            ]
+            self._pose = self._batch.run(
+                [
+                    partial(self._places.pose_launches, device, person, tracker.particles.result)
+                    for person, tracker in enumerate(self.trackers)
+                ]
+            )
+
+    @property
+    def n_joined(self) -> int:
+        """Number of launches that serve all people."""
+        return self._batch.n_joined
 
     def start(self, poses: Sequence[np.ndarray]) -> None:
         """Put each person's particles at the pose (D,)."""
@@ -90,7 +104,9 @@ class PeopleTracker:
             self._places.expect(self._n_frames - ahead, ahead)
             parts = self._division()
         pairs = zip(self.trackers, parts, strict=True)
-        shows = [tracker.likelihood.prepare(part) for tracker, part in pairs]
+        shows = self._batch.run(
+            [partial(tracker.likelihood.prepare, part) for tracker, part in pairs]
+        )
         slot, self._n_frames = self._n_frames % SLOTS, self._n_frames + 1
         poses = [launches[slot] for launches in self._pose]
-        return begin_searches(self.trackers, shows, self._queue, poses)
+        return begin_searches(self.trackers, shows, self._queue, poses, self._batch)

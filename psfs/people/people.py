@@ -57,6 +57,18 @@ class People:
         """Number (F,) of people in each of `frames`."""
         return np.sum([np.isin(self.frames, person.frames) for person in self.persons], axis=0)
 
+    def during(self, frames: range) -> People:
+        """Return those who are seen in `frames`, there alone."""
+        limited = (
+            Person(
+                person.frames[np.isin(person.frames, frames)],
+                {index: voxels for index, voxels in person.voxels.items() if index in frames},
+            )
+            for person in self.persons
+        )
+        shown = tuple(person for person in limited if len(person.frames))
+        return People(frames, self.grid, shown, self.objects)
+
     def describe(self) -> str:
         """Say how many there are, in words."""
         n = len(self)
@@ -69,12 +81,16 @@ class People:
         return text
 
 
-def count_people(session: Session, config: PeopleConfig | None = None) -> People:
-    """Return the people in some of the session's frames, see `PeopleConfig.rate`."""
+def count_people(
+    session: Session, number: int | None = None, config: PeopleConfig | None = None
+) -> People:
+    """Return the people in some of the session's frames, see `PeopleConfig.rate`.
+
+    number: see `follow_people`."""
     config = config or PeopleConfig()
     every = max(1, round(session.rate / config.rate))
     return session.compute_once(
-        (count_people, config), lambda: _Search(session, config, every).run()
+        (count_people, number, config), lambda: _Search(session, config, every, number).run()
     )
 
 

@@ -36,7 +36,7 @@ def plot_frames(path: Path, results: Results) -> bool:
         panel.set_ylabel("mean error, mm")
         panel.set_ylim(bottom=0)
         panel.grid(color="#DDDDDD", lw=0.6)
-        panel.legend(frameon=False, fontsize=9, ncols=4)
+        panel.legend(frameon=False, fontsize=9, loc="center left", bbox_to_anchor=(1.01, 0.5))
     axes[-1, 0].set_xlabel("frame")
     with write_atomically(path) as temporary:
         figure.savefig(temporary, dpi=110)
@@ -49,5 +49,5 @@ def _draw_line(panel: plt.Axes, runs: Sequence[Run], name: str, colour: str) -> 
     errors = np.array([run.by_frame[:shortest] for run in runs])
     frames = np.arange(shortest)
     panel.fill_between(frames, errors.min(0), errors.max(0), color=colour, alpha=0.2, lw=0)
-    shown = f"{name}: {errors.mean():.1f} mm, {len(runs)} seeds"
+    shown = f"{name}: {errors.mean():.1f} mm\n{len(runs)} seeds"
     panel.plot(frames, errors.mean(0), color=colour, lw=1.2, label=shown)

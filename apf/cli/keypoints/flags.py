@@ -66,6 +66,27 @@ def keypoints_path(args: argparse.Namespace, folder: Path) -> Path:
     return folder / given
 
 
+def open_people_keypoints(
+    args: argparse.Namespace, sequence: Sequence, number: int
+) -> list[Keypoints]:
+    """Return the keypoints of --keypoints of each of at most `number` people, who are assigned
+    between cameras by the keypoints alone. Raises InputError."""
+    if args.cameras is not None:
+        raise InputError(
+            "--people with --cameras: persons are assigned in all cameras; expected one of them"
+        )
+    people = Keypoints.open_people(keypoints_path(args, sequence.folder), sequence, number)
+    if len(people) < number:
+        warn(f"{sequence.name}: --people is {number}; {len(people)} seen by several cameras")
+    return people
+
+
+def find_seen_frames(keypoints: Keypoints, frames: np.ndarray) -> np.ndarray:
+    """Return those of `frames` (F,) in which at least two cameras have keypoints."""
+    shown = np.isfinite(keypoints.points[:, frames]).all(-1).any(-1).sum(0) > 1
+    return np.asarray(frames[shown])
+
+
 def read_people_keypoints(
     args: argparse.Namespace, session: Session, people: People
 ) -> list[Keypoints] | None:

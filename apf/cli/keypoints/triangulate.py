@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from apf.cli.flags.shared import TRIANGULATE
-from apf.cli.keypoints.flags import keypoints_path, read_keypoints
+from apf.cli.keypoints.flags import find_seen_frames, open_people_keypoints, read_keypoints
 from apf.cli.method_flags import METHOD_FLAGS
-from apf.cli.takes.people import people_number
-from apf.keypoints import Keypoints
+from apf.cli.people_flag import people_number
 from apf.report.overlay import write_overlay
 from apf.report.people_page import write_people_overlay
 from apf.tracking.config import TriangulatedConfig
@@ -20,7 +19,7 @@ from apf.tracking.track import PEOPLE, Track
 from apf.tracking.triangulated import triangulate_track
 from cl import InputError, UserError
 from psfs.cameras.names import join_names
-from psfs.cli.commandline import progress_bar, stdout, warn
+from psfs.cli.commandline import progress_bar, stdout
 from psfs.cli.sequence_flags import open_sequence, select_common_frames
 from psfs.cli.setting_flags import with_flags
 from psfs.cli.settings import FILE, refuse_unused, write_settings
@@ -84,20 +83,13 @@ def _triangulate_people(
     job: argparse.Namespace, sequence: Sequence, config: TriangulatedConfig, selection: slice
 ) -> None:
     """Triangulate the keypoints of several people, and write each one's files and people.json."""
-    number = people_number(job.people)
-    if job.cameras is not None:
-        raise InputError("--people with --cameras: persons are assigned in all cameras; expected "
-                         "one of them")  # fmt: skip
-    people = Keypoints.open_people(keypoints_path(job, sequence.folder), sequence, number)
-    if len(people) < number:
-        warn(f"{sequence.name}: --people is {number}; {len(people)} seen by several cameras")
+    people = open_people_keypoints(job, sequence, people_number(job.people))
     frames = np.arange(len(sequence))[selection]
     with output_folder(job.output, job.parser.prog, sequence.inputs, (*RESULTS, PEOPLE)):
         tracks, seen = [], []
         for own in people:
             tracks.append(triangulate_track(sequence, own, config, selection))
-            shown = np.isfinite(own.points[:, frames]).all(-1).any(-1).sum(0) > 1
-            seen.append(frames[shown])
+            seen.append(find_seen_frames(own, frames))
         found = PeopleTracks(tuple(tracks), frames, tuple(seen))
         for number, track in enumerate(tracks, start=1):
             folder = person_folder(job.output, number)

@@ -10,7 +10,7 @@ import numpy as np
 from apf.api import load_template, read_given_start
 from apf.body.model import BodyModel
 from apf.cli.first_pose import find_first_pose
-from apf.cli.takes.people import people_number
+from apf.cli.people_flag import people_number
 from apf.evaluation.joint_names import match_joints
 from apf.evaluation.people import load_people_truth
 from apf.filters.method import Method
@@ -22,15 +22,15 @@ from cl import Device, InputError
 from psfs.cli.commandline import stderr, warn
 from psfs.cli.sequence_flags import collect_overrides, open_sequence, select_common_frames
 from psfs.people.config import PeopleConfig
-from psfs.people.people import count_people, follow_people
+from psfs.people.people import People, count_people
 from psfs.people.separation import join_session, separate
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupied_box import default_voxel_size
 
-#: Time, s, in whose frames people are separated for their starts.
-_START_SECONDS = 1.0
+#: Time, s, in whose frames people are separated for their starts, and the least number of these.
+_START_SECONDS, _FEWEST_FRAMES = 1.0, 2
 
 Given = tuple[BodyModel, np.ndarray]
 
@@ -105,7 +105,7 @@ def _start_people(
     """Return a grid that holds all people of a recording, and the starts of those that its first
     frame shows; None if there is one person."""
     sequence = session.sequence
-    people = count_people(session) if number is None else follow_people(session, number)
+    people = count_people(session, number)
     stderr.print(f"{sequence.name}: {people.describe()}", soft_wrap=True, markup=False)
     if len(people) < 2:
         if number is not None:
@@ -114,25 +114,28 @@ def _start_people(
     grid = automatic_grid(join_session(session, people, PeopleConfig().separation.margin))
     if args.init is not None:
         return grid, _read_starts(args, frames[0], number)
-    return grid, _find_starts(args, session, frames, number, method)
+    return grid, _find_starts(args, session, people, number, method)
 
 
 def _find_starts(
-    args: argparse.Namespace, session: Session, frames: range, number: int | None, method: Method
+    args: argparse.Namespace, session: Session, people: People, number: int | None, method: Method
 ) -> list[Given]:
-    """Find everybody that the first frames of a recording show, each apart from the others."""
-    n = max(2, round(_START_SECONDS * session.rate))
-    first = frames[:n]
+    """Find everybody that the first of the frames show in which people were counted, each apart
+    from the others."""
+    frames = people.frames
+    first = frames[
+        : max(_FEWEST_FRAMES, round(_START_SECONDS * session.sequence.fps / frames.step))
+    ]
     settings = SessionSettings(
         session.reconstruction, slice(first.start, first.stop, first.step), args.voxel_size
     )
     begun = Session(session.sequence, session.device, settings)
-    people = follow_people(begun, number)
+    beginning = people.during(first)
     given, seed = [], method.filter.search.seed
-    for person, own in zip(people, separate(begun, people), strict=True):
+    for person, own in zip(beginning, separate(begun, beginning), strict=True):
         if person.frames[0] == frames[0]:
             given.append(find_first_pose(own, args, seed, None))
-    left = (number or len(people)) - len(given)
+    left = (number or len(beginning)) - len(given)
     if left > 0:
         warn(
             f"{session.sequence.name}: {left} not seen in frame {frames[0]}; only who is there "

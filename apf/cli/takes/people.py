@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from apf.body import BodyModel
+from apf.cli.keypoints.flags import (
+    find_seen_frames,
+    open_people_keypoints,
+    read_people_keypoints,
+)
+from apf.cli.people_flag import people_number
 from apf.cli.takes.job import TrackJob
 from apf.cli.takes.take_report import Line
 from apf.filters.method import Method
@@ -17,11 +23,11 @@ from apf.keypoints import Keypoints
 from apf.report.judged import OVERLAY
 from apf.report.names import PAGE
 from apf.report.people_page import write_people_overlay, write_people_page
-from apf.tracking.people import MOST_PEOPLE, PeopleTracks
+from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cli.commandline import stderr, stdout, warn
-from psfs.people.people import People, count_people, follow_people
+from psfs.people.people import count_people, follow_people
 from psfs.people.separation import separate
 from psfs.sequence import Sequence
 from psfs.session import Session
@@ -29,25 +35,27 @@ from psfs.session import Session
 
 @dataclass(frozen=True, eq=False)
 class Persons:
-    """Several people, the session of each, and the keypoints of each if there are some."""
+    """Several people: the frames (F,) that show each, the session of each, and the keypoints of
+    each if there are some. frames: that were searched. objects: number of other things that
+    move."""
 
-    people: People
+    frames: range
+    seen: list[np.ndarray]
     sessions: list[Session]
     keypoints: list[Keypoints] | None = None
+    objects: int = 0
 
     def jobs(self, job: TrackJob) -> Iterator[tuple[TrackJob, Session]]:
         """Yield the job and the session of each person."""
         for number, session in enumerate(self.sessions, start=1):
-            seen = self.people.persons[number - 1].frames
             own = self.keypoints[number - 1] if self.keypoints is not None else None
-            yield job.person(number, len(self.sessions), seen, own), session
+            yield job.person(number, len(self.sessions), self.seen[number - 1], own), session
 
     def gather(self, tracks: list[Track], verdicts: list[str]) -> PeopleTracks:
         """Return the tracks of the first people, or of all, with the frames that show them."""
-        people = self.people
-        seen = tuple(person.frames for person in people.persons[: len(tracks)])
+        seen = tuple(self.seen[: len(tracks)])
         return PeopleTracks(
-            tuple(tracks), np.array(people.frames), seen, people.objects, tuple(verdicts)
+            tuple(tracks), np.array(self.frames), seen, self.objects, tuple(verdicts)
         )
 
 
@@ -63,17 +71,9 @@ def read_people_flag(args: argparse.Namespace, method: Method) -> int | None:
     return number
 
 
-def people_number(text: str) -> int:
-    """Return the number of people that --people states. Raises InputError."""
-    number = int(text) if text.isdecimal() else 0
-    if not 1 <= number <= MOST_PEOPLE:
-        raise InputError(f"--people is {text}; expected 1 to {MOST_PEOPLE}, or auto")
-    return number
-
-
 def _explain_one_person(args: argparse.Namespace, method: Method) -> str | None:
     """Return why only one person can be tracked, None if several can."""
-    if not method.uses_voxels:
+    if not method.uses_voxels and method.objective != "keypoints":
         return f"--objective {method.objective} tracks one person"
     own_body = args.body is not None and Path(args.body).suffix == ".toml"
     flags = {"--init": args.init, "--height": args.height}
@@ -90,10 +90,11 @@ def find_persons(
     args, sequence = job.args, session.sequence
     wanted = read_people_flag(args, job.method)
     alone = given is not None or sequence.subject == "object"
-    if wanted == 1 or (
-        wanted is None and (alone or _explain_one_person(args, job.method) is not None)
-    ):
+    alone = alone or not job.method.uses_voxels or _explain_one_person(args, job.method) is not None
+    if wanted == 1 or (wanted is None and alone):
         return None
+    if wanted is not None and not job.method.uses_voxels:
+        return _find_by_keypoints(job, session, wanted)
     line("people")
     if wanted is None and len(count_people(session)) < 2:
         return None
@@ -103,7 +104,28 @@ def find_persons(
     if len(people) < 2:
         return None
     stderr.print(f"{sequence.name}: {people.describe()}", soft_wrap=True, markup=False)
-    return Persons(people, separate(session, people, lambda: line("people")))
+    keypoints = read_people_keypoints(args, session, people)
+    sessions = separate(session, people, lambda: line("people"))
+    seen = [person.frames for person in people]
+    return Persons(people.frames, seen, sessions, keypoints, people.objects)
+
+
+def _find_by_keypoints(job: TrackJob, session: Session, number: int) -> Persons | None:
+    """Return the people of a session by the keypoints alone, None if there is only one."""
+    frames = np.array(session.frames)
+    everybody = open_people_keypoints(job.args, session.sequence, number)
+    seen = [find_seen_frames(keypoints, frames) for keypoints in everybody]
+    persons = [(own, keypoints) for own, keypoints in zip(seen, everybody, strict=True) if len(own)]
+    if len(persons) < 2:
+        return None
+    step = session.frames.step
+    selections = [slice(int(own[0]), int(own[-1]) + 1, step) for own, _ in persons]
+    sessions = [
+        Session(session.sequence, session.device, replace(session.settings, selection=selection))
+        for selection in selections
+    ]
+    shown = [own for own, _ in persons]
+    return Persons(session.frames, shown, sessions, [keypoints for _, keypoints in persons])
 
 
 def write_together(

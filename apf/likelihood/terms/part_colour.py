@@ -26,7 +26,7 @@ class PartColourConfig(Config):
         "Number of colours of the palette.",
         "tuned: a fixed grid of 256 colours distinguishes skin and a red shirt less well",
         least=2,
-        most=63,
+        most=62,
     )
     decay: float = setting(
         0.97,

@@ -26,18 +26,18 @@ from apf.likelihood.terms.part_colour import PartColourConfig
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.voxels.host_voxels import HostVoxels
 
-_NO_CODE = N_CODES - 1
+_NO_CODE, _HIDDEN_CODE = N_CODES - 1, N_CODES - 2
 
 
 def encode_colours(
     pictures: np.ndarray, silhouettes: np.ndarray, palette: np.ndarray
 ) -> np.ndarray:
     """Return the codes (V, H, W) uint8 of pictures (V, H, W, 3) uint8 BGR by `palette` (32768,),
-    N_CODES - 1 outside silhouettes (V, H, W) and where these are hidden, not 255."""
+    N_CODES - 2 where silhouettes (V, H, W) are hidden, 254, and N_CODES - 1 outside of them."""
     blue, green, red = np.moveaxis(pictures.astype(int) >> 3, -1, 0)
-    return np.where(silhouettes == 255, palette[blue << 10 | green << 5 | red], _NO_CODE).astype(
-        np.uint8
-    )
+    rest = np.where(silhouettes == 254, _HIDDEN_CODE, _NO_CODE)
+    colours = palette[blue << 10 | green << 5 | red]
+    return np.where(silhouettes == 255, colours, rest).astype(np.uint8)
 
 
 def is_in_outline(corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
@@ -79,7 +79,7 @@ def count_codes(rig: CameraRig, body: BodyModel, pose: np.ndarray, codes: np.nda
             others = np.delete(corners, c, 0)
             alone = ~is_in_outline(others[:, None, None], pixels).any(0)
             code = _lookup_codes(camera, view, pixels)
-            taken = alone & (code >= 0) & (code != _NO_CODE) & (parts[c][:, None] >= 0)
+            taken = alone & (code >= 0) & (code < _HIDDEN_CODE) & (parts[c][:, None] >= 0)
             part = np.broadcast_to(parts[c][:, None], code.shape)
             np.add.at(counts, (part[taken], code[taken]), 1)
     return counts
@@ -93,7 +93,7 @@ def compute_ratios(histograms: np.ndarray, config: PartColourConfig) -> np.ndarr
     mean = share.sum(0) / max(1, int((total > 0).sum()))
     ratio = np.log((share + config.rare) / (mean + config.rare)) / config.bound
     ratio = ratio * np.minimum(total / config.least_samples, 1)
-    ratio[:, _NO_CODE] = 0
+    ratio[:, _HIDDEN_CODE:] = 0
     return np.rint(RATIO_STEPS * np.clip(ratio, -1, 1)).astype(np.int8)
 
 
@@ -136,7 +136,7 @@ def colour_means(
 ) -> np.ndarray:
     """Return (N,) the mean log ratio, as a share of its bound, of the codes (H, W) at the samples
     in the rows of cones (N, C, 16), by the colour model `look`; 0 without a visible sample. Samples
-    that the trunk hides are ignored."""
+    that the trunk or something else hides are ignored."""
     corners = project_outlines(camera, cones)
     sums, counts = np.zeros(len(cones)), np.zeros(len(cones))
     for row, part in zip(look.rows, look.row_parts, strict=True):
@@ -151,7 +151,8 @@ def colour_means(
         u = ((np.arange(int(n_columns)) + 0.5) / n_columns)[:, None]
         pixels = left + u * (right - left)  # (N, columns, 2)
         code = _lookup_codes(camera, codes, pixels)
-        seen = (code >= 0) & ~hidden_by_trunk(camera, body, cones, corners, row, pixels)
+        hidden = hidden_by_trunk(camera, body, cones, corners, row, pixels)
+        seen = (code >= 0) & (code != _HIDDEN_CODE) & ~hidden
         sums += np.where(seen, look.ratios[part][np.maximum(code, 0)].astype(float), 0).sum(1)
         counts += seen.sum(1)
     means: np.ndarray = sums / (RATIO_STEPS * np.maximum(counts, 1))

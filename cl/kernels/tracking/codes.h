@@ -3,5 +3,6 @@
 #error "tracking/codes.h needs N_CODES"
 #endif
 
-// Outside the silhouettes, and only there.
+// Outside the silhouettes, and only there; inside, where something before the person hides the colour.
 #define NO_CODE (N_CODES - 1)
+#define HIDDEN_CODE (N_CODES - 2)

@@ -1,5 +1,6 @@
 // What colours the parts of a body have; twin: reference/likelihood/part_colour.py.
-// Colours are codes: numbers of the nearest of a palette's colours, NO_CODE outside the silhouettes.
+// Colours are codes: numbers of the nearest of a palette's colours, NO_CODE outside the silhouettes,
+// HIDDEN_CODE inside where the person is hidden.
 // Defines: those of kinematics.h, PACK 1; N_CODES, at most 256; N_PARTS; ROWS and COLUMNS of samples
 // on a cone; RATIO_STEPS.
 #if !defined(CAMERA_FLOATS) || !defined(COLUMNS) || !defined(FAR_OUT) || !defined(N_CODES) || \
@@ -19,8 +20,9 @@ __kernel void encode_colours(int n_pixels, __global const uchar *maps,
 {
     const int at = get_global_id(0);
     if (at >= n_pixels) return;
-    uchar code = NO_CODE;
-    if (maps[2 * (size_t)at] == 255) { // not 254: hidden
+    const uchar shown = maps[2 * (size_t)at];
+    uchar code = shown == 254 ? HIDDEN_CODE : NO_CODE;
+    if (shown == 255) {
         const uchar3 colour = vload3(at, pictures);
         code = palette[(colour.x >> 3) << 10 | (colour.y >> 3) << 5 | colour.z >> 3];
     }
@@ -93,7 +95,7 @@ void count_colours(int width, int height, __global const float *cameras,
         for (int other = 0; other < N_CONES && alone; ++other)
             alone = other == c || !within_corners(corners + 4 * other, pixel);
         const int code = codes[(size_t)view * width * height + at];
-        if (alone && code != NO_CODE)
+        if (alone && code < HIDDEN_CODE)
             atomic_inc(counts + (run * N_PARTS + part) * N_CODES + code);
     }
 }
@@ -139,6 +141,6 @@ void learn_colours(float decay, float rare, float bound, float least, __global i
     for (int part = 0; part < N_PARTS; ++part) {
         const float ratio = log((share[part] + rare) / (mean + rare)) * weight[part] / bound;
         const float step = rint(RATIO_STEPS * clamp(ratio, -1.0f, 1.0f));
-        ratios[first + part * N_CODES + code] = code == NO_CODE ? 0 : (char)step;
+        ratios[first + part * N_CODES + code] = code < HIDDEN_CODE ? (char)step : 0;
     }
 }

@@ -78,8 +78,8 @@ INLINED vint in_outline(__local const vfloat *corners, vfloat x, vfloat y)
 }
 
 // Adds the sample at pixel (x, y), whose half is added already, of the picture's codes, which say both
-// where the silhouette is, as the map's first channel does, and, where it is `visible`, the log ratio
-// of its colour; table: where the part's ratios begin.
+// where the silhouette is, as the map's first channel does, and, where it is `visible` and nothing
+// hides its colour, the log ratio of that; table: where the part's ratios begin.
 static inline void take_colour(__global const float *camera, __global const uchar *codes,
                                __global const char *ratios, vint table, int width, vfloat x,
                                vfloat y, vint visible, samples *sums)
@@ -92,10 +92,11 @@ static inline void take_colour(__global const float *camera, __global const ucha
 #define RATIO(l) ratios[LANE_OF(table, l) + LANE_OF(code, l)]
     const vint value = PACK_OF(vint, RATIO);
 #undef RATIO
+    const vint coloured = inside & visible & (code != HIDDEN_CODE);
     sums->inside += (inside & (code == NO_CODE)) ? 255 : 0;
     sums->n_inside += inside & 1;
-    sums->colour += (inside & visible) ? value : 0;
-    sums->n_colour += inside & visible & 1;
+    sums->colour += coloured ? value : 0;
+    sums->n_colour += coloured & 1;
 }
 
 // The normal, of contour.cl's four, of a line in direction (x, y).

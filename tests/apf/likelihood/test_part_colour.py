@@ -48,7 +48,7 @@ from psfs.reference.reconstructor import NumpyReconstructor
 SONG = bodies.named("song31")
 CONFIG = PartColourConfig()
 RIG = scenes.ring(4, (161, 121))
-SHIRT, SKIN, NOTHING = 3, 9, N_CODES - 1
+SHIRT, SKIN, HIDDEN, NOTHING = 3, 9, N_CODES - 2, N_CODES - 1
 
 
 def painted(rig: CameraRig, pose: np.ndarray, arms: int) -> np.ndarray:
@@ -158,6 +158,13 @@ def test_codes_agree_with_the_twin(device: Device) -> None:
     np.testing.assert_array_equal(found, encode_colours(images, maps, palette))
     assert ((found == NOTHING) == (codes == NOTHING)).mean() > 0.99
     assert 0.02 < (found != NOTHING).mean() < 0.9
+    shown = here.reprojection.maps.get()
+    shown[:, ::2, :, 0] ^= 1  # hidden, see `mark_hidden_launch`
+    here.reprojection.maps.set(shown)
+    colours.observe(here.reprojection._voxels, colours._pictures)
+    found = colours.codes.get()
+    np.testing.assert_array_equal(found, encode_colours(images, shown[..., 0], palette))
+    assert (found == HIDDEN).sum() > 100
 
 
 @pytest.mark.parity(
@@ -184,6 +191,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, kind: str) -> No
     cones = posed_cones(body, setup.poses)
     for frame in range(3):
         codes = smooth_maps(rig, frame)[..., 0] // 5
+        codes[codes == 20] = HIDDEN
         likelihood.seen["codes"].set(codes)
         colours.known = True
         ratios = compute_ratios(histograms, CONFIG)
@@ -222,13 +230,15 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, kind: str) -> No
 
 @pytest.mark.parametrize("kind", ["own", "other"])
 def test_codes_say_where_the_silhouettes_are(device: Device, kind: str) -> None:
-    """Bit by bit what the maps say: colours of which nothing is known change no error."""
+    """Bit by bit what the maps say: colours of which nothing is known, and those that are hidden,
+    change no error."""
     device = device if kind == "own" else other_kind(device)
     rig = scenes.ring(2, (161, 121))
     maps = smooth_maps(rig)
     maps[..., 0] = np.where(maps[..., 0] > 128, 255, 0)
     setup = Setup(device, SONG, rig, bodies.random_poses(SONG, 37), maps, only("silhouette"))
     codes = np.where(maps[..., 0] > 0, smooth_maps(rig, 1)[..., 0] // 5, NOTHING)
+    codes[:, ::2][codes[:, ::2] != NOTHING] = HIDDEN
     setup.likelihood.seen["codes"].set(codes.astype(np.uint8))
     launches = setup.likelihood.launcher(setup.on_device)
     errors = []

@@ -16,7 +16,7 @@ pytest.importorskip("viser", reason="viser is not installed")
 from apf.studio.folders import Roots, find_kind
 from apf.studio.page import Page
 from apf.studio.target_fields import CHESSBOARD, PERSON, WAND
-from cl import InputError, select_device
+from cl import Device, InputError
 from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.coverage import Coverage
 
@@ -38,9 +38,13 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def no_device() -> Device:
+    raise InputError("nothing here is examined")
+
+
 @pytest.fixture
 def page(day: Path, tmp_path: Path) -> Iterator[Page]:
-    page = Page(Roots(day), lambda: select_device("auto"), results=tmp_path / "results")
+    page = Page(Roots(day), no_device, results=tmp_path / "results")
     yield page
     page.stop()
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from helpers.scenes import ring
 
-from apf.studio.look_through import crosses, intersect_rays, straighten
+from apf.studio.look_through import crosses, find_straight_map, intersect_rays, straighten
 
 
 def test_pictures_are_shown_where_the_scene_has_them() -> None:
@@ -18,7 +18,7 @@ def test_pictures_are_shown_where_the_scene_has_them() -> None:
     picture = np.zeros((120, 160, 3), np.uint8)
     cv2.circle(picture, (100, 40), 2, (255, 255, 255), -1)
     fov, aspect = 1.2, 1.5
-    shown = straighten(picture, camera, fov, aspect).mean(axis=-1)
+    shown = straighten(picture, find_straight_map(camera, fov, aspect)).mean(axis=-1)
     height, width = shown.shape
     x, y, depth = camera.R @ point + camera.t
     focal = height / 2 / np.tan(fov / 2)

@@ -8,7 +8,7 @@ from helpers.worlds import World
 
 from apf.backend import make_device_tracker
 from apf.body import load_body
-from apf.body.spheres import ALONG
+from apf.body.spheres import count_spheres
 from apf.filters.method import Method
 from apf.reference.people import expect_spheres
 from apf.tracking.places import SLOTS, Places
@@ -19,7 +19,7 @@ from cl import Device
 @pytest.mark.parity("tracking/people.expect_spheres")
 def test_expected_places_equal_the_twin(device: Device) -> None:
     body, random = load_body("song32"), np.random.default_rng(0)
-    spheres = device.zeros((2, ALONG * len(body.cones), 4), np.float32)
+    spheres = device.zeros((2, count_spheres(body), 4), np.float32)
     places = Places(device, [body, body], spheres)
     poses = body.rest_pose + 0.1 * random.normal(size=(2, 4, body.n_dof))
     for person in range(2):
@@ -34,6 +34,26 @@ def test_expected_places_equal_the_twin(device: Device) -> None:
     places.expect(3, 2)
     at_rest = expect_spheres(body, poses[1, 0], poses[1, 0], 2)
     np.testing.assert_allclose(spheres.get()[1], at_rest, atol=2e-5)
+
+
+def test_joined_launches_track_everybody_as_single_ones_do(device: Device) -> None:
+    world, method = World(device), Method.create(n_particles=37, n_layers=2)
+    everybody = world.voxels(0)
+    maps = (len(world.rig), world.rig.height, world.rig.width)
+    everybody.evidence = device.zeros(maps, np.int8)
+    taller = world.body.scaled(dict.fromkeys(world.body.scale_groups, 1.12))
+    poses = [world.pose(0), world.pose(0)]
+    poses[1][list(world.body.dof_names).index("pelvis.tx")] += 0.3
+    found = []
+    for joins in (True, False):
+        bodies = [world.body, taller]
+        people = PeopleTracker(device, world.rig, everybody, bodies, method, joins=joins)
+        people.start(poses)
+        streamed = people.stream(world.voxels(frame) for frame in range(1, 4))
+        found.append([[estimate.pose for estimate in estimates] for estimates in streamed])
+        if joins:
+            assert people.n_joined > 50
+    np.testing.assert_array_equal(*found)
 
 
 def test_one_person_is_tracked_as_alone_and_a_second_elsewhere_takes_nothing(

@@ -27,6 +27,8 @@ FRAMES = 40
 BODY = load_body("song31")
 POSES = np.tile(BODY.rest_pose, (FRAMES, 1))
 POSES[:, 0] += np.linspace(-0.3, 0.3, FRAMES)
+MOVED = POSES.copy()
+MOVED[:, :2] += [0.5, 0.7]
 LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 
 
@@ -189,33 +191,63 @@ def test_json_and_arrays_of_the_same_points_give_the_same_track(
     np.testing.assert_array_equal(poses[0][1], poses[1][1])
 
 
-def test_several_people_are_triangulated_apart(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """OpenPose's lists, in which the second person comes first in every second picture."""
-    rig = psfs.open_sequence(folder).rig
-    moved = POSES.copy()
-    moved[:, :2] += [0.5, 0.7]
-    both = [of_poses(rig, BODY, poses, BODY_25).points for poses in (POSES, moved)]
+@pytest.fixture(scope="module")
+def pose_of_two(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """OpenPose's lists of two people, of whom the second one, who stands elsewhere, comes first in
+    every second picture."""
+    rig, out = psfs.open_sequence(folder).rig, tmp_path_factory.mktemp("pose_of_two")
+    both = [of_poses(rig, BODY, poses, BODY_25).points for poses in (POSES, MOVED)]
     for view, camera in enumerate(rig.names):
         for frame in range(FRAMES):
             order = both if (view + frame) % 2 else both[::-1]
             lists = [np.nan_to_num(one[view, frame]).ravel().tolist() for one in order]
-            path = tmp_path / "pose" / f"{camera}_json" / f"{camera}_{frame:06d}.json"
-            path.parent.mkdir(parents=True, exist_ok=True)
+            path = out / f"{camera}_json" / f"{camera}_{frame:06d}.json"
+            path.parent.mkdir(exist_ok=True)
             path.write_text(json.dumps({"people": [{"pose_keypoints_2d": o} for o in lists]}))
-    flags = ["--keypoints", str(tmp_path / "pose"), "--people", "2", "--frames", "5:35"]
+    return out
+
+
+def test_several_people_are_triangulated_apart(
+    folder: Path, pose_of_two: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flags = ["--keypoints", str(pose_of_two), "--people", "2", "--frames", "5:35"]
     assert command(folder, tmp_path / "out", *flags) == 0
     assert "person2: " in capsys.readouterr().out
     people = apf.PeopleTracks.open(tmp_path / "out")
     assert people.counts.tolist() == [2] * 30
-    true = [world_points(BODY, poses, people[0].joint_names)[5:35] for poses in (POSES, moved)]
+    true = [world_points(BODY, poses, people[0].joint_names)[5:35] for poses in (POSES, MOVED)]
     for track in people:
         errors = [np.nanmax(np.linalg.norm(track.joints - joints, axis=-1)) for joints in true]
         assert min(errors) < 1e-3 and max(errors) > 0.5
     assert (tmp_path / "out" / "overlay.mp4").exists()
     assert command(folder, tmp_path / "o", *flags, "--cameras", "cam01,cam02") == 2
     assert "assigned in all cameras" in capsys.readouterr().err
+
+
+def test_several_people_are_tracked_by_keypoints_alone(
+    folder: Path, pose_of_two: Path, tmp_path: Path
+) -> None:
+    flags = [
+        *("--keypoints", str(pose_of_two), "--people", "2", "--frames", "5:8", "--body", "song31"),
+        *(
+            "--objective",
+            "keypoints",
+            "--no-overlay",
+            "--no-report",
+            "--particles",
+            "60",
+            "--layers",
+            "3",
+        ),
+    ]
+    assert main(["track", str(folder), "-o", str(tmp_path / "out"), *flags]) == 0
+    people = apf.PeopleTracks.open(tmp_path / "out")
+    assert people.counts.tolist() == [2] * 3
+    true = [posed_joints(BODY, poses[5:8]) for poses in (POSES, MOVED)]
+    nearest = [
+        np.linalg.norm(track.joints - joints, axis=-1).mean() for track in people for joints in true
+    ]
+    assert max(nearest[0], nearest[3]) < 0.05 or max(nearest[1], nearest[2]) < 0.05
 
 
 def test_bad_input_is_one_line(

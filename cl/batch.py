@@ -1,0 +1,265 @@
+"""Several like objects on one device, whose launches are joined: one launch serves all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from functools import cache
+from re import Match
+from typing import Any, TypeVar
+
+import numpy as np
+
+from cl.array import Array
+from cl.device import Device
+from cl.launch import Launch, Step
+from cl.signature import KERNEL, Argument, Parameter, signatures, without_comments
+
+T = TypeVar("T")
+#: Bytes in which the places of arrays are counted.
+_UNIT = 16
+#: Arrays up to this size, bytes, get twice the room: those of other objects may be larger.
+_SMALL = 2**16
+#: What the additional arguments of a joined kernel begin with: the places of arrays, and the
+#: numbers in which objects differ.
+_PLACE, _VALUES = "place_of_", "values_of_"
+#: What a joined program begins with: its third dimension counts the objects, too.
+_HEAD = """
+static inline int batch_member(void) { return get_global_id(2) / DEPTH; }
+#define get_global_id(d) ((d) == 2 ? get_global_id(2) % DEPTH : get_global_id(d))
+#define get_group_id(d) ((d) == 2 ? get_group_id(2) % DEPTH : get_group_id(d))
+#define get_global_size(d) ((d) == 2 ? DEPTH : get_global_size(d))
+#define get_num_groups(d) ((d) == 2 ? DEPTH : get_num_groups(d))
+"""
+
+
+class Batch:
+    """`n` like objects, such as the trackers of several people.
+
+    `run(actions)` performs an action of each object, and enqueues what they enqueue. Launches of
+    the objects that differ only in their arrays and numbers become one launch, in which each object
+    has its own work-groups; other commands follow each other. For this, the first arrays that the
+    objects allocate in their actions lie in one buffer, the second ones in another, and so on.
+    Results are bit-equal to those of one action after the other.
+
+    joins: whether launches are joined; by default on GPUs, which have room for several at once.
+    """
+
+    def __init__(self, device: Device, n: int, joins: bool | None = None) -> None:
+        self._device = device
+        self._joins = n > 1 and (device.is_gpu if joins is None else joins)
+        self._memory = _Memory(device, n)
+        self._joined: dict[tuple[int, ...], _JoinedLaunch] = {}
+        # What is enqueued for commands that were collected before: by the first one and how many.
+        self._plans: dict[tuple[Hashable, ...], tuple[list[list[Step]], list[Step]]] = {}
+
+    def run(self, actions: Sequence[Callable[[], T]]) -> list[T]:
+        """Perform an action of each object, in their order, and return the results."""
+        if not self._joins:
+            return [action() for action in actions]
+        results: list[T] = []
+        commands: list[list[Step]] = []
+        for member, action in enumerate(actions):
+            allocate = self._memory.allocator(member)
+            with self._device.use_allocator(allocate), self._device.collect() as own:
+                results.append(action())
+            commands.append(own)
+        self._enqueue(commands)
+        return results
+
+    def _enqueue(self, commands: list[list[Step]]) -> None:
+        key = (*commands[0][:1], len(commands[0]))
+        known, plan = self._plans.get(key, (None, ()))
+        if commands != known:
+            plan = self._make_plan(commands)
+            self._plans[key] = commands, plan
+        for step in plan:
+            step()
+
+    def _make_plan(self, commands: list[list[Step]]) -> list[Step]:
+        """Return what is enqueued instead of the objects' `commands`."""
+        if len({len(own) for own in commands}) > 1:
+            return [step for own in commands for step in own]
+        plan: list[Step] = []
+        for steps in zip(*commands, strict=True):
+            launches = [step for step in steps if isinstance(step, Launch)]
+            if len(launches) < len(steps):
+                plan += steps
+                continue
+            key = tuple(map(id, steps))
+            if key not in self._joined:
+                self._joined[key] = _JoinedLaunch(self._device, launches)
+            plan.append(self._joined[key])
+        return plan
+
+    @property
+    def n_joined(self) -> int:
+        """Number of launches that serve all objects."""
+        return sum(joined.joins for joined in self._joined.values())
+
+
+class _Memory:
+    """Buffers for the arrays of `n` objects, by the order in which each object allocates them."""
+
+    def __init__(self, device: Device, n: int) -> None:
+        self._device, self._n = device, n
+        self._align = max(_UNIT, device.handle.mem_base_addr_align // 8)
+        self._wholes: list[tuple[Any, int]] = []
+        self._next = [0] * n
+
+    def allocator(self, member: int) -> Callable[[int], Any]:
+        """Return the function that allocates a buffer, of so many bytes, for an object."""
+
+        def allocate(nbytes: int) -> Any:
+            at, self._next[member] = self._next[member], self._next[member] + 1
+            if at == len(self._wholes):
+                room = nbytes if nbytes > _SMALL else 2 * nbytes
+                apart = -(-room // self._align) * self._align
+                self._wholes.append((self._device.new_buffer(self._n * apart), apart))
+            whole, apart = self._wholes[at]
+            if nbytes > apart:
+                return self._device.new_buffer(nbytes)
+            return whole.get_sub_region(member * apart, nbytes)
+
+        return allocate
+
+
+class _JoinedLaunch:
+    """One launch for those of several objects, if their arguments allow it; else each of them."""
+
+    def __init__(self, device: Device, members: Sequence[Launch]) -> None:
+        self._device, self._members = device, members
+        self._is_current = False
+        self._launches: dict[tuple[str, ...], Launch] = {}
+        self._values: dict[str, Array] = {}  # each object's own numbers
+        self._launch: Launch | None = None
+        for member in members:
+            member.on_change = self._expire
+
+    @property
+    def joins(self) -> bool:
+        """Whether there is one launch for the latest arguments."""
+        return self._launch is not None
+
+    def __call__(self) -> None:
+        if not self._is_current:
+            self._is_current = True
+            self._update()
+        if self._launch is not None:
+            self._launch()
+            return
+        for member in self._members:
+            member()
+
+    def _expire(self) -> None:
+        self._is_current = False
+
+    def _update(self) -> None:
+        arguments = self._join_arguments()
+        if arguments is None:
+            self._launch = None
+            return
+        values = tuple(name for name in arguments if name.startswith(_VALUES))
+        if values not in self._launches:
+            self._launches[values] = self._make_launch(arguments)
+        else:
+            self._launches[values].set(**arguments)
+        self._launch = self._launches[values]
+
+    def _join_arguments(self) -> dict[str, Argument] | None:
+        """Return the arguments of the joined kernel; None if the launches differ in more than their
+        arrays and numbers."""
+        first = self._members[0]
+        shape = first.kernel, first.global_size, first.local_size
+        if any((m.kernel, m.global_size, m.local_size) != shape for m in self._members):
+            return None
+        if (*(first.local_size or ()), 1, 1, 1)[2] != 1:
+            return None
+        arguments: dict[str, Argument] = {}
+        for name, parameter in first.kernel.parameters.items():
+            values = [member.arguments[name] for member in self._members]
+            joined = _join_values(parameter, values)
+            if joined is None:
+                return None
+            if isinstance(each := joined.get(_VALUES + name), np.ndarray):
+                if name not in self._values:
+                    self._values[name] = self._device.empty(each.shape, each.dtype)
+                self._values[name].set(each)
+                joined[_VALUES + name] = self._values[name]
+            arguments |= joined
+        return arguments
+
+    def _make_launch(self, arguments: dict[str, Argument]) -> Launch:
+        """Return the launch of the joined kernel, whose third dimension counts the objects."""
+        device, first = self._device, self._members[0]
+        width, height, depth = (*first.global_size, 1, 1)[:3]
+        local = None if first.local_size is None else (*first.local_size, 1, 1)[:3]
+        source, options = first.kernel.text
+        given = tuple(n[len(_VALUES) :] for n in arguments if n.startswith(_VALUES))
+        name, file = first.kernel.name, first.kernel.file
+        text = join_source(source, file, given)
+        kernel = device.programs.kernel(text, name, file, f"{options} -D DEPTH={depth}")
+        size = width, height, depth * len(self._members)
+        launch = device.launch(kernel, size, local, **arguments)
+        launch.name = first.name
+        return launch
+
+
+def _join_values(parameter: Parameter, values: Sequence[Any]) -> dict[str, Argument] | None:
+    """Return the arguments of a joined kernel for the `values` of all objects; None if there are
+    none."""
+    name, first = parameter.name, values[0]
+    if parameter.space == "local":
+        return {name: max(values, key=lambda value: int(value.size))}
+    if parameter.space:
+        place = _find_place(values)
+        return None if place is None else {name: place[0], _PLACE + name: place[1]}
+    if all(np.array_equal(first, value) for value in values):
+        return {name: first}
+    if parameter.width > 1 or parameter.dtype is None:
+        return None
+    each = np.array([parameter.convert(value) for value in values], parameter.dtype)
+    return {name: first, _VALUES + name: each}
+
+
+def _find_place(values: Sequence[Any]) -> tuple[Argument, tuple[int, int]] | None:
+    """Return the buffer that holds the arrays of all objects, where in it the first one begins and
+    how far they are apart, in units; None if there is none."""
+    first = values[0]
+    if all(value is first for value in values):
+        return first, (0, 0)
+    if any(value is None for value in values):
+        return None
+    wholes, starts = zip(*(value.place for value in values), strict=True)
+    apart = starts[1] - starts[0]
+    if any(whole != wholes[0] for whole in wholes) or starts[0] % _UNIT or apart % _UNIT:
+        return None
+    if any(start != starts[0] + k * apart for k, start in enumerate(starts)):
+        return None
+    whole = Array(first.device, wholes[0], first.shape, first.dtype)
+    return whole, (starts[0] // _UNIT, apart // _UNIT)
+
+
+@cache
+def join_source(source: str, file: str, given: tuple[str, ...] = ()) -> str:
+    """Return the text of a program whose kernels serve several objects at once.
+
+    For each array they also take where in its buffer the first object's begins and how far they are
+    apart. given: names of numbers of which each object has its own."""
+    known = signatures(source, file)
+
+    def join(match: Match[str]) -> str:
+        more, begin = [], []
+        for p in known[match[1]]:
+            place, values = _PLACE + p.name, _VALUES + p.name
+            if p.space in ("global", "constant"):
+                shift = f"{_UNIT} * ((long){place}.x + batch_member() * (long){place}.y)"
+                more.append(f"int2 {place}")
+                begin.append(
+                    f"{p.name} = (__{p.space} void *)((__{p.space} char *){p.name} + {shift});"
+                )
+            elif p.name in given:
+                more.append(f"__global const {p.type} *{values}")
+                begin.append(f"{p.name} = {values}[batch_member()];")
+        return f"{match[0].rpartition(')')[0]}{', '.join(['', *more])}) {{ {' '.join(begin)}"
+
+    return _HEAD + KERNEL.sub(join, without_comments(source))

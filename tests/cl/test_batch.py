@@ -1,0 +1,91 @@
+"""Launches of several like objects, joined: the results are those of each object's own launches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import pyopencl
+import pytest
+
+from cl import Array, Device, Launch
+from cl.batch import Batch
+
+SOURCE = """
+// Adds up what differs between objects: number, array, place in the grid.
+__kernel __attribute__((reqd_work_group_size(4, 1, 1)))
+void combine(int n, float factor, __local int *scratch, __global const float *restrict shared,
+         __global const float *none, __global const float *restrict own, __global float *out)
+{
+    scratch[get_local_id(0)] = get_group_id(2);
+    barrier(CLK_LOCAL_MEM_FENCE);
+    const int layer = get_global_id(2), at = layer * get_global_size(0) + get_global_id(0);
+    if ((int)get_global_id(0) >= n) return;
+    out[at] = factor * own[get_global_id(0)] + shared[layer] + (none ? 1.0f : 0.0f) +
+              100.0f * scratch[get_local_id(0)] + 1000.0f * get_num_groups(2);
+}
+"""
+
+
+class Thing:
+    """An object with arrays of `n` numbers and a launch over three layers."""
+
+    def __init__(self, device: Device, shared: Array, factor: float, n: int) -> None:
+        self.own = device.to_device(np.arange(n, dtype=np.float32) * (1 + factor))
+        self.out = device.zeros((3, 8), np.float32)
+        self.launch: Launch = device.launch(
+            device.compile_kernel(SOURCE, "combine", "source.cl"), (n, 1, 3), (4, 1, 1),
+            n=n, factor=factor, scratch=pyopencl.LocalMemory(16), shared=shared, none=None,
+            own=self.own, out=self.out,
+        )  # fmt: skip
+
+    def run(self, value: float | None = None) -> None:
+        if value is not None:
+            self.own.fill(value)
+        self.launch()
+
+
+def make_actions(
+    device: Device, factors: tuple[float, ...], sizes: tuple[int, ...]
+) -> list[Callable[[], Thing]]:
+    shared = device.to_device(np.array([0.25, 0.5, 0.75], np.float32))
+    return [partial(Thing, device, shared, *each) for each in zip(factors, sizes, strict=True)]
+
+
+@pytest.mark.parametrize(
+    ("factors", "sizes", "joined"),
+    [((2.0, 2.0, 2.0), (8, 8, 8), 1), ((2.0, 3.0), (8, 8), 1), ((2.0, 3.0), (8, 4), 0)],
+    ids=["only arrays differ", "a number differs", "the grids differ"],
+)
+def test_joined_launches_compute_what_single_ones_do(
+    device: Device, factors: tuple[float, ...], sizes: tuple[int, ...], joined: int
+) -> None:
+    found = []
+    for joins in (True, False):
+        batch = Batch(device, len(factors), joins)
+        things = batch.run(make_actions(device, factors, sizes))
+        results = []
+        for value in (None, -2.0):
+            batch.run([partial(thing.run, value) for thing in things])
+            results.append([thing.out.get() for thing in things])
+        things[0].launch.set(factor=7.0)  # a later change is seen
+        batch.run([thing.run for thing in things])
+        found.append([*results, [thing.out.get() for thing in things]])
+        assert batch.n_joined == (joined if joins else 0)
+    np.testing.assert_array_equal(*found)
+    assert np.unique(found[0][0][0]).size > 10
+
+
+def test_what_waits_for_the_device_gets_what_was_collected_before_it(device: Device) -> None:
+    array = device.zeros((4,), np.float32)
+    with device.collect() as commands:
+        array.fill(3.0)
+        assert len(commands) == 1
+        assert array.get().tolist() == [3.0] * 4
+        assert not commands
+        array.fill(5.0)
+    assert array.get().tolist() == [3.0] * 4
+    for command in commands:
+        command()
+    assert array.get().tolist() == [5.0] * 4
