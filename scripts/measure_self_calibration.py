@@ -129,7 +129,7 @@ def interpolate_pictures(
     """Return the picture (h, w, 3) uint8 at a fraction of the time between two pictures.
 
     The flow is carried on to that time, the fastest last, and both pictures are fetched along it
-    and mixed (Baker et al., IJCV 92, 2011). Only what changes is looked at.
+    and mixed (Baker et al., IJCV 92, 2011). Only what changes is interpolated so.
     """
     changed = cv2.absdiff(first, second).max(axis=-1) > _CHANGED
     x, y, width, height = cv2.boundingRect(cv2.medianBlur(changed.astype(np.uint8), 5))

@@ -143,7 +143,7 @@ class FloorFitConfig(Config):
     )
     feet: float = positive(0.02, "Standard deviation of a lowest point over the floor.", unit="m")
     widths: tuple[float, ...] = setting(
-        (16, 8, 4, 3, 3, 3), "Widths of the weights, one after another, as multiples of `feet`."
+        (16, 8, 8, 8), "Widths of the weights, one after another, as multiples of `feet`."
     )
     information: float = positive(0.1, "Independent frames per frame.")
     standing: float = setting(
