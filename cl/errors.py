@@ -24,6 +24,10 @@ class InputError(UserError, ValueError):
 class MissingFileError(InputError, FileNotFoundError):
     """Error of a file or folder that does not exist."""
 
+    def __reduce__(self) -> tuple[type[MissingFileError], tuple[object, ...]]:
+        # By tblib, by which Dask hands errors on, OSError's own cannot be read back.
+        return type(self), self.args
+
 
 class DeviceError(UserError, RuntimeError):
     """Error of an OpenCL device that is missing, broken or too small."""

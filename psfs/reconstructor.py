@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
-from cl import Device, InputError
+from cl import Array, Device, InputError
 from cl.staging import Uploads
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.appearance import follows, looks_again
 from psfs.silhouettes.silhouette import Silhouette
+from psfs.voxels.body_location import BodyLocation
 from psfs.voxels.body_prior import TrackedBody, pack_body
 from psfs.voxels.bricks import Bricks
 from psfs.voxels.config import ReconstructionConfig
@@ -33,8 +34,8 @@ class Reconstructor:
     sparse: compute only the bricks that can be occupied. This gives the same voxels in much less
     time and memory on large grids (see `SparseSurface`). follow: move the grid with the person
     along x and y, by whole voxels. This copies 16 bytes to the host per frame, and the grid needs
-    to be only as large as the person, not the room (see `GridFollower`). body: a tracked body that
-    is the prior of the voxels' occupancy, from a first pass (see `BodyPriorConfig`).
+    to be only as large as the person, not the room (see `GridFollower`). body: a tracked body as
+    a prior, from a first pass (see `BodyPriorConfig`).
 
     The appearance model of the silhouettes is fitted to every frame for the next one (see
     `Foreground`), unless `AppearanceConfig.learn` is off. The first frame is reconstructed again,
@@ -58,13 +59,9 @@ class Reconstructor:
         self.device, self.rig, self.config = device, rig, config
         self.silhouette = Silhouette(device, rig, background, config.silhouette)
         maps, step = self.silhouette.evidence, config.silhouette.evidence.step
-        self.body, self._packed_body = body, None
-        if body is not None:
-            size = (body.cones.shape[1] + 1, body.cones.shape[2])
-            self._packed_body = device.zeros(size, np.float32, "the tracked body")
-        self._bricks = Bricks(
-            device, rig, grid, maps, step, config.occupancy, body=self._packed_body
-        )
+        self.body = body
+        self._packed_body, prior = self._attach_body()
+        self._bricks = Bricks(device, rig, grid, maps, step, config.occupancy, body=prior)
         self.surface: Surface | SparseSurface
         self._stages: list[Callable[[], object]]
         if sparse:
@@ -78,6 +75,21 @@ class Reconstructor:
         self._follower = GridFollower(device, grid, self.surface.list) if follow else None
         self._uploads: Uploads | None = None
         self._ahead: Frame | None = None
+
+    def _attach_body(self) -> tuple[Array | None, Array | None]:
+        """Return the packed body, and the same if it is the voxels' prior: where it is not that of
+        the silhouettes."""
+        self._body_location: BodyLocation | None = None
+        if self.body is None:
+            return None, None
+        size = (self.body.cones.shape[1] + 1, self.body.cones.shape[2])
+        packed = self.device.zeros(size, np.float32, "the tracked body")
+        foreground = self.silhouette.foreground
+        if foreground is None:
+            return packed, packed
+        location = foreground.prior.location
+        self._body_location = BodyLocation(self.device, self.rig, location, packed)
+        return packed, None
 
     @property
     def grid(self) -> VoxelGrid:
@@ -125,21 +137,19 @@ class Reconstructor:
         new = before is None or not follows(before.index, frame.index, appearance)
         if foreground is not None and new:
             foreground.forget_location()
+        if self.body is not None and self._packed_body is not None:
+            evidence = self.config.silhouette.evidence
+            cones, scales = self.body[frame.index], (evidence.step, evidence.ratio_steps)
+            self._packed_body.set(pack_body(self.config.body, cones, *scales))
         if self._uploads is not None and frame is self._ahead:
             self._uploads.finish()
-            self.silhouette.compute()
         else:
-            self.silhouette(frame_input(frame, self.silhouette.background))
+            self.silhouette.input.set(frame_input(frame, self.silhouette.background))
         self._ahead, self.voxels.frame = None, frame
-        if self.body is not None and self._packed_body is not None:
-            step = self.config.silhouette.evidence.step
-            packed = pack_body(self.config.body, self.body[frame.index], step)
-            self._packed_body.set(packed)
         self._carve()
         if foreground is not None:
             for _ in range(looks_again(before is None, new, appearance)):
                 foreground.learn(self.voxels)
-                self.silhouette.compute()
                 self._carve()
             foreground.learn(self.voxels)
         if self.silhouette.adaptation is not None:
@@ -147,6 +157,9 @@ class Reconstructor:
         return self.voxels
 
     def _carve(self) -> None:
+        if self._body_location is not None:
+            self._body_location()
+        self.silhouette.compute()
         for stage in self._stages:
             stage()
 

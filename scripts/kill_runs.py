@@ -174,10 +174,8 @@ def try_command(name: str, work: Path, moments: list[float], interrupt: bool) ->
     seconds = run_whole(words, work)
     hits, wrong = 0, []
     for share in moments:
-        if interrupt:
-            shutil.rmtree(
-                out, ignore_errors=True
-            )  # or a second batch has nothing to start workers for
+        if interrupt or name == "batch":  # or a second batch has nothing to start workers for
+            shutil.rmtree(out, ignore_errors=True)
         before = read_state(out)
         process = start(words, work)
         time.sleep(share * seconds)

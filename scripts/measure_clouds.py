@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """Clouds beside what true silhouettes would make of them: IoU with the true masks, and time.
 
-    scripts/measure_clouds.py FOLDER... -o RESULTS.json [--other NAME=SETTINGS.json]
+    scripts/measure_clouds.py FOLDER... -o RESULTS.json [--other NAME=SETTINGS.json] [--tracks DIR]
 
 reconstructs each sequence that has true masks with the default settings and with each `--other`
 ones (a JSON of `reconstruction`, laid over the defaults), writes all figures, and prints a table.
+With `--tracks`, a folder with a track of each sequence, all reconstruct with the tracked body.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from psfs.diagnostics.silhouette_scores import score_silhouettes, truth_frames
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
+from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid
 
@@ -44,6 +46,7 @@ def main() -> int:
     parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER")
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="RESULTS.json")
     parser.add_argument("--other", action="append", default=[], metavar="NAME=SETTINGS.json")
+    parser.add_argument("--tracks", type=Path, metavar="DIR")
     add_device_flag(parser)
     add_message_flags(parser)
     parser.set_defaults(run=_run)
@@ -60,7 +63,8 @@ def _run(args: argparse.Namespace) -> None:
     device = select_device(args.device)
     rows: dict[str, Any] = {}
     for folder in args.folders:
-        rows[folder.name] = measure_sequence(device, folder, configs)
+        body = None if args.tracks is None else TrackedBody.open(args.tracks / folder.name)
+        rows[folder.name] = measure_sequence(device, folder, configs, body)
         write_json(
             args.output, {"definition": DEFINITION, "device": device.name, "sequences": rows}
         )
@@ -68,7 +72,7 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def measure_sequence(
-    device: Any, folder: Path, configs: dict[str, ReconstructionConfig]
+    device: Any, folder: Path, configs: dict[str, ReconstructionConfig], body: TrackedBody | None
 ) -> dict[str, Any]:
     """Return the figures of a sequence by the name of the settings."""
     sequence = Sequence.open(folder)
@@ -80,27 +84,31 @@ def measure_sequence(
     for name, config in configs.items():
         own = Session(session.sequence, device, SessionSettings(config))
         silhouettes, clouds, voxels = [], [], []
-        for shown in score_silhouettes(own, wanted, grid):
+        for shown in score_silhouettes(own, wanted, grid, body):
             if shown is not None:
                 silhouettes.append(shown.scores[:, 0])
                 clouds.append(score_cloud(session.rig, shown.cloud, shown.truth))
                 voxels.append(len(shown.cloud))
         found[name] = {"silhouettes": float(np.nanmean(silhouettes)), **mean_scores(clouds)}
         found[name]["surface_voxels"] = float(np.median(voxels))
-    for name, ms in _times(device, session.sequence, grid, configs).items():
+    for name, ms in _times(device, session.sequence, grid, configs, body).items():
         found[name]["ms"] = ms
     return found
 
 
 def _times(
-    device: Any, sequence: Sequence, grid: VoxelGrid, configs: dict[str, ReconstructionConfig]
+    device: Any,
+    sequence: Sequence,
+    grid: VoxelGrid,
+    configs: dict[str, ReconstructionConfig],
+    body: TrackedBody | None,
 ) -> dict[str, float]:
     """Return the median time, ms, of a reconstructed frame with each of the settings, measured in
     turns."""
     shown = sequence.frames(slice(_TIMED))
     frames = [replace(f, images=None if f.images is None else f.images.copy()) for f in shown]
     made = {
-        name: Session(sequence, device, SessionSettings(config)).reconstructor(grid)
+        name: Session(sequence, device, SessionSettings(config)).reconstructor(grid, body)
         for name, config in configs.items()
     }
     times: dict[str, list[float]] = {name: [] for name in configs}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import socket
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -16,6 +16,7 @@ from cl import InputError
 from psfs.common.files import read_json
 from psfs.common.schema import Table, parse_values
 from psfs.common.scratch import temporary_folder
+from psfs.common.system import defer_interrupts
 from psfs.common.versions import versions
 
 
@@ -75,12 +76,15 @@ def start_cluster(shares: Sequence[Share]) -> Iterator[object]:
         }
         page = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
         scheduler = {"host": "127.0.0.1", "port": 0, **page}
-        cluster = distributed.SpecCluster(
-            workers=workers,
-            scheduler={"cls": distributed.Scheduler, "options": scheduler},
-            silence_logs=logging.CRITICAL,
-        )
-        with cluster, distributed.Client(cluster) as client:
+        with ExitStack() as stack:
+            with defer_interrupts():  # a cluster that is half started cannot be closed
+                cluster = distributed.SpecCluster(
+                    workers=workers,
+                    scheduler={"cls": distributed.Scheduler, "options": scheduler},
+                    silence_logs=logging.CRITICAL,
+                )
+                stack.enter_context(cluster)
+            client = stack.enter_context(distributed.Client(cluster))
             client.wait_for_workers(len(shares))
             client.register_plugin(make_setup_plugin(embedded=True))
             yield client
@@ -89,15 +93,17 @@ def start_cluster(shares: Sequence[Share]) -> Iterator[object]:
 def find_scheduler(address: str, patience: float = 10.0) -> str:
     """Return the address of a running scheduler, which may be stated by the file that it wrote.
     Raises InputError if none answers within `patience`, s."""
-    where = address
-    if Path(address).exists():
-        what = "the file that a `dask scheduler` wrote"
-        where = parse_values(_SchedulerFile, read_json(Path(address), what), address).address
+    where = _read_scheduler_file(Path(address)) if Path(address).exists() else address
     try:
         _check_answer(where, patience)
     except (OSError, ValueError, TimeoutError) as error:
         raise _no_answer_error(address, error) from None
     return where
+
+
+def _read_scheduler_file(path: Path) -> str:
+    what = "the file that a `dask scheduler` wrote"
+    return parse_values(_SchedulerFile, read_json(path, what), path).address
 
 
 def _no_answer_error(address: str, error: Exception) -> InputError:

@@ -85,13 +85,17 @@ def load_landmarks(path: Path = LANDMARKS) -> tuple[Landmark, ...]:
     return parse_landmarks(read_toml(path).get("landmark", []), path, "landmark")
 
 
+#: Greatest distance of a point from its joint along an axis, m.
+_FARTHEST = 3.0
+
+
 def parse_landmarks(entries: Sequence[Any], path: Path, kind: str) -> tuple[Landmark, ...]:
     """Parse the points of the tables [[kind]] of a file. Raises InputError."""
     try:
         found = [landmark for entry in entries for landmark in _parse(entry)]
     except KeyError as error:
         raise InputError(f"{path}: a {kind} lacks the key {error}") from None
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError, AttributeError) as error:
         raise InputError(f"{path}: {error}") from None
     if not found:
         raise InputError(f"{path}: holds no [[{kind}]]")
@@ -105,15 +109,17 @@ def parse_landmarks(entries: Sequence[Any], path: Path, kind: str) -> tuple[Land
 
 
 def _parse(entry: dict[str, Any]) -> list[Landmark]:
-    """Parse a table's entry into landmarks. KeyError, TypeError or ValueError say what is wrong."""
+    """Parse a table's entry into landmarks. KeyError and others say what is wrong."""
     name = entry["name"]
     if unknown := sorted(set(entry) - _KEYS):
         raise ValueError(
             f"landmark {name}: unknown {join_names(unknown)}; known: {join_names(_KEYS)}"
         )
     offset = np.asarray(entry.get("offset", (0, 0, 0)), np.float64)
-    if offset.shape != (3,) or not np.isfinite(offset).all():
-        raise ValueError(f"landmark {name}: offset is {entry['offset']!r}; expected 3 numbers, m")
+    if offset.shape != (3,) or not np.all(np.abs(offset) <= _FARTHEST):
+        raise ValueError(
+            f"landmark {name}: offset is {entry['offset']!r}; expected 3 numbers up to 3 m"
+        )
     spread = float(entry["spread"])
     if not 0 < spread < 1:
         raise ValueError(f"landmark {name}: spread is {spread:g}; expected 0 to 1 m")

@@ -25,6 +25,7 @@ from psfs.sequence import Sequence as Footage
 
 #: What keypoints can be matched to.
 Cameras = CameraRig | Footage | Sequence[str]
+_WILDCARDS = "*?["
 _EXPECTED = (
     "keypoints.npz, OpenPose's JSON per frame, OpenCap's pickles, FreeMoCap's or other .npy "
     "arrays, or DeepLabCut's .csv or .h5"
@@ -37,11 +38,8 @@ def read_raw(path: Path) -> RawKeypoints:
     Wildcards in the path choose among the folders of cameras: `Videos/Cam*/OutputPkl*/jump`. Raises
     InputError.
     """
-    if any(sign in str(path) for sign in "*?["):
-        fixed = next(n for n, part in enumerate(path.parts) if any(s in part for s in "*?["))
-        base = Path(*path.parts[:fixed])
-        with parsing(path, "a pattern such as Videos/Cam*/OutputPkl*/jump"):
-            roots = sorted(base.glob(str(Path(*path.parts[fixed:]))))
+    if any(sign in str(path) for sign in _WILDCARDS):
+        base, roots = expand_wildcards(path)
         if not roots:
             raise MissingFileError(f"{path}: matches no file or folder; expected {_EXPECTED}")
         return _read_folder(base, roots)
@@ -59,6 +57,18 @@ def read_raw(path: Path) -> RawKeypoints:
         return read_opencap(path.parent, [path])
     hint = ": name its folder" if ending == ".json" else ""
     raise InputError(f"{path}: not a file of keypoints of all frames{hint}; expected {_EXPECTED}")
+
+
+def expand_wildcards(path: Path) -> tuple[Path, list[Path]]:
+    """Return the part of a path before its first wildcard, and all that the path matches. Raises
+    InputError for a malformed pattern."""
+    wild = [any(sign in part for sign in _WILDCARDS) for part in path.parts]
+    fixed = wild.index(True) if any(wild) else len(wild)
+    base, rest = Path(*path.parts[:fixed]), path.parts[fixed:]
+    if not rest:
+        return base, [base] if base.exists() else []
+    with parsing(path, "a pattern such as Videos/Cam*/OutputPkl*/jump"):
+        return base, sorted(base.glob(str(Path(*rest))))
 
 
 def _read_folder(base: Path, roots: Sequence[Path]) -> RawKeypoints:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hmac
 import http.client
 import io
+import logging
 import secrets
 import threading
 from collections.abc import Callable, Iterator
@@ -61,6 +62,8 @@ def start_server(port: int, gate: Gate) -> viser.ViserServer:
     """Return a running server on HOST behind `gate`. port: 0 for any that is free; if it is taken,
     the next free one. Raises InputError."""
     viser = import_viser()
+    # websockets logs each visitor that speaks no HTTP, with a traceback.
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
     # viser prints the address without the token.
     with _ONE_AT_A_TIME, _serve_with_checks(gate), redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=HOST, port=port, verbose=False)

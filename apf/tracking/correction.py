@@ -19,6 +19,7 @@ from cl import InputError
 from psfs.cameras.camera import CameraRig
 from psfs.common.schema import Name, PathText, Table, Vector, parse_values
 from psfs.common.toml import read_toml, write_toml
+from psfs.voxels.grid import VoxelGrid
 
 #: The defaults of a file of corrections.
 DEFAULTS = CorrectionConfig()
@@ -48,6 +49,10 @@ class Corrections:
     def check(self, track: Track) -> None:
         """Raise InputError unless all frames and joints are those of `track`."""
         known = set(track.frames.tolist())
+        marked = [(point.frame, point.joint) for point in self.points]
+        for frame, joint in dict.fromkeys(marked):
+            if marked.count((frame, joint)) > 1:
+                raise InputError(f"{joint} is corrected twice in frame {frame}; expected once")
         for point in self.points:
             if point.joint not in track.joint_names:
                 raise InputError(
@@ -56,8 +61,22 @@ class Corrections:
             if point.frame not in known:
                 raise InputError(f"frame {point.frame} was not tracked; expected one that was")
         for first, last in self.bad:
-            if first > last:
-                raise InputError(f"bad frames {first} to {last}; expected the first one first")
+            if not track.frames[0] <= first <= last <= track.frames[-1]:
+                raise InputError(
+                    f"bad frames {first} to {last}; expected the first one first, from "
+                    f"{track.frames[0]} to {track.frames[-1]}"
+                )
+
+    def check_places(self, grid: VoxelGrid) -> None:
+        """Raise InputError if a joint is put farther than 1 m outside of the volume."""
+        for point in self.points:
+            place = np.array(point.position)
+            if np.any(place < grid.origin - 1.0) or np.any(place > grid.high + 1.0):
+                raise InputError(
+                    f"{point.joint} in frame {point.frame} is put to {place.round(2).tolist()}; "
+                    f"expected a place in the volume that was tracked, {grid.origin.round(2)} to "
+                    f"{grid.high.round(2)} m"
+                )
 
     @property
     def by_frame(self) -> dict[int, dict[str, Correction]]:

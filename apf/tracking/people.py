@@ -12,7 +12,7 @@ from pydantic import Field
 
 from apf.tracking.track import PEOPLE, Track, spans
 from cl import InputError
-from psfs.common.files import read_json, write_json
+from psfs.common.files import name_file_in_errors, read_json, write_json
 from psfs.common.schema import Table, parse_values
 
 #: Greatest number of people.
@@ -114,10 +114,18 @@ class PeopleTracks(Sequence[Track]):
         folder = Path(folder)
         path, what = folder / PEOPLE, "the people of an `apf track`"
         listed = parse_values(_Listed, read_json(path, what), path)
-        tracks = tuple(Track.open(folder / person.folder) for person in listed.persons)
-        seen = tuple(parse_spans(person.seen) for person in listed.persons)
+        folders = [person.folder for person in listed.persons]
+        if len(set(folders)) < len(folders) or listed.people != len(folders):
+            raise InputError(
+                f"{path}: {listed.people} people in the folders {', '.join(folders)}; expected "
+                "one of its own for each"
+            )
+        with name_file_in_errors(path):
+            frames = parse_spans(listed.frames)
+            seen = tuple(parse_spans(person.seen) for person in listed.persons)
+        tracks = tuple(Track.open(folder / name) for name in folders)
         verdicts = tuple(person.verdict for person in listed.persons)
-        return cls(tracks, parse_spans(listed.frames), seen, listed.objects, verdicts)
+        return cls(tracks, frames, seen, listed.objects, verdicts)
 
 
 class _Person(Table):
@@ -149,7 +157,13 @@ def holds_people(folder: Path) -> bool:
 
 
 def parse_spans(text: str) -> np.ndarray:
-    """Return the frame numbers (F,) of a text like `3, 25-32`, see `spans`."""
+    """Return the frame numbers (F,) of a text like `3, 25-32`, see `spans`. Raises InputError
+    unless they ascend."""
     pieces = [piece.partition("-") for piece in text.split(", ")] if text else []
-    ranges = [np.arange(int(low), int(high or low) + 1) for low, _, high in pieces]
-    return np.concatenate([np.zeros(0, int), *ranges])
+    ends = [(int(low), int(high or low)) for low, _, high in pieces]
+    highest = -1
+    for low, high in ends:
+        if not highest < low <= high:
+            raise InputError(f"frames {text[:80]}; expected them ascending, as 3, 25-32")
+        highest = high
+    return np.concatenate([np.zeros(0, int), *(np.arange(low, high + 1) for low, high in ends)])

@@ -104,7 +104,8 @@ def _print_board(args: argparse.Namespace) -> None:
     path: Path = args.print_board
     if path.suffix.lower() != ".pdf":
         raise InputError(f"{path}: expected a name that ends in .pdf")
-    squares, square = args.squares or _PRINTED[0], args.square or _PRINTED[1]
+    squares = args.squares or _PRINTED[0]
+    square = _PRINTED[1] if args.square is None else args.square
     marker = 0.75 * square if args.marker is None else args.marker
     family = "4X4" if args.dictionary == "auto" else args.dictionary
     width, height = write_board_pdf(path, squares, square, marker, family)

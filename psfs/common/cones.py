@@ -2,7 +2,7 @@
 
 A cone is 16 floats: A (3), radius at A, B (3), radius at B, X / sx (3), 0, Y / sy (3), 0, where A,
 B are the end centres and X, Y the unit axes of the elliptic section with the scales sx, sy. Also
-the float64 specification of `cone_distance` in cones.h.
+the float64 specification of `cone_distance` and `ray_cone_distance` in cones.h.
 """
 
 from __future__ import annotations
@@ -28,6 +28,23 @@ def cone_distances(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
     t = np.clip(z / length, 0.0, 1.0)
     radius = cones[:, 3] + t * (cones[:, 7] - cones[:, 3])
     return np.sqrt(x * x + y * y + (z - t * length) ** 2) - radius
+
+
+def ray_cone_distances(origin: np.ndarray, rays: np.ndarray, cones: np.ndarray) -> np.ndarray:
+    """Return signed distances (N, C) m from the lines through `origin` (3,) along rays (N, 3) to
+    the surfaces of cones (C, 16), measured as `cone_distances` measures."""
+    a = cones[:, 0:3]
+    axis = cones[:, 4:7] - a
+    length = np.linalg.norm(axis, axis=-1)
+    frame = np.stack([cones[:, 8:11], cones[:, 12:15], axis / length[:, None]], 1)
+    start = np.einsum("cij,cj->ci", frame, origin - a)
+    along = np.einsum("cij,nj->nci", frame, rays)
+    across = np.maximum((along[..., :2] ** 2).sum(-1), 1e-12)
+    nearest = -(start[:, :2] * along[..., :2]).sum(-1) / across
+    t = np.clip((start[:, 2] + nearest * along[..., 2]) / length, 0.0, 1.0)
+    end = start - np.stack([0 * t, 0 * t, t * length], -1)
+    left = end - (dot(end, along) / dot(along, along))[..., None] * along
+    return np.linalg.norm(left, axis=-1) - (cones[:, 3] + t * (cones[:, 7] - cones[:, 3]))
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -23,7 +23,10 @@ MOST_BYTES = 256 * 2**20
 
 
 def resolve_path(path: str | Path) -> Path:
-    """Return the absolute path with symbolic links resolved as far as they exist."""
+    """Return the absolute path with symbolic links resolved as far as they exist. Raises InputError
+    for a text that cannot be a path."""
+    if "\0" in str(path):
+        raise InputError(f"{str(path)!r}: holds the character NUL; expected a path")
     return Path(os.path.realpath(path))
 
 

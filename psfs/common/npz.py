@@ -174,7 +174,8 @@ def _check_shape(
         length = wanted if isinstance(wanted, int) else lengths.setdefault(wanted, (found, key))[0]
         fits = fits and found == length
     if not fits:
-        named = [str(n if isinstance(n, int) else lengths.get(n, (n, ""))[0]) for n in shape]
+        known = lengths if array.ndim == len(shape) else {}
+        named = [str(n if isinstance(n, int) else known.get(n, (n, ""))[0]) for n in shape]
         raise InputError(
             f"{where}: {key} has the shape {array.shape}; expected ({', '.join(named)})"
         )

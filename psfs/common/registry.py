@@ -61,6 +61,8 @@ class Registry(Mapping[str, T]):
             found[entry.name] = entry
 
     def __getitem__(self, name: str) -> T:
+        if not isinstance(name, str):  # `in` is asked of anything that stands in a file
+            raise KeyError(name)
         return self._entries[name]
 
     def __iter__(self) -> Iterator[str]:

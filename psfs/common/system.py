@@ -7,6 +7,7 @@ import ctypes
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import contextmanager
 from typing import IO, TYPE_CHECKING, Any
@@ -104,6 +105,39 @@ def handle_signals(handler: Callable[[int, Any], Any], names: Iterable[str]) -> 
     finally:
         for number, usual in before.items():
             signal.signal(number, usual)
+
+
+@contextmanager
+def defer_interrupts(names: Sequence[str] = ("SIGINT", "SIGTERM", "SIGHUP")) -> Iterator[None]:
+    """Raise KeyboardInterrupt at the end instead of inside, if one of these signals arrives.
+
+    The processes that threads started inside start never receive the first of them, which a
+    terminal sends to all processes of a command: their own handlers are set only once they have
+    imported their modules. Does nothing but in the main thread.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    with handle_signals(lambda number, _: came.append(number), names), _block_signals(names[:1]):
+        yield
+    if came:
+        raise KeyboardInterrupt
+
+
+@contextmanager
+def _block_signals(names: Iterable[str]) -> Iterator[None]:
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # which else unblocks them when the first process is started
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _signals(names))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def ignore_signals(names: Iterable[str]) -> None:

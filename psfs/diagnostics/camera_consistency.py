@@ -151,7 +151,7 @@ class _Judge:
         size = (self.rig.height, self.rig.width)
         camera = self.rig.cameras[view]
         expected = voxel_silhouette(camera, self.grid.centres(shape), self._extents[view], size)
-        own = select_person(evidence[view] > 0, expected)
+        own = select_person(evidence[view] > 0, expected, self.limits.near)
         if (own & expected).sum() >= self.limits.agrees * own.sum():
             expected &= evidence[view] != UNKNOWN  # hidden by furniture, not by an error
         return iou(expected, own)
@@ -192,16 +192,23 @@ class _Judge:
         return best if scores[best] > scores[0] + self.limits.rise else 0
 
 
-def select_person(shown: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """Return the connected parts of a silhouette (H, W) bool that overlap the expected one.
+def select_person(shown: np.ndarray, expected: np.ndarray, near: float) -> np.ndarray:
+    """Return the connected parts of a silhouette (H, W) bool that overlap the expected one, up to
+    `near` times its height away from it.
 
-    The others are clutter, or people elsewhere. If no part overlaps, return the whole silhouette:
-    the person himself appears elsewhere.
+    The others are clutter, or people elsewhere; so is what lies farther away, such as rafters that
+    touch the head. If no part overlaps, return the whole silhouette: the person himself appears
+    elsewhere.
     """
     count, labels = cv2.connectedComponents(shown.view(np.uint8), connectivity=8)
     meets = np.zeros(count, bool)
     meets[np.unique(labels[expected & shown])] = True
-    return meets[labels] if meets.any() else shown
+    if not meets.any():
+        return shown
+    reach = max(1, round(near * np.ptp(np.flatnonzero(expected.any(1)))))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    around: np.ndarray = cv2.dilate(expected.view(np.uint8), disc) > 0
+    return meets[labels] & around
 
 
 def _counts(evidence: np.ndarray) -> np.ndarray:

@@ -25,6 +25,12 @@ class ConsistencyConfig(Config):
         "Share of its silhouette that must lie within the others' shape before furniture explains "
         "what it lacks.",
     )
+    near: float = fraction(
+        0.15,
+        "Distance from the others' shape up to which a camera's silhouette is the person's, as a "
+        "share of that shape's height; what lies farther away is clutter.",
+        "by hand: with it rafters that touch the head accuse no camera of four or six",
+    )
     agreeing: float = fraction(
         0.2,
         "Median IoU of the other cameras below which these do not agree among themselves, or "
@@ -236,6 +242,12 @@ class FaultConfig(Config):
         0.075,
         "Cost above which the cameras do not fit each other at all.",
         "untouched sequences: up to 0.061",
+    )
+    lens_share: float = fraction(
+        0.9,
+        "Greatest ratio of the cost with a lens's distortion to the cost without for the "
+        "distortion to count as dropped: of all cameras, or of the one without.",
+        "sound cameras: from 1.0 on; dropped: 0.47 to 0.97 of one camera, 0.64 to 1.0 of all",
     )
     turned_ratio: float = setting(
         2.5,

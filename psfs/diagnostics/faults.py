@@ -21,6 +21,7 @@ from psfs.diagnostics.arrangement import (
 )
 from psfs.diagnostics.config import FaultConfig
 from psfs.diagnostics.fault import Fault
+from psfs.diagnostics.lens import find_dropped_distortion
 from psfs.diagnostics.picture_faults import find_picture_faults
 from psfs.diagnostics.rig_faults import find_rig_faults
 from psfs.diagnostics.small_views import SmallViews, small_views
@@ -154,6 +155,9 @@ def _explain_misfit(
         return [foreign, *late]
     if compared.cost > config.disagreeing:
         return [_explain_disagreement(views, tangency, compared.cost, known, config)]
+    lens = None if late else find_dropped_distortion(views.rig, views.outlines, config)
+    if lens is not None:
+        return [_describe_lens(names, *lens)]
     return late or _find_turned_camera(tangency, names, known, config)
 
 
@@ -221,6 +225,18 @@ def _describe_lag(sequence: Sequence, name: str, by: int) -> Fault:
         f"({seconds:.2g} s); --sync auto shifts it",
         late=by,
     )
+
+
+def _describe_lens(names: list[str], views: list[int], k1: float) -> Fault:
+    if len(views) == len(names):
+        text = f"the calibration states no lens distortion, but silhouettes fit with k1 = {k1:g}"
+        return Fault("lens", (), f"{text}; write the lenses' distortion into the calibration")
+    name = names[views[0]]
+    text = (
+        f"camera {name} has no lens distortion, and its silhouettes fit with that of the other "
+        f"cameras (k1 = {k1:.2g}); write its own into the calibration"
+    )
+    return Fault("lens", (name,), text)
 
 
 def _explain_disagreement(

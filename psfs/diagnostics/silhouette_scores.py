@@ -17,6 +17,7 @@ from psfs.diagnostics.reprojection_iou import volume_region
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
 from psfs.volume import automatic_grid
+from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.clouds import remove_debris
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
@@ -88,18 +89,21 @@ def true_masks(sequence: Sequence, frame: int) -> list[np.ndarray | None]:
 
 
 def score_silhouettes(
-    session: Session, wanted: Collection[int], grid: VoxelGrid | None = None
+    session: Session,
+    wanted: Collection[int],
+    grid: VoxelGrid | None = None,
+    body: TrackedBody | None = None,
 ) -> Iterator[Silhouettes | None]:
     """Reconstruct the frames up to the last `wanted` one; yield the silhouettes of those wanted,
     None for the others.
 
     All earlier frames are reconstructed, too, since the appearance model is fitted to them. grid:
-    by default the session's `automatic_grid`. Raises InputError as `automatic_grid` does, and for
-    true masks that cannot be read.
+    by default the session's `automatic_grid`. body: a tracked body as a prior. Raises InputError as
+    `automatic_grid` does, and for true masks that cannot be read.
     """
     sequence, grid = session.sequence, grid or automatic_grid(session)
     rig, within = sequence.rig, volume_region(sequence.rig, grid)
-    reconstruct = session.reconstructor(grid)
+    reconstruct = session.reconstructor(grid, body)
     for frame in sequence.frames(slice(max(wanted) + 1)):
         voxels = reconstruct(frame)
         if frame.index not in wanted:

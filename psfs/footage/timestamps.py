@@ -18,10 +18,12 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.names import join_names, name_tokens
 from psfs.common.files import read_text
+from psfs.common.reading import parsing
 from psfs.footage.layouts.common import Footage
 from psfs.footage.media import Media
 
 NAME = "timestamps.csv"
+_WHAT = "times of frames"
 #: Greatest size of the file, bytes.
 _MOST_BYTES = 2**27
 #: Least ratio of times in another unit than s.
@@ -112,15 +114,17 @@ def _check_interval(path: Path, item: Media, times: np.ndarray) -> None:
 
 def _read_times(path: Path) -> dict[str, list[tuple[int, float]]]:
     """Return frame numbers and times, s, by camera."""
-    reader = csv.DictReader(io.StringIO(read_text(path, "times of frames", _MOST_BYTES)))
-    heads = reader.fieldnames or ()
+    text = read_text(path, _WHAT, _MOST_BYTES)
+    with parsing(path, _WHAT):
+        reader = csv.DictReader(io.StringIO(text, newline=""))
+        heads, rows = reader.fieldnames or (), list(reader)
     names = [next((name for name in options if name in heads), None) for options in _COLUMNS]
     if None in names:
         wanted = ", ".join(" or ".join(options) for options in _COLUMNS)
         raise InputError(f"{path}: columns {join_names(heads)}; expected {wanted}")
     camera, frame, time = names
     found: dict[str, list[tuple[int, float]]] = {}
-    for line, row in enumerate(reader, 2):
+    for line, row in enumerate(rows, 2):
         try:
             value = int(row[frame]), float(row[time])
         except (TypeError, ValueError):

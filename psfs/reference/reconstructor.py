@@ -13,7 +13,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.common.system import physical_memory
 from psfs.reference.adaptation import NumpyAdaptation
 from psfs.reference.appearance import NumpyForeground
-from psfs.reference.body_prior import body_evidence
+from psfs.reference.body_prior import body_evidence, body_location
 from psfs.reference.colour import surface_colour
 from psfs.reference.hidden import hide
 from psfs.reference.light import estimate_light
@@ -96,6 +96,11 @@ class NumpyReconstructor:
 
     def _evidence(self, frame: Frame) -> np.ndarray:
         config, light = self.config.silhouette, self._light(frame)
+        if self.body is not None and self.foreground is not None:
+            steps = config.evidence.ratio_steps
+            location = body_location(self.rig, self.body[frame.index], self.config.body, steps)
+            if location is not None:
+                self.foreground.location = location
         return frame_evidence(frame, self.rig, self.background, config, self.foreground, light)
 
     def _light(self, frame: Frame) -> np.ndarray | None:
@@ -115,7 +120,7 @@ class NumpyReconstructor:
         self._latest = evidence
         config, step = self.config.occupancy, self.config.silhouette.evidence.step
         body = None
-        if self.body is not None:
+        if self.body is not None and self.foreground is None:
             cones = self.body[frame.index]
             own = self.config.body
             body = partial(body_evidence, cones=cones, config=own, step=step)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.cells import CELL, cells
+from psfs.cameras.cells import cell_rays, cells
 from psfs.cameras.rig_geometry import intersect_axes
 from psfs.silhouettes.config import FloorConfig
 
@@ -17,19 +17,15 @@ def floor_points(rig: CameraRig, config: FloorConfig) -> np.ndarray:
     The floor is the circle around the point that the cameras look at, with the distance of the
     farthest camera as its radius.
     """
-    rows, columns = cells(rig)
     middle = intersect_axes(rig)[:2]
     radius = np.linalg.norm(rig.centres[:, :2] - middle, axis=1).max()
-    u, v = np.meshgrid(np.arange(columns), np.arange(rows))
-    pixels = (CELL * np.stack([u, v], -1) + (CELL - 1) / 2).reshape(-1, 2)
-    points = np.full((len(rig), rows, columns, 2), np.nan)
+    points = np.full((len(rig), *cells(rig), 2), np.nan)
     if not config.on:
         return points
-    for view, camera in enumerate(rig):
-        rays = camera.rays(pixels)
+    for own, camera, rays in zip(points, rig, cell_rays(rig), strict=True):
         with np.errstate(divide="ignore", invalid="ignore"):
-            distance = (config.height - camera.centre[2]) / rays[:, 2]
-            hits = camera.centre[:2] + distance[:, None] * rays[:, :2]
-            near = (np.linalg.norm(hits - middle, axis=1) < radius) & (distance > 0)
-        points[view] = np.where(near[:, None], hits, np.nan).reshape(rows, columns, 2)
+            distance = (config.height - camera.centre[2]) / rays[..., 2]
+            hits = camera.centre[:2] + distance[..., None] * rays[..., :2]
+            near = (np.linalg.norm(hits - middle, axis=-1) < radius) & (distance > 0)
+        own[near] = hits[near]
     return points

@@ -86,11 +86,25 @@ def body_counts(
     return config.inside / step, outside / step, cones[known]
 
 
-def pack_body(config: BodyPriorConfig, cones: np.ndarray, step: float) -> np.ndarray:
-    """Return (C + 1, 16) float32 of cones (C, 16), as body_prior.h reads them."""
+def location_counts(
+    config: BodyPriorConfig, cones: np.ndarray, steps: float
+) -> tuple[float, float, float]:
+    """Return the location prior's counts of 1 / `steps` nats well within and well beside the drawn
+    body, at most what an int8 holds, and the counts per metre between them."""
+    lowest = config.background if np.isfinite(cones).all() else 0.0
+    inside, outside = np.clip(steps * np.array([config.foreground, lowest]), -127, 127)
+    return float(inside), float(outside), steps / config.width
+
+
+def pack_body(config: BodyPriorConfig, cones: np.ndarray, step: float, steps: float) -> np.ndarray:
+    """Return (C + 1, 16) float32 of cones (C, 16), as body_prior.h and body_location.cl read them.
+
+    step: nats per count of voxels' evidence. steps: counts per nat of the location prior.
+    """
     inside, outside, known = body_counts(config, cones, step)
     packed = np.zeros((len(cones) + 1, CONE_FLOATS), np.float32)
     packed[0, :5] = inside, outside, config.depth, config.distance, len(known)
+    packed[0, 5:9] = *location_counts(config, cones, steps), config.edge
     packed[1 : len(known) + 1] = known
     packed[1 : len(known) + 1, _SLOPE] = largest_slopes(known)
     return packed

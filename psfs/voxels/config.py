@@ -74,12 +74,11 @@ class OccupancyConfig(Config):
 
 
 class BodyPriorConfig(Config):
-    """A tracked body as a prior of the voxels' occupancy, see `psfs reconstruct --track`: its log
-    odds fall linearly between the two bounds."""
+    """A tracked body as a prior, see `psfs reconstruct --track`: of the silhouettes, as long as the
+    person's appearance is estimated; else, as with ready masks, of the voxels' occupancy. The log
+    odds fall linearly between their bounds."""
 
-    SOURCE: ClassVar = (
-        "tried on pickup, kick and walk with 8 cameras, with true masks: docs/lab/accuracy.md"
-    )
+    SOURCE: ClassVar = "tried on synthetic people with true masks: docs/lab/accuracy.md"
 
     inside: float = setting(
         5.0, "Log odds that a voxel in the body's cones is occupied.", unit="nats", least=0
@@ -96,6 +95,26 @@ class BodyPriorConfig(Config):
     distance: float = setting(
         0.02, "Distance from their surface beyond which it is outside.", unit="m", above=0
     )
+    foreground: float = setting(
+        4.0,
+        "Log odds that a pixel well within the drawn body shows the person, in place of "
+        "`location_inside` of the silhouettes.",
+        unit="nats",
+        least=0,
+    )
+    background: float = setting(
+        -0.8,
+        "Log odds that a pixel well beside it does; 0 in a frame in which a limb is lost.",
+        unit="nats",
+        most=0,
+    )
+    width: float = setting(
+        0.01,
+        "Distance at the drawn body's edge over which these fall by 1 nat.",
+        unit="m",
+        above=0,
+    )
+    edge: float = setting(0.0, "Distance from the cones at which these log odds are 0.", unit="m")
     samples: int = setting(
         5, "Number of frames in which the track is compared with the silhouettes.", least=1
     )

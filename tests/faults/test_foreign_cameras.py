@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import shutil
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import tomli_w
 from helpers import faults, footage
-from helpers.fuzz import CHANGE, FUZZING, MEMORY, changed
+from helpers.fuzz import CHANGE, FUZZING, MEMORY, SECONDS, changed
 from helpers.memory import limited_memory
 from hypothesis import given
 from hypothesis import strategies as st
@@ -91,8 +93,73 @@ def easymocap(rig: CameraRig) -> dict[str, str]:
     }
 
 
+def qualisys(rig: CameraRig) -> dict[str, str]:
+    flip, places = np.diag([1.0, -1, -1]), [f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)]
+    rest = (
+        "radialDistortion1",
+        "radialDistortion2",
+        "tangentalDistortion1",
+        "tangentalDistortion2",
+    )
+    cameras = ""
+    for c in rig:
+        turn, (width, height) = flip @ c.R, c.size
+        parts = {
+            "fov_video": {"left": 0, "top": 0, "right": width - 1, "bottom": height - 1},
+            "transform": dict(
+                zip([*places, *"xyz"], [*turn.ravel(), *(1e3 * c.centre)], strict=True)
+            ),
+            "intrinsic": dict.fromkeys(rest, 0.0)
+            | {"focalLengthU": 64 * c.K[0, 0], "focalLengthV": 64 * c.K[1, 1]}
+            | {"centerPointU": 64 * c.K[0, 2], "centerPointV": 64 * c.K[1, 2]},
+        }
+        inner = "".join(
+            f"<{tag} {' '.join(f'{key}={str(float(v))!r}' for key, v in of.items())}/>\n"
+            for tag, of in parts.items()
+        )
+        cameras += f'<camera serial="{c.name}">{inner}</camera>\n'
+    return {"x.qca.txt": f"<calibration><cameras>\n{cameras}</cameras></calibration>"}
+
+
+def caliscope(rig: CameraRig) -> dict[str, str]:
+    tables = {
+        str(number): {
+            "cam_id": number, "ignore": False, "size": list(c.size), "matrix": c.K.tolist(),
+            "distortions": c.distortion.tolist(), "translation": c.t.tolist(),
+            "rotation": c.R.tolist(),
+        }
+        for number, c in enumerate(rig, 1)
+    }  # fmt: skip
+    return {"camera_array.toml": tomli_w.dumps({"cameras": tables})}
+
+
+_TSAI_NAMES = (
+    *("Ncx", "Nfx", "dx", "dy", "dpx", "dpy", "Cx", "Cy", "sx", "f", "kappa1"),
+    *("Tx", "Ty", "Tz", "Rx", "Ry", "Rz"),
+)
+#: Tsai's parameters before the pose: of the sensor, the picture's middle and the lens.
+_TSAI = "768 644 0.0084 0.0098 0.01 0.0098 48 36 1 5.6 0.008"
+
+
+def tsai(rig: CameraRig) -> dict[str, str]:
+    return {f"{c.name}.cal": f"{_TSAI} 120 905 4210 {1.9 + k} -0.3 0.2" for k, c in enumerate(rig)}
+
+
+def named_tsai(rig: CameraRig) -> dict[str, str]:
+    values = {name: text.split() for name, text in tsai(rig).items()}
+    lines = {name: zip(_TSAI_NAMES, of, strict=True) for name, of in values.items()}
+    return {
+        f"{Path(name).stem}.tsai": "\n".join(f"{key} = {value}" for key, value in of)
+        for name, of in lines.items()
+    }
+
+
 FORMATS: dict[str, Callable[[CameraRig], dict[str, str]]] = {
-    write.__name__: write for write in (middlebury, surrey, colmap, panoptic, humaneva, easymocap)
+    write.__name__: write
+    for write in (
+        *(middlebury, surrey, colmap, panoptic, humaneva, easymocap),
+        *(qualisys, caliscope, tsai, named_tsai),
+    )
 }
 
 
@@ -124,15 +191,17 @@ def test_line_ends_of_windows(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.parametrize("name", FORMATS)
 @FUZZING
-@given(changes=st.lists(CHANGE, min_size=1, max_size=3))
-def test_damaged_cameras(tmp_path: Path, name: str, changes: list) -> None:
+@given(changes=st.lists(CHANGE, min_size=1, max_size=3), which=st.integers(0, 2))
+def test_damaged_cameras(tmp_path: Path, name: str, changes: list, which: int) -> None:
     shutil.rmtree(tmp_path / "a", ignore_errors=True)
     path = written(tmp_path / "a", name)
-    file = next((tmp_path / "a").iterdir())
+    files = sorted((tmp_path / "a").iterdir())
+    file = files[which % len(files)]
     data = file.read_bytes()
     for change in changes:
         data = changed(data, *change)
     file.write_bytes(data)
+    began = time.process_time()
     with limited_memory(MEMORY):
         try:
             read(path)
@@ -140,6 +209,7 @@ def test_damaged_cameras(tmp_path: Path, name: str, changes: list) -> None:
             text = str(error)
             assert str(tmp_path / "a") in text, text
             assert text.count(f"{file}: ") < 2, text
+    assert time.process_time() - began < SECONDS
 
 
 @pytest.mark.parametrize(
@@ -148,6 +218,8 @@ def test_damaged_cameras(tmp_path: Path, name: str, changes: list) -> None:
         ("surrey", "3 1\n", "4 1\n", "expected 86 of Surrey's list of 4 cameras"),
         ("colmap", "1 0.", "1 2.", "a quaternion of length"),
         ("colmap", "cam02/", "cam01/", "camera names must differ; found cam01, cam01, cam03"),
+        ("easymocap", "rows: 3", "rows: nan", "not a list of numbers"),
+        ("easymocap", "cols: 3", "cols: 4", "9 numbers in 3.0 rows of 4.0; expected a matrix"),
         ("easymocap", "R_cam01: ", "R_cam09: ", "no Rot_cam01 among"),
     ],
 )

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 import pytest
 import tomli_w
-from helpers import bodies, footage, scenes, tracks
+from helpers import bodies, footage, opensim, scenes, tracks
 from helpers.fuzz import CHANGE, FUZZING, MEMORY, SECONDS, changed
 from helpers.memory import limited_memory
 from hypothesis import given
@@ -25,19 +25,42 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from apf.body import load_body
+from apf.cluster.connection import _read_scheduler_file
 from apf.evaluation.evaluate import load_truth
+from apf.evaluation.marker_truth import load_markers
 from apf.formats.c3d import write_c3d
+from apf.formats.opensim.model import read_model
 from apf.formats.pose import read_pose
 from apf.keypoints.opening import read_raw
+from apf.tracking.correction import Correction, Corrections, read_corrections, write_corrections
+from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.calibration import read_calibration
 from psfs.common.files import read_json
 from psfs.common.toml import read_toml
+from psfs.footage.timestamps import _read_times
+from psfs.voxels.body_prior import TrackedBody
 
 
 def seeds(folder: Path) -> None:
     """Write a small file of each kind."""
+    keypoints_and_cameras(folder)
+    track = tracks.walker(3)
+    write_corrections(
+        folder / "corrections.toml",
+        Corrections(Path("track"), (Correction(1, "l_wrist", (0.1, 0.2, 1.0)),), ((0, 1),)),
+    )
+    rows = [f"{camera},{frame},{frame / 30:.3f}" for camera in "ab" for frame in range(3)]
+    (folder / "timestamps.csv").write_text("\n".join(["cam_id,frame_index,frame_time", *rows]))
+    PeopleTracks((track, track), track.frames, (track.frames,) * 2).save(folder / "people")
+    marker = {"name": "knee", "joint": "l_knee", "offset": [0.1, 0.0, 0.0]}
+    (folder / "markers.toml").write_text(tomli_w.dumps({"stature": 1.8, "marker": [marker]}))
+    opensim.write_model(folder / "model.osim")
+    (folder / "dask.json").write_text('{"type": "Scheduler", "address": "tcp://127.0.0.1:1"}')
+
+
+def keypoints_and_cameras(folder: Path) -> None:
     track, rig = tracks.walker(3), scenes.ring(3, size=(64, 48))
     track.save(folder / "track.npz")
     truth = tracks.truth_of(track)
@@ -98,6 +121,13 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "camera.xml": read_calibration,
     "transforms.json": read_calibration,
     "calibration.toml as TOML": lambda path: read_toml(path),
+    "corrections.toml": read_corrections,
+    "timestamps.csv": _read_times,
+    "people/people.json": lambda path: PeopleTracks.open(path.parent),
+    "track.npz as a prior": TrackedBody.open,
+    "markers.toml": load_markers,
+    "model.osim": read_model,
+    "dask.json": _read_scheduler_file,
 }
 
 

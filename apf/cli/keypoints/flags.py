@@ -10,6 +10,7 @@ import numpy as np
 from apf.keypoints import Keypoints
 from apf.keypoints.agreement import find_disagreements
 from apf.keypoints.matching import match_to_people
+from apf.keypoints.opening import expand_wildcards
 from apf.keypoints.timing import describe_lag, find_lag_to_footage
 from cl import InputError
 from psfs.cli.commandline import remark, warn
@@ -61,7 +62,7 @@ def keypoints_path(args: argparse.Namespace, folder: Path) -> Path:
     """Return the path of --keypoints: as given if it exists, else relative to the sequence's
     folder."""
     given = Path(args.keypoints)
-    if given.is_absolute() or any(Path().glob(str(given))):
+    if given.is_absolute() or expand_wildcards(given)[1]:
         return given
     return folder / given
 

@@ -6,6 +6,7 @@ import argparse
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from apf.cli.takes.job import TrackJob
 from apf.report.summary import read_summary, read_tracked_grid
@@ -14,7 +15,9 @@ from apf.tracking.retracking import Retracking, apply_corrections
 from apf.tracking.take import Take
 from apf.tracking.track import Track
 from cl import InputError
+from psfs.cameras.names import join_names
 from psfs.cli.settings import refuse_unused
+from psfs.common.files import name_file_in_errors
 from psfs.session import Session
 
 #: Flags of tracks that cannot be corrected.
@@ -37,6 +40,8 @@ def read_corrections_flag(args: argparse.Namespace) -> CorrectedTrack | None:
     refuse_unused(
         args, _REFUSED, "applies only to another kind of track; expected none with --corrections"
     )
+    if args.people not in ("auto", "1"):
+        raise InputError(f"--people is {args.people}; expected 1 with --corrections")
     corrections = read_corrections(args.corrections)
     track = Track.open(corrections.track)
     try:
@@ -56,13 +61,28 @@ def read_corrections_flag(args: argparse.Namespace) -> CorrectedTrack | None:
     return CorrectedTrack(corrections, track)
 
 
+def _check_take(folder: Path, session: Session) -> None:
+    """Raise InputError unless the cameras of a track's take are among the session's."""
+    tracked = read_summary(folder)["sequence"].get("cameras") or []
+    missing = [name for name in tracked if name not in session.sequence.rig.names]
+    if missing:
+        raise InputError(
+            f"was tracked by cameras that {session.sequence.name} lacks ({join_names(missing)}); "
+            "expected the take of the track"
+        )
+
+
 def track_with_corrections(
     job: TrackJob, session: Session, given: CorrectedTrack, progress: Callable[[str], object]
 ) -> Take:
     """Return a take whose track is the given one with its corrections applied."""
-    grid = read_tracked_grid(given.track)
-    if job.method.uses_voxels and grid is None:
-        raise InputError(f"{given.corrections.track}: was not tracked in voxels; expected so")
+    with name_file_in_errors(given.corrections.track):
+        _check_take(given.corrections.track, session)
+        grid = read_tracked_grid(given.track)
+        if job.method.uses_voxels and grid is None:
+            raise InputError("was not tracked in voxels; expected so")
+    if grid is not None:
+        given.corrections.check_places(grid)
     task, began = Retracking(session, grid, given.track, job.method), time.perf_counter()
     track = apply_corrections(task, given.corrections, progress)
     seconds = time.perf_counter() - began

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError
-from psfs.common.files import read_text
+from psfs.common.files import name_file_in_errors, read_text
+from psfs.common.xml import parse_xml
 
 #: The model that Pose2Sim's wheel carries: Rajagopal et al. 2016 without muscles.
 _CARRIED = Path("OpenSim_Setup", "Model_Pose2Sim_simple.osim")
@@ -61,10 +62,8 @@ def find_model(path: Path | None) -> Path:
 def read_model(path: Path) -> GenericModel:
     """Read a model. Raises InputError if it is none, or lacks a joint that is needed."""
     text = read_text(path, _EXPECTED)
-    try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise InputError(f"{path}: {error}; expected {_EXPECTED}") from None
+    with name_file_in_errors(path):
+        root = parse_xml(text, _EXPECTED)
     parents, near, far = {}, {}, {}
     for joint in root.iterfind("./Model/JointSet/objects/*"):
         frames = {
@@ -82,7 +81,22 @@ def read_model(path: Path) -> GenericModel:
         raise InputError(
             f"{path}: no joint that carries {', '.join(lacking)}; expected {_EXPECTED}"
         )
+    for body in bodies:
+        _check_chain(path, body, parents)
     return GenericModel(path, text, parents, near, far)
+
+
+def _check_chain(path: Path, body: str, parents: dict[str, str]) -> None:
+    """Raise InputError unless the joints lead from a body to the pelvis."""
+    above: list[str] = []
+    while body != "pelvis":
+        above.append(body)
+        body = parents.get(body, "")
+        if not body or body in above:
+            raise InputError(
+                f"{path}: joints lead from {' to '.join(above)} and not to pelvis; "
+                f"expected {_EXPECTED}"
+            )
 
 
 #: Bodies of each side whose joints are measured.

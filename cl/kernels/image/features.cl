@@ -18,7 +18,7 @@
 
 static inline int4 joined(int4 a, int4 b)
 {
-    return (int4)(min(a.xy, b.xy), max(a.zw, b.zw));
+    return (int4)(min(a.x, b.x), min(a.y, b.y), max(a.z, b.z), max(a.w, b.w));
 }
 
 #define COLUMNS ((WIDTH + CELL - 1) / CELL)
@@ -55,7 +55,7 @@ INLINED void enclose(int4 box, __local int4 *scratch, int2 size, __global int4 *
     if (lane == 0) {
         const int4 all = scratch[0];
         const int2 low = max(all.xy - MARGIN, (int2)(0)), high = min(all.zw + MARGIN, size);
-        *region = all.z > 0 ? (int4)(low, high) : (int4)(0);
+        *region = all.z > 0 ? (int4)(low.x, low.y, high.x, high.y) : (int4)(0);
     }
 }
 

@@ -38,7 +38,7 @@ void person_box(int2 picture, __global const uchar *restrict silhouette, __globa
     for (int half_size = GROUP / 2; half_size > 0; half_size /= 2) {
         if (lane < half_size) {
             const int4 a = found[lane], b = found[lane + half_size];
-            found[lane] = (int4)(min(a.xy, b.xy), max(a.zw, b.zw));
+            found[lane] = (int4)(min(a.x, b.x), min(a.y, b.y), max(a.z, b.z), max(a.w, b.w));
         }
         barrier(CLK_LOCAL_MEM_FENCE);
     }

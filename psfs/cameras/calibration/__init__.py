@@ -88,7 +88,7 @@ def find_calibration(folder: Path) -> Path | None:
     for pattern in _PATTERNS:
         found = sorted(folder.glob(pattern.rstrip("/")))
         found = [path for path in found if path.is_dir() == pattern.endswith("/")]
-        found = [path for path in found if path.is_file() or _holds_cameras(path)]
+        found = [path for path in found if not path.is_dir() or _holds_cameras(path)]
         if len(found) == 1:
             return found[0]
         if found:

@@ -50,15 +50,22 @@ def read_text(path: Path) -> str:
     return text
 
 
+#: No length, px or mm, or angle is as large; the products of a few such are still finite.
+_TOO_LARGE = 1e60
+
+
 def parse_numbers(words: Sequence[str], what: str) -> np.ndarray:
-    """Convert words to float64. Raises InputError naming the first that is not a number."""
+    """Convert words to float64. Raises InputError naming the first that is not a number, or is too
+    large to be computed with."""
     values = []
     for word in words:
+        shown = repr(word if len(word) <= 40 else f"{word[:40]}...")
         try:
             values.append(float(word))
         except ValueError:
-            shown = word if len(word) <= 40 else f"{word[:40]}..."
-            raise InputError(f"{what}: found {shown!r}; expected a number") from None
+            raise InputError(f"{what}: found {shown}; expected a number") from None
+        if _TOO_LARGE < abs(values[-1]) < np.inf:  # cameras check whether numbers are finite
+            raise InputError(f"{what}: found {shown}; expected a number up to {_TOO_LARGE:g}")
     return np.array(values)
 
 

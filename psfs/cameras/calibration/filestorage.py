@@ -96,15 +96,17 @@ class Storage:
                 f"no {names[0]} among {join_names(self.keys)}; expected one of {names}"
             )
         what = f"the value of {names[0]}"
-        try:
-            if node.isMap():
-                return parse_array(node.mat(), None, what)
-            items = [node.at(i) for i in range(min(node.size(), _MOST_ITEMS + 1))]
-        except (cv2.error, SystemError):
-            raise InputError(f"{what} is not a matrix; expected numbers") from None
-        if len(items) > _MOST_ITEMS or not all(item.isReal() or item.isInt() for item in items):
-            raise InputError(f"{what} is not a list of numbers; expected a matrix")
-        return parse_array([item.real() for item in items], None, what)
+        if not node.isMap():
+            return _read_numbers(node, what)
+        # Not by `node.mat()`, which allocates what a damaged file claims, and then crashes.
+        rows, columns = (_read_numbers(node.getNode(key), what) for key in ("rows", "cols"))
+        values = _read_numbers(node.getNode("data"), what)
+        if rows.size != 1 or columns.size != 1 or rows[0] * columns[0] != values.size:
+            raise InputError(
+                f"{what} has {values.size} numbers in {join_names(map(str, rows))} rows of "
+                f"{join_names(map(str, columns))}; expected a matrix"
+            )
+        return values.reshape(int(rows[0]), int(columns[0]))
 
     def strings(self, name: str) -> list[str]:
         node = self._node([name])
@@ -120,6 +122,19 @@ class Storage:
         if not (node.isReal() or node.isInt()):
             raise InputError(f"{names[0]} is not a number; expected pixels")
         return float(parse_array(node.real(), 1, names[0])[0])
+
+
+def _read_numbers(node: Any, what: str) -> np.ndarray:
+    """Return the numbers (N,) of a node, float64. Raises InputError."""
+    if node.isSeq():
+        items = [node.at(i) for i in range(min(node.size(), _MOST_ITEMS + 1))]
+    else:
+        items = [node]
+    if len(items) > _MOST_ITEMS or not all(item.isReal() or item.isInt() for item in items):
+        raise InputError(
+            f"{what} is not a list of numbers, up to {_MOST_ITEMS} of them; expected a matrix"
+        )
+    return parse_array([item.real() for item in items], None, what)
 
 
 def read_filestorage(

@@ -46,6 +46,8 @@ def _camera(path: Path, size: Size) -> Camera:
     if values.size < _COUNT:
         raise InputError(f"{values.size} numbers; expected at least {_COUNT} (HumanEva)")
     fx, fy, cx, cy, alpha = values[:5]
+    if not np.isfinite(values[:_COUNT]).all():
+        raise InputError("holds a number that is not finite; expected HumanEva calibration")
     return Camera(
         name=path.stem,
         K=np.array([[fx, alpha * fx, cx], [0, fy, cy], [0, 0, 1]]),

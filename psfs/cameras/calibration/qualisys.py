@@ -26,6 +26,7 @@ from psfs.cameras.calibration.common import (
 )
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.units import Unit
+from psfs.common.xml import parse_xml
 
 SUFFIX = ".qca.txt"
 #: Units of the sensor per pixel.
@@ -52,13 +53,7 @@ def read_qualisys(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> 
     """
     text = read_text(path)
     with name_file_in_errors(path):
-        if "<!" in text.replace("<!--", ""):
-            raise InputError("a document type; expected XML without one")
-        try:
-            root = ElementTree.fromstring(text)
-        except ElementTree.ParseError as error:
-            raise InputError(f"{error}; expected Qualisys' XML") from None
-        found = root.findall("cameras/camera")
+        found = parse_xml(text, "Qualisys' XML").findall("cameras/camera")
         if not found:
             raise InputError("no cameras; expected Qualisys' elements cameras/camera")
         cameras = [_camera(element, index) for index, element in enumerate(found, 1)]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.opensim import write_model
 from helpers.striders import strider
 
 from apf.body.kinematics import posed_joints
@@ -19,52 +20,11 @@ from apf.formats.trc import read_trc
 from apf.tracking.smoothing import smooth_track
 from cl import InputError
 
-#: Joints of a model with the proportions of Rajagopal et al. 2016: the bodies that they connect,
-#: and their place in the first, m.
-_JOINTS = [
-    ("pelvis", "torso", (-0.10, 0.08, 0.0)),
-    ("torso", "head", (0.0, 0.54, 0.0)),
-    *(
-        joint
-        for side, z in (("l", -1), ("r", 1))
-        for joint in (
-            ("pelvis", f"femur_{side}", (-0.07, -0.07, 0.083 * z)),
-            (f"femur_{side}", f"tibia_{side}", (0.0, -0.41, 0.0)),
-            (f"tibia_{side}", f"talus_{side}", (0.0, -0.42, 0.0)),
-            (f"talus_{side}", f"calcn_{side}", (-0.05, -0.04, 0.01 * z)),
-            ("torso", f"humerus_{side}", (0.0, 0.37, 0.17 * z)),
-            (f"humerus_{side}", f"ulna_{side}", (0.01, -0.29, -0.01 * z)),
-            (f"ulna_{side}", f"radius_{side}", (-0.01, -0.01, 0.03 * z)),
-            (f"radius_{side}", f"hand_{side}", (-0.01, -0.24, 0.01 * z)),
-        )
-    ),
-]
-
-
-def _write_model(path: Path, left_out: str = "") -> Path:
-    joints = "".join(
-        f"<CustomJoint name='{far}'><socket_parent_frame>a</socket_parent_frame>"
-        "<socket_child_frame>b</socket_child_frame><frames>"
-        f"<PhysicalOffsetFrame name='a'><socket_parent>/bodyset/{near}</socket_parent>"
-        f"<translation>{' '.join(map(str, place))}</translation></PhysicalOffsetFrame>"
-        f"<PhysicalOffsetFrame name='b'><socket_parent>/bodyset/{far}</socket_parent>"
-        "<translation>0 0 0</translation></PhysicalOffsetFrame></frames><coordinates>"
-        f"<Coordinate name='knee_angle_{far[-1]}'><default_value>9</default_value>"
-        "<range>0 .01</range><clamped>true</clamped></Coordinate></coordinates></CustomJoint>"
-        for near, far, place in _JOINTS
-        if far != left_out
-    )
-    path.write_text(
-        "<OpenSimDocument><Model><JointSet><objects>" + joints + "</objects></JointSet></Model>"
-        "</OpenSimDocument>"
-    )
-    return path
-
 
 def test_the_scaled_model_has_the_lengths_of_the_body(tmp_path: Path) -> None:
     """Thigh, forearm and the width of the hips; a marker that is fixed to the chest is where it is
     in the body while both stand upright."""
-    model, body = read_model(_write_model(tmp_path / "model.osim")), strider(4).its_body
+    model, body = read_model(write_model(tmp_path / "model.osim")), strider(4).its_body
     scales = scale_factors(body, model)
     upright = posed_joints(body, np.zeros((1, body.n_dof)))[0]
     at = dict(zip(body.joint_names, upright, strict=True))
@@ -87,7 +47,7 @@ def test_export_writes_the_setup(
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     track = strider(20)
     track.save(tmp_path / "track.npz")
-    wanted = ["--to", "osim", "--osim-model", str(_write_model(tmp_path / "model.osim"))]
+    wanted = ["--to", "osim", "--osim-model", str(write_model(tmp_path / "model.osim"))]
     for _ in range(2):
         assert main(["export", str(tmp_path), *wanted]) == 0
     assert "not installed" in " ".join(capfd.readouterr().out.split())
@@ -119,7 +79,7 @@ def test_export_writes_the_setup(
 
 def test_no_model_for_opensim(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     strider(4).save(tmp_path / "track.npz")
-    lacking = _write_model(tmp_path / "lacking.osim", left_out="hand_l")
+    lacking = write_model(tmp_path / "lacking.osim", left_out="hand_l")
     assert main(["export", str(tmp_path), "--to", "osim", "--osim-model", str(lacking)]) == 2
     assert "lacking.osim: no joint that carries hand_l" in " ".join(capfd.readouterr().err.split())
     assert main(["export", str(tmp_path), "--to", "trc", "--osim-model", str(lacking)]) == 2

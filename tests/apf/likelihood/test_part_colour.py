@@ -147,7 +147,8 @@ def test_codes_agree_with_the_twin(device: Device) -> None:
     picture: Any = scenes.frame(images=images, masks=masks)
     config = FilterConfig().likelihood
     here = VoxelLikelihood(Scene(device, rig, grid, SONG), config, 37)
-    here.observe(Reconstructor(device, rig, grid, None)(picture))
+    voxels = Reconstructor(device, rig, grid, None)(picture)
+    here.observe(voxels)
     twin = NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, SONG), config)
     twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
     colours, codes = here.terms["part_colour"], twin.terms["part_colour"].codes
@@ -161,7 +162,7 @@ def test_codes_agree_with_the_twin(device: Device) -> None:
     shown = here.reprojection.maps.get()
     shown[:, ::2, :, 0] ^= 1  # hidden, see `mark_hidden_launch`
     here.reprojection.maps.set(shown)
-    colours.observe(here.reprojection._voxels, colours._pictures)
+    colours.observe(voxels, voxels.pictures())
     found = colours.codes.get()
     np.testing.assert_array_equal(found, encode_colours(images, shown[..., 0], palette))
     assert (found == HIDDEN).sum() > 100

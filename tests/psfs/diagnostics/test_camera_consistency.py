@@ -20,7 +20,9 @@ from apf.body import load_body
 from apf.tracking.settings import DEFAULT_BODY
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cli import main
-from psfs.diagnostics.camera_consistency import find_inconsistent_cameras
+from psfs.common.regions import iou
+from psfs.diagnostics.camera_consistency import find_inconsistent_cameras, select_person
+from psfs.diagnostics.config import ConsistencyConfig
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
 
@@ -93,6 +95,20 @@ def test_a_spoilt_camera_is_named(walk: Sequence, device, kind: str, reason: str
     (suspect,) = find_inconsistent_cameras(Session(Spoilt(walk, kind), device))  # type: ignore[arg-type]
     assert suspect.camera == "cam03" and reason in suspect.reason
     assert suspect.iou < 0.5 * suspect.others and "cam03" in str(suspect)
+
+
+def test_clutter_that_touches_the_person_is_left_out() -> None:
+    """Rafters across the whole picture, which touch the head, do not accuse their camera; a person
+    who appears beside the place does."""
+    expected = np.zeros((120, 160), bool)
+    expected[40:100, 70:90] = True
+    rafters, beside = expected.copy(), np.roll(expected, 15, 1)
+    rafters[:44] = True
+    assert iou(expected, rafters) < 0.2
+    assert iou(expected, select_person(rafters, expected, ConsistencyConfig().near)) > 0.6
+    assert iou(expected, select_person(beside, expected, ConsistencyConfig().near)) < 0.2
+    elsewhere = np.roll(expected, 50, 1)
+    assert np.array_equal(select_person(elsewhere, expected, 0.15), elsewhere)
 
 
 @pytest.mark.parametrize("name", ["synth_walk_8cam", "utrecht_seated"])

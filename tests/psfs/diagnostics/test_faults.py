@@ -29,25 +29,32 @@ NAMES = [f"c{k}" for k in range(5)]
 
 @pytest.fixture(scope="module")
 def masks() -> np.ndarray:
+    return film(rig())
+
+
+def film(cameras: CameraRig) -> np.ndarray:
     """(F, V, h, w) uint8: a block that walks, turns and bobs, past five cameras of one size."""
     out = np.zeros((FRAMES, len(NAMES), 120, 160), np.uint8)
-    corners = np.stack(np.meshgrid([-0.3, 0.2], [-0.15, 0.15], [0.1, 1.7]), -1).reshape(-1, 3)
+    heights = np.linspace(0.1, 1.7, 9)
+    corners = np.stack(np.meshgrid([-0.3, 0.2], [-0.15, 0.15], heights), -1).reshape(-1, 3)
     for frame in range(FRAMES):
         turn = cv2.Rodrigues(np.array([0, 0, 0.12 * frame]))[0]
         place = np.array([0.02 * (frame - 18), 0.3 * np.sin(frame / 5), 0.1 * np.sin(frame / 2)])
-        for view, camera in enumerate(rig()):
+        for view, camera in enumerate(cameras):
             pixels, _ = camera.project(corners @ turn.T + place)
             hull = cv2.convexHull(np.rint(pixels).astype(np.int32))
             cv2.fillConvexPoly(out[frame, view], hull, 255)
     return out
 
 
-def rig() -> CameraRig:
+def rig(aside: float = 0.0) -> CameraRig:
+    """Five cameras around the block; aside: m by which they look past it, to either side."""
     cameras = []
     for k, name in enumerate(NAMES):
         angle = 1.1 * k + 0.3
         centre = np.array([3.2 * np.cos(angle), 3.2 * np.sin(angle), 1.0 + 0.4 * k])
-        looking = scenes.looking_at(name, centre, np.array([0, 0, 0.9]), (160, 120), 140.0)
+        left = (-1) ** k * aside * np.array([-np.sin(angle), np.cos(angle), 0])
+        looking = scenes.looking_at(name, centre, left + np.array([0, 0, 0.9]), (160, 120), 140.0)
         cameras.append(replace(looking, distortion=np.zeros(5)))
     return CameraRig(tuple(cameras))
 
@@ -71,6 +78,23 @@ def test_sound_footage_has_no_faults(tmp_path: Path, masks: np.ndarray) -> None:
     diagnosis = diagnose(Session(Sequence.open(write(tmp_path / "a", masks)), NumpyDevice()))
     assert diagnosis.faults == []
     assert diagnosis.disagreement < 0.01 and 1.2 < diagnosis.size < 1.9
+
+
+def with_k1(k1: list[float]) -> CameraRig:
+    lenses = [np.array([own, 0, 0, 0, 0]) for own in k1]
+    cameras = zip(rig(aside=-0.5), lenses, strict=True)
+    return CameraRig(tuple(replace(camera, distortion=lens) for camera, lens in cameras))
+
+
+def test_dropped_distortion(tmp_path: Path) -> None:
+    wide = film(with_k1([-0.35] * 5))
+    (of_all,) = faults(write(tmp_path / "all", wide, with_k1([0.0] * 5)))
+    assert of_all.kind == "lens" and not of_all.cameras
+    assert "states no lens distortion, but silhouettes fit with k1 = -0." in of_all.text
+    of_one = with_k1([-0.35, -0.35, 0.0, -0.35, -0.35])
+    (fault,) = faults(write(tmp_path / "one", wide, of_one))
+    assert fault.kind == "lens" and fault.cameras == ("c2",)
+    assert faults(write(tmp_path / "rectified", film(of_one), of_one)) == []
 
 
 @pytest.mark.parametrize("pair", [(0, 1), (1, 4)])

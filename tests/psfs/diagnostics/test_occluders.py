@@ -80,5 +80,5 @@ def test_clutter_beside_the_person_is_not_his() -> None:
     expected[10:30, 10:20] = shown[12:30, 10:20] = True
     person = shown.copy()
     shown[0:6, 25:40] = True
-    np.testing.assert_array_equal(select_person(shown, expected), person)
-    np.testing.assert_array_equal(select_person(shown & ~person, expected), shown & ~person)
+    np.testing.assert_array_equal(select_person(shown, expected, 0.15), person)
+    np.testing.assert_array_equal(select_person(shown & ~person, expected, 0.15), shown & ~person)

@@ -11,21 +11,23 @@ from helpers import scenes
 
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import make_reconstructor
-from psfs.common.cones import cone_distances, largest_slopes
+from psfs.cameras.cells import CELL, cell_rays
+from psfs.common.cones import cone_distances, largest_slopes, ray_cone_distances
 from psfs.diagnostics.body_agreement import check_body, share_on_silhouettes
-from psfs.reference.body_prior import body_evidence
+from psfs.reference.body_prior import body_evidence, body_location
 from psfs.reference.occupancy import occupancy
 from psfs.reference.surface import smooth
 from psfs.sequence import Frame
+from psfs.voxels.body_location import BodyLocation
 from psfs.voxels.body_prior import TrackedBody, pack_body
 from psfs.voxels.bricks import Bricks
-from psfs.voxels.config import BodyPriorConfig, OccupancyConfig
+from psfs.voxels.config import BodyPriorConfig, OccupancyConfig, ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud
 from psfs.voxels.occupancy import Occupancy
 from psfs.voxels.sparse import SparseSurface
 from psfs.voxels.surface import Surface
 
-RIG, GRID, STEP = scenes.ring(5), scenes.small_grid(), 0.05
+RIG, GRID, STEP, STEPS = scenes.ring(5), scenes.small_grid(), 0.05, 12.0
 CONFIG = BodyPriorConfig()
 
 
@@ -79,7 +81,9 @@ def test_agrees_with_the_twin(device: Device, known: int) -> None:
     evidence, config = scenes.patches_of_evidence(RIG, 5, 8), OccupancyConfig()
     cones = CONES[:known] if known else CONES[3:].repeat(4, 0)
     packed = device.zeros((5, 16), np.float32)
-    packed.set(np.vstack([pack_body(CONFIG, cones, STEP), np.zeros((5, 16))])[:5].astype("f4"))
+    packed.set(
+        np.vstack([pack_body(CONFIG, cones, STEP, STEPS), np.zeros((5, 16))])[:5].astype("f4")
+    )
     maps = device.to_device(evidence)
     bricks = Bricks(device, RIG, GRID, maps, STEP, config, body=packed)
     dense = Occupancy(bricks)
@@ -97,6 +101,37 @@ def test_agrees_with_the_twin(device: Device, known: int) -> None:
     assert sparse.list.count.get()[0] == count
     np.testing.assert_array_equal(sparse.list.indices.get(count), surface.list.indices.get(count))
     assert (count > 0) == (smooth(expected, True) > config.threshold).any()
+
+
+def test_the_distance_of_a_ray_is_the_least_along_it() -> None:
+    random, origin = np.random.default_rng(1), np.array([2.0, -1.5, 1.2])
+    rays = np.array([0.1, 0.0, 0.9]) - origin + random.normal(0, 0.4, (200, 3))
+    along = origin + np.linspace(0.2, 2.5, 3000)[:, None, None] * rays
+    least = cone_distances(along.reshape(-1, 3), CONES[:3]).reshape(3000, 200, 3).min(0)
+    found = ray_cone_distances(origin, rays, CONES[:3])
+    np.testing.assert_allclose(found, least, atol=2e-3)
+    assert (found < 0).any(0).all() and (found > 0).any(0).all()
+
+
+@pytest.mark.parity("reconstruction/body_location.body_location")
+@pytest.mark.parametrize("known", [3, 4, 0])
+def test_the_location_agrees_with_the_twin(device: Device, known: int) -> None:
+    """All cones known, one lost, none known: then the prior stays as it is."""
+    rays = cell_rays(RIG)
+    cones = CONES[:known] if known else CONES[3:].repeat(4, 0)
+    location = device.to_device(np.full(rays.shape[:3], 5, np.int8))
+    packed = device.to_device(pack_body(CONFIG, cones, STEP, STEPS))
+    BodyLocation(device, RIG, location, packed)()
+    found, expected = location.get(), body_location(RIG, cones, CONFIG, STEPS)
+    if not known:
+        assert expected is None and (found == 5).all()
+        return
+    assert expected is not None
+    assert np.abs(found.astype(int) - expected).max() <= 1
+    assert (found != expected).mean() < 0.01
+    # Pixels within the body are expected to show it; beside it not, if no limb is lost.
+    assert expected.max() == round(STEPS * CONFIG.foreground)
+    assert expected.min() == (round(STEPS * CONFIG.background) if known == 3 else 0)
 
 
 def carve(device: Device | NumpyDevice, body: TrackedBody | None, frame: Frame) -> VoxelCloud:
@@ -117,6 +152,33 @@ def test_a_part_that_one_camera_denies_stays(device: Device) -> None:
     np.testing.assert_array_equal(
         carve(device, BODY, replace(blind, index=5)).indices, without.indices
     )
+
+
+def test_pictures_are_judged_by_where_the_body_is(device: Device) -> None:
+    """As the twin judges them; what one camera shows could be either everywhere."""
+    picture, background = scenes.pictures_of(RIG)
+    assert picture.images is not None
+    signs = np.random.default_rng(2).choice([-2.2, 2.2], background.mean[1].shape)
+    picture.images[1] = np.clip(background.mean[1] + signs * background.std[1], 0, 255)
+    config = ReconstructionConfig(body=BodyPriorConfig(foreground=8, width=0.005))
+    frame, evidence = replace(picture, index=4), []
+    for where, body in ((device, BODY), (NumpyDevice(), BODY), (device, None)):
+        reconstruct = make_reconstructor(
+            where, RIG, GRID, background, config, sparse=True, body=body
+        )
+        reconstruct(frame)
+        evidence.append(reconstruct.evidence().astype(int))
+    found, expected, without = evidence
+    assert (np.abs(found - expected) > 2).mean() < 0.02
+    location = body_location(RIG, CONES, config.body, STEPS)
+    assert location is not None
+    drawn = location[1].repeat(CELL, 0).repeat(CELL, 1)[: RIG.height, : RIG.width]
+    person = found[1] > 0, without[1] > 0
+    inside, outside = (
+        [shown[where].mean() for shown in person] for where in (drawn > 90, drawn == 0)
+    )
+    assert inside[0] > inside[1] + 0.3
+    assert outside[0] < 0.2
 
 
 def test_share_of_the_axes_on_silhouettes() -> None:
