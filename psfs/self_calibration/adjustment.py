@@ -14,6 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
+from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.config import AlignmentConfig
@@ -167,11 +168,14 @@ def _adjust(
         start = np.zeros((len(rig), 8))
         start[:, 7] = shifts - lags
         # Cameras without common points have no variances; they are refused later.
-        with np.errstate(invalid="ignore"):
-            found = fit.solve(start=start, rounds=1)
-        if found is None:
-            return None
-        rig, lags = found.apply(rig), shifts - found.offsets
+        with np.errstate(all="ignore"):
+            try:
+                found = fit.solve(start=start, rounds=1)
+                if found is None:
+                    return None
+                rig, lags = found.apply(rig), shifts - found.offsets
+            except InputError:  # cameras that cannot be: the steps diverge
+                return None
         lags = lags - lags[0]
     return None if found is None else Adjusted(rig, lags, found)
 

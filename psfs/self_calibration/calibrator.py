@@ -77,19 +77,39 @@ def calibrate_by_person(
             "tell their arrangement"
         )
     _check_seen(cameras, outlines, config)
+    failures = []
+    for in_place in (False, True):
+        views = _fit_views(cameras, outlines, rate, config, in_place)
+        try:
+            return _calibrate(cameras, outlines, views, rate, config)
+        except InputError as error:
+            failures.append(error)
+    raise failures[0]
+
+
+def _fit_views(
+    cameras: Sequence[Camera], outlines: Outlines, rate: float, config: PersonConfig, in_place: bool
+) -> list[list[UprightView]]:
     step = max(1, round(rate / config.table_rate))
     views = [
-        fit_upright(c, own[::step], config.upright)
+        fit_upright(c, own[::step], config.upright, in_place)
         for c, own in zip(cameras, outlines, strict=True)
     ]
     if any(own is None for own in views):
         unseen = [c.name for c, own in zip(cameras, views, strict=True) if own is None]
         raise InputError(f"{join_names(unseen)}: the person is seldom seen wholly; {FILM}")
-    upright = [own for own in views if own is not None]
+    return [own for own in views if own is not None]
+
+
+def _calibrate(
+    cameras: Sequence[Camera], outlines: Outlines, views: list[list[UprightView]], rate: float,
+    config: PersonConfig,
+) -> PersonCalibration:  # fmt: skip
+    """Estimate the cameras from what each of them tells of its tilt and height."""
     points = PersonPoints(cameras, outlines, config.adjustment)
-    starts = _search(cameras, outlines, upright, rate, config)
-    best = _adjust_best(starts, points, step, config)
-    return _check(best, [own[1].axes[2] for own in upright], points, config)
+    starts = _search(cameras, outlines, views, rate, config)
+    best = _adjust_best(starts, points, max(1, round(rate / config.table_rate)), config)
+    return _check(best, [own[0].axes[2] for own in views], points, config)
 
 
 def _check_seen(cameras: Sequence[Camera], outlines: Outlines, config: PersonConfig) -> None:
@@ -112,7 +132,7 @@ def _search(
     hulls = [HullRays(c, own[::step]) for c, own in zip(cameras, outlines, strict=True)]
     walkers = [[Walker.create(v, h) for v in own] for own, h in zip(views, hulls, strict=True)]
     bobbing = [
-        measure_bobbing(HullRays(c, own), view[1], rate, config.pairs)
+        measure_bobbing(HullRays(c, own), view[0], rate, config.pairs)
         for c, own, view in zip(cameras, outlines, views, strict=True)
     ]
     angles = 2 * np.pi * np.arange(config.angles) / config.angles

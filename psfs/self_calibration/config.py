@@ -50,6 +50,15 @@ class UprightConfig(Config):
     turn: float = positive(
         0.105, "Turn of the fitted tilt, upwards and downwards, that is tried too.", unit="rad"
     )
+    slender: float = fraction(
+        0.6,
+        "Share of the silhouette's greatest slenderness above which somebody counts as upright.",
+    )
+    variants: int = natural(6, "Most heights of a camera that are tried.")
+    step: float = positive(0.25, "Step between these heights.", unit="statures")
+    lowest: float = positive(0.2, "Least height of a camera.", unit="statures")
+    highest: float = positive(2.0, "Greatest height of a camera.", unit="statures")
+    worse: float = positive(9.0, "Increase of the sum of squares up to which a height is tried.")
 
 
 class PairConfig(Config):
@@ -133,6 +142,9 @@ class FloorFitConfig(Config):
         0.026, "Standard deviation of the mean up of the single cameras.", unit="rad"
     )
     feet: float = positive(0.02, "Standard deviation of a lowest point over the floor.", unit="m")
+    widths: tuple[float, ...] = setting(
+        (16, 8, 8, 8), "Widths of the weights, one after another, as multiples of `feet`."
+    )
     information: float = positive(0.1, "Independent frames per frame.")
     standing: float = setting(
         90,

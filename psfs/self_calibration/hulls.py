@@ -30,19 +30,21 @@ class HullRays:
         self.rays = rays
 
     def extremes(self, values: np.ndarray) -> np.ndarray:
-        """Return the least and the greatest of values (N,) in every frame (F, 2); NaN without a
-        silhouette, or if it may go on beyond the picture there."""
-        out = np.full((self.n_frames, 2), np.nan)
-        if not len(values):
+        """Return the least and the greatest of values (..., N) in every frame (..., F, 2); NaN
+        without a silhouette, or if it may go on beyond the picture there."""
+        out = np.full((*values.shape[:-1], self.n_frames, 2), np.nan)
+        if not values.shape[-1]:
             return out
-        least = np.minimum.reduceat(values, self.starts)
-        greatest = np.maximum.reduceat(values, self.starts)
+        least = np.minimum.reduceat(values, self.starts, axis=-1)
+        greatest = np.maximum.reduceat(values, self.starts, axis=-1)
         if self.at_border.any():
-            low = np.minimum.reduceat(np.where(self.at_border, values, np.inf), self.starts)
-            high = np.maximum.reduceat(np.where(self.at_border, values, -np.inf), self.starts)
+            bounded = np.where(self.at_border, values, np.inf)
+            low = np.minimum.reduceat(bounded, self.starts, axis=-1)
+            bounded = np.where(self.at_border, values, -np.inf)
+            high = np.maximum.reduceat(bounded, self.starts, axis=-1)
             least = np.where(low <= least, np.nan, least)
             greatest = np.where(high >= greatest, np.nan, greatest)
-        out[self.frames] = np.stack([least, greatest], -1)
+        out[..., self.frames, :] = np.stack([least, greatest], -1)
         return out
 
     def extreme_points(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

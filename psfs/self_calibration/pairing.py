@@ -45,6 +45,9 @@ def compare_pair(
     costs = np.full((len(angles), 2 * most + 1), np.nan)
     a, b = first.view.places, second.view.places
     fewest = max(config.fewest, int(config.share * min(len(a), len(b))))
+    cosine, sine = np.cos(angles), np.sin(angles)
+    turns = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
+    turned = b @ turns.swapaxes(1, 2)
     for begin in range(0, 2 * most + 1, stride):
         lags = np.arange(begin, min(begin + stride, 2 * most + 1)) - most
         one, other = _overlap(a, b, int(lags[len(lags) // 2]))
@@ -52,16 +55,13 @@ def compare_pair(
         if known.sum() < fewest:
             continue
         here, there = one[known].mean(0), other[known].mean(0)
-        for row, angle in enumerate(angles):
-            cosine, sine = np.cos(angle), np.sin(angle)
-            turn = np.array([[cosine, -sine], [sine, cosine]])
-            shift = here - turn @ there
-            planes = _planes((first, second), turn, shift, here, config)
-            if planes is None:
-                continue
-            costs[row, begin : begin + len(lags)] = differing_shares(
-                a, b @ turn.T + shift, lags, config.places, config.fewest
-            ) + differing_shares(*planes, lags, config.planes, config.fewest)
+        shifts = here - turns @ there
+        rows, planes = _planes((first, second), turns, shifts, here, config)
+        if planes is None:
+            continue
+        costs[rows, begin : begin + len(lags)] = differing_shares(
+            a[None], turned[rows] + shifts[rows, None], lags, config.places, config.fewest
+        ) + differing_shares(*planes, lags, config.planes, config.fewest)
     return costs
 
 
@@ -74,24 +74,26 @@ def _overlap(a: np.ndarray, b: np.ndarray, lag: int) -> tuple[np.ndarray, np.nda
 def differing_shares(
     a: np.ndarray, b: np.ndarray, lags: np.ndarray, noise: float, fewest: int
 ) -> np.ndarray:
-    """Return (L,) by how much the motions of signals (F, K) and (G, K) differ at consecutive lags
-    (L,), as a share of the motions themselves; 1 without motion, NaN with fewer than `fewest`
-    frames."""
-    first, end = max(0, -int(lags[0])), min(len(a), len(b) - int(lags[-1]))
+    """Return (..., L) by how much the motions of signals (..., F, K) and (..., G, K) differ at
+    consecutive lags (L,), as a share of the motions themselves; 1 without motion, NaN with fewer
+    than `fewest` frames."""
+    first, end = max(0, -int(lags[0])), min(a.shape[-2], b.shape[-2] - int(lags[-1]))
     if end - first < fewest:
-        return np.full(len(lags), np.nan)
-    one = a[first:end].T[:, None]
-    windows = np.lib.stride_tricks.sliding_window_view(b, end - first, axis=0)
+        return np.full((*np.broadcast_shapes(a.shape[:-2], b.shape[:-2]), len(lags)), np.nan)
+    one = a[..., first:end, :].swapaxes(-1, -2)[..., None, :]
+    windows = np.lib.stride_tricks.sliding_window_view(b, end - first, axis=-2)
     start = first + int(lags[0])
-    other = np.moveaxis(windows[start : start + len(lags)], 0, 1)
-    known = np.isfinite(one) & np.isfinite(other)
-    signals = [np.where(known, of, np.nan) for of in (one, other, one - other)]
+    other = windows[..., start : start + len(lags), :, :].swapaxes(-2, -3)
+    apart = one - other
+    known = np.isfinite(apart)
     count = known.sum(-1, keepdims=True)
-    still = [np.abs(of - _medians(of, count)) for of in signals]
-    moving = np.nansum(np.maximum(still[0], still[1]), axis=(0, 2))
-    apart = np.nansum(still[2], axis=(0, 2))
-    total = count.sum((0, 2))
-    share = (apart + noise * total) / np.maximum(moving + noise * total, 1e-12)
+    still = []
+    for signal in (one, other, apart):
+        own = np.where(known, signal, np.nan)
+        still.append(np.where(known, np.abs(own - _medians(own, count)), 0.0))
+    moving = np.maximum(still[0], still[1]).sum((-3, -1))
+    total = count.sum((-3, -1))
+    share = (still[2].sum((-3, -1)) + noise * total) / np.maximum(moving + noise * total, 1e-12)
     return np.where(total >= fewest, share, np.nan)
 
 
@@ -101,27 +103,34 @@ def _medians(values: np.ndarray, count: np.ndarray) -> np.ndarray:
 
 
 def _planes(
-    walkers: tuple[Walker, Walker], turn: np.ndarray, shift: np.ndarray, person: np.ndarray,
+    walkers: tuple[Walker, Walker], turns: np.ndarray, shifts: np.ndarray, person: np.ndarray,
     config: PairConfig,
-) -> tuple[np.ndarray, np.ndarray] | None:  # fmt: skip
-    """Return the positions (F, 2) of the planes that touch both cameras' silhouettes, statures at
-    the person; None if the line between the cameras passes too near to the person."""
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:  # fmt: skip
+    """Return which of the turns (A, 2, 2) can be compared (R,), and for these the positions (R, F,
+    2) of the planes that touch either camera's silhouettes, statures at the person.
+
+    Turns by which the line between the cameras passes too near to the person are left out; None if
+    all are.
+    """
     first, second = walkers
-    line = np.array([*shift, second.view.height - first.view.height])
-    length = float(np.linalg.norm(line))
-    if length < config.shortest:
-        return None
-    line /= length
-    ahead = np.array([*person, config.middle - first.view.height])
-    ahead -= line * (line @ ahead)
-    distance = float(np.linalg.norm(ahead))
-    if distance < config.nearest:
-        return None
-    axes = np.stack([ahead / distance, np.cross(line, ahead / distance)], -1)
+    rise = second.view.height - first.view.height
+    lines = np.column_stack([shifts, np.full(len(shifts), rise)])
+    lengths = np.linalg.norm(lines, axis=1)
+    lines /= np.maximum(lengths, 1e-9)[:, None]
+    middle = np.array([*person, config.middle - first.view.height])
+    ahead = middle - lines * (lines @ middle)[:, None]
+    distances = np.linalg.norm(ahead, axis=1)
+    rows = np.nonzero((lengths >= config.shortest) & (distances >= config.nearest))[0]
+    if not len(rows):
+        return rows, None
+    lines, ahead, distances = lines[rows], ahead[rows], distances[rows, None]
+    ahead = ahead / distances
+    axes = np.stack([ahead, np.cross(lines, ahead)], -1)
     turned = axes.copy()
-    turned[:2] = turn.T @ axes[:2]
+    turned[:, :2] = turns[rows].swapaxes(1, 2) @ axes[:, :2]
     found = []
     for walker, own in ((first, axes), (second, turned)):
-        flat = walker.rays @ own
-        found.append(distance * walker.hulls.extremes(np.arctan2(flat[:, 1], flat[:, 0])))
-    return found[0], found[1]
+        flat = np.moveaxis(np.tensordot(walker.rays, own, (1, 1)), 0, 1)
+        angles = np.arctan2(flat[..., 1], flat[..., 0])
+        found.append(distances[..., None] * walker.hulls.extremes(angles))
+    return rows, (found[0], found[1])

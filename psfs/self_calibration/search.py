@@ -73,7 +73,7 @@ class ArrangementSearch:
 
     def _costs(self, view: int, places: Mapping[int, Place]) -> np.ndarray:
         """Return the costs (T, A, L) of a camera with those that are placed, summed."""
-        total = np.zeros(self._tables[0, 1].shape[1:])
+        total = np.zeros(self._tables[next(iter(places)), view].shape[1:])
         for other, (variant, angle, lag) in places.items():
             table = np.roll(self._tables[other, view][variant], angle, axis=1)
             shifted = np.full_like(table, self.neutral)

@@ -10,7 +10,7 @@ import numpy as np
 from psfs.calibration.scene import CalibrationScene, rigid_transform
 from psfs.cameras.camera import CameraRig
 from psfs.diagnostics.frontier import FrontierPoints
-from psfs.self_calibration.config import PersonConfig
+from psfs.self_calibration.config import FloorFitConfig, PersonConfig
 
 
 def triangulate_points(rig: CameraRig, points: FrontierPoints) -> np.ndarray:
@@ -43,11 +43,7 @@ def align_to_person(
     places = triangulate_points(rig, points)
     R = _axes(up, rig[0].R[0])
     low, _ = _frame_extremes(places @ R.T, points.frames)
-    middle = np.median(low, axis=0)
-    plane = np.column_stack([low[:, :2] - middle[:2], np.ones(len(low))])
-    weight = floor.information / floor.feet**2
-    normal = weight * plane.T @ plane + np.diag([floor.up**-2, floor.up**-2, 0.0])
-    slope = np.linalg.solve(normal, weight * plane.T @ low[:, 2])
+    slope = fit_floor(low, floor)
     R = _axes(R.T @ np.array([-slope[0], -slope[1], 1.0]), rig[0].R[0])
     local = places @ R.T
     low, top = _frame_extremes(local, points.frames)
@@ -56,6 +52,24 @@ def align_to_person(
     origin = np.array([*np.median(local[:, :2], axis=0), lowest])
     turned = CalibrationScene(rig.cameras, {}).transform(rigid_transform(R, -origin))
     return CameraRig(tuple(replace(camera, t=camera.t * factor) for camera in turned.cameras))
+
+
+def fit_floor(low: np.ndarray, config: FloorFitConfig) -> np.ndarray:
+    """Return the rise of the floor (2,), m per m along x and y, below the lowest places (F, 3).
+
+    Where two cameras did not see the feet, hands or knees are lowest: weights of Geman and McClure,
+    from wide to narrow ones, leave these out.
+    """
+    plane = np.column_stack([low[:, :2] - np.median(low[:, :2], axis=0), np.ones(len(low))])
+    values = np.array([0.0, 0.0, np.median(low[:, 2])])
+    prior = np.diag([config.up**-2, config.up**-2, 0.0])
+    for width in config.widths:
+        share = (low[:, 2] - plane @ values) / (width * config.feet)
+        weights = config.information / config.feet**2 / (1 + share**2) ** 2
+        values = np.linalg.solve(
+            (plane.T * weights) @ plane + prior, plane.T @ (weights * low[:, 2])
+        )
+    return values[:2]
 
 
 def measure_path(rig: CameraRig, points: FrontierPoints) -> float:

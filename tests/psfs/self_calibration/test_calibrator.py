@@ -93,9 +93,23 @@ def test_one_camera_tells_its_tilt_and_height():
         own = [
             outline_person(draw(camera, time), OutlineConfig()) for time in np.linspace(0, 12.5, 50)
         ]
-        _, view, _ = fit_upright(camera, own, UprightConfig())
+        view, *others = fit_upright(camera, own, UprightConfig())
         assert np.degrees(np.arccos(view.axes[2] @ camera.R[:, 2])) < 3
         assert abs(view.height - camera.centre[2] / STATURE) < 0.15
+        assert len(others) == 2
+
+
+def test_heights_that_hardly_differ_are_tried_of_somebody_in_place():
+    for camera in CAMERAS[1:3]:
+        own = [
+            outline_person(draw(camera, time), OutlineConfig()) for time in np.linspace(0, 1, 20)
+        ]
+        views = fit_upright(camera, own, UprightConfig(), in_place=True)
+        heights = np.array([view.height for view in views])
+        assert len(views) > 3
+        nearest = np.abs(heights - camera.centre[2] / STATURE).argmin()
+        assert abs(heights[nearest] - camera.centre[2] / STATURE) < 0.2
+        assert np.degrees(np.arccos(views[nearest].axes[2] @ camera.R[:, 2])) < 6
 
 
 def test_cameras_times_floor_and_scale_are_found():
