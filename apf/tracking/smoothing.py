@@ -2,18 +2,23 @@
 
 The model of every degree of freedom is a value whose velocity is driven by white noise (an
 integrated Wiener process), measured with the standard deviation that the tracker states. A Kalman
-filter runs forward and the smoother of Rauch, Tung & Striebel (1965) backward.
+filter runs forward and the smoother of Rauch, Tung & Striebel (1965) backward. A joint that turns
+about three axes is smoothed as unit quaternions: its angles may change to others of the same
+rotation from one frame to the next, and half way between the two the limb points elsewhere.
 """
 
 from __future__ import annotations
 
 import json
+import warnings
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from apf.body.kinematics import posed_joints
-from apf.body.model import BodyModel
+from apf.body.model import BodyModel, FreeAxis
 from apf.tracking.config import ContactConfig, SmoothingConfig
 from apf.tracking.foot_contact import detect_standing, find_ankles, find_stances, hold_feet
 from apf.tracking.track import Track
@@ -38,7 +43,12 @@ def smooth_track(track: Track, config: SmoothingConfig | None = None) -> Track:
     variance = np.maximum(relative, config.min_deviation) ** 2
     poses = unwrap_angles(track.poses, body)
     for part in find_unbroken_parts(track):
-        poses[part] = smooth_series(poses[part], variance[part], times[part], config)
+        given = poses[part].copy()
+        poses[part] = smooth_series(given, variance[part], times[part], config)
+        for axes in _find_ball_joints(body):
+            dofs = [axis.dof for axis in axes]
+            mean = variance[part][:, dofs].mean(1)
+            poses[part, dofs] = _smooth_rotations(given[:, dofs], axes, mean, times[part], config)
     poses = np.where(track.lost[:, None], track.poses, np.clip(poses, body.lower, body.upper))
     diagnostics = dict(track.diagnostics)
     if config.lag is None and config.contact is not None:
@@ -81,6 +91,41 @@ def unwrap_angles(poses: np.ndarray, body: BodyModel) -> np.ndarray:
     free = [dof for dof in body.angles if np.isinf([body.lower[dof], body.upper[dof]]).all()]
     poses[..., free] = np.unwrap(poses[..., free], axis=0)
     return poses
+
+
+def _find_ball_joints(body: BodyModel) -> Iterator[list[FreeAxis]]:
+    """Yield the rotational axes of each bone that turns about three, in their order."""
+    for bone in body.bones:
+        axes = [axis for axis in bone.axes if axis.kind.startswith("r")]
+        if len({axis.kind for axis in axes}) == len(axes) == 3:
+            yield axes
+
+
+def _smooth_rotations(
+    angles: np.ndarray,
+    axes: list[FreeAxis],
+    variance: np.ndarray,
+    times: np.ndarray,
+    config: SmoothingConfig,
+) -> np.ndarray:
+    """Smooth the rotations that angles (F, 3) about `axes` make; variance (F,), see
+    `smooth_series`. Of the two triples of angles that make a smooth rotation, return that nearer to
+    the given one."""
+    order = "".join(axis.kind[1] for axis in axes).upper()
+    signs = np.array([axis.sign for axis in axes])
+    quaternions = Rotation.from_euler(order, angles * signs).as_quat()
+    turned_over = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0  # q and -q are the same
+    quaternions[1:] *= np.where(np.cumsum(turned_over) % 2, -1.0, 1.0)[:, None]
+    smooth = smooth_series(quaternions, np.tile(variance[:, None], 4), times, config)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Gimbal lock")  # any of these angles will do
+        first = Rotation.from_quat(smooth).as_euler(order)
+    other = np.pi - first
+    other[:, [0, 2]] = first[:, [0, 2]] + np.pi
+    both = np.stack([first, other]) * signs
+    both += 2 * np.pi * np.round((angles - both) / (2 * np.pi))
+    nearer = np.argmin(np.linalg.norm(both - angles, axis=2), axis=0)
+    return both[nearer, np.arange(len(angles))]
 
 
 def find_unbroken_parts(track: Track) -> list[slice]:

@@ -85,6 +85,19 @@ def test_turning_round_and_round() -> None:
     np.testing.assert_allclose(found.poses[:, heading], poses[:, heading], atol=0.03)
 
 
+def test_other_angles_of_the_same_rotation_move_no_limb() -> None:
+    track = tracks.walker(60)
+    dofs = [BODY.dof_names.index(f"r_upper_arm.r{axis}") for axis in "xyz"]
+    poses = track.poses.copy()
+    poses[:, dofs] = 2.6, 0.75, 1.4
+    steady = replace(track, poses=poses, joints=posed_joints(BODY, poses))
+    poses = poses.copy()
+    poses[30:, dofs] = 2.6 - np.pi, np.pi - 0.75, 1.4 - np.pi
+    turned = replace(track, poses=poses, joints=posed_joints(BODY, poses))
+    np.testing.assert_allclose(turned.joints, steady.joints, atol=1e-9)
+    np.testing.assert_allclose(smooth_track(turned).joints, smooth_track(steady).joints, atol=1e-6)
+
+
 def test_lost_frames_stay_as_they_are() -> None:
     _, track = jittery()
     lost = np.zeros(len(track), bool)
