@@ -42,13 +42,14 @@ def smooth_track(track: Track, config: SmoothingConfig | None = None) -> Track:
     relative = deviation / np.maximum(np.median(deviation, axis=0), 1e-12) if len(track) else 1.0
     variance = np.maximum(relative, config.min_deviation) ** 2
     poses = unwrap_angles(track.poses, body)
+    joints = {tuple(axis.dof for axis in axes): axes for axes in _find_ball_joints(body)}
+    single = [dof for dof in range(body.n_dof) if not any(dof in dofs for dofs in joints)]
     for part in find_unbroken_parts(track):
-        given = poses[part].copy()
-        poses[part] = smooth_series(given, variance[part], times[part], config)
-        for axes in _find_ball_joints(body):
-            dofs = [axis.dof for axis in axes]
+        of = poses[part]
+        of[:, single] = smooth_series(of[:, single], variance[part][:, single], times[part], config)
+        for dofs, axes in joints.items():
             mean = variance[part][:, dofs].mean(1)
-            poses[part, dofs] = _smooth_rotations(given[:, dofs], axes, mean, times[part], config)
+            of[:, dofs] = _smooth_rotations(of[:, dofs], axes, mean, times[part], config)
     poses = np.where(track.lost[:, None], track.poses, np.clip(poses, body.lower, body.upper))
     diagnostics = dict(track.diagnostics)
     if config.lag is None and config.contact is not None:

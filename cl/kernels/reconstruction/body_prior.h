@@ -1,8 +1,8 @@
 // A tracked body as a prior of the voxels' occupancy; twin: body_evidence in
 // psfs/reference/body_prior.py. `body`: a row of 16 floats with the counts inside, the counts
-// outside, the depth, m, from which a voxel is inside, the distance from which it is outside, and the
-// number of cones; then the cones (see cones.h) with, in [11], the most that a distance to them
-// changes per metre.
+// outside, the depth, m, from which a voxel is inside, the distance from which it is outside, the
+// number of cones, and what body_location.cl reads; then the cones (see cones.h) with, in [11], the
+// most that a distance to them changes per metre.
 #include "common/cones.h"
 
 // Counts that the body adds to a voxel at `point`; the most that it adds within `radius` of there.

@@ -193,8 +193,8 @@ def test_json_and_arrays_of_the_same_points_give_the_same_track(
 
 @pytest.fixture(scope="module")
 def pose_of_two(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """OpenPose's lists of two people, of whom the second one, who stands elsewhere, comes first in
-    every second picture."""
+    """OpenPose's lists of two people at two places; the order of the people changes from picture to
+    picture."""
     rig, out = psfs.open_sequence(folder).rig, tmp_path_factory.mktemp("pose_of_two")
     both = [of_poses(rig, BODY, poses, BODY_25).points for poses in (POSES, MOVED)]
     for view, camera in enumerate(rig.names):
