@@ -70,7 +70,8 @@ def run(args: argparse.Namespace) -> None:
     expected = (CALIBRATION, REPORT, RIG, FILE, f"{PICTURES}/*.png")
     with output_folder(args.output, args.parser.prog, inputs, expected):
         if not args.person:
-            refuse_unused(args, ["stature"], "applies only to a person; expected --person with it")
+            of_person = ["stature", "field_of_view"]
+            refuse_unused(args, of_person, "applies only to a person; expected --person with it")
         if args.refine:
             refuse_unused(
                 args, _OF_TARGETS, "applies only to boards and wands; expected none with --refine"
@@ -95,7 +96,7 @@ def run(args: argparse.Namespace) -> None:
 
 def _print_board(args: argparse.Namespace) -> None:
     """Write the PDF of a ChArUco board."""
-    of_footage = {"folder", "output", "board", "wand", "c3d", "refine", "person", "stature"}
+    of_footage = {"folder", "output", "board", "wand", "c3d", "refine", "person", "stature", "field_of_view"}
     refuse_unused(
         args,
         of_footage.union(_OF_TARGETS).difference(_OF_BOARDS),

@@ -87,6 +87,18 @@ def calibrate_by_person(
     raise failures[0]
 
 
+def adjust_calibration(
+    start: CameraRig, lags: np.ndarray, outlines: Outlines, rate: float, config: PersonConfig
+) -> PersonCalibration:
+    """Adjust small cameras in metres with Z up, and their lags, to outlines [view][frame] at `rate`
+    per second; Z = 0 and the scale follow from the person. Raises InputError as
+    `calibrate_by_person` does."""
+    _check_seen(start.cameras, outlines, config)
+    points = PersonPoints(start.cameras, outlines, config.adjustment)
+    best = _adjust_best([(start, lags)], points, max(1, round(rate / config.table_rate)), config)
+    return _check(best, [camera.R[:, 2] for camera in start], points, config)
+
+
 def _fit_views(
     cameras: Sequence[Camera], outlines: Outlines, rate: float, config: PersonConfig, in_place: bool
 ) -> list[list[UprightView]]:

@@ -46,6 +46,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="intrinsics that are kept: a calibration, or a folder with a video or pictures of the "
         "board per camera (default: found, too)",
     )  # fmt: skip
+    add_field_of_view_flag(group)
     group.add_argument(
         "--floor", type=frame_range, metavar="FRAME",
         help="frame, or a:b, in which the board or wand lies on the floor: Z = 0, X along it "
@@ -64,6 +65,15 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_setting_flags(group, footage.SequenceSettings, only=stated, parsers=PARSERS)
     add_device_flag(group)
     add_configs(parser, Settings, "calibration", "person")
+
+
+def add_field_of_view_flag(group: argparse._ArgumentGroup) -> None:
+    """Add --field-of-view, of cameras that a person calibrates."""
+    group.add_argument(
+        "--field-of-view", type=float, metavar="DEG",
+        help="of --person without --intrinsics: the angle of view of the pictures' longer side, "
+        "degrees, from which the focal lengths are refined",
+    )  # fmt: skip
 
 
 def _add_target_flags(parser: argparse.ArgumentParser) -> None:
@@ -90,7 +100,7 @@ def _add_target_flags(parser: argparse.ArgumentParser) -> None:
     kind.add_argument(
         "--person", action="store_true",
         help="no target: cameras and times from the silhouettes of somebody who walks about; "
-        "needs --intrinsics",
+        "needs --intrinsics or --field-of-view",
     )  # fmt: skip
     group.add_argument(
         "--stature", type=float, metavar="M",
