@@ -24,11 +24,14 @@ from psfs.self_calibration.world import fit_floor, turn_to_up
 #: Landmarks that are used, each of both sides. Networks guess faces that are turned away, and put
 #: hips elsewhere in each view.
 _USED = ("shoulder", "elbow", "wrist", "knee", "ankle", "heel", "big_toe", "small_toe")
-_FEET = ("ankle", "heel", "big_toe", "small_toe")
-#: Segments whose lengths tell the scale.
+#: Segments whose lengths tell the scale, together with the distance from ankles to shoulders.
 _SEGMENTS = (("shoulder", "elbow"), ("elbow", "wrist"), ("knee", "ankle"))
-#: Fewest landmarks.
-_FEWEST = 8
+#: Standard deviation of an upright person's lean, rad: how firmly up is held where the person stays
+#: in place and so does not tell the floor.
+_LEAN = 0.08
+#: Fewest landmarks; share of the greatest distance of ankles and shoulders above which a person is
+#: upright.
+_FEWEST, _UPRIGHT = 8, 0.95
 #: The body whose proportions tell the scale.
 _BODY = "song32"
 
@@ -82,58 +85,57 @@ def _align(
     points = size * found.points
     cameras = [replace(camera, t=size * camera.t) for camera in found.rig]
     R = turn_to_up(_measure_up(points, names), cameras[0].R[0])
-    feet = [k for k, name in enumerate(names) if name.split("_", 1)[-1] in _FEET]
-    soles = np.array([body.places[names[k]][2] for k in feet])
-    low = _find_low_feet(points[:, feet] @ R.T, soles)
-    slope = fit_floor(low, config.floor)
+    ankles = [k for k, name in enumerate(names) if name.endswith("_ankle")]
+    low = _find_lowest(points[:, ankles] @ R.T)
+    slope = fit_floor(low, config.floor.replace(up=_LEAN))
     R = turn_to_up(R.T @ np.array([-slope[0], -slope[1], 1.0]), cameras[0].R[0])
     local = points @ R.T
-    low = _find_low_feet(local[:, feet], soles)
     middle = np.nanmedian(local.reshape(-1, 3), axis=0)
-    origin = np.array([*middle[:2], np.median(low[:, 2])])
+    floor = np.median(_find_lowest(local[:, ankles])[:, 2]) - body.places[names[ankles[0]]][2]
+    origin = np.array([*middle[:2], floor])
     turned = CalibrationScene(tuple(cameras), {}).transform(rigid_transform(R, -origin))
     return replace(found, rig=CameraRig(turned.cameras), points=local - origin)
 
 
 def _measure_scale(points: np.ndarray, names: list[str], body: _Proportions) -> float:
-    """Return the metres per unit of points (F, K, 3): the median over segments of their lengths."""
-    ratios = []
+    """Return the metres per unit of points (F, K, 3), by the sum of the median lengths of
+    segments and of the distance from ankles to shoulders."""
+    found = [float(np.linalg.norm(_measure_up(points, names)))]
+    ends = [body.places[f"l_{name}"] for name in ("shoulder", "ankle")]
+    wanted = [float((ends[0] - ends[1])[2])]
     for side in "lr":
         for pair in _SEGMENTS:
-            ends = [f"{side}_{name}" for name in pair]
-            if not set(ends) <= set(names):
-                continue
-            a, b = (points[:, names.index(end)] for end in ends)
-            length = float(np.nanmedian(np.linalg.norm(a - b, axis=-1)))
-            wanted = float(np.linalg.norm(body.places[ends[0]] - body.places[ends[1]]))
-            if length > 0:
-                ratios.append(wanted / length)
-    if not ratios:
-        raise InputError("no arm or lower leg is seen by two cameras; expected the whole person")
-    return float(np.median(ratios))
+            own = [f"{side}_{name}" for name in pair]
+            if set(own) <= set(names):
+                a, b = (points[:, names.index(end)] for end in own)
+                found.append(float(np.nanmedian(np.linalg.norm(a - b, axis=-1))))
+                wanted.append(float(np.linalg.norm(body.places[own[0]] - body.places[own[1]])))
+    return sum(wanted) / sum(found)
 
 
 def _measure_up(points: np.ndarray, names: list[str]) -> np.ndarray:
-    """Return the mean direction (3,) from the ankles to the shoulders."""
+    """Return the mean vector (3,) from the ankles to the shoulders while these are far apart: the
+    person does not bend then."""
     ends = []
     for name in ("ankle", "shoulder"):
         columns = [k for k, own in enumerate(names) if own.endswith(f"_{name}")]
         if len(columns) < 2:
-            raise InputError(f"the keypoints have no {name}s; expected them, for they tell what is up")
+            raise InputError(
+                f"the keypoints have no {name}s; expected them, for they tell what is up"
+            )
         ends.append(points[:, columns].mean(axis=1))
     along = ends[1] - ends[0]
     along = along[np.isfinite(along).all(axis=-1)]
     if not len(along):
         raise InputError("ankles and shoulders are never seen together; expected the whole person")
-    return np.asarray(np.median(along, axis=0))
+    length = np.linalg.norm(along, axis=1)
+    return np.asarray(along[length >= _UPRIGHT * np.percentile(length, 90)].mean(axis=0))
 
 
-def _find_low_feet(feet: np.ndarray, soles: np.ndarray) -> np.ndarray:
-    """Return the lowest point (F', 3) of the feet (F, K, 3) of each frame in which some are seen,
-    less its height over the sole (K,)."""
-    lowered = feet - soles[:, None] * np.array([0.0, 0.0, 1.0])
-    lowered = lowered[np.isfinite(lowered).all(axis=-1).any(axis=1)]
-    if len(lowered) < 3:
+def _find_lowest(feet: np.ndarray) -> np.ndarray:
+    """Return the lowest (F', 3) of the points (F, K, 3) of each frame in which some are seen."""
+    seen = feet[np.isfinite(feet).all(axis=-1).any(axis=1)]
+    if len(seen) < 3:
         raise InputError("the feet are seen too seldom; expected the whole person")
-    heights = np.where(np.isfinite(lowered[..., 2]), lowered[..., 2], np.inf)
-    return np.asarray(lowered[np.arange(len(lowered)), heights.argmin(axis=1)])
+    heights = np.where(np.isfinite(seen[..., 2]), seen[..., 2], np.inf)
+    return np.asarray(seen[np.arange(len(seen)), heights.argmin(axis=1)])

@@ -96,7 +96,17 @@ def run(args: argparse.Namespace) -> None:
 
 def _print_board(args: argparse.Namespace) -> None:
     """Write the PDF of a ChArUco board."""
-    of_footage = {"folder", "output", "board", "wand", "c3d", "refine", "person", "stature", "field_of_view"}
+    of_footage = {
+        "folder",
+        "output",
+        "board",
+        "wand",
+        "c3d",
+        "refine",
+        "person",
+        "stature",
+        "field_of_view",
+    }
     refuse_unused(
         args,
         of_footage.union(_OF_TARGETS).difference(_OF_BOARDS),

@@ -42,8 +42,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="keep what the keypoints say (default: adjusted to the silhouettes, where they fit)",
     )  # fmt: skip
     group = parser.add_argument_group("footage")
-    add_setting_flags(
-        group, footage.SequenceSettings, only=("cameras", "fps"), parsers=PARSERS
-    )
+    add_setting_flags(group, footage.SequenceSettings, only=("cameras", "fps"), parsers=PARSERS)
     add_device_flag(group)
     add_configs(parser, Settings, "person")

@@ -109,7 +109,9 @@ def adjust_points(
     weights = robust_weights(errors, noise, reach)
     for _ in range(steps):
         cost = _sum_squares(weights, errors) + _prior(values, sigmas)
-        change, moved = _step(scene, observations, (local, errors, weights), values, sigmas, damping)
+        change, moved = _step(
+            scene, observations, (local, errors, weights), values, sigmas, damping
+        )
         trial_values = values + change
         trial = _apply(start, scene, change, moved, trial_values)
         trial_local, trial_errors = project(trial, observations)
@@ -142,9 +144,7 @@ def _apply(
     start: PointScene, scene: PointScene, change: np.ndarray, moved: np.ndarray, values: np.ndarray
 ) -> PointScene:
     cameras = []
-    for first, camera, own, total in zip(
-        start.cameras, scene.cameras, change, values, strict=True
-    ):
+    for first, camera, own, total in zip(start.cameras, scene.cameras, change, values, strict=True):
         turn = cv2.Rodrigues(own[:3])[0]
         K = first.K.copy()
         K[[0, 1], [0, 1]] *= np.exp(total[6])

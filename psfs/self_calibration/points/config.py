@@ -37,9 +37,7 @@ class PointsConfig(Config):
         0.006, "Greatest median error of a camera, as a share of the picture's longest side.",
         above=0, below=0.1,
     )  # fmt: skip
-    lens: float = positive(
-        0.1, "The same where only an angle of view is stated."
-    )
+    lens: float = positive(0.1, "The same where only an angle of view is stated.")
 
     def free_lenses(self) -> PointsConfig:
         """Return these settings with focal lengths that are adjusted, too."""
