@@ -55,6 +55,7 @@ _STATED = ("cameras", "fps", "sync")
 #: Flags of one kind of target.
 _OF_C3D = ("markers", "c3d_begins", "up")
 _OF_TARGETS = ("intrinsics", "floor", "height", "frames", "squares", "square", *_OF_C3D)
+_OF_PERSON = ("stature", "field_of_view")
 #: Squares, and their side, m, of a board that is printed unless others are stated: an A4 page.
 _PRINTED = (7, 5), 0.037
 _OF_BOARDS, _OF_CHARUCO = ("squares", "square"), ("marker", "dictionary")
@@ -70,8 +71,7 @@ def run(args: argparse.Namespace) -> None:
     expected = (CALIBRATION, REPORT, RIG, FILE, f"{PICTURES}/*.png")
     with output_folder(args.output, args.parser.prog, inputs, expected):
         if not args.person:
-            of_person = ["stature", "field_of_view"]
-            refuse_unused(args, of_person, "applies only to a person; expected --person with it")
+            refuse_unused(args, _OF_PERSON, "applies only to a person; expected --person with it")
         if args.refine:
             refuse_unused(
                 args, _OF_TARGETS, "applies only to boards and wands; expected none with --refine"
@@ -96,17 +96,7 @@ def run(args: argparse.Namespace) -> None:
 
 def _print_board(args: argparse.Namespace) -> None:
     """Write the PDF of a ChArUco board."""
-    of_footage = {
-        "folder",
-        "output",
-        "board",
-        "wand",
-        "c3d",
-        "refine",
-        "person",
-        "stature",
-        "field_of_view",
-    }
+    of_footage = {"folder", "output", "board", "wand", "c3d", "refine", "person", *_OF_PERSON}
     refuse_unused(
         args,
         of_footage.union(_OF_TARGETS).difference(_OF_BOARDS),

@@ -1,7 +1,7 @@
 """Cameras and lags from the keypoints of one person who moves.
 
-Lags from the eight-point algorithm (`lags`); two cameras by their essential matrix and the others by
-resection (`start`); bundle adjustment of cameras, lags and points (`bundle`).
+Lags from the eight-point algorithm (`lags`); two cameras by their essential matrix and the others
+by resection (`start`); bundle adjustment of cameras, lags and points (`bundle`).
 """
 
 from __future__ import annotations

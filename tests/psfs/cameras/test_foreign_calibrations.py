@@ -209,7 +209,25 @@ def panoptic(folder: Path, rig: CameraRig) -> None:
     (folder / "calibration_160224.json").write_text(json.dumps(content))
 
 
+def vicon(folder: Path, rig: CameraRig) -> None:
+    """Vicon's XML as in its published files: key frames with quaternions x y z w and positions, mm,
+    and a camera for markers beside them."""
+    elements = ['<Camera DEVICEID="9" TYPE="MX" SENSOR_SIZE="2 2"><KeyFrames><KeyFrame/></KeyFrames>']
+    for c in reversed(list(rig)):
+        centre = -1000 * np.linalg.inv(c.R) @ c.t
+        elements.append(
+            f'<Camera DEVICEID="{c.name}" TYPE="VideoInputDevice:Blackfly" PIXEL_ASPECT_RATIO="1" '
+            f'SENSOR_SIZE="{c.size[0]} {c.size[1]}"><KeyFrames><KeyFrame FRAME="0" '
+            f'FOCAL_LENGTH="{c.K[0, 0]}" PRINCIPAL_POINT="{words(c.K[:2, 2])}" '
+            f'ORIENTATION="{words(Rotation.from_matrix(c.R).as_quat())}" '
+            f'POSITION="{words(centre)}" VICON_RADIAL2="ViconRadial2 0 0 0 0 0"/></KeyFrames>'
+        )
+    text = "".join(f"{element}</Camera>" for element in elements)
+    (folder / "take.xcp").write_text(f'<?xml version="1.0"?><Cameras>{text}</Cameras>')
+
+
 FORMATS: list[Write] = [
+    vicon,
     panoptic,
     middlebury,
     surrey,
