@@ -165,7 +165,7 @@ class CalibrateView:
         try:
             finder = self.target.make_finder(self.views, chosen)
             self._target = finder.target.name
-            for number, found in enumerate(find_sightings(self.views, chosen, finder), 1):
+            for number, found in enumerate(find_sightings(self.views, chosen, [finder]), 1):
                 if stopped.is_set():
                     return
                 self.sightings += found

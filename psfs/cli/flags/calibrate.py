@@ -14,9 +14,6 @@ from psfs.cli.settings import add_configs
 from psfs.footage import settings as footage
 from psfs.settings import Settings
 
-_BOARDS = ("charuco", "chessboard")
-
-
 #: Names of the written files and folder.
 CALIBRATION, REPORT, RIG, PICTURES = "calibration.toml", "calibration.json", "rig.png", "cameras"
 
@@ -81,7 +78,11 @@ def _add_target_flags(parser: argparse.ArgumentParser) -> None:
         "target", "one of --board, --wand, --c3d, --person and --refine"
     )
     kind = group.add_mutually_exclusive_group()
-    kind.add_argument("--board", choices=_BOARDS, help="a board with squares")
+    kind.add_argument(
+        "--board", metavar="charuco|chessboard|FILE",
+        help="a board with squares; FILE: a board that Caliscope (charuco.toml), Pose2Sim "
+        "(Config.toml) or OpenCV's calibration sample describes",
+    )  # fmt: skip
     kind.add_argument(
         "--wand", type=_lengths, metavar="M|M,M",
         help="a wand of two or three bright markers, m from each to the next: 0.5 or 0.2,0.3",
@@ -118,6 +119,11 @@ def _add_target_flags(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--dictionary", default="auto", choices=("auto", *DICTIONARIES),
         help="markers of a ChArUco board (default: those that are seen)",
+    )  # fmt: skip
+    group.add_argument(
+        "--boards", type=int, default=1, metavar="N",
+        help="number of ChArUco boards of these squares, whose markers are numbered on from one to "
+        "the next, as --print-board writes them (default: 1)",
     )  # fmt: skip
     group.add_argument(
         "--markers", type=lambda text: text.split(","), metavar="A,B[,C]",

@@ -32,6 +32,8 @@ FILM = (
 )
 #: Rounds of fractions of a lag, after each of which whole frames are shifted.
 _ROUNDS = 3
+#: Frames to either side between which a keypoint's speed is measured.
+_STEPS = (1, 2, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,11 +116,22 @@ def _observe(seen: np.ndarray, lags: np.ndarray, frames: np.ndarray) -> PointObs
     """Return the pixels and speeds of all keypoints at the first camera's `frames`."""
     pixels, speeds = [], []
     for own, lag in zip(seen, lags, strict=True):
-        shifted = shift_points(own, int(lag))
-        speed = 0.5 * (shift_points(own, int(lag) + 1) - shift_points(own, int(lag) - 1))
-        pixels.append(shifted[frames].reshape(-1, 2))
-        speeds.append(np.nan_to_num(speed[frames]).reshape(-1, 2))
+        pixels.append(shift_points(own, int(lag))[frames].reshape(-1, 2))
+        speeds.append(_measure_speeds(own, int(lag))[frames].reshape(-1, 2))
     return PointObservations(np.stack(pixels), np.stack(speeds))
+
+
+def _measure_speeds(points: np.ndarray, lag: int) -> np.ndarray:
+    """Return the speeds (F, K, 2), px per frame, of points shifted by a lag: the median of
+    differences over several frames, since noise in speeds would make lags too small; 0 where they
+    are unknown."""
+    apart = [
+        (shift_points(points, lag + step) - shift_points(points, lag - step)) / (2 * step)
+        for step in _STEPS
+    ]
+    known = np.isfinite(np.stack(apart)).any(axis=0)
+    filled = np.where(known, apart, 0.0)
+    return np.asarray(np.nanmedian(filled, axis=0))
 
 
 def _total_error(scene: PointScene, observations: PointObservations) -> float:
@@ -140,7 +153,10 @@ def _adjust(
         observations = _observe(seen, lags, frames)
         points = triangulate_rays(scene.cameras, observations.pixels)
         scene = replace(scene, points=points)
-        scene = adjust_points(scene, observations, sigmas, noise / 4, config.reach, config.last)
+        for width in config.widths:  # narrow weights would take what moves for wrong
+            scene = adjust_points(
+                scene, observations, sigmas, width * noise, config.reach, config.last
+            )
         whole = np.round(scene.lags).astype(int)
         if not whole.any():
             break

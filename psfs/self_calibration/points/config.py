@@ -25,7 +25,11 @@ class PointsConfig(Config):
     )  # fmt: skip
     starts: int = natural(4, "Pairs of cameras from which a start is tried.")
     rounds: int = natural(12, "Steps of the adjustment after a camera is added.")
-    last: int = natural(40, "Steps of the last adjustment.")
+    last: int = natural(20, "Steps of each of the last adjustments.")
+    widths: tuple[float, ...] = setting(
+        (2, 1),
+        "Least noise in the last adjustments, one after another, as multiples of `noise`.",
+    )
     reach: float = positive(
         3.0, "Width of the robust weights, in standard deviations of the errors."
     )

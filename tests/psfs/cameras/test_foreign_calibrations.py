@@ -15,7 +15,8 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from cl import InputError
-from psfs.cameras.calibration import read_calibration
+from psfs.cameras.calibration import find_calibration, read_calibration
+from psfs.cameras.calibration.writers import WRITERS, write_calibration
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cli import main
 from psfs.diagnostics.sequence_info import sequence_info
@@ -212,7 +213,9 @@ def panoptic(folder: Path, rig: CameraRig) -> None:
 def vicon(folder: Path, rig: CameraRig) -> None:
     """Vicon's XML as in its published files: key frames with quaternions x y z w and positions, mm,
     and a camera for markers beside them."""
-    elements = ['<Camera DEVICEID="9" TYPE="MX" SENSOR_SIZE="2 2"><KeyFrames><KeyFrame/></KeyFrames>']
+    elements = [
+        '<Camera DEVICEID="9" TYPE="MX" SENSOR_SIZE="2 2"><KeyFrames><KeyFrame/></KeyFrames>'
+    ]
     for c in reversed(list(rig)):
         centre = -1000 * np.linalg.inv(c.R) @ c.t
         elements.append(
@@ -282,8 +285,8 @@ def test_info_says_the_same_of_all(
     assert printed[0] == printed[1]
 
 
-#: COLMAP's quaternions know no other hand.
-BOTH_HANDS = [write for write in FORMATS if write is not colmap]
+#: Quaternions know no other hand.
+BOTH_HANDS = [write for write in FORMATS if write not in (colmap, vicon)]
 
 
 @pytest.mark.parametrize("write", BOTH_HANDS, ids=lambda write: write.__name__)
@@ -334,6 +337,12 @@ def test_worlds_of_both_hands_are_refused(tmp_path: Path) -> None:
         ("a.qca.txt", b"<calibration><cameras/></calibration>", "no cameras"),
         ("b.qca.txt", b"<calibration><cameras><camera></cameras>", "expected Qualisys"),
         ("c.qca.txt", b'<!DOCTYPE a [<!ENTITY b "c">]><calibration/>', "document type"),
+        ("a.xcp", b"<Cameras><Camera/></Cameras>", "1 cameras, none with a KeyFrame"),
+        (
+            "b.xcp",
+            b"<Cameras><Camera><KeyFrames><KeyFrame/></KeyFrames></Camera></Cameras>",
+            "no FOCAL_LENGTH",
+        ),
         ("calib.txt", b"1 0\n0 9 0 9 1 2 3 4 5 6 7 8 9 0 1 2 3 4 5", "expected 22 of Surrey"),
     ],
 )
@@ -372,3 +381,27 @@ def test_convert_writes_a_native_folder(tmp_path: Path, capsys: pytest.CaptureFi
     assert after.subject == "object" and after.unit == "m" and after.volume is not None
     np.testing.assert_allclose(after.volume, [[-0.03, -0.01, -0.02], [0.03, 0.01, 0.02]])
     np.testing.assert_array_equal(after.read(0).images, before.read(0).images)
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_convert_writes_the_calibration_of_other_programs(tmp_path: Path, kind: str) -> None:
+    rig = CameraRig(
+        tuple(replace(c, distortion=np.array([-0.1, 0.02, 0.001, -0.002, 0])) for c in plain_rig())
+    )
+    folder = sequence_in(tmp_path / "a", toml, rig)
+    assert main(["convert", str(folder), "-o", str(tmp_path / "b"), "--to", kind]) == 0
+    path = find_calibration(tmp_path / "b") or tmp_path / "b" / "Calib.qca.txt"
+    found = read_calibration(path)
+    for a, b in zip(found, rig, strict=True):
+        assert a.size == b.size and (a.name == b.name or kind == "caliscope")
+        for field in ("K", "distortion", "R", "t"):
+            np.testing.assert_allclose(getattr(a, field), getattr(b, field), atol=1e-6)
+    bent = CameraRig(tuple(replace(c, distortion=np.array([0, 0, 0, 0, 0.1])) for c in rig))
+    if kind == "qualisys":
+        with pytest.raises(InputError, match="cam01 has k3"):
+            write_calibration(tmp_path, bent, kind)
+    else:
+        write_calibration(tmp_path / "c", bent, kind)
+    with pytest.raises(InputError, match="Tsai"):
+        tsai = replace(rig[0], distortion=np.zeros(5), kappa=0.1)
+        write_calibration(tmp_path, CameraRig((tsai,)), kind)
