@@ -73,8 +73,14 @@ def calibrate_by_keypoints(
     names = list(used.values())
     longest = round(config.longest_lag * rate)
     points = keypoints.points[:, :, list(used)]
-    own = calibrate_by_points(cameras, points, longest, config.points)
+    own = calibrate_by_points(cameras, points, longest, config.points, _find_segments(names))
     return _align(own, names, _Proportions.create(names, config.stature), config)
+
+
+def _find_segments(names: list[str]) -> list[tuple[int, int]]:
+    """Return the pairs of landmarks, by their index, whose distance stays the same."""
+    found = [[f"{side}_{name}" for name in pair] for side in "lr" for pair in _SEGMENTS]
+    return [(names.index(a), names.index(b)) for a, b in found if a in names and b in names]
 
 
 def _align(

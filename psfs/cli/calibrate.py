@@ -237,7 +237,7 @@ def _describe_failure(views: Sequence, chosen: list[int], finder: Finder) -> str
     if seen is not None:
         return f"{what}, but {seen}; expected what the flags of the board say"
     return (
-        f"{what}; {finder.looked_for}; expected it flat, sharp, lit evenly, with a "  # type: ignore[attr-defined]
+        f"{what}; {finder.describe_search()}; expected it flat, sharp, lit evenly, with a "  # type: ignore[attr-defined]
         "white rim, and large: see docs/calibration.md"
     )
 

@@ -91,12 +91,11 @@ class ChessboardFinder:
             corners = corners[::-1, ::-1]
         return corners
 
-    @property
-    def looked_for(self) -> str:
-        """What was looked for, and what may differ."""
+    def describe_search(self) -> str:
+        """Return what is searched for, and what may differ."""
         columns, rows = self.corners
         return (
-            f"looked for {columns}x{rows} inner corners, all of them in the picture (--squares "
+            f"searched for {columns}x{rows} inner corners, all of them in the picture (--squares "
             "counts squares)"
         )
 
@@ -176,13 +175,12 @@ class CharucoFinder:
                 return ids, np.float64(corners.reshape(-1, 2))
         return None
 
-    @property
-    def looked_for(self) -> str:
-        """What was looked for, and what may differ."""
+    def describe_search(self) -> str:
+        """Return what is searched for, and what may differ."""
         return (
-            f"looked for {_CORNERS} corners or more between markers of {join_names(self._names)}, "
-            "black on white and white on black, of OpenCV's old pattern and the new one (--squares "
-            "counts squares, columns first)"
+            f"searched for {_CORNERS} corners or more between markers of "
+            f"{join_names(self._names)}, black on white and white on black, of OpenCV's old "
+            "pattern and the new one (--squares counts squares, columns first)"
         )
 
     def hint(self, picture: np.ndarray) -> str | None:

@@ -107,6 +107,21 @@ def _add_target_flags(parser: argparse.ArgumentParser) -> None:
         "--stature", type=float, metavar="M",
         help="height of the person of --person, m, which gives the scale (default: 1.7)",
     )  # fmt: skip
+    _add_board_flags(group)
+    group.add_argument(
+        "--markers", type=lambda text: text.split(","), metavar="A,B[,C]",
+        help="names of the wand's markers in the C3D file, along it (default: all of the file)",
+    )  # fmt: skip
+    group.add_argument(
+        "--c3d-begins", type=float, default=0.0, metavar="S",
+        help="s after the first picture at which the C3D file begins (default: 0)",
+    )  # fmt: skip
+    group.add_argument(
+        "--up", metavar="AXIS", help="up axis of the C3D file: z, -z, y, -y, x or -x (default: z)"
+    )
+
+
+def _add_board_flags(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--squares", type=_squares, metavar="CxR", help="squares of the board, as 7x5, not "
         "the inner corners",
@@ -125,17 +140,6 @@ def _add_target_flags(parser: argparse.ArgumentParser) -> None:
         help="number of ChArUco boards of these squares, whose markers are numbered on from one to "
         "the next, as --print-board writes them (default: 1)",
     )  # fmt: skip
-    group.add_argument(
-        "--markers", type=lambda text: text.split(","), metavar="A,B[,C]",
-        help="names of the wand's markers in the C3D file, along it (default: all of the file)",
-    )  # fmt: skip
-    group.add_argument(
-        "--c3d-begins", type=float, default=0.0, metavar="S",
-        help="s after the first picture at which the C3D file begins (default: 0)",
-    )  # fmt: skip
-    group.add_argument(
-        "--up", metavar="AXIS", help="up axis of the C3D file: z, -z, y, -y, x or -x (default: z)"
-    )
 
 
 def _lengths(text: str) -> list[float]:

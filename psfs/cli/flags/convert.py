@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 
-from psfs.cameras.calibration.writers import WRITERS
 from psfs.cli.commandline import add_output_flag
 from psfs.cli.sequence_flags import add_sequence_flags
 from psfs.cli.sequence_flags import check as check
+
+#: The programs whose calibration is written: the names of `psfs.cameras.calibration.writers`.
+FORMATS = ("caliscope", "colmap", "easymocap", "opencv", "panoptic", "qualisys")
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -21,6 +23,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_sequence_flags(parser, frames=False)
     add_output_flag(parser, "new folder", metavar="NATIVE")
     parser.add_argument(
-        "--to", choices=WRITERS, metavar="FORMAT",
-        help=f"write the calibration only, as this program has it: {', '.join(WRITERS)}",
+        "--to", choices=FORMATS, metavar="FORMAT",
+        help=f"write the calibration only, as this program has it: {', '.join(FORMATS)}",
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Bundle adjustment of cameras, lags and points that are seen anew in every frame."""
+"""Bundle adjustment of cameras, lags and points, each of one keypoint in one frame."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from psfs.cameras.camera import Camera
+from psfs.self_calibration.points.segments import Segments, SegmentTerms
 
 #: Parameters of a camera: rotation vector and shift in its axes, log of the focal length's factor,
 #: lag in frames.
@@ -22,20 +23,22 @@ class PointObservations:
     """Points in the pictures of V cameras without distortion.
 
     pixels: (V, P, 2) px; NaN where a point is not seen. speeds: (V, P, 2) px per frame. points
-    (P,) are one keypoint at one time each.
+    (P,) are one keypoint at one time each, frame by frame. segments: between points of a frame.
     """
 
     pixels: np.ndarray
     speeds: np.ndarray
+    segments: Segments | None = None
 
     @property
     def seen(self) -> np.ndarray:
-        """Which camera sees which point (V, P)."""
+        """Mask (V, P) bool of the points that each camera sees."""
         return np.asarray(np.isfinite(self.pixels).all(axis=-1))
 
     def select(self, views: Sequence[int]) -> PointObservations:
         """Return those of some of the cameras."""
-        return PointObservations(self.pixels[list(views)], self.speeds[list(views)])
+        rows = list(views)
+        return PointObservations(self.pixels[rows], self.speeds[rows], self.segments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,15 +111,14 @@ def adjust_points(
     local, errors = project(scene, observations)
     weights = robust_weights(errors, noise, reach)
     for _ in range(steps):
-        cost = _sum_squares(weights, errors) + _prior(values, sigmas)
-        change, moved = _step(
-            scene, observations, (local, errors, weights), values, sigmas, damping
-        )
+        state = _State(local, errors, weights, _linearise(scene, observations))
+        change, moved = _step(scene, observations, state, values, sigmas, damping)
         trial_values = values + change
         trial = _apply(start, scene, change, moved, trial_values)
         trial_local, trial_errors = project(trial, observations)
         behind = (trial_local[..., 2] <= 0) & observations.seen
-        worse = _sum_squares(weights, trial_errors) + _prior(trial_values, sigmas) > cost
+        before = state.cost(scene, errors) + _prior(values, sigmas)
+        worse = state.cost(trial, trial_errors) + _prior(trial_values, sigmas) > before
         if worse or behind[weights > 0].mean() > 0.2:
             damping *= 10
             if damping > 1e6:
@@ -131,8 +133,27 @@ def adjust_points(
     return scene
 
 
-def _sum_squares(weights: np.ndarray, errors: np.ndarray) -> float:
-    return float((weights * np.nan_to_num(np.square(errors).sum(axis=-1))).sum())
+@dataclass(frozen=True, eq=False)
+class _State:
+    """The problem, linearised. local: (V, P, 3) and errors (V, P, 2), see `project`. weights: (V,
+    P). segments: None without any."""
+
+    local: np.ndarray
+    errors: np.ndarray
+    weights: np.ndarray
+    segments: SegmentTerms | None
+
+    def cost(self, scene: PointScene, errors: np.ndarray) -> float:
+        """Return the weighted sum of squares of a scene with these errors (V, P, 2)."""
+        squares = np.nan_to_num(np.square(errors).sum(axis=-1))
+        own = 0.0 if self.segments is None else self.segments.cost(scene.points)
+        return float((self.weights * squares).sum()) + own
+
+
+def _linearise(scene: PointScene, observations: PointObservations) -> SegmentTerms | None:
+    if observations.segments is None:
+        return None
+    return observations.segments.linearise(scene.points)
 
 
 def _prior(values: np.ndarray, sigmas: np.ndarray) -> float:
@@ -153,41 +174,63 @@ def _apply(
 
 
 def _step(
-    scene: PointScene, observations: PointObservations,
-    state: tuple[np.ndarray, np.ndarray, np.ndarray], values: np.ndarray, sigmas: np.ndarray,
-    damping: float,
+    scene: PointScene, observations: PointObservations, state: _State, values: np.ndarray,
+    sigmas: np.ndarray, damping: float,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return the step of the cameras (V, 8) and of the points (P, 3)."""
-    local, errors, weights = state
-    of_camera, of_point = _derivatives(scene, observations, local, errors)
+    weights = state.weights
+    of_camera, of_point = _derivatives(scene, observations, state.local, state.errors)
     of_camera *= sigmas[:, None, None] > 0
-    errors = np.nan_to_num(errors)
+    errors = np.nan_to_num(state.errors)
     weighted = of_point * weights[..., None, None]
-    points = np.einsum("vpri,vprj->pij", weighted, of_point)
-    points += damping * np.eye(3) * np.trace(points, axis1=1, axis2=2)[:, None, None] / 3
-    known = observations.seen.sum(axis=0) > 1
-    inverse = np.zeros_like(points)
-    inverse[known] = np.linalg.inv(points[known] + 1e-12 * np.eye(3))
     right_points = np.einsum("vpri,vpr->pi", weighted, errors)
-    cross = np.einsum("vpri,vprj->vipj", of_camera, weighted)
-    n = values.size
-    flat = cross.reshape(n, -1)
-    eliminated = np.einsum("vipj,pjk->vipk", cross, inverse).reshape(n, -1)
-    blocks = np.einsum("vpri,vp,vprj->vij", of_camera, weights, of_camera)
+    blocks = np.einsum("vpri,vprj->pij", weighted, of_point)
+    blocks[observations.seen.sum(axis=0) < 2] = 0
+    inverse = _invert_points(blocks, right_points, state.segments, damping)
+    n, (groups, size) = values.size, inverse.shape[:2]
+    cross = np.einsum("vpri,vprj->vipj", of_camera, weighted).reshape(n, groups, size)
+    eliminated = np.einsum("ngi,gij->ngj", cross, inverse, optimize=True).reshape(n, -1)
+    cross = cross.reshape(n, -1)
+    own = np.einsum("vpri,vp,vprj->vij", of_camera, weights, of_camera, optimize=True)
     normal = np.zeros((n, n))
-    for view, block in enumerate(blocks):
-        own = slice(view * N_PARAMETERS, (view + 1) * N_PARAMETERS)
-        normal[own, own] = block + damping * np.diag(np.diag(block))
-    normal -= eliminated @ flat.T
-    gradient = np.einsum("vpri,vp,vpr->vi", of_camera, weights, errors).ravel()
+    for view, block in enumerate(own):
+        rows = slice(view * N_PARAMETERS, (view + 1) * N_PARAMETERS)
+        normal[rows, rows] = block + damping * np.diag(np.diag(block))
+    normal -= eliminated @ cross.T
+    gradient = np.einsum("vpri,vp,vpr->vi", of_camera, weights, errors, optimize=True).ravel()
     gradient -= eliminated @ right_points.ravel()
     spread = sigmas.ravel()
     with np.errstate(divide="ignore"):
         information = np.where(spread > 0, spread**-2.0, 1.0)
     gradient += np.where(spread > 0, values.ravel() * information, 0.0)
     change = -np.linalg.solve(normal + np.diag(information), gradient)
-    moved = -np.einsum("pij,pj->pi", inverse, right_points + (change @ flat).reshape(-1, 3))
+    pulled = (right_points.ravel() + change @ cross).reshape(groups, size, 1)
+    moved: np.ndarray = -(inverse @ pulled).reshape(-1, 3)
     return change.reshape(values.shape), moved
+
+
+def _invert_points(
+    blocks: np.ndarray, gradient: np.ndarray, segments: SegmentTerms | None, damping: float
+) -> np.ndarray:
+    """Return the inverses (G, N, N) of the points' normal matrices (P, 3, 3), of each point by
+    itself or, with segments, which are added to the gradient (P, 3) too, of each frame's together.
+    Points with zeros are kept."""
+    blocks = blocks + damping * np.eye(3) * np.trace(blocks, axis1=1, axis2=2)[:, None, None] / 3
+    known = blocks.any(axis=(1, 2))
+    if segments is None:
+        inverse = np.zeros_like(blocks)
+        inverse[known] = np.linalg.inv(blocks[known] + 1e-12 * np.eye(3))
+        return inverse
+    count = segments.segments.n_points
+    normal = np.zeros((len(blocks) // count, count, 3, count, 3))
+    rows = np.arange(count)
+    normal[:, rows, :, rows] = blocks.reshape(-1, count, 3, 3).swapaxes(0, 1)
+    segments.add(normal, gradient.reshape(-1, count, 3))
+    free = np.repeat(known.reshape(-1, count), 3, axis=1)
+    flat = normal.reshape(len(normal), 3 * count, 3 * count) * free[:, None] * free[:, :, None]
+    flat += np.eye(3 * count) * np.where(free, 1e-9, 1.0)[:, None]
+    inverse = np.linalg.inv(flat)
+    return np.asarray(inverse * free[:, None] * free[:, :, None])
 
 
 def _derivatives(

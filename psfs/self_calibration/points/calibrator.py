@@ -24,6 +24,7 @@ from psfs.self_calibration.points.bundle import (
 )
 from psfs.self_calibration.points.config import PointsConfig
 from psfs.self_calibration.points.lags import choose_lags, compare_lags, shift_points
+from psfs.self_calibration.points.segments import Segments
 from psfs.self_calibration.points.start import place_cameras, pose_sigmas
 
 #: What to film if the cameras cannot be found.
@@ -54,13 +55,15 @@ class PointCalibration:
 
 
 def calibrate_by_points(
-    cameras: Sequence[Camera], keypoints: np.ndarray, longest_lag: int, config: PointsConfig
-) -> PointCalibration:
+    cameras: Sequence[Camera], keypoints: np.ndarray, longest_lag: int, config: PointsConfig,
+    segments: Sequence[tuple[int, int]] = (),
+) -> PointCalibration:  # fmt: skip
     """Estimate the cameras' poses and lags from keypoints (V, F, K, 3): px of the pictures, with
     distortion, and confidence; NaN where missing.
 
-    cameras: with intrinsics; poses are ignored. longest_lag: frames; 0: none comes late. Raises
-    InputError, which says what to film, if the cameras cannot be found.
+    cameras: with intrinsics; poses are ignored. longest_lag: frames; 0: none comes late. segments:
+    pairs of keypoints whose distance stays the same. Raises InputError, which says what to film,
+    if the cameras cannot be found.
     """
     if len(cameras) < 2:
         raise InputError(f"{len(cameras)} camera; expected two or more")
@@ -73,12 +76,15 @@ def calibrate_by_points(
         tables = compare_lags(seen, longest_lag, config.most_pairs, config.fewest)
         lags = choose_lags(tables, len(cameras), longest_lag)
     frames = _choose_frames(seen, lags, config)
-    observations = _observe(seen, lags, frames)
+    rigid = None
+    if segments:
+        rigid = Segments(np.array(segments), keypoints.shape[2], config.rigid)
+    observations = replace(_observe(seen, lags, frames), segments=rigid)
     scenes = place_cameras(plain, observations, noise, config)
     if not scenes:
         raise InputError(f"no arrangement of the cameras fits the keypoints; {FILM}")
     scene = min(scenes, key=lambda of: _total_error(of, observations))
-    scene, lags = _adjust(scene, seen, lags, frames, noise, config)
+    scene, lags = _adjust(scene, observations, seen, lags, frames, config)
     return _finish(cameras, scene, seen, lags, frames, config)
 
 
@@ -142,15 +148,16 @@ def _total_error(scene: PointScene, observations: PointObservations) -> float:
 
 
 def _adjust(
-    scene: PointScene, seen: np.ndarray, lags: np.ndarray, frames: np.ndarray, noise: float,
-    config: PointsConfig,
+    scene: PointScene, given: PointObservations, seen: np.ndarray, lags: np.ndarray,
+    frames: np.ndarray, config: PointsConfig,
 ) -> tuple[PointScene, np.ndarray]:  # fmt: skip
     """Return the adjusted scene, and the lags (V,), whole frames, to which its own are added."""
+    noise = config.noise * max(max(camera.size) for camera in scene.cameras)
     sigmas = pose_sigmas(len(scene.cameras))
     sigmas[:, 6] = config.focal
     sigmas[1:, 7] = config.time
     for _ in range(_ROUNDS):
-        observations = _observe(seen, lags, frames)
+        observations = replace(_observe(seen, lags, frames), segments=given.segments)
         points = triangulate_rays(scene.cameras, observations.pixels)
         scene = replace(scene, points=points)
         for width in config.widths:  # narrow weights would take what moves for wrong

@@ -33,6 +33,9 @@ class PointsConfig(Config):
     reach: float = positive(
         3.0, "Width of the robust weights, in standard deviations of the errors."
     )
+    rigid: float = positive(
+        0.04, "Standard deviation of a limb's length from frame to frame, as a share of it."
+    )
     time: float = positive(1.0, "Standard deviation of a fraction of a lag.", unit="frames")
     focal: float = nonnegative(
         0.0, "Standard deviation of the focal length's logarithm; 0: it is kept."

@@ -54,16 +54,16 @@ def _place_pair(
     both = np.flatnonzero(seen[pair[0]] & seen[pair[1]])
     if len(both) < config.fewest:
         return None
-    flat = [_normalise(cameras[view], observations.pixels[view, both]) for view in pair]
+    first, second = (_normalise(cameras[view], observations.pixels[view, both]) for view in pair)
     gate = _GATE * noise / np.mean([cameras[view].K[0, 0] for view in pair])
     cv2.setRNGSeed(1)
     E, inside = cv2.findEssentialMat(
-        *flat, np.eye(3), method=cv2.RANSAC, prob=_SURE, threshold=gate, maxIters=_TRIALS
+        first, second, np.eye(3), method=cv2.RANSAC, prob=_SURE, threshold=gate, maxIters=_TRIALS
     )
     if E is None or E.shape != (3, 3):
         return None
     count, R, t, ahead, _ = cv2.recoverPose(
-        E, *flat, np.eye(3), distanceThresh=1e3, mask=inside.copy()
+        E, first, second, np.eye(3), distanceThresh=1e3, mask=inside.copy()
     )
     if count < config.fewest:
         return None

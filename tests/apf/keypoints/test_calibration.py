@@ -29,7 +29,7 @@ RIG = CameraRig(tuple(ring()[:4]))
 @pytest.fixture(scope="module")
 def walk() -> tuple[Keypoints, float]:
     """Keypoints of a walker who turns about, and the walker's stature, m."""
-    track = strider(80)
+    track = strider(50)
     poses = np.array(track.poses)
     poses[:, :2] -= poses[:, :2].mean(axis=0)
     return made.of_poses(RIG, track.body, poses, noise=0.5), stature(track.body)
@@ -39,6 +39,7 @@ def test_the_world_has_z_up_and_metres(walk: tuple[Keypoints, float]) -> None:
     keypoints, height = walk
     bare = [replace(c, R=np.eye(3), t=np.zeros(3)) for c in RIG]
     config = PersonConfig(stature=height, longest_lag=0)
+    config = config.replace(points=config.points.replace(starts=1))
     found = calibrate_by_keypoints(bare, keypoints, 60.0, config)
     own, true = found.rig.centres, RIG.centres
     apart = [np.linalg.norm(of[:, None] - of[None], axis=-1) for of in (own, true)]
@@ -68,6 +69,9 @@ def test_the_command_writes_cameras_and_names_what_is_missing(
     out = tmp_path / "out"
     assert main([*flags, "-o", str(out)]) == 2
     assert "--intrinsics PATH" in capsys.readouterr().err
+    settings = tmp_path / "settings.toml"
+    settings.write_text("[person]\nlongest_lag = 0\n[person.points]\nstarts = 1\n")
+    flags += ["--config", str(settings), "--device", "numpy"]
     flags += ["--intrinsics", str(tmp_path / "lens.toml"), "-o", str(out)]
     assert main(flags) == 0
     said = " ".join(capsys.readouterr().err.split())

@@ -19,6 +19,7 @@ from psfs.cameras.calibration import find_calibration, read_calibration
 from psfs.cameras.calibration.writers import WRITERS, write_calibration
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cli import main
+from psfs.cli.flags.convert import FORMATS as FORMATS_OF_CONVERT
 from psfs.diagnostics.sequence_info import sequence_info
 from psfs.sequence import Sequence
 
@@ -383,8 +384,9 @@ def test_convert_writes_a_native_folder(tmp_path: Path, capsys: pytest.CaptureFi
     np.testing.assert_array_equal(after.read(0).images, before.read(0).images)
 
 
-@pytest.mark.parametrize("kind", WRITERS)
+@pytest.mark.parametrize("kind", FORMATS_OF_CONVERT)
 def test_convert_writes_the_calibration_of_other_programs(tmp_path: Path, kind: str) -> None:
+    assert tuple(WRITERS) == FORMATS_OF_CONVERT
     rig = CameraRig(
         tuple(replace(c, distortion=np.array([-0.1, 0.02, 0.001, -0.002, 0])) for c in plain_rig())
     )

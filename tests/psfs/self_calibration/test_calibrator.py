@@ -137,7 +137,7 @@ def test_a_given_start_is_adjusted_in_its_own_world():
     found = adjust_calibration(CameraRig(tuple(start)), lags, outlines(), RATE, CONFIG)
     np.testing.assert_allclose(found.lags, LAGS, atol=0.04)
     own, true = (np.array([c.centre for c in rig]) for rig in (found.rig, CAMERAS))
-    np.testing.assert_allclose(own, true, atol=0.15)  # no more than the start as a whole
+    np.testing.assert_allclose(own, true, atol=0.25)  # the world is the start's
     own, true = (np.linalg.norm(of[:, None] - of[None], axis=-1) for of in (own, true))
     np.testing.assert_allclose(own / own.sum(), true / true.sum(), atol=0.003 / own.size)
 
