@@ -86,7 +86,7 @@ def speed_table() -> str:
 
 def _describe_machine(machine: Machine) -> str:
     results = machine.results["whole"]
-    return f"{machine.title}: {results.made[:10]}, {(results.commit or 'unknown commit')[:8]}"
+    return f"{machine.title}: {results.made[:10]}, {(results.commit or 'unknown commit')[:7]}"
 
 
 def _list_headlines(machine: Machine) -> Iterator[tuple[str, str, str]]:
