@@ -27,10 +27,10 @@ import numpy as np
 from apf.body.kinematics import posed_joints
 from apf.evaluation.evaluate import load_truth
 from apf.studio.folders import Roots
-from apf.studio.look_through import find_fov
 from apf.studio.page import Page
 from apf.tracking.track import Track
 from cl import InputError, select_device
+from psfs.page.look_through import find_fov
 
 _BROWSER = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 #: Angles, rad, by which the left arm is turned away.

@@ -12,11 +12,7 @@ import cv2
 import numpy as np
 
 from apf.studio.folders import CAMERAS
-from apf.studio.nodes import CameraNodes, add_floor
-from apf.studio.pictures import PictureReader, mosaic, small_pictures
 from apf.studio.target_fields import TargetFields
-from apf.studio.timeline import TimeLine
-from apf.studio.words import make_lines, make_table, make_text
 from apf.studio.work import Work, free_folder
 from cl import UserError
 from psfs.calibration.config import CalibrationConfig
@@ -25,6 +21,10 @@ from psfs.calibration.targets.detection import find_sightings, open_uncalibrated
 from psfs.calibration.targets.target import Sighting
 from psfs.cameras.calibration import read_calibration
 from psfs.footage.settings import SequenceSettings
+from psfs.page.nodes import CameraNodes, add_floor
+from psfs.page.pictures import PictureReader, mosaic, small_pictures
+from psfs.page.timeline import TimeLine, add_key
+from psfs.page.words import make_lines, make_table, make_text
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelGrid
 
@@ -87,7 +87,7 @@ class CalibrateView:
             self.use_button = gui.add_button("use these cameras", disabled=True)
         with gui.add_folder("or calibrate them") as calibrate:
             self.target = TargetFields(gui, self._known)
-            self.search_button = gui.add_button("look for it", hint="key: L")
+            self.search_button = gui.add_button("look for it", hint="key: F")
             self.floor = gui.add_text(
                 "on the floor", "", hint="frame in which it lies there: Z = 0"
             )
@@ -102,8 +102,7 @@ class CalibrateView:
             lambda event: setattr(self.floor, "value", str(self.time_line.position))
         )
         self.calibrate_button.on_click(lambda event: self.calibrate())
-        key = gui.add_command("Look for the board or wand", hotkey="L")
-        key.on_trigger(lambda event: self.search())
+        key = add_key(gui, "Look for the board or wand", "F", self.search)
         self._parts: list[Any] = [self._status, self._picture, use, calibrate, self._words, key]
 
     def use(self) -> None:
@@ -200,7 +199,7 @@ class CalibrateView:
         self._reader.ask(position)
 
     def _show_pictures(self, frame: Frame) -> None:
-        pictures = small_pictures(frame, self.views)
+        pictures = small_pictures(frame, self.views.rig)
         for view, (picture, camera) in enumerate(zip(pictures, self.views.rig, strict=True)):
             if self.coverage:
                 _shade(picture, self.coverage[view].cells)

@@ -9,11 +9,7 @@ import cv2
 import numpy as np
 
 from apf.studio.curves import draw_lags
-from apf.studio.nodes import BoxNode, CameraNodes, add_floor
 from apf.studio.opened import MakeDevice
-from apf.studio.pictures import PictureReader, mosaic, small_pictures
-from apf.studio.timeline import TimeLine
-from apf.studio.words import make_lines, make_table, make_text
 from cl import UserError
 from psfs.diagnostics.arrangement import Lags
 from psfs.diagnostics.config import InViewConfig
@@ -21,6 +17,10 @@ from psfs.diagnostics.examination import Examination, examine
 from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
 from psfs.diagnostics.tangency import Tangency
+from psfs.page.nodes import BoxNode, CameraNodes, add_floor
+from psfs.page.pictures import PictureReader, mosaic, small_pictures
+from psfs.page.timeline import TimeLine
+from psfs.page.words import make_lines, make_table, make_text
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
 from psfs.volume import find_volume
@@ -165,7 +165,7 @@ class FootageView:
         if self._closed.is_set():
             return
         self._frame = frame
-        pictures = small_pictures(frame, self.sequence)
+        pictures = small_pictures(frame, self.sequence.rig)
         if self._opacity.value > 0:
             shown = self._silhouettes(frame)
             pictures = [

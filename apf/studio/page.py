@@ -11,12 +11,14 @@ from apf.studio.correct_panel import CorrectPanel
 from apf.studio.export_panel import ExportPanel
 from apf.studio.folders import Found, Roots, find_kind
 from apf.studio.footage import FootageView
-from apf.studio.gate import Gate, page_address, start_server, stop_server
-from apf.studio.opened import MakeDevice, open_track, open_voxels
+from apf.studio.opened import MakeDevice, open_track
 from apf.studio.run_panel import RunPanel
-from apf.studio.watch import Watch
-from apf.studio.words import make_lines, make_text
+from apf.studio.watch import TrackWatch
 from cl import InputError, UserError
+from psfs.page.frame import BrowserPage
+from psfs.page.opened import open_voxels
+from psfs.page.watch import Watch
+from psfs.page.words import make_lines, make_text
 from psfs.sequence import Sequence
 
 if TYPE_CHECKING:
@@ -32,7 +34,7 @@ _KINDS = {
 _NOTHING = "(choose)"
 
 
-class Page:
+class Page(BrowserPage):
     """The page on a server of its own. roots: the folders that may be opened. make_device: makes
     the device for work on pictures; device: the flag that names it. results: the folder for runs.
     port: see `start_server`."""
@@ -47,21 +49,14 @@ class Page:
         device: str = "auto",
     ) -> None:
         self.roots, self._make_device, self._results = roots, make_device, results
-        self.gate = Gate()
-        self.server = start_server(port, self.gate)
+        super().__init__("psfs-apf studio", port)
         self._lock = threading.RLock()
         self.watch: Watch | None = None
         self.footage: FootageView | None = None
         self._examiners: list[threading.Thread] = []
         self.calibrate: CalibrateView | None = None
         gui = self.server.gui
-        self._choose_theme(False)
-        gui.set_panel_label("psfs-apf studio")
-        self._beside = gui.add_panel()
-        self.pictures = self._beside.add_tab("Pictures and curves")
-        self._beside.dock_left()
-        self._beside.set_width(380)
-        gui.main_panel.dock_right()
+        self.pictures = self.add_pictures(TrackWatch.beside_label)
         self._add_open(gui)
         tabs = gui.add_tab_group()
         self.watching, running = tabs.add_tab("Watch"), tabs.add_tab("Run")
@@ -71,11 +66,6 @@ class Page:
             self.correct = CorrectPanel(self.server, self.run.start, self.say)
         with tabs.add_tab("Take home"):
             self.export = ExportPanel(gui, self.say)
-
-    @property
-    def address(self) -> str:
-        """The page's address, with its token."""
-        return page_address(self.server, self.gate)
 
     def list_folders(self) -> list[Found]:
         """Find the folders that can be opened again, and offer them."""
@@ -98,7 +88,7 @@ class Page:
             server, panels = self.server, (self.watching, self.pictures)
             if kind == "track":
                 opened = open_track(path, self._make_device, self._show_carved)
-                self.watch = Watch(server, opened, *panels)
+                self.watch = TrackWatch(server, opened, *panels)
                 self._offer()
             elif kind == "voxels":
                 self.watch = Watch(server, open_voxels(path), *panels)
@@ -154,8 +144,9 @@ class Page:
 
     def _offer(self) -> None:
         """Have the panels offer what can be done with the run that is open, or nothing."""
-        self.correct.offer(self.watch)
-        self.export.offer(self.watch)
+        tracked = self.watch if isinstance(self.watch, TrackWatch) else None
+        self.correct.offer(tracked)
+        self.export.offer(tracked)
         if self.footage is None:
             self.run.offer(None)
 
@@ -163,7 +154,7 @@ class Page:
         """Close everything, and end the server."""
         self.run.close()
         self.close_folder()
-        stop_server(self.server)
+        super().stop()
         for examiner in self._examiners:  # drivers abort a process that ends while they compute
             examiner.join(timeout=60)
 
@@ -182,16 +173,7 @@ class Page:
         self._message = gui.add_html(make_text("Choose a folder to open."))
         self.list_folders()
         self._folder.on_update(lambda event: self._choose())
-        self.dark: Any = gui.add_checkbox("dark", False, hint="key: D")
-        self.dark.on_update(lambda event: self._choose_theme(self.dark.value))
-        gui.add_command("Dark or light", hotkey="D").on_trigger(
-            lambda event: setattr(self.dark, "value", not self.dark.value)
-        )
-
-    def _choose_theme(self, dark: bool) -> None:
-        self.server.gui.configure_theme(
-            dark_mode=dark, show_logo=False, show_share_button=False, control_width="large"
-        )
+        self.add_dark()
 
     def _choose(self) -> None:
         found = self._choices.get(self._folder.value)

@@ -13,10 +13,11 @@ import numpy as np
 
 from apf.presets import PRESETS
 from apf.studio.settings_panel import SettingsPanel
-from apf.studio.words import make_lines, make_text
 from apf.studio.work import Work, free_folder
 from cl import InputError
 from psfs.diagnostics.sequence_info import find_keypoints
+from psfs.page.timeline import add_key
+from psfs.page.words import make_lines, make_text
 from psfs.sequence import Sequence
 
 if TYPE_CHECKING:
@@ -64,9 +65,7 @@ class RunPanel:
         self.settings = SettingsPanel(gui)
         self.start_button.on_click(lambda event: self.press_track())
         self.cancel_button.on_click(lambda event: self.cancel())
-        gui.add_command("Track the footage", hotkey="T").on_trigger(
-            lambda event: self.press_track()
-        )
+        add_key(gui, "Track the footage", "T", self.press_track)
 
     @property
     def status(self) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from apf.studio.words import make_text
 from cl import InputError
 from psfs.calibration.config import MarkerConfig
 from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
@@ -15,6 +14,7 @@ from psfs.calibration.targets.markers import MarkerFinder
 from psfs.calibration.targets.print_board import write_board_pdf
 from psfs.calibration.targets.target import make_wand
 from psfs.common.scratch import temporary_folder
+from psfs.page.words import make_text
 from psfs.sequence import Sequence
 
 if TYPE_CHECKING:

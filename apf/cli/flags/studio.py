@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from psfs.cli.commandline import add_device_flag
+from psfs.cli.flags.page import add_page_flags
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -27,10 +28,5 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="OUT",
         help="folder for runs that the page starts, each in its own (default: %(default)s)",
     )
-    parser.add_argument(
-        "--port", type=int, default=8090, metavar="N", help="port on 127.0.0.1 (default: 8090)"
-    )
-    parser.add_argument(
-        "--no-browser", action="store_true", help="print the address, and open no browser"
-    )
+    add_page_flags(parser)
     add_device_flag(parser)
