@@ -75,7 +75,7 @@ class CalibrateView:
 
     @property
     def coverage(self) -> list[Coverage]:
-        """What each camera has seen so far."""
+        """The coverage of each camera so far."""
         return self._found.coverage
 
     @property

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 NOTHING, TARGET, PERSON = "nothing", "the board or wand", "the person"
 _NONE, _RECORD = "(none)", "record"
-#: Least time between two looks, s; pictures that the empty room is learnt from; and by which share
+#: Least time between two looks, s; pictures of the empty room that are averaged; and by which share
 #: of a picture's width a target must have moved to count again.
 _PAUSE, _EMPTY, _MOVED = 0.1, 20, 0.02
 _OPACITY = 0.6  # of silhouettes
@@ -136,7 +136,7 @@ class FilmView:
         except UserError as error:
             self._note = "warning", error
 
-    def look_at(self, frame: Frame) -> None:
+    def examine_frame(self, frame: Frame) -> None:
         """Look for what is chosen in a frame, and show it."""
         assert frame.images is not None
         pictures = small_pictures(frame, self._captures.rig, _WIDTH)
@@ -146,7 +146,7 @@ class FilmView:
             self._find_target(frame)
             self.found.mark(pictures, frame.index)
         elif self.mode.value == PERSON and self.person is not None:
-            masks = self.person.look_at(frame)
+            masks = self.person.examine_frame(frame)
             pictures = [
                 blend_silhouette(picture, mask, _OPACITY)
                 for picture, mask in zip(pictures, masks, strict=True)
@@ -179,13 +179,13 @@ class FilmView:
                 continue
             shown = frame.index
             try:
-                self.look_at(frame)
+                self.examine_frame(frame)
             except UserError as error:
                 self._note, self.mode.value = ("warning", error), NOTHING
             self._closed.wait(_PAUSE)
 
     def _restart(self) -> None:
-        """Forget what was found, since something else is looked for."""
+        """Forget what was found, since something else is searched for."""
         self._finder = None
         self._note = "note", f"looking for {self.mode.value}"
         if self.mode.value == PERSON and self.person is None:
@@ -200,11 +200,11 @@ class FilmView:
         found = list(self._pool.map(self._finder, range(len(rig)), pictures))
         seen = [Sighting(frame.index, view, *of) for view, of in enumerate(found) if of is not None]
         places = {one.view: one.pixels.mean(axis=0) for one in seen}
-        if any(self._moved(view, place) for view, place in places.items()):
+        if any(self._has_moved(view, place) for view, place in places.items()):
             self._places |= places
             self.found.add(seen)
 
-    def _moved(self, view: int, place: np.ndarray) -> bool:
+    def _has_moved(self, view: int, place: np.ndarray) -> bool:
         """Return whether a camera sees the target elsewhere than when it last counted."""
         if view not in self._places:
             return True

@@ -27,7 +27,7 @@ class FoundTarget:
         self.coverage: list[Coverage] = []
 
     def restart(self, name: str) -> None:
-        """Forget all sightings; name: of the target that is looked for from now on."""
+        """Forget all sightings; name: of the target that is searched for from now on."""
         self._name, self.sightings, self.coverage = name, [], []
 
     def add(self, found: Sequence[Sighting]) -> None:

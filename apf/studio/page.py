@@ -98,7 +98,9 @@ class Page(BrowserPage):
             self._message.content, self.demo_button.visible = "", False
             server, panels = self.server, (self.watching, self.pictures)
             if kind == "track":
-                opened = open_track(path, self._make_device, self._show_carved)
+                opened = open_track(
+                    path, self._make_device, self._show_carved, self.run.find_footage(path)
+                )
                 self.watch = TrackWatch(server, opened, *panels)
                 self._offer()
             elif kind == "voxels":

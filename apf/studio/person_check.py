@@ -40,7 +40,7 @@ class PersonCheck:
         self._scale = rig[0].size[0] / small[0].size[0]
         self._outlines: deque[list[Outline | None]] = deque(maxlen=_WINDOW)
 
-    def look_at(self, frame: Frame) -> list[np.ndarray]:
+    def examine_frame(self, frame: Frame) -> list[np.ndarray]:
         """Return each camera's silhouette (h, w) bool of a frame, in small pictures."""
         evidence, small = self._evidence_of(self._shrink.frame(frame)), self._shrink.small
         masks = [
@@ -52,7 +52,7 @@ class PersonCheck:
 
     @property
     def views(self) -> list[PersonInView]:
-        """What each camera has seen in the last frames."""
+        """The cameras' views of the person in the last frames."""
         return find_person_in_views(self._shrink.small, list(self._outlines), self._scale)
 
     def describe(self) -> str:

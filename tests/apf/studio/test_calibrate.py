@@ -114,10 +114,10 @@ def test_board_is_found_live(day: Path, tmp_path: Path) -> None:
         film.target.squares.value, film.target.square.value = SQUARES, SQUARE
         film.mode.value = TARGET
         for frame in frames:
-            film.look_at(frame)
+            film.examine_frame(frame)
         assert "covered" in film.words and "expected 12 or more" in film.words
         n_found = len(film.found.sightings)
-        film.look_at(frames[-1])  # it has not moved
+        film.examine_frame(frames[-1])  # it has not moved
         assert n_found == len(film.found.sightings) > 15
         film.mode.value = PERSON_LIVE
         assert "nobody in the pictures" in film.words or film.person is None
@@ -132,15 +132,15 @@ def test_person_who_walks_in_is_judged(walk: Path) -> None:
     check = PersonCheck(
         NumpyDevice(), sequence.rig, [(empty + of).clip(0, 255).astype(np.uint8) for of in noise]
     )
-    masks = check.look_at(sequence.read(2))
+    masks = check.examine_frame(sequence.read(2))
     shares = [mask.mean() for mask in masks]
     assert all(0.01 < share < 0.3 for share in shares), shares
     assert all(one.seen == 1 and one.height > 30 for one in check.views)
     assert "whole" in check.describe() and "px high" in check.describe()
-    check.look_at(Frame(9, empty, None))
+    check.examine_frame(Frame(9, empty, None))
     assert all(one.seen == 1 for one in check.views)  # an empty room is nobody's fault
     alone = PersonCheck(NumpyDevice(), sequence.rig, [empty])
-    alone.look_at(Frame(9, empty, None))
+    alone.examine_frame(Frame(9, empty, None))
     assert "nobody is seen yet" in alone.describe()
 
 
