@@ -71,7 +71,7 @@ def test_the_command_writes_cameras_and_names_what_is_missing(
     assert "--intrinsics PATH" in capsys.readouterr().err
     settings = tmp_path / "settings.toml"
     settings.write_text("[person]\nlongest_lag = 0\n[person.points]\nstarts = 1\n")
-    flags += ["--config", str(settings), "--device", "numpy"]
+    flags += ["--config", str(settings)]
     flags += ["--intrinsics", str(tmp_path / "lens.toml"), "-o", str(out)]
     assert main(flags) == 0
     said = " ".join(capsys.readouterr().err.split())
