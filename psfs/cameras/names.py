@@ -81,14 +81,19 @@ def _example(cameras: Sequence[str], found: Sequence[str]) -> str:
 
 
 def rename_files(
-    found: Mapping[str, T], files: Mapping[str, str] | None, where: str
+    found: Mapping[str, T], files: Mapping[str, str] | None, where: str | None = None
 ) -> dict[str, T]:
     """Return what was found by name, under the cameras' names where `files` says whose it is, by
-    camera; other names as they are. Raises InputError for one that is not there."""
+    camera; other names as they are.
+
+    where: place of the files; raises InputError for one that is not there. None: without one of
+    them, all names are as they are."""
     renamed, moved = dict(found), {}
     for camera, name in (files or {}).items():
         same = [own for own in renamed if name_tokens(own) == name_tokens(name)]
         if len(same) != 1:
+            if where is None:
+                return dict(found)
             raise InputError(
                 f"{where}: `files` says {name} for {camera}; there are {join_names(found)}"
             )

@@ -39,7 +39,9 @@ def _read(folder: Path, settings: SequenceSettings) -> Footage:
     calibration = find_settings_calibration(folder, settings)
     folders = {name: folder / name for name in (*_IMAGES, "masks", "background")}
     found = {
-        name: rename_files(list_media(path), settings.files, str(path))
+        name: rename_files(
+            list_media(path), settings.files, None if name == "background" else str(path)
+        )
         for name, path in folders.items()
         if path.is_dir()
     }

@@ -61,7 +61,7 @@ def read_uncalibrated(
     others: dict[str, tuple[Media, ...]] = {}
     for name in ("background", "masks") if silhouettes else ():
         if (folder / name).is_dir() and (own := list_media(folder / name)):
-            own = rename_files(own, settings.files, str(folder / name))
+            own = rename_files(own, settings.files)
             others[name], _ = assign_pictures(rig, own, folder / name, settings, extras=True)
     return Footage(
         rig, images=media, masks=others.get("masks"), background=others.get("background")
