@@ -12,6 +12,8 @@ from psfs.common.numbers import pick_evenly
 
 #: Rounds of the robust weights of the eight-point algorithm, and their width in medians.
 _ROUNDS, _WIDTH = 4, 2.0
+#: Least share of the frames that two cameras have in common: a few frames fit at any lag.
+_OVERLAP = 0.5
 
 
 def shift_points(points: np.ndarray, lag: int) -> np.ndarray:
@@ -63,7 +65,7 @@ def compare_lags(
             both = np.isfinite(seen[a]).all(-1) & np.isfinite(other).all(-1)
             rows = np.flatnonzero(both)
             rows = rows[pick_evenly(len(rows), wanted)]
-            if len(rows) >= fewest:
+            if len(rows) >= fewest and seen.shape[1] - abs(lag) >= _OVERLAP * seen.shape[1]:
                 costs[row] = measure_epipolar(
                     seen[a].reshape(-1, 2)[rows], other.reshape(-1, 2)[rows]
                 )
