@@ -20,6 +20,6 @@ COMMANDS = list_commands(
     "overlay, confidence, agreement with the silhouettes, angles.",
     render="Draw a track's silhouettes and edges in every camera, as PNG.",
     studio="Open a page in the browser: look at footage, track it, watch, correct and export.",
-    view="Play a run of psfs reconstruct with a track's skeleton and cones on top.",
+    view="Play a track on a page in the browser, in its own voxels or those of psfs reconstruct.",
     demo="Generate a small sequence, reconstruct, track and evaluate it, by the commands shown.",
 )

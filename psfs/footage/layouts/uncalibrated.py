@@ -56,7 +56,7 @@ def read_uncalibrated(
     if missing:
         raise InputError(f"{folder}: no camera {', '.join(missing)}; found {', '.join(found)}")
     media = tuple(open_media(name, found[name]) for name in names)
-    rig = CameraRig(tuple(_nominal_camera(item.name, item.size) for item in media))
+    rig = CameraRig(tuple(make_nominal_camera(item.name, item.size) for item in media))
     others: dict[str, tuple[Media, ...]] = {}
     for name in ("background", "masks") if silhouettes else ():
         if (folder / name).is_dir() and (own := list_media(folder / name)):
@@ -66,6 +66,6 @@ def read_uncalibrated(
     )
 
 
-def _nominal_camera(name: str, size: tuple[int, int]) -> Camera:
+def make_nominal_camera(name: str, size: tuple[int, int]) -> Camera:
     K = np.array([[max(size), 0, size[0] / 2], [0, max(size), size[1] / 2], [0, 0, 1.0]])
     return Camera(name, K, np.zeros(5), np.eye(3), np.zeros(3), size)

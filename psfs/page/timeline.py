@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from psfs.mesh.playback import SPEEDS, Playback
+from psfs.page.playback import SPEEDS, Playback
 
 if TYPE_CHECKING:
     import viser
@@ -17,6 +17,14 @@ if TYPE_CHECKING:
 #: Most frames per second that are sent to the page, and that the slider follows while playing.
 _MOST_RATE, _SLIDER_RATE = 60.0, 5.0
 _FIRST, _BACK, _PLAY, _AHEAD, _LAST = "first", "back", "play", "next", "last"
+
+
+def add_key(gui: viser.GuiApi, label: str, key: Any, do: Callable[[], None]) -> Any:
+    """Add a key to the page, with a label for its list of keys; return viser's handle. W, A, S, D,
+    Q, E and the arrows are viser's: they move and turn the 3-D view."""
+    command = gui.add_command(label, hotkey=key)
+    command.on_trigger(lambda event: do())
+    return command
 
 
 class TimeLine:
@@ -46,16 +54,16 @@ class TimeLine:
         )  # fmt: skip
         self.buttons = gui.add_button_group(
             "play", (_FIRST, _BACK, _PLAY, _AHEAD, _LAST),
-            hint="keys: Home, left, space, right, End; N and P: next and previous frame to check",
+            hint="keys: Home, J, space, L, End; N and P: next and previous frame to check",
         )  # fmt: skip
         self.speed: Any = gui.add_dropdown(
             "speed", [f"{speed:g}" for speed in SPEEDS], initial_value="1",
-            hint="times as fast as the recording; keys: up, down",
+            hint="times as fast as the recording; keys: Page Up, Page Down",
         )  # fmt: skip
         self.slider.on_update(self._slide)
         self.buttons.on_click(lambda event: self._press(event.target.value))
         self.speed.on_update(lambda event: self._set_speed(float(self.speed.value)))
-        self._commands = [self._add_key(gui, *key) for key in self.list_keys()]
+        self._commands = [add_key(gui, *key) for key in self.list_keys()]
         self._thread = threading.Thread(target=self._play, daemon=True, name="time line")
         self._thread.start()
 
@@ -63,21 +71,15 @@ class TimeLine:
         """Return label, key and effect of each of the line's keys."""
         return [
             ("Play or pause", "space", lambda: self._press(_PLAY)),
-            ("Next frame", "arrowright", lambda: self._press(_AHEAD)),
-            ("Previous frame", "arrowleft", lambda: self._press(_BACK)),
+            ("Next frame", "L", lambda: self._press(_AHEAD)),
+            ("Previous frame", "J", lambda: self._press(_BACK)),
             ("First frame", "home", lambda: self._press(_FIRST)),
             ("Last frame", "end", lambda: self._press(_LAST)),
-            ("Faster", "arrowup", lambda: self._change_speed(1)),
-            ("Slower", "arrowdown", lambda: self._change_speed(-1)),
+            ("Faster", "pageup", lambda: self._change_speed(1)),
+            ("Slower", "pagedown", lambda: self._change_speed(-1)),
             ("Next frame to check", "N", lambda: self.go_to_stop(1)),
             ("Previous frame to check", "P", lambda: self.go_to_stop(-1)),
         ]
-
-    @staticmethod
-    def _add_key(gui: viser.GuiApi, label: str, key: Any, do: Callable[[], None]) -> Any:
-        command = gui.add_command(label, hotkey=key)
-        command.on_trigger(lambda event: do())
-        return command
 
     @property
     def position(self) -> int:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from helpers.scenes import ring
 
-from apf.studio.look_through import crosses, find_straight_map, intersect_rays, straighten
+from psfs.page.look_through import crosses, find_straight_map, intersect_rays, straighten
 
 
 def test_pictures_are_shown_where_the_scene_has_them() -> None:

@@ -30,6 +30,10 @@ _HOSTS = (HOST, "localhost")
 _ONE_AT_A_TIME = threading.Lock()
 
 
+class MissingViserError(InputError):
+    """Error of a machine without viser."""
+
+
 class Gate:
     """The check of each request: its path begins with the token, and its host is this machine."""
 
@@ -48,12 +52,12 @@ class Gate:
 
 
 def import_viser() -> Any:
-    """Return the package viser. Raises InputError if it is not installed."""
+    """Return the package viser. Raises MissingViserError."""
     try:
         import viser
     except ImportError:
-        raise InputError(
-            "the studio needs viser, which is not installed; expected: pip install psfs-apf[studio]"
+        raise MissingViserError(
+            "the page needs viser, which is not installed; expected: pip install psfs-apf[studio]"
         ) from None
     return viser
 

@@ -13,7 +13,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from apf.studio.gate import HOST, Gate, page_address, start_server, stop_server
+from psfs.page.gate import HOST, Gate, page_address, start_server, stop_server
 
 
 @pytest.fixture(scope="module")

@@ -39,5 +39,14 @@ def make_text(text: object) -> str:
     return _block(f"<div>{escape(text)}</div>")
 
 
+def make_scale(text: str, colours: Sequence[str]) -> str:
+    """Return a strip of colours, as CSS has them, and what its ends mean; nothing without
+    colours."""
+    if not colours:
+        return ""
+    strip = f"height:10px;background:linear-gradient(to right,{','.join(colours)})"
+    return _block(f"<div style='{strip}'></div><div>{escape(text)}</div>")
+
+
 def _block(content: str) -> str:
     return f"<div style='font-size:0.85em;padding:2px 12px;overflow-x:auto'>{content}</div>"

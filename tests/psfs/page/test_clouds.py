@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 from helpers.studio import GRID, save_voxels
 
-from apf.studio.clouds import (
+from cl import InputError
+from psfs.output.reconstruction_folder import ReconstructionFolder
+from psfs.page.clouds import (
     CarvedClouds,
     KeptPoints,
     Points,
@@ -18,8 +20,6 @@ from apf.studio.clouds import (
     make_points,
     merge_voxels,
 )
-from cl import InputError
-from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.voxels.grid import VoxelCloud
 
 
@@ -81,12 +81,12 @@ def test_voxels_are_carved_only_while_wanted() -> None:
             third.set()
 
     clouds = CarvedClouds(GRID, 3, carve, note)
-    assert clouds.get(0) is None and "0 of 3" in clouds.describe() and known == []
+    assert clouds.get(0) is None and "0 of 3" in clouds.describe(0) and known == []
     clouds.want(True)
     assert third.wait(10)
     clouds.close()
     found = clouds.get(2)
-    assert found is not None and len(found.positions) == 3 and clouds.describe() == ""
+    assert found is not None and len(found.positions) == 3 and clouds.describe(0) == ""
 
 
 def test_error_of_carving_is_described() -> None:
@@ -100,4 +100,4 @@ def test_error_of_carving_is_described() -> None:
     clouds.want(True)
     assert failed.wait(10)
     clouds.close()
-    assert clouds.describe() == "no voxels: a video is gone"
+    assert clouds.describe(0) == "no voxels: a video is gone"

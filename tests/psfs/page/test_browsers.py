@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from apf.studio.browsers import draws_slowly
+from psfs.page.browsers import draws_slowly
 
 
 def make_server(*answers: float | Exception) -> Any:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from apf.studio.nodes import to_quaternion
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.output.preview import crop_view
+from psfs.page.nodes import to_quaternion
 from psfs.sequence import Frame
 
 if TYPE_CHECKING:

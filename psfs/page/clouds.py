@@ -10,10 +10,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import trimesh
 
 from cl import UserError
-from psfs.mesh.drawing import voxel_colours
+from psfs.mesh.marching_cubes import make_glb
 from psfs.output.reconstruction_folder import ReconstructionFolder
+from psfs.page.colours import COLOURINGS, colour_vertices, colour_voxels
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 #: Greatest size of the points that are kept, bytes: about 700 frames of 30,000 voxels.
@@ -41,16 +43,35 @@ class Points:
         return own + (self.blocks.nbytes if self.blocks is not None else 0)
 
 
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A mesh in place of points, as a GLB file."""
+
+    glb: bytes
+    blocks: None = None
+
+    @property
+    def nbytes(self) -> int:
+        """Size in memory, bytes."""
+        return len(self.glb)
+
+
 class Clouds(Protocol):
-    """Points of frames, by the frames' numbers, in one grid."""
+    """The voxels of frames, by the frames' numbers, in one grid. colourings: what their colour can
+    show, those of COLOURINGS."""
 
     grid: VoxelGrid
+    colourings: tuple[str, ...]
 
-    def get(self, frame: int) -> Points | None:
-        """Return the points of a frame; None as long as they are not known."""
+    def get(self, frame: int) -> Points | Surface | None:
+        """Return the voxels of a frame; None as long as they are not known."""
 
-    def describe(self) -> str:
-        """Return what of the voxels is known, for the page; empty if all are."""
+    def choose_colouring(self, colouring: str) -> None:
+        """Have colours show something else from now on."""
+
+    def describe(self, frame: int) -> str:
+        """Return what is known of a frame's voxels, for the page; empty if there is nothing to
+        say."""
 
     def close(self) -> None:
         """End all work in the background."""
@@ -62,10 +83,10 @@ def grid_centre(grid: VoxelGrid) -> np.ndarray:
     return centre
 
 
-def make_points(cloud: VoxelCloud) -> Points:
+def make_points(cloud: VoxelCloud, colouring: str = COLOURINGS[0]) -> Points:
     """Return a cloud's voxels as points."""
     positions = (cloud.centres - grid_centre(cloud.grid)).astype(np.float16)
-    colours = voxel_colours(cloud, "colour")
+    colours = colour_voxels(cloud, colouring)
     blocks = merge_voxels(cloud, colours) if len(cloud) > FEW else None
     return Points(positions, colours, cloud.grid.voxel_size, blocks)
 
@@ -87,26 +108,35 @@ def merge_voxels(cloud: VoxelCloud, colours: np.ndarray, most: int = FEW) -> Poi
     return Points((centres - grid_centre(grid)).astype(np.float16), means, size)
 
 
+def make_surface(mesh: trimesh.Trimesh, cloud: VoxelCloud, colouring: str) -> Surface:
+    """Return a cloud's mesh in the colours of the nearest voxels."""
+    coloured = mesh.copy()
+    coloured.visual = trimesh.visual.ColorVisuals(
+        coloured, vertex_colors=colour_vertices(mesh.vertices, cloud, colouring)
+    )
+    return Surface(make_glb(coloured))
+
+
 class KeptPoints:
-    """The points that were used last, up to `most` bytes. It may be used by several threads."""
+    """The voxels that were used last, up to `most` bytes. It may be used by several threads."""
 
     def __init__(self, most: int = KEPT_BYTES) -> None:
         self._most, self._lock = most, threading.Lock()
-        self._points: OrderedDict[int, Points] = OrderedDict()
+        self._points: OrderedDict[int, Points | Surface] = OrderedDict()
         self.nbytes = 0
 
     def __len__(self) -> int:
         return len(self._points)
 
-    def get(self, frame: int) -> Points | None:
-        """Return the points of a frame, or None."""
+    def get(self, frame: int) -> Points | Surface | None:
+        """Return the voxels of a frame, or None."""
         with self._lock:
             if frame in self._points:
                 self._points.move_to_end(frame)
             return self._points.get(frame)
 
-    def put(self, frame: int, points: Points) -> None:
-        """Keep the points of a frame in place of those that were not used for longest."""
+    def put(self, frame: int, points: Points | Surface) -> None:
+        """Keep the voxels of a frame in place of those that were not used for longest."""
         with self._lock:
             old = self._points.pop(frame, None)
             self.nbytes += points.nbytes - (old.nbytes if old else 0)
@@ -116,25 +146,46 @@ class KeptPoints:
 
 
 class StoredClouds:
-    """The clouds that `psfs reconstruct` wrote, read when they are shown."""
+    """The clouds that `psfs reconstruct` wrote, read when they are shown.
 
-    def __init__(self, run: ReconstructionFolder, most: int = KEPT_BYTES) -> None:
-        self._run, self._kept = run, KeptPoints(most)
-        self.grid, self._frames = run.grid, frozenset(run.indices)
+    mesher: makes the mesh of a frame's cloud, which is shown in its place.
+    """
 
-    def get(self, frame: int) -> Points | None:
-        """Return the points of a frame; None if it was not reconstructed. Raises InputError."""
-        if frame not in self._frames:
+    colourings: tuple[str, ...] = COLOURINGS
+
+    def __init__(
+        self,
+        run: ReconstructionFolder,
+        mesher: Callable[[int], trimesh.Trimesh] | None = None,
+        most: int = KEPT_BYTES,
+    ) -> None:
+        self._run, self._mesher, self._most = run, mesher, most
+        self._kept, self._colouring = KeptPoints(most), COLOURINGS[0]
+        self.grid = run.grid
+        self._facts = {int(facts["index"]): facts for facts in run.summary["frames"]}
+
+    def get(self, frame: int) -> Points | Surface | None:
+        """Return the voxels of a frame; None if it was not reconstructed. Raises InputError."""
+        if frame not in self._facts:
             return None
-        points = self._kept.get(frame)
-        if points is None:
-            points = make_points(self._run.cloud(frame))
-            self._kept.put(frame, points)
-        return points
+        kept, found = self._kept, self._kept.get(frame)
+        if found is None:
+            cloud = self._run.cloud(frame)
+            if self._mesher is not None and len(cloud):
+                found = make_surface(self._mesher(frame), cloud, self._colouring)
+            else:
+                found = make_points(cloud, self._colouring)
+            kept.put(frame, found)
+        return found
 
-    def describe(self) -> str:
-        """Return nothing: all frames can be read."""
-        return ""
+    def choose_colouring(self, colouring: str) -> None:
+        """Have colours show something else from now on."""
+        self._kept, self._colouring = KeptPoints(self._most), colouring
+
+    def describe(self, frame: int) -> str:
+        """Return the size of a frame's cloud."""
+        facts = self._facts[frame]
+        return f"{facts['surface_voxels']:,} voxels, {1e3 * facts['volume_m3']:.3g} l"
 
     def close(self) -> None:
         """Do nothing: there is no work in the background."""
@@ -146,6 +197,8 @@ class CarvedClouds:
     carve: returns an iterator over frames' numbers and clouds in `grid`; its first step may take
     seconds. known: called after each frame.
     """
+
+    colourings: tuple[str, ...] = COLOURINGS[:1]
 
     def __init__(
         self,
@@ -162,15 +215,18 @@ class CarvedClouds:
         self._thread = threading.Thread(target=self._work, daemon=True, name="carving")
         self._thread.start()
 
-    def get(self, frame: int) -> Points | None:
-        """Return the points of a frame; None as long as they are not carved."""
+    def get(self, frame: int) -> Points | Surface | None:
+        """Return the voxels of a frame; None as long as they are not carved."""
         return self._kept.get(frame)
 
     def want(self, wanted: bool) -> None:
         """Begin or go on carving; or pause."""
         (self._wanted.set if wanted else self._wanted.clear)()
 
-    def describe(self) -> str:
+    def choose_colouring(self, colouring: str) -> None:
+        """Do nothing: they have only the pictures' colours."""
+
+    def describe(self, frame: int) -> str:
         """Return how many frames are carved; empty if all are."""
         if self._error or self._n_done == self._n_frames:
             return self._error
