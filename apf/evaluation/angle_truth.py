@@ -140,9 +140,9 @@ def _limb_frames(
     right = dict.fromkeys(turned, upright[:, 2])
     for near, far, sign in _HINGES:
         if {near, far} <= set(turned):
-            axis = sign * np.cross(*(_unit(vectors[segment]) for segment in (near, far)))
+            axis = sign * np.cross(_normalise(vectors[near]), _normalise(vectors[far]))
             for segment in (near, far):
-                mean = np.nanmean(_at_rest(turned[segment], axis), axis=0)
+                mean = np.nanmean(_turn_back(turned[segment], axis), axis=0)
                 if np.linalg.norm(mean) > _BENT:
                     right[segment] = mean
     found = {}
@@ -156,17 +156,17 @@ def _limb_frames(
 
 def _rest_direction(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Return the unit direction (3,) at rest of vectors (F, 3) that turn with a bone (F, 3, 3)."""
-    mean: np.ndarray = np.nanmean(_at_rest(rotation, vectors), axis=0)
+    mean: np.ndarray = np.nanmean(_turn_back(rotation, vectors), axis=0)
     return mean / np.linalg.norm(mean)
 
 
-def _at_rest(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+def _turn_back(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Return vectors (F, 3) that turn with a bone (F, 3, 3) as they are at its rest."""
     turned_back: np.ndarray = np.einsum("fij,fi->fj", rotation, vectors)
     return turned_back
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
+def _normalise(vectors: np.ndarray) -> np.ndarray:
     unit: np.ndarray = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     return unit
 
