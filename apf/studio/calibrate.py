@@ -169,7 +169,7 @@ class CalibrateView:
         try:
             finder = self.target.make_finder(lambda: median_pictures(self.views, chosen))
             self._found.restart(finder.target.name)
-            for number, found in enumerate(find_sightings(self.views, chosen, finder), 1):
+            for number, found in enumerate(find_sightings(self.views, chosen, [finder]), 1):
                 if stopped.is_set():
                     return
                 self._found.add(found)

@@ -105,7 +105,7 @@ class TargetFields:
         square = float(self.square.value)
         with temporary_folder() as folder:
             path = folder / "board.pdf"
-            write_board_pdf(path, (columns, rows), square, _MARKER * square, "4X4")
+            write_board_pdf(path, (columns, rows), (square, _MARKER * square), "4X4")
             return f"board_{columns}x{rows}_{1000 * square:g}mm.pdf", path.read_bytes()
 
     def _squares(self) -> tuple[int, int]:
