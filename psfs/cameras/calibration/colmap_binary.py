@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from cl import InputError
 from psfs.cameras.camera import MOST_CAMERAS
@@ -59,7 +59,7 @@ def _read_count(file: IO[bytes], path: Path) -> int:
     return int(count)
 
 
-def _unpack(file: IO[bytes], layout: str, path: Path) -> tuple[float, ...]:
+def _unpack(file: IO[bytes], layout: str, path: Path) -> tuple[Any, ...]:
     size = struct.calcsize(layout)
     content = file.read(size)
     if len(content) < size:

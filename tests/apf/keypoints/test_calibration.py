@@ -29,7 +29,7 @@ RIG = CameraRig(tuple(ring()[:4]))
 @pytest.fixture(scope="module")
 def walk() -> tuple[Keypoints, float]:
     """Keypoints of a walker who turns about, and the walker's stature, m."""
-    track = strider(50)
+    track = strider(36)
     poses = np.array(track.poses)
     poses[:, :2] -= poses[:, :2].mean(axis=0)
     return made.of_poses(RIG, track.body, poses, noise=0.5), stature(track.body)
