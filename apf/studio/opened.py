@@ -74,11 +74,15 @@ def add_track(opened: Opened, name: str, track: Track) -> OpenedTracks:
 
 
 def open_track(
-    folder: Path, make_device: MakeDevice, known: Callable[[int], object] = lambda frame: None
+    folder: Path,
+    make_device: MakeDevice,
+    known: Callable[[int], object] = lambda frame: None,
+    footage: Sequence | None = None,
 ) -> OpenedTracks:
     """Open a folder that `apf track` wrote, or still writes; that of all people if there are
-    several. known: called with the number of each frame after its voxels are carved. Raises
-    InputError, or MissingFileError."""
+    several. known: called with the number of each frame after its voxels are carved. footage: of a
+    run that goes on, which has not written yet what it reads. Raises InputError, or
+    MissingFileError."""
     tracks = _read_tracks(folder)
     first = next(iter(tracks.values()))
     frames = np.unique(np.concatenate([track.frames for track in tracks.values()]))
@@ -91,7 +95,7 @@ def open_track(
         summary = read_summary(folder if len(tracks) == 1 else folder / next(iter(tracks)))
     except UserError as error:  # of a run that goes on, or was killed
         return OpenedTracks(
-            folder, frames, first.fps, None, None, remarks=(str(error),), tracks=tracks
+            folder, frames, first.fps, footage, None, remarks=(str(error),), tracks=tracks
         )
     remarks += summary["warnings"]
     sequence = try_footage(lambda: open_tracked_sequence(folder, summary, int(frames[-1])), remarks)
