@@ -109,6 +109,10 @@ def test_clutter_that_touches_the_person_is_left_out() -> None:
     assert iou(expected, select_person(beside, expected, ConsistencyConfig().near)) < 0.2
     elsewhere = np.roll(expected, 50, 1)
     assert np.array_equal(select_person(elsewhere, expected, 0.15), elsewhere)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (119, 119))  # as high as the person
+    around = cv2.dilate(np.roll(expected, 70, 1).view(np.uint8), disc) > 0
+    everywhere = np.ones_like(expected)
+    assert np.array_equal(select_person(everywhere, np.roll(expected, 70, 1), 1.0), around)
 
 
 @pytest.mark.parametrize("name", ["synth_walk_8cam", "utrecht_seated"])
