@@ -96,14 +96,14 @@ class BodyPriorConfig(Config):
         0.02, "Distance from their surface beyond which it is outside.", unit="m", above=0
     )
     foreground: float = setting(
-        4.0,
+        5.0,
         "Log odds that a pixel well within the drawn body shows the person, in place of "
         "`location_inside` of the silhouettes.",
         unit="nats",
         least=0,
     )
     background: float = setting(
-        -0.8,
+        -1.2,
         "Log odds that a pixel well beside it does; 0 in a frame in which a limb is lost.",
         unit="nats",
         most=0,
@@ -114,7 +114,23 @@ class BodyPriorConfig(Config):
         unit="m",
         above=0,
     )
+    low_width: float = setting(
+        0.0035,
+        "The same within parts below `low`, whose shadows look like shoes.",
+        unit="m",
+        above=0,
+    )
+    low: float = setting(
+        0.2, "Height above the floor below which a part lies that stands on it.", unit="m"
+    )
     edge: float = setting(0.0, "Distance from the cones at which these log odds are 0.", unit="m")
+    colour_reach: float = setting(
+        0.1,
+        "Distance from the drawn body up to which pixels are compared with the colours of its "
+        "nearest part instead of those of the whole person.",
+        unit="m",
+        least=0,
+    )
     samples: int = setting(
         5, "Number of frames in which the track is compared with the silhouettes.", least=1
     )
