@@ -13,10 +13,11 @@ import numpy as np
 
 from apf.presets import PRESETS
 from apf.studio.settings_panel import SettingsPanel
-from apf.studio.words import make_lines, make_text
 from apf.studio.work import Work, free_folder
 from cl import InputError
 from psfs.diagnostics.sequence_info import find_keypoints
+from psfs.page.timeline import add_key
+from psfs.page.words import make_lines, make_text
 from psfs.sequence import Sequence
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ class RunPanel:
         self._sequence: Sequence | None = None
         self._volume: Callable[[], tuple[np.ndarray, np.ndarray] | None] = lambda: None
         self.work: Work | None = None
+        self._footage: Sequence | None = None  # of the run that was started last
         self._message = gui.add_html(make_text("Open footage to track it."))
         self.preset = gui.add_dropdown(
             "preset", [_OURS, *PRESETS], initial_value=_OURS, hint="a paper's whole system"
@@ -64,9 +66,7 @@ class RunPanel:
         self.settings = SettingsPanel(gui)
         self.start_button.on_click(lambda event: self.press_track())
         self.cancel_button.on_click(lambda event: self.cancel())
-        gui.add_command("Track the footage", hotkey="T").on_trigger(
-            lambda event: self.press_track()
-        )
+        add_key(gui, "Track the footage", "T", self.press_track)
 
     @property
     def status(self) -> str:
@@ -121,12 +121,19 @@ class RunPanel:
         """Start a run into a new folder of the results. Raises InputError while another goes on."""
         if self.work is not None and not self.work.ended:
             raise InputError("a run goes on; expected one at a time (cancel it first)")
-        output = free_folder(self._results, Path(flags[0]).resolve().name)
+        output, own = free_folder(self._results, Path(flags[0]).resolve().name), self._sequence
+        self._footage = own if own is not None and str(own.folder) == flags[0] else None
         self.work = Work(flags, output, n_frames, tables)
         self.progress.value, self.progress.visible = 0.0, True
         self.start_button.disabled, self.cancel_button.visible = True, True
         threading.Thread(target=self._follow, args=(self.work,), daemon=True, name="run").start()
         return self.work
+
+    def find_footage(self, output: Path) -> Sequence | None:
+        """Return the footage of a run that was started here and goes on, by its folder."""
+        going_on = self.work is not None and not self.work.ended
+        same = self.work is not None and self.work.output.resolve() == output.resolve()
+        return self._footage if going_on and same else None
 
     def cancel(self) -> None:
         """Interrupt the run; what is tracked is kept."""

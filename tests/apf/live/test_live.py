@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,14 +20,14 @@ from apf.cli import main
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.pose import read_pose, write_pose
-from apf.live.config import SizeConfig
+from apf.live.config import LiveConfig, SizeConfig
 from apf.live.person import translation
 from apf.live.session import Live, LiveResult, LiveStart, ObservedFrame
-from apf.live.sources import ACQUISITION, Replay, Shot
+from apf.live.sources import ACQUISITION, Newest, Replay, Shot
 from apf.live.timeline import Timeline
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice
-from psfs.sequence import Sequence
+from psfs.sequence import Frame, Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
 
@@ -158,6 +160,53 @@ def test_what_a_thread_raises_ends_the_run(filmed: Path, monkeypatch) -> None:
     monkeypatch.setattr(run, "observe", broken)
     with pytest.raises(InputError, match="torn"):
         run.run()
+
+
+class Watched(Live):
+    """A run on a GPU whose observations all lie in one place, `lies`: that of the last frame."""
+
+    def __init__(self) -> None:
+        self._config, self._overlaps, self.timeline = LiveConfig(), True, Timeline(STAGES)
+        self.source = self.device = self.processor = self  # type: ignore[assignment]
+        self._shots, self._ready = Newest[Shot](bool), Newest[ObservedFrame](bool)
+        self._free, self._stop = threading.Event(), threading.Event()
+        self._free.set()
+        self._errors, self._free_at = [], 0.0
+        self._processing_time, self._tracking_time = 0.002, 0.005
+        self.governor = SimpleNamespace(update=lambda *seconds: False)  # type: ignore[assignment]
+        self.result, self.lies, self.observed = LiveResult(), -1, []
+
+    def finish(self) -> None: ...
+
+    def expect(self, observed: ObservedFrame) -> None: ...
+
+    def _acquire(self) -> None:
+        for index in range(60):
+            self._shots.put(Shot(Frame(index, None, None), self.timeline.now()))
+            time.sleep(0.001)
+        self._shots.close()
+
+    def observe(self, frame: Frame, at: float) -> list:
+        self.lies = frame.index
+        time.sleep(0.002)
+        return [frame.index]
+
+    def _observe_people(self, seen: list) -> None:
+        time.sleep(0.001)  # in which the processing must not begin with another frame
+        self.observed.append((seen[0], self.lies))
+
+    def search(self) -> list[Estimate]:
+        time.sleep(0.004)
+        return []
+
+    def keep(self, observed: ObservedFrame, estimates: list, latency: float) -> None: ...
+
+
+def test_a_frame_is_observed_before_the_next_one_takes_its_place() -> None:
+    run = Watched()
+    run.run()
+    assert len(run.observed) > 3
+    assert all(frame == there for frame, there in run.observed), run.observed
 
 
 def test_a_search_is_resized_where_it_stands(filmed: Path) -> None:

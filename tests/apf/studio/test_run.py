@@ -117,10 +117,13 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path) -> None:
     run.frames.value, run.fast.value = "0:3", True
     flags = [*run.flags(), "--no-report", "--no-overlay", "--voxel-size", "0.05", "--all-cameras"]
     work = run.start([*flags, "--init", str(take / "truth.npz")], 3, run.settings.chosen.tables)
+    footage = run.find_footage(work.output)
+    assert footage is not None and footage.folder == take  # its pictures are shown meanwhile
     with pytest.raises(InputError, match="one at a time"):
         run.start(flags, 3)
     wait_for(lambda: work.ended)
     assert work.succeeded, work.words
+    assert run.find_footage(work.output) is None
     wait_for(lambda: page.watch is not None and not run.cancel_button.visible)
     watch = page.watch
     assert watch is not None and watch.opened.frames.tolist() == [0, 1, 2]

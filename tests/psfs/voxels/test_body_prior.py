@@ -23,7 +23,7 @@ from psfs.voxels.body_location import BodyLocation
 from psfs.voxels.body_prior import TrackedBody, pack_body
 from psfs.voxels.bricks import Bricks
 from psfs.voxels.config import BodyPriorConfig, OccupancyConfig, ReconstructionConfig
-from psfs.voxels.grid import VoxelCloud
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.occupancy import Occupancy
 from psfs.voxels.sparse import SparseSurface
 from psfs.voxels.surface import Surface
@@ -78,8 +78,11 @@ def test_counts_fall_from_inside_to_outside() -> None:
 
 
 @pytest.mark.parity("reconstruction/occupancy.occupancy", "reconstruction/occupancy.find_bricks")
-@pytest.mark.parametrize("known", [3, 4, 0])
-def test_agrees_with_the_twin(device: Device, known: int) -> None:
+@pytest.mark.parametrize(
+    ("known", "grid"),
+    [(3, GRID), (4, GRID), (0, GRID), pytest.param(3, scenes.small_grid(0.15), id="small")],
+)
+def test_agrees_with_the_twin(device: Device, known: int, grid: VoxelGrid) -> None:
     """All cones known, one lost, none known; the sparse mode leaves no brick out."""
     evidence, config = scenes.patches_of_evidence(RIG, 5, 8), OccupancyConfig()
     cones = CONES[:known] if known else CONES[3:].repeat(4, 0)
@@ -88,17 +91,17 @@ def test_agrees_with_the_twin(device: Device, known: int) -> None:
         np.vstack([pack_body(WHOLE, cones), np.zeros((5, 16))])[:5].astype("f4")
     )
     maps = device.to_device(evidence)
-    bricks = Bricks(device, RIG, GRID, maps, STEP, config, body=packed)
+    bricks = Bricks(device, RIG, grid, maps, STEP, config, body=packed)
     dense = Occupancy(bricks)
     found = dense().get()
     expected = occupancy(
-        *(RIG, GRID, evidence, STEP, config),
+        *(RIG, grid, evidence, STEP, config),
         body=lambda points: body_evidence(points, cones, CONFIG, STEP),
     )
     assert (np.abs(found - expected) > 1e-5).mean() < 2e-3
-    plain = occupancy(RIG, GRID, evidence, STEP, config)
+    plain = occupancy(RIG, grid, evidence, STEP, config)
     assert (np.abs(plain - expected) > 1e-5).any() == (known > 0)
-    surface, sparse = Surface(device, GRID.shape, dense.probability, config), SparseSurface(bricks)
+    surface, sparse = Surface(device, grid.shape, dense.probability, config), SparseSurface(bricks)
     surface(), sparse()
     count = int(surface.list.count.get()[0])
     assert sparse.list.count.get()[0] == count
