@@ -21,7 +21,7 @@ class NumpyForeground:
 
     def __init__(self, rig: CameraRig, config: SilhouetteConfig, n_parts: int = 0) -> None:
         self.rig, self.config, self.appearance = rig, config, config.appearance
-        self.colours = np.zeros((1 + n_parts, BINS**3), np.int8)
+        self.colours: np.ndarray = np.zeros((1 + n_parts, BINS**3), np.int8)
         self.location = np.zeros((len(rig), *cells(rig)), np.int8)
         self.parts = np.zeros(self.location.shape, np.int8)
         self.marked = np.zeros(self.location.shape, bool)
@@ -74,12 +74,12 @@ class NumpyForeground:
         middle = CELL // 2
         seen = evidence[:, middle::CELL, middle::CELL] > 0
         samples = images[:, middle::CELL, middle::CELL][seen].astype(int) * BINS // 256
-        marked, drawn = (of[:, : seen.shape[1], : seen.shape[2]][seen] for of in (marked, drawn))
+        person, part = (of[:, : seen.shape[1], : seen.shape[2]][seen] for of in (marked, drawn))
         self._memory *= self.appearance.keep
         self._totals *= self.appearance.keep
-        if marked.sum() <= max_samples(self.rig, self.appearance):
+        if person.sum() <= max_samples(self.rig, self.appearance):
             for table in range(len(self._totals)):
-                own = samples[drawn == table if table else marked]
+                own = samples[part == table if table else person]
                 np.add.at(self._memory[table], tuple(own.T), 1)
                 self._totals[table] += len(own)
         blurred = self._memory

@@ -47,8 +47,8 @@ def body_location(
     for camera, rays in zip(rig, cell_rays(rig), strict=True):
         distances = ray_cone_distances(camera.centre, rays.reshape(-1, 3), known)
         distances = np.nan_to_num(distances, nan=np.inf)
-        width = np.where(low & (distances < own.edge), own.low_width, own.width)
-        counts = (steps * (own.edge - distances) / width).max(1)
+        width = np.where(low & (distances < 0), own.low_width, own.width)
+        counts = (-steps * distances / width).max(1)
         odds.append(np.rint(np.clip(counts, outside, inside)).reshape(rays.shape[:2]))
         shown = np.where(distances.min(1) < own.colour_reach, numbers[distances.argmin(1)], 0)
         parts.append(shown.reshape(rays.shape[:2]))

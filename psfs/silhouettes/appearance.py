@@ -52,11 +52,12 @@ class SurfaceVoxels(Protocol):
 class ForegroundPrior(NamedTuple):
     """The prior of a frame's silhouettes, on the device, in counts of `EvidenceConfig.ratio_steps`.
 
-    colours: (1 + parts, BINS^3) int8, log of the colour density of the person, and of parts if they
-    are known, over the uniform density, from histograms with exponential forgetting. location: (V, rows, columns) int8, log odds of foreground
-    in every cell, where the voxels reproject, blurred by the distance that the person may move
-    until the next frame. parts: (V, rows, columns) int8, the table of `colours` of every cell, 0
-    for that of the whole person; (1,) if no parts are known.
+    colours: (1 + parts, BINS^3) int8, log of the colour density of the person, and of each part if
+    the parts are known, over the uniform density, from histograms with exponential forgetting.
+    location: (V, rows, columns) int8, log odds of foreground in every cell, where the voxels
+    reproject, blurred by the distance that the person may move until the next frame. parts: (V,
+    rows, columns) int8, the table of `colours` of every cell, 0 for that of the whole person; (1,)
+    if no parts are known.
     """
 
     colours: Array

@@ -38,8 +38,8 @@ class Silhouette:
     The foreground is uniform (Song et al.: for the first frame) until `foreground` was fitted to a
     reconstruction. `foreground` is None for masks, for a screen of one colour, and if
     `AppearanceConfig.learn` is off. It has colours of `n_parts` parts beside those of the whole
-    person, if there are any; which cells show which is the caller's. `adaptation`, which lets the background follow the light, is
-    None in the same cases and if `AdaptationConfig.rate` is 0.
+    person, if there are any; the caller writes which cells show which. `adaptation`, which lets the
+    background follow the light, is None in the same cases and if `AdaptationConfig.rate` is 0.
     """
 
     def __init__(

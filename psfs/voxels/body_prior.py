@@ -112,7 +112,7 @@ def pack_body(config: ReconstructionConfig, cones: np.ndarray) -> np.ndarray:
     packed = np.zeros((len(cones) + 1, CONE_FLOATS), np.float32)
     packed[0, :5] = inside, outside, own.depth, own.distance, len(known)
     packed[0, 5:7] = location_counts(own, cones, steps)
-    packed[0, 7:11] = steps / own.width, own.edge, own.colour_reach, steps / own.low_width
+    packed[0, 7:10] = steps / own.width, steps / own.low_width, own.colour_reach
     packed[1 : len(known) + 1] = known
     packed[1 : len(known) + 1, _SLOPE] = largest_slopes(known)
     low = find_low_cones(own, known, config.silhouette.floor.height)

@@ -75,8 +75,8 @@ class OccupancyConfig(Config):
 
 class BodyPriorConfig(Config):
     """A tracked body as a prior, see `psfs reconstruct --track`: of the silhouettes, as long as the
-    person's appearance is estimated; else, as with ready masks, of the voxels' occupancy. The log
-    odds fall linearly between their bounds."""
+    person's appearance is estimated, with the colours of each part; else, as with ready masks, of
+    the voxels' occupancy. The log odds fall linearly between their bounds."""
 
     SOURCE: ClassVar = "tried on synthetic people with true masks: docs/lab/accuracy.md"
 
@@ -110,7 +110,7 @@ class BodyPriorConfig(Config):
     )
     width: float = setting(
         0.01,
-        "Distance at the drawn body's edge over which these fall by 1 nat.",
+        "Distance at the drawn body's edge over which these fall by 1 nat; they are 0 at the edge.",
         unit="m",
         above=0,
     )
@@ -123,7 +123,6 @@ class BodyPriorConfig(Config):
     low: float = setting(
         0.2, "Height above the floor below which a part lies that stands on it.", unit="m"
     )
-    edge: float = setting(0.0, "Distance from the cones at which these log odds are 0.", unit="m")
     colour_reach: float = setting(
         0.1,
         "Distance from the drawn body up to which pixels are compared with the colours of its "

@@ -10,10 +10,9 @@
 // Log odds of foreground, counts, by the distance from the ray through a cell's middle to the body's
 // cones. `centres` holds the cameras' centres, `rays` the directions (views, rows, columns), `body`
 // the packed body of body_prior.h; of its first row [5] to [8] are the counts inside, the counts
-// outside, the counts per metre between them, and the distance, m, at which they are 0; [9] is the
-// distance up to which a cell shows the nearest cone's part, cone [15], else 0. Of parts near the
-// floor, whose number is negative there, [10] holds the counts per metre inside. Without cones the
-// prior stays as it is.
+// outside, the counts per metre between them, and those within parts near the floor, whose number,
+// cone [15], is negative; [9] is the distance, m, up to which a cell shows the nearest cone's part,
+// else 0. Without cones the prior stays as it is.
 __kernel void body_location(int2 picture, __global const float4 *restrict centres,
                             __global const float *restrict rays,
                             __global const float *restrict body, __global char *restrict parts,
@@ -28,8 +27,7 @@ __kernel void body_location(int2 picture, __global const float4 *restrict centre
     for (int i = 1; i <= n; ++i) {
         const float16 cone = vload16(i, body);
         const float distance = ray_cone_distance(cone, centre, ray);
-        const float rate = cone.sf < 0.0f && distance < body[8] ? body[10] : body[7];
-        counts = fmax(counts, (body[8] - distance) * rate);
+        counts = fmax(counts, -distance * (cone.sf < 0.0f && distance < 0.0f ? body[8] : body[7]));
         if (!(distance < nearest)) continue;
         nearest = distance;
         part = abs((int)cone.sf);

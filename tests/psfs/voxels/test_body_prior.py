@@ -87,9 +87,7 @@ def test_agrees_with_the_twin(device: Device, known: int, grid: VoxelGrid) -> No
     evidence, config = scenes.patches_of_evidence(RIG, 5, 8), OccupancyConfig()
     cones = CONES[:known] if known else CONES[3:].repeat(4, 0)
     packed = device.zeros((5, 16), np.float32)
-    packed.set(
-        np.vstack([pack_body(WHOLE, cones), np.zeros((5, 16))])[:5].astype("f4")
-    )
+    packed.set(np.vstack([pack_body(WHOLE, cones), np.zeros((5, 16))])[:5].astype("f4"))
     maps = device.to_device(evidence)
     bricks = Bricks(device, RIG, grid, maps, STEP, config, body=packed)
     dense = Occupancy(bricks)
