@@ -68,9 +68,9 @@ class OpenedTracks(Opened):
 
 
 @dataclass(frozen=True, eq=False)
-    """The input of a run that goes on: its footage, and the settings of its voxels; None for those of
-    """What a run that goes on reads: its footage, and the settings of its voxels; None for those of
-    a preset."""
+class RunningTake:
+    """The input of a run that goes on: its footage, and the settings of its voxels; None for those
+    of a preset."""
 
     sequence: Sequence
     config: ReconstructionConfig | None
