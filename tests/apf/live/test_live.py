@@ -158,17 +158,6 @@ def test_stopped_it_keeps_what_it_has(filmed: Path) -> None:
     assert threading.active_count() < 20
 
 
-def test_what_a_thread_raises_ends_the_run(filmed: Path, monkeypatch) -> None:
-    run = prepared(filmed)
-
-    def broken(frame: object, time: float) -> None:
-        raise InputError("the picture is torn")
-
-    monkeypatch.setattr(run, "observe", broken)
-    with pytest.raises(InputError, match="torn"):
-        run.run()
-
-
 class Watched(Live):
     """A run on a GPU whose observations all lie in one place, `lies`: that of the last frame."""
 
@@ -207,6 +196,17 @@ class Watched(Live):
         return []
 
     def keep(self, observed: ObservedFrame, estimates: list, latency: float) -> None: ...
+
+
+def test_what_a_thread_raises_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = Watched()
+
+    def broken(frame: object, time: float) -> None:
+        raise InputError("the picture is torn")
+
+    monkeypatch.setattr(run, "observe", broken)
+    with pytest.raises(InputError, match="torn"):
+        run.run()
 
 
 def test_a_frame_is_observed_before_the_next_one_takes_its_place() -> None:
