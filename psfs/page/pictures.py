@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -13,9 +14,15 @@ from psfs.cameras.camera import CameraRig
 from psfs.output.preview import crop_view
 from psfs.sequence import Frame, Sequence
 
+if TYPE_CHECKING:
+    import viser
+
 #: Least time between two pictures while playing, s, and widths of pictures on the page, px.
 _PAUSE = 0.2
 _FRUSTUM_WIDTH, _WIDTH = 320, 720
+#: RGB of the silhouettes, a colour that is rare in rooms.
+_SILHOUETTE = np.array([255, 0, 200])
+_MARGIN = (40, 40, 40)
 
 
 class PictureReader:
@@ -57,28 +64,33 @@ class PictureReader:
             self._fail(f"no pictures: {error}")
 
 
-def small_pictures(frame: Frame, rig: CameraRig) -> list[np.ndarray]:
-    """Return each camera's picture (h, w, 3) uint8 RGB, small, as its frustum shows it."""
+def small_pictures(frame: Frame, rig: CameraRig, width: int = _FRUSTUM_WIDTH) -> list[np.ndarray]:
+    """Return each camera's picture (h, w, 3) uint8 RGB, at most `width` px wide; by default as its
+    frustum shows it."""
     return [
-        shrink_picture(crop_view(frame, view, camera), _FRUSTUM_WIDTH)
-        for view, camera in enumerate(rig)
+        shrink_picture(crop_view(frame, view, camera), width) for view, camera in enumerate(rig)
     ]
 
 
 def draw_views(frame: Frame, rig: CameraRig, view: int | None) -> np.ndarray:
     """Return the picture (h, w, 3) uint8 RGB of one camera (its index) or, for None, of all."""
-    pictures = []
-    for one in range(len(rig)) if view is None else [view]:
-        picture = crop_view(frame, one, rig[one]).copy()
-        size = max(picture.shape[:2]) / 800
-        for colour, thickness in ((0, 0, 0), 4), ((255, 255, 255), 1):
-            cv2.putText(
-                picture, rig[one].name, (round(10 * size), round(36 * size)),
-                cv2.FONT_HERSHEY_SIMPLEX, size, colour, max(1, round(thickness * size)),
-                cv2.LINE_AA,
-            )  # fmt: skip
-        pictures.append(picture)
+    pictures = [
+        label_picture(crop_view(frame, one, rig[one]).copy(), rig[one].name)
+        for one in (range(len(rig)) if view is None else [view])
+    ]
     return shrink_picture(mosaic(pictures))
+
+
+def label_picture(picture: np.ndarray, name: str) -> np.ndarray:
+    """Write a camera's name into the corner of its picture (h, w, 3) uint8; return the picture."""
+    size = max(0.4, max(picture.shape[:2]) / 800)
+    place = round(10 * size), round(36 * size)
+    for grey, thickness in ((0, 4), (255, 1)):
+        cv2.putText(
+            picture, name, place, cv2.FONT_HERSHEY_SIMPLEX, size, (grey, grey, grey),
+            max(1, round(thickness * size)), cv2.LINE_AA,
+        )  # fmt: skip
+    return picture
 
 
 def shrink_picture(picture: np.ndarray, width: int = _WIDTH) -> np.ndarray:
@@ -86,6 +98,33 @@ def shrink_picture(picture: np.ndarray, width: int = _WIDTH) -> np.ndarray:
     scale = min(1.0, width / picture.shape[1])
     small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return np.ascontiguousarray(small[..., ::-1])
+
+
+def fill_view(server: viser.ViserServer, picture: np.ndarray | None) -> None:
+    """Show a picture (h, w, 3) uint8 RGB, as large as possible, in the 3-D view of each browser;
+    for None nothing."""
+    for client in server.get_clients().values():
+        if picture is None:
+            client.scene.set_background_image(None)
+            continue
+        height, width = picture.shape[:2]
+        wide = max(width, round(height * client.camera.aspect))
+        high = max(height, round(wide / client.camera.aspect))
+        down, right = (high - height) // 2, (wide - width) // 2
+        whole = cv2.copyMakeBorder(
+            picture, down, high - height - down, right, wide - width - right,
+            cv2.BORDER_CONSTANT, value=_MARGIN,
+        )  # fmt: skip
+        client.scene.set_background_image(whole, format="jpeg")
+
+
+def blend_silhouette(picture: np.ndarray, shown: np.ndarray, opacity: float) -> np.ndarray:
+    """Return a picture (h, w, 3) uint8 RGB with a silhouette (h', w') bool drawn over it."""
+    size = picture.shape[1], picture.shape[0]
+    share = opacity * cv2.resize(shown.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    mixed = picture * (1 - share[..., None]) + _SILHOUETTE * share[..., None]
+    blended: np.ndarray = np.rint(mixed).astype(np.uint8)
+    return blended
 
 
 def mosaic(pictures: list[np.ndarray]) -> np.ndarray:

@@ -28,5 +28,11 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="OUT",
         help="folder for runs that the page starts, each in its own (default: %(default)s)",
     )
+    parser.add_argument(
+        "--captures",
+        nargs="+",
+        metavar="C",
+        help="show these cameras live, to calibrate and film with: USB numbers, URLs or videos",
+    )
     add_page_flags(parser)
     add_device_flag(parser)

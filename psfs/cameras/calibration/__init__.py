@@ -27,6 +27,8 @@ from psfs.cameras.calibration.toml_tables import read_toml_tables
 from psfs.cameras.calibration.transforms import read_transforms
 from psfs.cameras.calibration.tsai import SUFFIXES as TSAI
 from psfs.cameras.calibration.tsai import looks_like_tsai, read_tsai
+from psfs.cameras.calibration.vicon import SUFFIX as VICON
+from psfs.cameras.calibration.vicon import read_vicon
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
 from psfs.common.reading import open_input
@@ -51,6 +53,7 @@ __all__ = [
     "read_toml_tables",
     "read_transforms",
     "read_tsai",
+    "read_vicon",
 ]
 
 _STORAGE = (".xml", ".yml", ".yaml", ".json")
@@ -66,6 +69,7 @@ _PATTERNS = (
     "[Cc]alib*.xml",
     "[Cc]alib*.y*ml",
     "[Cc]alib*.json",
+    "*.xcp",
     "*_par.txt",
     "*projection*.txt",
     "[Cc]alib*.txt",
@@ -132,6 +136,8 @@ def _read(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         return read_transforms(path, unit, sizes)
     if suffix == ".json" and looks_like_panoptic(path):
         return read_panoptic(path, unit, sizes)
+    if suffix == VICON:
+        return read_vicon(path, unit, sizes)
     if suffix == ".mat":
         return read_matlab(path, unit, sizes)
     if suffix in _STORAGE:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.client
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -30,7 +31,14 @@ def watched(monkeypatch: pytest.MonkeyPatch, folder: Path, *flags: str) -> Calla
 
     def show(look: Callable) -> None:  # type: ignore[type-arg]
         pytest.importorskip("viser", reason="viser is not installed")
-        monkeypatch.setattr(command, "serve", lambda page, args: look(page.watch))
+
+        def serve(page, args) -> None:  # type: ignore[no-untyped-def]
+            asked = http.client.HTTPConnection("127.0.0.1", page.server.get_port(), timeout=10)
+            asked.request("GET", "/")  # without the token
+            assert asked.getresponse().status == 403
+            look(page.watch)
+
+        monkeypatch.setattr(command, "serve", serve)
         assert main(["view", str(folder), "--port", "0", *flags]) == 0
 
     return show
