@@ -96,13 +96,17 @@ __kernel void colour_table(__global const float *restrict memories, __global cha
     if (bin >= N_BINS) return;
     const int b = bin / (BINS * BINS), g = bin / BINS % BINS, r = bin % BINS;
     float sum = 0.0f;
+#pragma unroll
     for (int db = -1; db <= 1; ++db)
+#pragma unroll
         for (int dg = -1; dg <= 1; ++dg)
+#pragma unroll
             for (int dr = -1; dr <= 1; ++dr) {
+                // Without a branch, so that compilers for CPUs vectorise it.
                 const int i = b + db, j = g + dg, k = r + dr;
-                if (i < 0 || j < 0 || k < 0 || i >= BINS || j >= BINS || k >= BINS) continue;
+                const int inside = (i >= 0) & (j >= 0) & (k >= 0) & (i < BINS) & (j < BINS) & (k < BINS);
                 const int weight = (2 - abs(db)) * (2 - abs(dg)) * (2 - abs(dr));
-                sum += weight * memory[(i * BINS + j) * BINS + k];
+                sum += (float)(inside * weight) * memory[inside ? bin + (db * BINS + dg) * BINS + dr : 0];
             }
     const float samples = sum / 64.0f * N_BINS;
     const float density = (PRIOR + samples) / (PRIOR + memory[N_BINS]);
