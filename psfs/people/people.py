@@ -132,10 +132,10 @@ class _Search:
         """Return the people."""
         frames = [self._carve(frame) for frame in self._read_frames(self.frames)]
         grid, fps = self.space.grid, self.session.sequence.fps
-        found = follow(frames, grid, self.config, self.rate)
+        found = follow(frames, grid, self.config, self.rate, self.number)
         lasting = min(self.config.least_seconds * self.rate, len(frames) / 2)
         found = [one for one in found if len(one.voxels) >= max(2, lasting / 2)]
-        found = found or follow(frames, grid, self.config, self.rate)
+        found = found or follow(frames, grid, self.config, self.rate, self.number)
         if len(found) < 2:
             persons = tuple(
                 Person(present(one, self.config.following), one.voxels) for one in found
