@@ -228,7 +228,16 @@ def test_several_people_are_tracked_by_keypoints_alone(
     folder: Path, pose_of_two: Path, tmp_path: Path
 ) -> None:
     flags = [
-        *("--keypoints", str(pose_of_two), "--people", "auto", "--frames", "5:8", "--body", "song31"),
+        *(
+            "--keypoints",
+            str(pose_of_two),
+            "--people",
+            "auto",
+            "--frames",
+            "5:8",
+            "--body",
+            "song31",
+        ),
         *(
             "--objective",
             "keypoints",
