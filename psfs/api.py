@@ -22,7 +22,7 @@ from psfs.diagnostics.examination import examine
 from psfs.footage.settings import SequenceSettings
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
-from psfs.volume import Volume, automatic_grid, find_volume
+from psfs.volume import Volume, automatic_grid, find_volume, hold_people
 from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.clouds import remove_debris
 from psfs.voxels.config import ReconstructionConfig
@@ -85,6 +85,8 @@ def reconstruct(
     session = exclude_inconsistent_cameras(session, all_cameras)
     if volume is not None:
         session.replace_result(find_volume, Volume(low, high))
+    elif body is not None:
+        hold_people(session, body)
     grid = automatic_grid(session)
     if body is not None:
         check_body(session, body)

@@ -69,6 +69,16 @@ class People:
         shown = tuple(person for person in limited if len(person.frames))
         return People(frames, self.grid, shown, self.objects)
 
+    def box(self, margin: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lowest and highest corner (3,), m, of the box around everybody's voxels, and
+        `margin` m around it."""
+        points = [self.grid.centres(np.concatenate(list(p.voxels.values()))) for p in self]
+        low, high = (
+            np.min([of.min(0) for of in points], 0),
+            np.max([of.max(0) for of in points], 0),
+        )
+        return low - margin, high + margin
+
     def describe(self) -> str:
         """Say how many there are, in words."""
         n = len(self)

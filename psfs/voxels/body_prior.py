@@ -30,12 +30,14 @@ class TrackedBody:
     """The cones of a tracked person, or of several, in the world.
 
     path: the file or, of several people, the folder. frames: (F,) int frame numbers, ascending.
-    cones: (F, C, 16), NaN where the track has lost the limb or the person.
+    cones: (F, C, 16), NaN where the track has lost the limb or the person. several: whether they
+    are of several people.
     """
 
     path: Path
     frames: np.ndarray
     cones: np.ndarray
+    several: bool = False
 
     @classmethod
     def open(cls, path: str | Path) -> TrackedBody:
@@ -60,7 +62,7 @@ class TrackedBody:
             raise InputError(f"{path}: {_PEOPLE}, but no person1; expected {_WHAT}")
         frames = np.unique(np.concatenate([body.frames for body in bodies]))
         cones = [np.stack([body[frame] for frame in frames]) for body in bodies]
-        return cls(path, frames, np.concatenate(cones, axis=1))
+        return cls(path, frames, np.concatenate(cones, axis=1), several=True)
 
     @classmethod
     def _read(cls, path: Path) -> TrackedBody:
@@ -83,6 +85,12 @@ class TrackedBody:
             return np.full(self.cones.shape[1:], np.nan)
         cones: np.ndarray = self.cones[row]
         return cones
+
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lowest and highest corner (3,), m, of the box around all known cones."""
+        ends = self.cones[..., :8].reshape(-1, 4)
+        ends = ends[np.isfinite(ends).all(-1)]
+        return (ends[:, :3] - ends[:, 3:]).min(0), (ends[:, :3] + ends[:, 3:]).max(0)
 
     def check_frames(self, wanted: Iterable[int]) -> None:
         """Raise InputError if the track lacks one of the wanted frames."""

@@ -89,9 +89,14 @@ def find_persons(
     --people says so, or a flag applies only to one person."""
     args, sequence = job.args, session.sequence
     wanted = read_people_flag(args, job.method)
-    alone = given is not None or sequence.subject == "object"
-    alone = alone or _explain_one_person(args, job.method) is not None
-    if wanted == 1 or (wanted is None and alone):
+    why = _explain_one_person(args, job.method)
+    if wanted == 1 or (wanted is None and sequence.subject == "object"):
+        return None
+    if wanted is None and (why is not None or given is not None):
+        if why is not None and job.method.uses_voxels:
+            people = count_people(session)
+            if len(people) > 1:
+                warn(f"{sequence.name}: {people.describe()}; one is tracked, as {why}")
         return None
     if not job.method.uses_voxels:
         return _find_by_keypoints(job, session, wanted)
