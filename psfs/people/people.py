@@ -73,11 +73,8 @@ class People:
         """Return the lowest and highest corner (3,), m, of the box around everybody's voxels, and
         `margin` m around it."""
         points = [self.grid.centres(np.concatenate(list(p.voxels.values()))) for p in self]
-        low, high = (
-            np.min([of.min(0) for of in points], 0),
-            np.max([of.max(0) for of in points], 0),
-        )
-        return low - margin, high + margin
+        everything = np.concatenate(points)
+        return everything.min(0) - margin, everything.max(0) + margin
 
     def describe(self) -> str:
         """Say how many there are, in words."""
