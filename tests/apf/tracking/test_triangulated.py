@@ -227,28 +227,9 @@ def test_several_people_are_triangulated_apart(
 def test_several_people_are_tracked_by_keypoints_alone(
     folder: Path, pose_of_two: Path, tmp_path: Path
 ) -> None:
-    flags = [
-        *(
-            "--keypoints",
-            str(pose_of_two),
-            "--people",
-            "auto",
-            "--frames",
-            "5:8",
-            "--body",
-            "song31",
-        ),
-        *(
-            "--objective",
-            "keypoints",
-            "--no-overlay",
-            "--no-report",
-            "--particles",
-            "60",
-            "--layers",
-            "3",
-        ),
-    ]
+    flags = ["--keypoints", str(pose_of_two), "--objective", "keypoints", "--frames", "5:8"]
+    flags += ["--body", "song31", "--particles", "60", "--layers", "3"]
+    flags += ["--no-overlay", "--no-report"]
     assert main(["track", str(folder), "-o", str(tmp_path / "out"), *flags]) == 0
     people = apf.PeopleTracks.open(tmp_path / "out")
     assert people.counts.tolist() == [2] * 3
