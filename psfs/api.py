@@ -83,10 +83,9 @@ def reconstruct(
     session = Session(sequence, resolve_device(device), settings)
     body = None if track is None else TrackedBody.open(track)
     session = exclude_inconsistent_cameras(session, all_cameras)
+    hold_people(session, body)
     if volume is not None:
         session.replace_result(find_volume, Volume(low, high))
-    elif body is not None:
-        hold_people(session, body)
     grid = automatic_grid(session)
     if body is not None:
         check_body(session, body)

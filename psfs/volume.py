@@ -62,9 +62,9 @@ def find_volume(session: Session) -> Volume:
     return session.compute_once(find_volume, lambda: _find_box(session))
 
 
-def hold_people(session: Session, body: TrackedBody) -> None:
+def hold_people(session: Session, body: TrackedBody | None) -> None:
     """Extend the volume, unless one is stated, to all of several tracked people."""
-    if not body.several or session.sequence.volume is not None:
+    if body is None or not body.several or session.sequence.volume is not None:
         return
     found, (low, high) = find_volume(session), body.box()
     margin = volume_config(session.sequence, session.reconstruction).margin * (high - low)

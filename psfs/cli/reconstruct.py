@@ -73,8 +73,7 @@ def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
     examination = examine_footage(args, Session(opened, device, settings))
     session = examination.session
     sequence, frames = session.sequence, select_common_frames(args, session.sequence)
-    if body is not None:
-        hold_people(session, body)
+    hold_people(session, body)
     grid = _grid(args, session)
     check_size(grid)
     _warn_of_fine_voxels(grid, sequence)
