@@ -82,12 +82,13 @@ class Sequence:
         self.layout = layout
         if settings.sync is None and footage.late:
             settings = settings.replace(sync=footage.late)
-        self.settings = settings = apply_sound(settings, footage.images)
+        settings, heard = apply_sound(settings, footage.images)
+        self.settings = settings
         sync = settings.sync if isinstance(settings.sync, Mapping) else {}
         if settings.cameras is not None:
             sync = {name: late for name, late in sync.items() if name in settings.cameras}
         footage, numbering = pair_by_number(pair_by_timestamps(footage))
-        self.notes = list(footage.notes)
+        self.notes = [*footage.notes, *heard]
         timing, rates = find_timing(footage, settings.fps, sync, _DEFAULT_FPS)
         self.timing_notes = [*numbering, *rates]
         self.footage = synchronise(footage, timing)

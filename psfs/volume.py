@@ -156,6 +156,10 @@ class BoxSearch:
 
 def describe_expected_person(sequence: Sequence) -> str:
     """Return the advice for an error message, if nothing stands out from the background."""
+    if sequence.background_kind == "masks":
+        some = sequence.select_frames(pick_evenly(len(sequence), 10).tolist())
+        brightest = max((int(f.masks.max()) for f in some if f.masks is not None), default=0)
+        return f"masks that are 255 where the person is (the greatest value in them is {brightest})"
     if sequence.empty_scene:
         return "a person in view of the cameras"
     return (

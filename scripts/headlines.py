@@ -78,9 +78,15 @@ def speed_table() -> str:
     cells.append([f"Song et al. 2012, {name}", number(ms), number(1e3 / ms)])
     about = (
         "Reconstruction, colour and one step of tracking; 8 cameras of 640 x 480, 2.25 million "
-        "voxels, 200 particles x 10 layers. Streamed: pictures to pose, without colour."
+        "voxels, 200 particles x 10 layers. Streamed: pictures to pose, without colour. "
+        f"{'; '.join(map(_describe_machine, machines))}."
     )
     return Grid("One frame", ["machine", "ms per frame", "frames/s"], cells, about).markdown()
+
+
+def _describe_machine(machine: Machine) -> str:
+    results = machine.results["whole"]
+    return f"{machine.title}: {results.made[:10]}, {(results.commit or 'unknown commit')[:7]}"
 
 
 def _list_headlines(machine: Machine) -> Iterator[tuple[str, str, str]]:

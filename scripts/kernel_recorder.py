@@ -3,7 +3,8 @@ launch on the first device, which is a GPU if RECORD_AS_GPU is set; fills that O
 of uninitialised values sees.
 
 KERNEL_RECORD names the JSON file that is written: {"cases": [[test, [kernel, ...]], ...]} when
-tests are collected only, else {"programs": [[file, source, options], ...], "launched": [...]}.
+tests are collected only, else {"device": name, "programs": [[file, source, options], ...],
+"launched": [...]}.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import pyopencl
 import pytest
 from helpers import parity
 
+from apf.synthetic import render
 from cl import Device, listing
 from cl.probe import Probe
 from cl.program import build_options
@@ -27,8 +29,9 @@ _working_devices = listing.working_devices
 listing.working_devices = lambda: _working_devices()[:1]
 if "RECORD_AS_GPU" in os.environ:
     Device.is_gpu = property(lambda device: True)
-else:  # trying its device takes Oclgrind minutes
+else:  # trying its device takes Oclgrind minutes, and so do the 128 x 128 texels of a shadow
     listing.probe = lambda handle, afresh=False: Probe(None)
+    render.SHADOW_SIZE, render.SHADOW_STEP = 16, 8 * render.SHADOW_STEP
 
 
 def pytest_make_parametrize_id(val: Any, argname: str) -> str | None:
@@ -59,7 +62,8 @@ def _record() -> Iterator[None]:
         patch.setattr(Device, compiled.__name__, recording)
         patch.setattr(pyopencl, "enqueue_fill_buffer", fill_by_copy)
         yield
-    _write({"programs": sorted(programs), "launched": sorted(names)})
+    device = listing.working_devices()[0].name
+    _write({"device": device, "programs": sorted(programs), "launched": sorted(names)})
 
 
 def fill_by_copy(queue: Any, buffer: Any, pattern: Any, offset: int, size: int) -> Any:

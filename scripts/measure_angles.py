@@ -16,15 +16,18 @@ import argparse
 import json
 import sys
 import tempfile
+import warnings
 from datetime import date
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from timings.report.readme import replace_marked
 from timings.results import checked_out_commit
 from timings.tables.grid import NONE, Grid
 
+from apf.body.angles import decompose_yxy
 from apf.evaluation.angle_truth import load_true_segments, measure_angle
 from apf.formats.angles import coordinates_between, opensim_coordinates, pelvis_coordinates
 from apf.formats.opensim.model import find_model, read_model
@@ -49,6 +52,17 @@ _GROUPS = {
     "elbow": ("elbow_flex",),
 }
 _LEGS = ("hip", "knee")
+#: Rows of a shoulder's angles after the International Society of Biomechanics, in the frames in
+#: which they can be seen, and of the upper arm's direction, which has no pole.
+_SHOULDER = {
+    "shoulder: elevation": "elevation",
+    "shoulder: plane of elevation, arm raised": "plane",
+    "shoulder: axial rotation, and elbow bent": "axial",
+    "upper arm's direction": "direction",
+}
+#: Elevations, degrees, between which a raised arm is, and least flexion of a bent elbow: the plane
+#: of a hanging arm is undefined, and no surface shows how a straight arm is turned about itself.
+_RAISED, _BENT = (30.0, 150.0), 30.0
 
 
 def main() -> int:
@@ -121,14 +135,61 @@ def measure_track(path: Path, truth: Path, args: argparse.Namespace) -> dict[str
             _, angles = run_tools(folder, args.opensim)
             tables["opensim"] = read_mot(angles)
     found: dict[str, Any] = {}
+    seen = {name: values[true_rows] for name, values in true.items()}
     for kind, table in tables.items():
-        errors = {}
-        for name, values in true.items():
-            own = table.get(name, table.get(COORDINATES.get(name, name)))
-            if own is not None and (e := measure_angle(name, own[rows], values[true_rows])):
+        own = {name: table.get(name, table.get(COORDINATES.get(name, name))) for name in seen}
+        own = {name: values[rows] for name, values in own.items() if values is not None}
+        errors = measure_shoulders(own, seen)
+        for name, values in own.items():
+            if e := measure_angle(name, values, seen[name]):
                 errors[name] = [round(e.rms, 3), round(e.free, 3)]
         found[kind] = errors
     return found
+
+
+def measure_shoulders(
+    own: dict[str, np.ndarray], true: dict[str, np.ndarray]
+) -> dict[str, list[float]]:
+    """Return the errors, as `measure_track` does, of the angles of `_SHOULDER` by name and side.
+
+    own, true: OpenSim's coordinates (F,), degrees, by name. A direction's error is the angle
+    between both, in the trunk; without its offset: after the constant rotation that fits best.
+    """
+    found = {}
+    for side in "lr":
+        names = [f"{name}_{side}" for name in _GROUPS["shoulder"]]
+        if not {*names, f"elbow_flex_{side}"} <= set(own) & set(true):
+            continue
+        ours, theirs = (
+            Rotation.from_euler("ZXY", np.stack([of[name] for name in names], -1), degrees=True)
+            for of in (own, true)
+        )
+        turned, truly = (np.degrees(decompose_yxy(of.as_matrix())) for of in (ours, theirs))
+        raised = (truly[:, 1] > _RAISED[0]) & (truly[:, 1] < _RAISED[1])
+        bent = raised & (true[f"elbow_flex_{side}"] > _BENT)
+        for column, name, where in (
+            (0, "plane", raised),
+            (1, "elevation", True),
+            (2, "axial", bent),
+        ):
+            shown = np.where(where, turned[:, column], np.nan)
+            if e := measure_angle(name, shown, truly[:, column]):
+                found[f"{name}_{side}"] = [round(e.rms, 3), round(e.free, 3)]
+        directions = [of.apply([0.0, 1, 0]) for of in (ours, theirs)]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of an arm that never moves: any rotation will do
+            constant, _ = Rotation.align_vectors(directions[1], directions[0])
+        off = (
+            _mean_angle(of, directions[1]) for of in (directions[0], constant.apply(directions[0]))
+        )
+        found[f"direction_{side}"] = [round(angle, 3) for angle in off]
+    return found
+
+
+def _mean_angle(a: np.ndarray, b: np.ndarray) -> float:
+    """Return the root mean square of the angles, degrees, between unit vectors (F, 3)."""
+    angles = np.degrees(np.arccos(np.clip(np.sum(a * b, axis=1), -1, 1)))
+    return float(np.sqrt(np.mean(angles**2)))
 
 
 def read_mot(path: Path) -> dict[str, np.ndarray]:
@@ -141,7 +202,7 @@ def read_mot(path: Path) -> dict[str, np.ndarray]:
 
 def _mean(rows: list[dict[str, Any]], kind: str, groups: tuple[str, ...]) -> np.ndarray | None:
     """Return (2,) degrees, the mean over tracks, sides and the angles of groups."""
-    names = [name for group in groups for name in _GROUPS[group]]
+    names = [name for group in groups for name in _GROUPS.get(group, (_SHOULDER.get(group, ""),))]
     pairs = [
         pair for row in rows for name, pair in row.get(kind, {}).items()
         if name.removesuffix("_l").removesuffix("_r") in names
@@ -169,14 +230,16 @@ def _hows(results: dict[str, Any]) -> list[str]:
 def joint_table(results: dict[str, Any]) -> Grid:
     """Return a row per joint: means over sequences, sides and the joint's angles."""
     hows, rows = _hows(results), results["tracks"]
-    shown = [[name, *_cells(rows, hows, (name,))] for name in _GROUPS]
+    shown = [[name, *_cells(rows, hows, (name,))] for name in (*_GROUPS, *_SHOULDER)]
     shown.append(["hip and knee", *_cells(rows, hows, _LEGS)])
-    shown.append(["all", *_cells(rows, hows, tuple(_GROUPS))])
+    shown.append(["all of motion.mot", *_cells(rows, hows, tuple(_GROUPS))])
     counts = [f"{how} {sum(row['by'] == how for row in rows)}" for how in hows]
     about = (
         f"Sequences: {', '.join(counts)}; seed 0; {results['device']}, {results['made']}, commit "
-        f"{results['commit']}. Angles as in motion.mot; those of a "
-        "shoulder have a pole where the arm is level at the side."
+        f"{results['commit']}. Pelvis to elbow: as in motion.mot, where a shoulder's flexion and "
+        "rotation have a pole at an arm that is level at the side. Below: after Wu et al. 2005, "
+        f"the plane where the true arm is raised by {_RAISED[0]:.0f} to {_RAISED[1]:.0f} degrees, "
+        f"the rotation where the true elbow is bent by {_BENT:.0f}, too."
     )
     heads = ["joint", *_heads(hows)]
     return Grid("Joint angles, degrees: RMS / without the mean offset", heads, shown, about)

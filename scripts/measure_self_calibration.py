@@ -5,7 +5,8 @@
 
 takes each sequence's calibration away but for the lenses, shifts its videos by unknown times
 between -20 and 20 frames (the fraction by optical flow between two pictures), runs
-`psfs calibrate --person`, and compares: times in frames, positions in % of the rig's radius and
+`psfs calibrate --person` (with --keypoints `apf calibrate`, by the sequence's keypoints.npz), and
+compares: times in frames, positions in % of the rig's radius and
 directions in degrees after a similarity alignment. --track tracks the shifted videos by the cameras
 found and by the true ones, both with delays of whole frames.
 """
@@ -71,6 +72,12 @@ def main() -> int:
     parser.add_argument(
         "--calibrate", default="", metavar="FLAGS", help="more flags of psfs calibrate"
     )
+    parser.add_argument(
+        "--keypoints", action="store_true", help="from keypoints, then from silhouettes"
+    )
+    parser.add_argument(
+        "--field-of-view", metavar="DEG", help="state this angle of view instead of the lenses"
+    )
     add_message_flags(parser)
     parser.set_defaults(run=_run)
     return run_command(parser)
@@ -123,6 +130,28 @@ def write_shifted(media: Media, start: float, path: Path) -> None:
     writer.release()
 
 
+def shift_keypoints(scene: Scene) -> Path:
+    """Write the sequence's keypoints at the times of the shifted videos; return their file."""
+    with np.load(scene.source / "keypoints.npz") as file:
+        arrays = {key: file[key] for key in file.files}
+    shortest = min(item.count for item in list_shifted(scene))
+    shifted = []
+    for points, start in zip(arrays["keypoints"], scene.starts, strict=True):
+        first, fraction = int(start), float(start) - int(start)
+        rows = np.arange(shortest) + first
+        after = np.minimum(rows + 1, len(points) - 1)
+        shifted.append((1 - fraction) * points[rows] + fraction * points[after])
+    path = scene.folder / "keypoints.npz"
+    np.savez(path, **{**arrays, "keypoints": np.stack(shifted)})
+    return path
+
+
+def list_shifted(scene: Scene) -> list[Media]:
+    """Return the shifted videos in the order of the cameras."""
+    files = list_media(scene.folder / "videos")
+    return [open_media(name, files[name]) for name in scene.rig.names]
+
+
 def interpolate_pictures(
     first: np.ndarray, second: np.ndarray, fraction: float, flow: cv2.DenseOpticalFlow
 ) -> np.ndarray:
@@ -169,8 +198,17 @@ def _interpolate_part(
 def _measure(scene: Scene, args: argparse.Namespace) -> dict[str, Any]:
     out = scene.folder / "found"
     began = time.perf_counter()
-    flags = ["--person", "--intrinsics", str(scene.folder / "lenses.toml"), *args.calibrate.split()]
-    done = _call("psfs", "calibrate", str(scene.folder), *flags, "-o", str(out))
+    flags = ["--intrinsics", str(scene.folder / "lenses.toml")]
+    if args.field_of_view is not None:
+        flags = ["--field-of-view", args.field_of_view]
+    flags += [*args.calibrate.split(), "-o", str(out)]
+    program = "psfs"
+    if args.keypoints:
+        program = "apf"
+        flags += ["--keypoints", str(shift_keypoints(scene))]
+    else:
+        flags.append("--person")
+    done = _call(program, "calibrate", str(scene.folder), *flags)
     row: dict[str, Any] = {
         "starts": scene.starts.tolist(),
         "seconds": round(time.perf_counter() - began, 1),
@@ -183,6 +221,9 @@ def _measure(scene: Scene, args: argparse.Namespace) -> dict[str, Any]:
     cameras = [report["cameras"][camera.name] for camera in scene.rig]
     lags = np.array([own["late_frames"] for own in cameras])
     row |= compare_rigs(rig, scene.rig)
+    if args.field_of_view is not None:
+        pairs = zip(rig, scene.rig, strict=True)
+        row["focal_percent"] = [round(100 * (a.K[0, 0] / b.K[0, 0] - 1), 2) for a, b in pairs]
     row["time_errors"] = _centre(lags + scene.starts).round(4).tolist()
     row["misfits"] = [own["misfit_px"] for own in cameras]
     row["path"] = report["path_m"]

@@ -2,7 +2,8 @@
 
 Opens a take, tracks some of its frames, plays the track, puts a wrist that was turned away on
 purpose right by clicks in two pictures, tracks again, and saves a BVH; with a screenshot of each
-step. Prints the wrist's error against the take's truth.npz before and after, as JSON.
+step, light and dark. Without a take it presses "a walk to try", and works on the demo's walk.
+Prints the wrist's error against the take's truth.npz before and after, as JSON.
 
 With --first it is a new user's first try: `apf studio` on the folder that holds the take, and from
 then on only what is seen on the page, to a BVH. Prints each step with its seconds.
@@ -27,10 +28,10 @@ import numpy as np
 from apf.body.kinematics import posed_joints
 from apf.evaluation.evaluate import load_truth
 from apf.studio.folders import Roots
-from apf.studio.look_through import find_fov
 from apf.studio.page import Page
 from apf.tracking.track import Track
 from cl import InputError, select_device
+from psfs.page.look_through import find_fov
 
 _BROWSER = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 #: Angles, rad, by which the left arm is turned away.
@@ -62,6 +63,10 @@ class Trial:
         self._n_shots += 1
         path = self._shots / f"{self._n_shots}_{name}.png"
         self.tab.screenshot(path=path, timeout=300_000)
+        self.page.dark.value = True
+        self.tab.wait_for_timeout(2000)
+        self.tab.screenshot(path=path.with_stem(f"{path.stem}_dark"), timeout=300_000)
+        self.page.dark.value = False
 
     def click_in_picture(self, view: int, point: np.ndarray) -> None:
         """Look through a camera, and click where its picture shows a point (3,) m."""
@@ -125,6 +130,15 @@ def wrist_error(folder: Path, take: Path, rows: np.ndarray) -> float:
     ours = track.joints[rows, track.joint_names.index("l_wrist")]
     true = truth.joints[track.frames[rows], list(truth.joint_names).index("l_wrist")]
     return round(1000 * float(np.linalg.norm(ours - true, axis=1).mean()), 1)
+
+
+def make_demo(trial: Trial) -> Path:
+    """Press the button that makes the demo's walk; return the walk's folder, which is open then."""
+    page = trial.page
+    trial.click("a walk to try")
+    trial.wait(lambda: page.footage is not None, "the demo's walk")
+    assert page.footage is not None
+    return page.footage.sequence.folder
 
 
 def work_through(trial: Trial, take: Path, frames: str) -> dict[str, Any]:
@@ -239,26 +253,34 @@ def try_first(folder: Path, name: str, frames: str, output: Path) -> list[tuple[
 def main() -> None:
     """Work through the page on a take, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("take", type=Path, help="folder of a take with truth.npz")
+    parser.add_argument(
+        "take", type=Path, nargs="?", help="folder of a take with truth.npz (default: the demo's)"
+    )
     parser.add_argument("--frames", default="0:45")
     parser.add_argument("-o", "--output", type=Path, required=True, help="runs and screenshots")
     parser.add_argument("--first", action="store_true", help="a new user's first try")
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     if args.first:
+        if args.take is None:
+            parser.error("--first needs a take")
         for step, seconds in try_first(args.take.parent, args.take.name, args.frames, args.output):
             print(f"{seconds:6.1f} s  {step}")
         return
     from playwright.sync_api import sync_playwright
 
-    page = Page(Roots(args.take), lambda: select_device("auto"), results=args.output / "results")
-    page.open(args.take)
+    folder = args.take or args.output
+    page = Page(Roots(folder), lambda: select_device("auto"), results=args.output / "results")
+    if args.take is not None:
+        page.open(args.take)
     with sync_playwright() as running:
         browser = running.chromium.launch(executable_path=shutil.which("chromium"), args=_BROWSER)
         tab = browser.new_page(viewport={"width": 1200, "height": 640}, accept_downloads=True)
         tab.set_default_timeout(90_000)
         tab.goto(page.address)
-        print(json.dumps(work_through(Trial(page, tab, args.output), args.take, args.frames)))
+        trial = Trial(page, tab, args.output)
+        take = args.take or make_demo(trial)
+        print(json.dumps(work_through(trial, take, args.frames)))
         browser.close()
     page.stop()
 

@@ -7,6 +7,7 @@ from psfs.cli.program.command import list_commands
 COMMANDS = list_commands(
     "apf.cli",
     synth="Make a synthetic sequence of a person walking in a room.",
+    calibrate="Find cameras and times from the keypoints of somebody who walks about.",
     keypoints="Find 2-D keypoints in all cameras with MediaPipe Pose, for apf track --keypoints.",
     track="Reconstruct and track a person, frame by frame.",
     batch="Track many takes, folders or a TOML list of them, on all GPUs or cores, or on a Dask "
@@ -20,6 +21,6 @@ COMMANDS = list_commands(
     "overlay, confidence, agreement with the silhouettes, angles.",
     render="Draw a track's silhouettes and edges in every camera, as PNG.",
     studio="Open a page in the browser: look at footage, track it, watch, correct and export.",
-    view="Play a run of psfs reconstruct with a track's skeleton and cones on top.",
+    view="Play a track on a page in the browser, in its own voxels or those of psfs reconstruct.",
     demo="Generate a small sequence, reconstruct, track and evaluate it, by the commands shown.",
 )

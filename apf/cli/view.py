@@ -1,33 +1,59 @@
-"""`apf view OUT TRACK`: show voxels and the tracked body in one window."""
+"""`apf view OUT`: a page in the browser that plays a track, or a track in stored voxels."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
+from contextlib import closing
+from functools import lru_cache, partial
 
 import numpy as np
 
-from apf.body.kinematics import posed_cones
 from apf.cli.takes.opened_track import open_given_track
-from apf.report.overlay import overlay_picture
-from apf.report.viewer_layers import cone_layer, describe_frame, skeleton_layer
-from cl import InputError
-from psfs.cameras.camera import CameraRig
-from psfs.cli.view import OnTop, view_run
-from psfs.sequence import Frame
+from apf.studio.folders import find_kind
+from apf.studio.opened import OpenedTracks, add_track, open_track
+from apf.studio.pictures import draw_people
+from apf.studio.watch import TrackWatch
+from cl import InputError, select_device
+from psfs.cli.view import make_mesher, open_folder, show_page, write_view
+from psfs.cli.view import run as run_voxels
+from psfs.page.opened import open_voxels
 
 
 def run(args: argparse.Namespace) -> None:
-    track = open_given_track(args)
-    body = track.its_body
+    if args.track is not None:
+        track = open_given_track(args)
+        run, frame = open_folder(args)
+        mesher = make_mesher(args, run) if args.png is None else None
+        voxels = partial(open_voxels, args.out, mesher)
+        _view(args, lambda known: add_track(voxels(), args.track.name, track), frame)
+    elif find_kind(args.out) == "track":
+        if args.mesh:
+            what = f"{args.out} is a track, without clouds"
+            raise InputError(f"--mesh: {what}; expected a run of psfs reconstruct")
+        make_device = lru_cache(1)(partial(select_device, args.device))
+        _view(args, partial(open_track, args.out, make_device), args.frame)
+    else:
+        run_voxels(args)
 
-    def picture(frame: Frame, rig: CameraRig) -> np.ndarray:
-        if frame.index not in track.frames:
-            raise InputError(f"{args.track}: frame {frame.index} was not tracked")
-        row = int(np.flatnonzero(track.frames == frame.index)[0])
-        shown = [i for i, cone in enumerate(body.cones) if cone.in_images]
-        cones = posed_cones(body, track.poses[row : row + 1])[0, shown]
-        names = [body.cone_names[i] for i in shown]
-        return overlay_picture(frame, rig, cones, names, track.joints[row], track.edges)
 
-    layers = (skeleton_layer(track), cone_layer(track, body))
-    view_run(args, OnTop(layers, lambda frame: describe_frame(track, frame), picture))
+def _view(
+    args: argparse.Namespace,
+    open_run: Callable[[Callable[[int], object]], OpenedTracks],
+    frame: int | None,
+) -> None:
+    """Show a run on a page or, with --png, write a frame's pictures with the body."""
+    if args.png is None:
+        show_page(args, open_run, frame, TrackWatch)
+        return
+    with closing(open_run(lambda frame: None)) as opened:
+        sequence, shown = opened.sequence, int(opened.frames[0]) if frame is None else frame
+        if sequence is None:
+            raise InputError(f"{args.out}: {'; '.join(opened.remarks)}; expected its footage")
+        if not any(shown in rows for rows in opened.rows.values()):
+            raise InputError(f"{args.track or args.out}: frame {shown} was not tracked")
+
+        def draw() -> np.ndarray:
+            return draw_people(sequence.read(shown), opened, None)
+
+        write_view(args, sequence, draw)

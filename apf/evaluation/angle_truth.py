@@ -1,8 +1,9 @@
 """Joint angles of a track against those of true bone rotations, in degrees.
 
 The truth's segments get anatomical frames in the same way as a body's (`apf.body.anatomy`): Y along
-the limb, Z about the axis in which elbow or knee bends, trunk and head upright at rest. So angles
-of both mean the same up to a constant, where a rig's rest pose is not the person's upright one.
+the limb, Z the axis about which elbow or knee bends, trunk and head upright at rest. That axis is
+taken from the motion: the limbs of a rig at rest may be bent about another. So angles of both mean
+the same up to a constant, where a rig's rest pose is not the person's upright one.
 """
 
 from __future__ import annotations
@@ -32,8 +33,7 @@ _TRUNK = {
     "thorax": ("Spine1", "thorax"),
     "head": ("Head", "head"),
 }
-#: Of each limb segment: the bones, without their side, the joints that begin and end it, and the
-#: sign of its bending: an arm's bends forward, a leg's backward.
+#: Of each limb segment: the bones, without their side, and the joints that begin and end it.
 _LIMBS = {
     "thigh": (("UpLeg", "thigh"), "hip", "knee"),
     "shank": (("Leg", "shin"), "knee", "ankle"),
@@ -43,7 +43,9 @@ _LIMBS = {
 _SIDES = {"l_": ("Left", "l_"), "r_": ("Right", "r_")}
 #: Angles of an arm that are undefined where it hangs; they are listed, but not in the mean.
 UNDEFINED = ("plane_of_elevation", "axial_rotation")
-#: Least sine of the angle between upper arm and forearm at rest for the elbow's axis to be theirs.
+#: The segments of a limb, and the sign of its bending: an arm bends forward, a leg backward.
+_HINGES = (("upper_arm", "forearm", 1.0), ("thigh", "shank", -1.0))
+#: Least mean sine of the angle between the segments of a limb for its axis to be known.
 _BENT = 0.2
 
 
@@ -129,20 +131,23 @@ def _limb_frames(
     upright: np.ndarray,
 ) -> dict[str, np.ndarray]:
     """Return the frames (F, 3, 3) of the limbs of a side."""
-    turned, along = {}, {}
+    turned, vectors = {}, {}
     for segment, (names, begin, end) in _LIMBS.items():
         bone = _first(bones, [p + name for p, name in zip(prefixes, names, strict=True)])
         if bone is not None:
             turned[segment] = bone
-            along[segment] = _rest_direction(bone, at[side + end] - at[side + begin])
+            vectors[segment] = at[side + end] - at[side + begin]
     right = dict.fromkeys(turned, upright[:, 2])
-    if {"upper_arm", "forearm"} <= set(along):
-        axis = np.cross(along["upper_arm"], along["forearm"])
-        if np.linalg.norm(axis) > _BENT:
-            right["upper_arm"] = right["forearm"] = axis
+    for near, far, sign in _HINGES:
+        if {near, far} <= set(turned):
+            axis = sign * np.cross(_normalise(vectors[near]), _normalise(vectors[far]))
+            for segment in (near, far):
+                mean = np.nanmean(_turn_back(turned[segment], axis), axis=0)
+                if np.linalg.norm(mean) > _BENT:
+                    right[segment] = mean
     found = {}
     for segment, rotation in turned.items():
-        y = -along[segment]
+        y = -_rest_direction(rotation, vectors[segment])
         z = right[segment] - (right[segment] @ y) * y
         z /= np.linalg.norm(z)
         found[side + segment] = rotation @ np.stack([np.cross(y, z), y, z], -1)
@@ -151,9 +156,19 @@ def _limb_frames(
 
 def _rest_direction(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Return the unit direction (3,) at rest of vectors (F, 3) that turn with a bone (F, 3, 3)."""
-    at_rest = np.einsum("fij,fi->fj", rotation, vectors)
-    mean: np.ndarray = np.nanmean(at_rest, axis=0)
+    mean: np.ndarray = np.nanmean(_turn_back(rotation, vectors), axis=0)
     return mean / np.linalg.norm(mean)
+
+
+def _turn_back(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return vectors (F, 3) that turn with a bone (F, 3, 3) as they are at its rest."""
+    turned_back: np.ndarray = np.einsum("fij,fi->fj", rotation, vectors)
+    return turned_back
+
+
+def _normalise(vectors: np.ndarray) -> np.ndarray:
+    unit: np.ndarray = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return unit
 
 
 def _first(bones: Mapping[str, np.ndarray], names: Any) -> np.ndarray | None:

@@ -198,7 +198,7 @@ class Refinement:
         packs = 8 * body.n_dof + FRAME_FLOATS * len(body.bones)
         packs += (CONE_FLOATS + SPAN_FLOATS) * len(body.cones)
         floats = defines["PACK"] * packs + row * (11 + defines["BLOCK"] + body.n_dof)
-        floats += _VOXEL_FLOATS * defines["BLOCK"] + defines["GROUP"] + self._body.size
+        floats += _VOXEL_FLOATS * defines["BLOCK"] + defines["GROUP"] + self._body.size + body.n_dof
         nbytes, room = 4 * floats, self.device.handle.local_mem_size
         if nbytes > room:
             raise InputError(

@@ -227,7 +227,8 @@ class Live:
                 estimates = self.search()
             latency = self.timeline.result(shot.frame.index, shot.time)
             seconds = self.timeline.now() - start
-            self._free.set()
+            if not self._overlaps:  # else the next frame may lie here, not yet observed
+                self._free.set()
             self.keep(observed, estimates, latency)
             self._tracking_time = self._update_mean(self._tracking_time, seconds)
             if self.governor.update(self._processing_time, seconds):

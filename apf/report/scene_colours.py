@@ -1,4 +1,4 @@
-"""The colours of a track in every viewer: the page of apf studio, the report's player, Open3D."""
+"""The colours of a track on every page: those of studio and view, and the report."""
 
 from __future__ import annotations
 

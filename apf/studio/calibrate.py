@@ -8,31 +8,32 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 
 from apf.studio.folders import CAMERAS
-from apf.studio.nodes import CameraNodes, add_floor
-from apf.studio.pictures import PictureReader, mosaic, small_pictures
+from apf.studio.found_target import FoundTarget
 from apf.studio.target_fields import TargetFields
-from apf.studio.timeline import TimeLine
-from apf.studio.words import make_lines, make_table, make_text
 from apf.studio.work import Work, free_folder
 from cl import UserError
 from psfs.calibration.config import CalibrationConfig
-from psfs.calibration.coverage import CELLS, Coverage, measure_coverage
-from psfs.calibration.targets.detection import find_sightings, open_uncalibrated
-from psfs.calibration.targets.target import Sighting
+from psfs.calibration.coverage import Coverage
+from psfs.calibration.targets.detection import (
+    find_sightings,
+    median_pictures,
+    open_uncalibrated,
+)
 from psfs.cameras.calibration import read_calibration
 from psfs.footage.settings import SequenceSettings
+from psfs.page.nodes import CameraNodes, add_floor
+from psfs.page.pictures import PictureReader, mosaic, small_pictures
+from psfs.page.timeline import TimeLine, add_key
+from psfs.page.words import make_lines, make_text
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelGrid
 
 if TYPE_CHECKING:
     import viser
 
-#: RGB of found points, and how much darker parts of pictures without any are.
-_POINT, _SHADE = (0, 230, 120), 0.45
 _INTERVAL = 0.5  # s, between two looks at a calibration that goes on
 _FLOOR = VoxelGrid.covering(np.array([-2.0, -2.0, 0.0]), np.array([2.0, 2.0, 2.0]), 0.05)
 _NONE = "(none)"
@@ -57,10 +58,9 @@ class CalibrateView:
         self.views = open_uncalibrated(folder, SequenceSettings())
         self._server, self._results, self._known, self._use = server, results, dict(known), use
         self._config = CalibrationConfig()
-        self.sightings: list[Sighting] = []
-        self.coverage: list[Coverage] = []
+        self._found = FoundTarget(self.views.rig, self._config)
         self.work: Work | None = None
-        self._stopped, self._target = threading.Event(), "target"
+        self._stopped = threading.Event()
         self._worker: threading.Thread | None = None
         self._notes: list[tuple[str, object]] = []
         add_floor(server.scene, _FLOOR)
@@ -72,6 +72,11 @@ class CalibrateView:
         with panel:
             self._add_controls(server.gui)
         self.time_line.refresh()
+
+    @property
+    def coverage(self) -> list[Coverage]:
+        """The coverage of each camera so far."""
+        return self._found.coverage
 
     @property
     def words(self) -> str:
@@ -87,7 +92,7 @@ class CalibrateView:
             self.use_button = gui.add_button("use these cameras", disabled=True)
         with gui.add_folder("or calibrate them") as calibrate:
             self.target = TargetFields(gui, self._known)
-            self.search_button = gui.add_button("look for it", hint="key: L")
+            self.search_button = gui.add_button("look for it", hint="key: F")
             self.floor = gui.add_text(
                 "on the floor", "", hint="frame in which it lies there: Z = 0"
             )
@@ -102,8 +107,7 @@ class CalibrateView:
             lambda event: setattr(self.floor, "value", str(self.time_line.position))
         )
         self.calibrate_button.on_click(lambda event: self.calibrate())
-        key = gui.add_command("Look for the board or wand", hotkey="L")
-        key.on_trigger(lambda event: self.search())
+        key = add_key(gui, "Look for the board or wand", "F", self.search)
         self._parts: list[Any] = [self._status, self._picture, use, calibrate, self._words, key]
 
     def use(self) -> None:
@@ -161,15 +165,14 @@ class CalibrateView:
     def _search(self, stopped: threading.Event) -> None:
         every = range(len(self.views))
         chosen = list(every[:: max(1, -(-len(every) // self._config.most_frames))])
-        self.sightings, self._notes = [], []
+        self._notes = []
         try:
-            finder = self.target.make_finder(self.views, chosen)
-            self._target = finder.target.name
-            for number, found in enumerate(find_sightings(self.views, chosen, finder), 1):
+            finder = self.target.make_finder(lambda: median_pictures(self.views, chosen))
+            self._found.restart(finder.target.name)
+            for number, found in enumerate(find_sightings(self.views, chosen, [finder]), 1):
                 if stopped.is_set():
                     return
-                self.sightings += found
-                self.coverage = measure_coverage(list(self.views.rig), self.sightings)
+                self._found.add(found)
                 self._tell(f"looking: {number} of {len(chosen)} frames")
                 if found:
                     self._reader.ask(found[0].frame)
@@ -200,43 +203,15 @@ class CalibrateView:
         self._reader.ask(position)
 
     def _show_pictures(self, frame: Frame) -> None:
-        pictures = small_pictures(frame, self.views)
-        for view, (picture, camera) in enumerate(zip(pictures, self.views.rig, strict=True)):
-            if self.coverage:
-                _shade(picture, self.coverage[view].cells)
-            scale = picture.shape[1] / camera.size[0]
-            for sighting in self.sightings:
-                if sighting.view == view:
-                    size = 3 if sighting.frame == frame.index else 1
-                    for x, y in np.rint(scale * sighting.pixels).astype(int).tolist():
-                        cv2.circle(picture, (x, y), size, _POINT, -1)
+        pictures = small_pictures(frame, self.views.rig)
+        self._found.mark(pictures, frame.index)
         self._picture.image = mosaic(pictures)
 
     def _tell(self, doing: str) -> None:
         """Say what is done, found and missing."""
-        rows, gaps = [], []
-        for camera, seen in zip(self.views.rig, self.coverage, strict=False):
-            rows.append((camera.name, seen.frames, seen.shared, f"{seen.share:.0%}"))
-            missing = seen.list_gaps(self._target, self.target.lenses_known, self._config)
-            gaps += [("warning", f"{camera.name} {text}") for text in missing]
-        if rows and not gaps:
-            gaps = [("good", "every camera has seen enough")]
-        heading = ("camera", "frames", "shared", "covered")
-        table = make_table(rows, heading) if rows else ""
-        self._words.content = make_text(doing) + table + make_lines([*gaps, *self._notes])
+        found = self._found.describe(self.target.lenses_known)
+        self._words.content = make_text(doing) + found + make_lines(self._notes)
 
     def _say(self, error: object) -> None:
         self._notes = [("warning", error)]
         self._tell("")
-
-
-def _shade(picture: np.ndarray, cells: np.ndarray) -> None:
-    """Darken the cells (6, 8) of a picture (h, w, 3) uint8 in which nothing was found."""
-    height, width = picture.shape[:2]
-    columns, rows = CELLS
-    for row, column in np.argwhere(~cells).tolist():
-        part = picture[
-            row * height // rows : (row + 1) * height // rows,
-            column * width // columns : (column + 1) * width // columns,
-        ]
-        part[:] = (_SHADE * part).astype(np.uint8)

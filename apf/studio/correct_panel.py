@@ -11,10 +11,8 @@ import numpy as np
 
 from apf.body.model import plain_name
 from apf.studio.handle import JointHandle
-from apf.studio.look_through import crosses, intersect_rays
-from apf.studio.opened import Opened
-from apf.studio.watch import Watch
-from apf.studio.words import make_lines, make_text
+from apf.studio.opened import OpenedTracks
+from apf.studio.watch import TrackWatch
 from apf.tracking.correction import (
     DEFAULTS,
     Correction,
@@ -24,6 +22,9 @@ from apf.tracking.correction import (
 )
 from apf.tracking.track import Track
 from cl import InputError, UserError
+from psfs.page.look_through import crosses, intersect_rays
+from psfs.page.timeline import add_key
+from psfs.page.words import make_lines, make_text
 
 if TYPE_CHECKING:
     import viser
@@ -46,7 +47,7 @@ class CorrectPanel:
         say: Callable[[object], object],
     ) -> None:
         self._server, self._start, self._say = server, start, say
-        self._watch: Watch | None = None
+        self._watch: TrackWatch | None = None
         self._handle: JointHandle | None = None
         self._rays: dict[int, np.ndarray] | None = None  # while a joint is clicked in pictures
         self.corrections: Corrections | None = None
@@ -70,15 +71,15 @@ class CorrectPanel:
         self.bad.on_click(lambda event: self.mark_bad())
         self.undo.on_click(lambda event: self.take_back())
         self.again.on_click(lambda event: self.track_again())
-        gui.add_command("Put a joint right", hotkey="C").on_trigger(lambda e: self.toggle_handle())
-        gui.add_command("Mark frame as bad", hotkey="B").on_trigger(lambda e: self.mark_bad())
+        add_key(gui, "Put a joint right", "C", self.toggle_handle)
+        add_key(gui, "Mark frame as bad", "B", self.mark_bad)
 
     @property
     def list(self) -> str:
         """The corrections so far, HTML."""
         return str(self._list.content)
 
-    def offer(self, watch: Watch | None) -> None:
+    def offer(self, watch: TrackWatch | None) -> None:
         """Offer to correct what is watched; None offers nothing."""
         self._remove_handle()
         self._watch, self.corrections = watch, None
@@ -93,7 +94,6 @@ class CorrectPanel:
             self._message.content = make_text(f"Open {why} to correct it.")
             self._tell()
             return
-        assert opened.track is not None
         names = sorted(opened.track.joint_names, key=_order)
         self.joint.options = names
         self.joint.value = names[0]
@@ -110,7 +110,6 @@ class CorrectPanel:
             self._remove_handle()
             return
         opened, frame = self._watch.opened, self._watch.frame
-        assert opened.track is not None
         row = next(iter(opened.rows.values())).get(frame)
         if row is None:
             self._say(f"frame {frame} was not tracked; expected one that was")
@@ -152,7 +151,7 @@ class CorrectPanel:
         if self._watch is None or self._rays is None:
             return
         opened, sequence = self._watch.opened, self._watch.opened.sequence
-        assert sequence is not None and opened.track is not None
+        assert sequence is not None
         self._rays[view] = way
         if len(self._rays) < 2:
             self._tell_pointing(f"clicked in {sequence.rig[view].name}")
@@ -240,7 +239,7 @@ class CorrectPanel:
         self._list.content = make_lines(("note", line) for line in lines)
 
 
-def _flags_of_footage(opened: Opened) -> list[str]:
+def _flags_of_footage(opened: OpenedTracks) -> list[str]:
     """Return the flags of `apf track` that repeat the track's own settings. Raises InputError."""
     settings = opened.folder / "settings.toml"
     if opened.sequence is None or not settings.exists():

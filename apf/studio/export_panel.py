@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 from apf.formats import BODY_WRITERS, WRITERS
 from apf.report.names import PAGE
-from apf.studio.watch import Watch
-from apf.studio.words import make_text
+from apf.studio.watch import TrackWatch
 from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
 from cl import UserError
 from psfs.common.scratch import temporary_folder
+from psfs.page.words import make_text
 
 if TYPE_CHECKING:
     import viser
@@ -26,7 +26,7 @@ class ExportPanel:
 
     def __init__(self, gui: viser.GuiApi, say: Callable[[object], object]) -> None:
         self._say = say
-        self._watch: Watch | None = None
+        self._watch: TrackWatch | None = None
         self._message = gui.add_html(make_text("Open a track to export it."))
         self.person: Any = gui.add_dropdown("person", ["-"], initial_value="-", visible=False)
         self.ending = gui.add_dropdown("file", list(dict.fromkeys(ENDINGS)), initial_value=".bvh")
@@ -36,7 +36,7 @@ class ExportPanel:
         self.button.on_click(lambda event: self._send(event.client, self.make_file))
         self.report.on_click(lambda event: self._send(event.client, self.read_report))
 
-    def offer(self, watch: Watch | None) -> None:
+    def offer(self, watch: TrackWatch | None) -> None:
         """Offer the tracks of what is watched; None offers nothing."""
         self._watch = watch
         tracks = list(watch.opened.tracks) if watch is not None else []

@@ -5,15 +5,10 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 
 from apf.studio.curves import draw_lags
-from apf.studio.nodes import BoxNode, CameraNodes, add_floor
 from apf.studio.opened import MakeDevice
-from apf.studio.pictures import PictureReader, mosaic, small_pictures
-from apf.studio.timeline import TimeLine
-from apf.studio.words import make_lines, make_table, make_text
 from cl import UserError
 from psfs.diagnostics.arrangement import Lags
 from psfs.diagnostics.config import InViewConfig
@@ -21,6 +16,10 @@ from psfs.diagnostics.examination import Examination, examine
 from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
 from psfs.diagnostics.tangency import Tangency
+from psfs.page.nodes import BoxNode, CameraNodes, add_floor
+from psfs.page.pictures import PictureReader, blend_silhouette, mosaic, small_pictures
+from psfs.page.timeline import TimeLine
+from psfs.page.words import make_lines, make_table, make_text
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
 from psfs.volume import find_volume
@@ -29,8 +28,6 @@ from psfs.voxels.grid import VoxelGrid
 if TYPE_CHECKING:
     import viser
 
-#: RGB of the silhouettes, a colour that is rare in rooms.
-_SILHOUETTE = np.array([255, 0, 200])
 _MOST_LAG = 30  # frames; longest lag that the curves show
 _FLOOR_VOXEL = 0.05  # m; the floor is drawn under a grid
 
@@ -165,11 +162,11 @@ class FootageView:
         if self._closed.is_set():
             return
         self._frame = frame
-        pictures = small_pictures(frame, self.sequence)
+        pictures = small_pictures(frame, self.sequence.rig)
         if self._opacity.value > 0:
             shown = self._silhouettes(frame)
             pictures = [
-                _blend(picture, one, float(self._opacity.value))
+                blend_silhouette(picture, one, float(self._opacity.value))
                 for picture, one in zip(pictures, shown, strict=True)
             ]
         self._cameras.show(pictures)
@@ -228,7 +225,7 @@ class FootageView:
             return []
         views = examination.diagnosis.views
         large, small = (max(rig.width, rig.height) for rig in (self.sequence.rig, views.rig))
-        self._person = find_person_in_views(views, large / small)
+        self._person = find_person_in_views(views.rig, views.outlines, large / small)
         tangency = Tangency(views.rig, views.outlines)
         if np.isfinite(tangency.size):
             lags = Lags(tangency, min(_MOST_LAG, len(views.frames) // 3))
@@ -269,12 +266,3 @@ def _list_faults(info: SequenceInfo, unit_known: bool) -> list[tuple[str, object
         lines.append(("note", f"keypoints of a pose network: {info.keypoints.name}"))
     texts = [text for text in info.warnings if not (unit_known and UNIT_ASKED in text)]
     return [*lines, *(("warning", text) for text in texts)]
-
-
-def _blend(picture: np.ndarray, shown: np.ndarray, opacity: float) -> np.ndarray:
-    """Return a picture (h, w, 3) uint8 RGB with a silhouette drawn over it."""
-    size = picture.shape[1], picture.shape[0]
-    share = opacity * cv2.resize(shown.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    mixed = picture * (1 - share[..., None]) + _SILHOUETTE * share[..., None]
-    blended: np.ndarray = np.rint(mixed).astype(np.uint8)
-    return blended

@@ -12,11 +12,13 @@ from apf.body.model import BodyModel
 from apf.live.pace import describe_run
 from apf.live.session import LiveResult, LiveStart
 from apf.live.timeline import Timeline
-from apf.studio.gate import Gate, page_address, start_server, stop_server
-from apf.studio.nodes import BodyNodes, CameraNodes, add_floor
-from apf.studio.words import make_lines, make_text
+from apf.studio.body_nodes import BodyNodes
 from apf.tracking.track import Track
 from psfs.cameras.camera import CameraRig
+from psfs.page.frame import BrowserPage
+from psfs.page.nodes import CameraNodes, add_floor
+from psfs.page.timeline import add_key
+from psfs.page.words import make_lines, make_text
 from psfs.voxels.grid import VoxelGrid
 
 #: Most updates of the page per second.
@@ -26,11 +28,11 @@ _BEGIN = "record a take"
 _AROUND = 2.0
 
 
-class LivePage:
+class LivePage(BrowserPage):
     """A page that shows the newest poses.
 
     start: who is tracked, and where they begin. rig: the cameras. stop: ends the run, as the page's
-    button and the key S do.
+    button and the key X do.
     """
 
     def __init__(
@@ -40,27 +42,22 @@ class LivePage:
         stop: Callable[[], object],
         port: int = 0,
     ) -> None:
-        self._gate = Gate()
-        self.server = start_server(port, self._gate)
+        super().__init__("psfs-apf live", port)
         self._run: tuple[LiveResult, Timeline] | None = None
         self._ended = threading.Event()
         gui, scene = self.server.gui, self.server.scene
-        gui.configure_theme(show_logo=False, show_share_button=False)
-        gui.set_panel_label("psfs-apf live")
         self._status = gui.add_html(make_text("Waiting for the first pose."))
-        self._button = gui.add_button("end the run", hint="key: S; what is tracked is kept")
+        self._button = gui.add_button("end the run", hint="key: X; what is tracked is kept")
         self._record = gui.add_button(
             _BEGIN, hint="key: R; a take of its own, in a folder take1, ..."
         )
         self._takes: list[tuple[int, int]] = []
         self._began: int | None = None  # frame in which the take that is recorded began
         self._record.on_click(lambda event: self.press_record())
-        gui.add_command("Begin or end a take", hotkey="R").on_trigger(
-            lambda event: self.press_record()
-        )
+        add_key(gui, "Begin or end a take", "R", self.press_record)
         self._stop = stop
         self._button.on_click(lambda event: self.press_end())
-        gui.add_command("End the run", hotkey="S").on_trigger(lambda event: self.press_end())
+        add_key(gui, "End the run", "X", self.press_end)
         people = ((start.body, start.pose), *start.others)
         self.nodes = [
             BodyNodes(scene, f"/people/{k}", _still_track(*one)) for k, one in enumerate(people)
@@ -75,11 +72,6 @@ class LivePage:
         scene.set_up_direction("+z")
         self._thread = threading.Thread(target=self._work, daemon=True, name="live page")
         self._thread.start()
-
-    @property
-    def address(self) -> str:
-        """The page's address, with its token."""
-        return page_address(self.server, self._gate)
 
     @property
     def status(self) -> str:
@@ -118,7 +110,7 @@ class LivePage:
         """Draw the last pose, and end the server."""
         self._ended.set()
         self._thread.join(timeout=30)
-        stop_server(self.server)
+        self.stop()
 
     def _work(self) -> None:
         shown = 0

@@ -1,4 +1,4 @@
-"""A run that is opened for watching: a track, or voxels, with its footage if that exists."""
+"""A track that is opened for watching, with its footage if that exists."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,35 +16,31 @@ from apf.report.summary import (
     read_tracked_config,
     read_tracked_grid,
 )
-from apf.studio.clouds import CarvedClouds, Clouds, StoredClouds
 from apf.studio.folders import list_people
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, UserError
-from psfs.output.reconstruction_folder import ReconstructionFolder
+from psfs.page.clouds import CarvedClouds
+from psfs.page.opened import Opened, try_footage
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 #: Makes the device that voxels are carved on, when they are first needed.
 MakeDevice = Callable[[], Device | NumpyDevice]
+#: A 3-D view without voxels gets a floor of this many metres around the person.
+_AROUND = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Opened:
-    """A run that is watched.
+class OpenedTracks(Opened):
+    """A run whose bodies are watched.
 
-    frames: (F,) numbers, ascending. tracks: one per person, by the name of the person's folder.
-    sequence: the footage; None if it is gone. remarks: warnings, for the page. quality: the lines
-    of its judgement. look_at: frames (n,) to check, by what is doubtful there.
+    tracks: one per person, by the name of the person's folder; one at least. quality: the lines of
+    its judgement. look_at: frames (n,) to check, by what is doubtful there.
     """
 
-    folder: Path
-    frames: np.ndarray
-    fps: float
-    tracks: Mapping[str, Track]
-    sequence: Sequence | None
-    clouds: Clouds | None = None
-    remarks: tuple[str, ...] = ()
+    tracks: Mapping[str, Track] = field(default_factory=dict)
     quality: tuple[str, ...] = ()
     look_at: Mapping[str, np.ndarray] = field(default_factory=dict)
 
@@ -58,36 +53,45 @@ class Opened:
         }
 
     @property
-    def track(self) -> Track | None:
+    def track(self) -> Track:
         """The track of the only person, or of the first one."""
-        return next(iter(self.tracks.values()), None)
+        return next(iter(self.tracks.values()))
 
-    def close(self) -> None:
-        """End all work in the background."""
+    @property
+    def grid(self) -> VoxelGrid:
+        """The voxels' grid; without voxels one around the people."""
         if self.clouds is not None:
-            self.clouds.close()
+            return self.clouds.grid
+        joints = np.concatenate([track.joints.reshape(-1, 3) for track in self.tracks.values()])
+        low, high = np.nanmin(joints, axis=0) - _AROUND, np.nanmax(joints, axis=0) + _AROUND
+        return VoxelGrid.covering(low, high, 0.02)
 
 
-def open_voxels(folder: Path) -> Opened:
-    """Open a run of `psfs reconstruct`. Raises InputError, or MissingFileError."""
-    run = ReconstructionFolder.open(folder)
-    remarks: list[str] = []
-    run.warn_if_unfinished(remarks.append)
-    if not run.indices:
-        raise InputError(f"{folder}: holds no reconstructed frame; expected at least one")
-    sequence = _try_footage(run.sequence, remarks)
-    fps = float(run.summary["sequence"].get("fps") or 25.0)
-    clouds = StoredClouds(run)
-    frames = np.array(run.indices)
-    return Opened(folder, frames, fps, {}, sequence, clouds, tuple(remarks))
+@dataclass(frozen=True, eq=False)
+class RunningTake:
+    """The input of a run that goes on: its footage, and the settings of its voxels; None for those
+    of a preset."""
+
+    sequence: Sequence
+    config: ReconstructionConfig | None
+
+
+def add_track(opened: Opened, name: str, track: Track) -> OpenedTracks:
+    """Return opened voxels with the body of a track in them."""
+    fields = {one: getattr(opened, one) for one in Opened.__dataclass_fields__}
+    return OpenedTracks(**fields, tracks={name: track})
 
 
 def open_track(
-    folder: Path, make_device: MakeDevice, known: Callable[[int], object] = lambda frame: None
-) -> Opened:
+    folder: Path,
+    make_device: MakeDevice,
+    known: Callable[[int], object] = lambda frame: None,
+    running: RunningTake | None = None,
+) -> OpenedTracks:
     """Open a folder that `apf track` wrote, or still writes; that of all people if there are
-    several. known: called with the number of each frame after its voxels are carved. Raises
-    InputError, or MissingFileError."""
+    several. known: called with the number of each frame after its voxels are carved. running:
+    what a run reads that goes on, and has not written that yet. Raises InputError, or
+    MissingFileError."""
     tracks = _read_tracks(folder)
     first = next(iter(tracks.values()))
     frames = np.unique(np.concatenate([track.frames for track in tracks.values()]))
@@ -99,27 +103,34 @@ def open_track(
     try:
         summary = read_summary(folder if len(tracks) == 1 else folder / next(iter(tracks)))
     except UserError as error:  # of a run that goes on, or was killed
-        return Opened(folder, frames, first.fps, tracks, None, remarks=(str(error),))
+        if running is None:
+            return OpenedTracks(
+                folder, frames, first.fps, None, None, remarks=(str(error),), tracks=tracks
+            )
+        return _open_running(folder, frames, tracks, running, make_device, known)
     remarks += summary["warnings"]
-    sequence = _try_footage(
-        lambda: open_tracked_sequence(folder, summary, int(frames[-1])), remarks
-    )
+    sequence = try_footage(lambda: open_tracked_sequence(folder, summary, int(frames[-1])), remarks)
     clouds = None
     grid = _joint_grid(tracks)
     if sequence is not None and grid is not None:
         clouds = CarvedClouds(
-            grid, len(frames), _carver(folder, summary, sequence, grid, make_device, frames), known
-        )
+            grid, len(frames),
+            _carver(
+                sequence, grid, make_device, frames,
+                lambda: read_tracked_config(folder, dict(summary)),
+            ),
+            known,
+        )  # fmt: skip
     found = summary.get("quality", {}).get("look_at", {})
     look_at = {
         what: np.concatenate([np.arange(a, b + 1) for a, b in ranges])
         for what, ranges in found.items()
         if ranges
     }
-    quality = tuple(summary.get("says", ()))
-    return Opened(
-        folder, frames, first.fps, tracks, sequence, clouds, tuple(remarks), quality, look_at
-    )
+    return OpenedTracks(
+        folder, frames, first.fps, sequence, clouds, tuple(remarks),
+        tracks=tracks, quality=tuple(summary.get("says", ())), look_at=look_at,
+    )  # fmt: skip
 
 
 def _read_tracks(folder: Path) -> dict[str, Track]:
@@ -140,30 +151,40 @@ def _joint_grid(tracks: Mapping[str, Track]) -> VoxelGrid | None:
     return VoxelGrid.covering(low, high, grids[0].voxel_size)
 
 
-def _carver(
+def _open_running(
     folder: Path,
-    summary: Mapping[str, Any],
+    frames: np.ndarray,
+    tracks: Mapping[str, Track],
+    running: RunningTake,
+    make_device: MakeDevice,
+    known: Callable[[int], object],
+) -> OpenedTracks:
+    """Open the track so far of a run that goes on. Its voxels are carved if the user asks for them:
+    that takes time from the run."""
+    grid, clouds = _joint_grid(tracks), None
+    if grid is not None and running.config is not None:
+        config = running.config
+        carve = _carver(running.sequence, grid, make_device, frames, lambda: config)
+        clouds = CarvedClouds(grid, len(frames), carve, known)
+    return OpenedTracks(
+        folder, frames, running.sequence.fps, running.sequence, clouds,
+        ("the run goes on; `voxels` shows them, and slows it down",), False, tracks=tracks,
+    )  # fmt: skip
+
+
+def _carver(
     sequence: Sequence,
     grid: VoxelGrid,
     make_device: MakeDevice,
     frames: np.ndarray,
+    read_config: Callable[[], ReconstructionConfig],
 ) -> Callable[[], Iterator[tuple[int, VoxelCloud]]]:
     """Return a function that carves the frames (F,) again, with the settings of the track."""
 
     def carve() -> Iterator[tuple[int, VoxelCloud]]:
-        settings = SessionSettings(read_tracked_config(folder, dict(summary)))
-        session = Session(sequence, make_device(), settings)
+        session = Session(sequence, make_device(), SessionSettings(read_config()))
         with closing(session.iterate_carved(grid, frames.tolist())) as carved:  # type: ignore[type-var]
             for frame in carved:
                 yield frame.index, frame.cloud
 
     return carve
-
-
-def _try_footage(open_footage: Callable[[], Sequence], remarks: list[str]) -> Sequence | None:
-    """Return the footage, or add a remark why there is none."""
-    try:
-        return open_footage()
-    except UserError as error:
-        remarks.append(f"no pictures: {error}")
-        return None

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import threading
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from apf.live.recording import Captures
 from apf.studio.calibrate import CalibrateView
 from apf.studio.correct_panel import CorrectPanel
 from apf.studio.export_panel import ExportPanel
+from apf.studio.film import FilmView
 from apf.studio.folders import Found, Roots, find_kind
 from apf.studio.footage import FootageView
-from apf.studio.gate import Gate, page_address, start_server, stop_server
-from apf.studio.opened import MakeDevice, open_track, open_voxels
+from apf.studio.opened import MakeDevice, open_track
 from apf.studio.run_panel import RunPanel
-from apf.studio.watch import Watch
-from apf.studio.words import make_lines, make_text
+from apf.studio.watch import TrackWatch
+from apf.studio.work import Work, free_folder
 from cl import InputError, UserError
+from psfs.page.frame import BrowserPage
+from psfs.page.opened import open_voxels
+from psfs.page.watch import Watch
+from psfs.page.words import make_lines, make_text
 from psfs.sequence import Sequence
 
 if TYPE_CHECKING:
@@ -29,13 +35,14 @@ _KINDS = {
     "track": "track",
     "voxels": "voxels",
 }
-_NOTHING = "(choose)"
+_NOTHING, _LIVE = "(choose)", "the cameras, live"
+_INTERVAL = 0.3  # s, between two looks at a walk that is made
 
 
-class Page:
+class Page(BrowserPage):
     """The page on a server of its own. roots: the folders that may be opened. make_device: makes
     the device for work on pictures; device: the flag that names it. results: the folder for runs.
-    port: see `start_server`."""
+    port: see `start_server`. captures: live cameras; they are closed with the page."""
 
     def __init__(
         self,
@@ -45,23 +52,21 @@ class Page:
         *,
         results: Path = Path("results"),
         device: str = "auto",
+        captures: Captures | None = None,
     ) -> None:
         self.roots, self._make_device, self._results = roots, make_device, results
-        self.gate = Gate()
-        self.server = start_server(port, self.gate)
+        self._device, self._stopping = device, False
+        self._demo: Work | None = None
+        super().__init__("psfs-apf studio", port)
         self._lock = threading.RLock()
         self.watch: Watch | None = None
         self.footage: FootageView | None = None
         self._examiners: list[threading.Thread] = []
         self.calibrate: CalibrateView | None = None
+        self.film: FilmView | None = None
+        self._captures = captures
         gui = self.server.gui
-        self._choose_theme(False)
-        gui.set_panel_label("psfs-apf studio")
-        self._beside = gui.add_panel()
-        self.pictures = self._beside.add_tab("Pictures and curves")
-        self._beside.dock_left()
-        self._beside.set_width(380)
-        gui.main_panel.dock_right()
+        self.pictures = self.add_pictures(TrackWatch.beside_label)
         self._add_open(gui)
         tabs = gui.add_tab_group()
         self.watching, running = tabs.add_tab("Watch"), tabs.add_tab("Run")
@@ -72,16 +77,12 @@ class Page:
         with tabs.add_tab("Take home"):
             self.export = ExportPanel(gui, self.say)
 
-    @property
-    def address(self) -> str:
-        """The page's address, with its token."""
-        return page_address(self.server, self.gate)
-
     def list_folders(self) -> list[Found]:
         """Find the folders that can be opened again, and offer them."""
         found = self.roots.find()
         self._choices = {f"{one.name} ({_KINDS[one.kind]})": one for one in found}
-        self._folder.options = [_NOTHING, *self._choices]
+        live = [_LIVE] if self._captures is not None else []
+        self._folder.options = [_NOTHING, *live, *self._choices]
         return found
 
     def open(self, path: Path) -> None:
@@ -94,11 +95,13 @@ class Page:
                 self.roots.add(self._results)
             self.close_folder()
             self._choose_in_list(path)
-            self._message.content = ""
+            self._message.content, self.demo_button.visible = "", False
             server, panels = self.server, (self.watching, self.pictures)
             if kind == "track":
-                opened = open_track(path, self._make_device, self._show_carved)
-                self.watch = Watch(server, opened, *panels)
+                opened = open_track(
+                    path, self._make_device, self._show_carved, self.run.find_running(path)
+                )
+                self.watch = TrackWatch(server, opened, *panels)
                 self._offer()
             elif kind == "voxels":
                 self.watch = Watch(server, open_voxels(path), *panels)
@@ -116,16 +119,29 @@ class Page:
                     "reconstruct"
                 )
 
+    def open_cameras(self) -> None:
+        """Show the live cameras in place of the folder that is open."""
+        with self._lock:
+            assert self._captures is not None
+            self.close_folder()
+            self._message.content, self.demo_button.visible = "", False
+            self._opened = self._folder.value = _LIVE
+            self.film = FilmView(
+                self.server, self._captures, (self.watching, self.pictures),
+                known=self.roots.find_calibrations(), results=self._results,
+                make_device=self._make_device, open_folder=self._show_run,
+            )  # fmt: skip
+
     def close_folder(self) -> None:
         """Close the folder that is open, if one is."""
         with self._lock:
             self.correct.offer(None)  # its handle stands in the scene
             if self.footage is not None:
                 self._examiners.append(self.footage.examiner)
-            for shown in (self.watch, self.footage, self.calibrate):
+            for shown in (self.watch, self.footage, self.calibrate, self.film):
                 if shown is not None:
                     shown.close()
-            self.watch = self.footage = self.calibrate = None
+            self.watch = self.footage = self.calibrate = self.film = None
             self._offer()
 
     def _open_footage(self, sequence: Sequence) -> None:
@@ -154,18 +170,43 @@ class Page:
 
     def _offer(self) -> None:
         """Have the panels offer what can be done with the run that is open, or nothing."""
-        self.correct.offer(self.watch)
-        self.export.offer(self.watch)
+        tracked = self.watch if isinstance(self.watch, TrackWatch) else None
+        self.correct.offer(tracked)
+        self.export.offer(tracked)
         if self.footage is None:
             self.run.offer(None)
 
     def stop(self) -> None:
-        """Close everything, and end the server."""
+        """Close everything, and end the server. Drivers abort a process that ends while one of its
+        threads computes."""
+        self._stopping = True
         self.run.close()
+        if self._demo is not None:
+            self._demo.close()
         self.close_folder()
-        stop_server(self.server)
-        for examiner in self._examiners:  # drivers abort a process that ends while they compute
+        if self._captures is not None:
+            self._captures.close()
+        super().stop()
+        for examiner in self._examiners:
             examiner.join(timeout=60)
+
+    def make_demo(self) -> None:
+        """Make the walk of `apf demo` in a folder of the results, and open it."""
+        if self._demo is not None and not self._demo.ended:
+            return
+        output, flags = free_folder(self._results, "demo"), ["--device", self._device]
+        self._demo = work = Work(flags, output, command=("apf", "synth"))
+        self._message.content = make_text("Making a walk ...")
+
+        def follow() -> None:
+            while not work.ended:
+                time.sleep(_INTERVAL)
+            if work.succeeded:
+                self._show_run(output)
+            else:
+                self.say("; ".join(work.words))
+
+        threading.Thread(target=follow, daemon=True, name="demo").start()
 
     def say(self, error: object) -> None:
         """Show an error on the page."""
@@ -179,34 +220,40 @@ class Page:
             hint="takes and results in the folders of the command",
         )
         self._opened = _NOTHING
-        self._message = gui.add_html(make_text("Choose a folder to open."))
+        self._message: Any = gui.add_html(make_text("Choose a folder to open."))
+        self.demo_button: Any = gui.add_button(
+            "a walk to try",
+            hint="makes a synthetic walker before four cameras (apf synth), and opens it",
+        )
+        self.demo_button.on_click(lambda event: self.make_demo())
         self.list_folders()
         self._folder.on_update(lambda event: self._choose())
-        self.dark: Any = gui.add_checkbox("dark", False, hint="key: D")
-        self.dark.on_update(lambda event: self._choose_theme(self.dark.value))
-        gui.add_command("Dark or light", hotkey="D").on_trigger(
-            lambda event: setattr(self.dark, "value", not self.dark.value)
-        )
-
-    def _choose_theme(self, dark: bool) -> None:
-        self.server.gui.configure_theme(
-            dark_mode=dark, show_logo=False, show_share_button=False, control_width="large"
-        )
+        self.add_dark()
 
     def _choose(self) -> None:
-        found = self._choices.get(self._folder.value)
-        if found is None or self._folder.value == self._opened:
+        found, chosen = self._choices.get(self._folder.value), self._folder.value
+        if chosen == self._opened or (found is None and chosen != _LIVE):
             return
         try:
-            self.open(found.path)
+            if found is None:
+                self.open_cameras()
+            else:
+                self.open(found.path)
         except UserError as error:
             self.say(error)
 
     def _show_run(self, output: Path) -> None:
         """Open a run that was started here, and list it."""
+        if self._stopping:
+            return
         self.roots.add(output)
+        watch = self.watch
+        same = watch is not None and watch.opened.folder.resolve() == output.resolve()
         try:
+            with_voxels = same and watch is not None and watch.shown["voxels"]
             self.open(output)
+            if with_voxels and self.watch is not None:
+                self.watch.show_layer("voxels")
         except UserError as error:  # its first part is just being replaced
             self.say(error)
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from pydantic.fields import FieldInfo
 
 from apf.settings import Settings
-from apf.studio.words import make_lines, make_text
 from cl import InputError
 from psfs.common.config import (
     Config,
@@ -21,6 +20,7 @@ from psfs.common.config import (
     fields_below,
     part_kind,
 )
+from psfs.page.words import make_lines, make_text
 
 if TYPE_CHECKING:
     import viser

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from apf.studio.words import make_text
+import numpy as np
+
 from cl import InputError
 from psfs.calibration.config import MarkerConfig
 from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
-from psfs.calibration.targets.detection import Finder, median_pictures
+from psfs.calibration.targets.detection import Finder
 from psfs.calibration.targets.markers import MarkerFinder
 from psfs.calibration.targets.print_board import write_board_pdf
 from psfs.calibration.targets.target import make_wand
 from psfs.common.scratch import temporary_folder
-from psfs.sequence import Sequence
+from psfs.page.words import make_text
 
 if TYPE_CHECKING:
     import viser
@@ -72,11 +73,12 @@ class TargetFields:
         """Whether the lenses of another calibration are used."""
         return self.intrinsics.value != _NONE
 
-    def make_finder(self, views: Sequence, chosen: list[int]) -> Finder:
-        """Return the detector of the target in the chosen frames of `views`. Raises InputError."""
+    def make_finder(self, find_medians: Callable[[], list[np.ndarray]]) -> Finder:
+        """Return the detector of the target. find_medians: returns each camera's grey picture (h,
+        w) uint8 without what moves, for a wand. Raises InputError."""
         if self.kind.value == WAND:
             target = make_wand(self._lengths())
-            return MarkerFinder(target, median_pictures(views, chosen), MarkerConfig())
+            return MarkerFinder(target, find_medians(), MarkerConfig())
         squares, square = self._squares(), float(self.square.value)
         if self.kind.value == CHESSBOARD:
             return ChessboardFinder(squares, square)
@@ -103,7 +105,7 @@ class TargetFields:
         square = float(self.square.value)
         with temporary_folder() as folder:
             path = folder / "board.pdf"
-            write_board_pdf(path, (columns, rows), square, _MARKER * square, "4X4")
+            write_board_pdf(path, (columns, rows), (square, _MARKER * square), "4X4")
             return f"board_{columns}x{rows}_{1000 * square:g}mm.pdf", path.read_bytes()
 
     def _squares(self) -> tuple[int, int]:

@@ -115,6 +115,8 @@ def hold_feet(
     offsets = _corrections(posed_joints(body, poses)[:, ankles], times, stands, config)
     targets = posed_joints(body, poses)[:, ankles] + offsets
     moved = np.abs(offsets).max((1, 2)) > 0
+    if not moved.any():  # a foot that stands in a single frame
+        return poses
     out = poses.copy()
     out[moved] = _solve_legs(body, poses[moved], ankles, targets[moved])
     return out

@@ -182,8 +182,10 @@ def _exclude_outlier_cameras(
     """Set aside, one at a time, the cameras that disagree with the others.
 
     Returns the scene estimated from the cameras that agree, their sightings, and why each of the
-    others disagrees, by name; these are placed where they fit best.
+    others disagrees, by name; these are placed where they fit best. If half of the cameras or more
+    disagree, no majority says which are wrong, and all are kept.
     """
+    given = scene, sightings, dict[str, str]()
     views = list(range(len(names)))
     disagreeing: dict[str, str] = {}
     while (
@@ -207,4 +209,6 @@ def _exclude_outlier_cameras(
         scene = adjust_bundle(scene, target, own, FreeParameters((), others, poses=False), config)
         why = explain_disagreement(replace(outlier, scene=scene), target, own, config)
         disagreeing[names[outlier.view]] = f"{outlier.own:.1f} px off what the others see; {why}"
+        if 2 * len(disagreeing) >= len(names):
+            return given
     return scene, [s for s in sightings if s.view in views and s.frame in scene.poses], disagreeing

@@ -50,7 +50,7 @@ class Coverage:
             gaps.append(
                 f"sees the {target} in {100 * self.share:.0f} % of its picture, expected "
                 f"{100 * config.coverage:.0f} or more: bring it nearer and into the corners, or "
-                "give --intrinsics"
+                "use known lenses (--intrinsics)"
             )
         return gaps
 

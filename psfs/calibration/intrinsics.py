@@ -16,6 +16,7 @@ from psfs.calibration.targets.target import Sighting
 from psfs.cameras.calibration import find_calibration, read_calibration
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import contains_name, match_files_to_cameras
+from psfs.common.ranges import check_number
 from psfs.footage.media import list_media, open_media
 
 #: Most pictures of a camera that are searched, and fewest that must show the board.
@@ -52,6 +53,19 @@ def read_intrinsics(path: Path, rig: CameraRig, finder: Finder | None) -> list[C
                 f"pixels; its pictures have {sizes[name][0]} x {sizes[name][1]}"
             )
         cameras.append(replace(camera, name=name, R=np.eye(3), t=np.zeros(3)))
+    return cameras
+
+
+def make_cameras_by_angle(rig: CameraRig, degrees: float) -> list[Camera]:
+    """Return the rig's cameras with the angle of view, degrees, of the pictures' longer side, and
+    without distortion. Raises InputError for an angle that no such lens has."""
+    check_number("--field-of-view, degrees,", degrees, 5, 150)
+    cameras = []
+    for camera in rig:
+        focal = 0.5 * max(camera.size) / np.tan(np.radians(0.5 * degrees))
+        K = np.diag([focal, focal, 1.0])
+        K[:2, 2] = 0.5 * (np.array(camera.size) - 1)
+        cameras.append(Camera(camera.name, K, np.zeros(5), np.eye(3), np.zeros(3), camera.size))
     return cameras
 
 

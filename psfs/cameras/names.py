@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TypeVar
 
 from cl import InputError
+
+T = TypeVar("T")
 
 
 def name_tokens(name: str) -> tuple[str, ...]:
@@ -60,9 +63,39 @@ def match_files_to_cameras(
             raise InputError(
                 f"{where}: some are named after cameras and others after none, and in order they "
                 f"would be {guess}; expected the names of the cameras, {join_names(cameras)}"
+                f"{_example(cameras, found)}"
             )
         return ordered, f"{where}: names differ from the cameras'; taken in order: {guess}"
     raise InputError(
         f"{where}: {len(found)} of them ({join_names(found)}) for {len(needed)} cameras "
         f"({join_names(needed)}); expected one per camera, or `cameras` to choose some"
+        f"{_example(cameras, found)}"
     )
+
+
+def _example(cameras: Sequence[str], found: Sequence[str]) -> str:
+    """Return the hint of a table that says which file is whose."""
+    if not cameras or not found:
+        return ""
+    return f", or a table in sequence.toml: [files] {cameras[0]} = {found[0]!r}, ..."
+
+
+def rename_files(
+    found: Mapping[str, T], files: Mapping[str, str] | None, where: str | None = None
+) -> dict[str, T]:
+    """Return what was found by name, under the cameras' names where `files` says whose it is, by
+    camera; other names as they are.
+
+    where: place of the files; raises InputError for one that is not there. None: without one of
+    them, all names are as they are."""
+    renamed, moved = dict(found), {}
+    for camera, name in (files or {}).items():
+        same = [own for own in renamed if name_tokens(own) == name_tokens(name)]
+        if len(same) != 1:
+            if where is None:
+                return dict(found)
+            raise InputError(
+                f"{where}: `files` says {name} for {camera}; there are {join_names(found)}"
+            )
+        moved[camera] = renamed.pop(same[0])
+    return {**renamed, **moved}

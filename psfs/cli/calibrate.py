@@ -22,6 +22,7 @@ from psfs.calibration.report import (
 )
 from psfs.calibration.scene import rigid_transform
 from psfs.calibration.start.motion_capture import read_measured_wand
+from psfs.calibration.targets.board_files import read_board
 from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
 from psfs.calibration.targets.detection import (
     Finder,
@@ -55,9 +56,12 @@ _STATED = ("cameras", "fps", "sync")
 #: Flags of one kind of target.
 _OF_C3D = ("markers", "c3d_begins", "up")
 _OF_TARGETS = ("intrinsics", "floor", "height", "frames", "squares", "square", *_OF_C3D)
+_OF_PERSON = ("stature", "field_of_view")
 #: Squares, and their side, m, of a board that is printed unless others are stated: an A4 page.
 _PRINTED = (7, 5), 0.037
-_OF_BOARDS, _OF_CHARUCO = ("squares", "square"), ("marker", "dictionary")
+_OF_BOARDS, _OF_CHARUCO = ("squares", "square"), ("marker", "dictionary", "boards")
+#: Kinds of boards that --board takes, beside files.
+_KINDS = ("charuco", "chessboard")
 
 
 def run(args: argparse.Namespace) -> None:
@@ -70,7 +74,7 @@ def run(args: argparse.Namespace) -> None:
     expected = (CALIBRATION, REPORT, RIG, FILE, f"{PICTURES}/*.png")
     with output_folder(args.output, args.parser.prog, inputs, expected):
         if not args.person:
-            refuse_unused(args, ["stature"], "applies only to a person; expected --person with it")
+            refuse_unused(args, _OF_PERSON, "applies only to a person; expected --person with it")
         if args.refine:
             refuse_unused(
                 args, _OF_TARGETS, "applies only to boards and wands; expected none with --refine"
@@ -95,7 +99,7 @@ def run(args: argparse.Namespace) -> None:
 
 def _print_board(args: argparse.Namespace) -> None:
     """Write the PDF of a ChArUco board."""
-    of_footage = {"folder", "output", "board", "wand", "c3d", "refine", "person", "stature"}
+    of_footage = {"folder", "output", "board", "wand", "c3d", "refine", "person", *_OF_PERSON}
     refuse_unused(
         args,
         of_footage.union(_OF_TARGETS).difference(_OF_BOARDS),
@@ -108,11 +112,12 @@ def _print_board(args: argparse.Namespace) -> None:
     square = _PRINTED[1] if args.square is None else args.square
     marker = 0.75 * square if args.marker is None else args.marker
     family = "4X4" if args.dictionary == "auto" else args.dictionary
-    width, height = write_board_pdf(path, squares, square, marker, family)
+    width, height = write_board_pdf(path, squares, (square, marker), family, args.boards)
+    several = f" --boards {args.boards}" if args.boards > 1 else ""
     stdout.print(
         f"wrote {path}: {width:.0f} x {height:.0f} mm; print it at 100 %, glue it on something "
         f"flat, film it: psfs calibrate FOLDER --board charuco --squares {squares[0]}x{squares[1]} "
-        f"--square {square:g} -o OUT",
+        f"--square {square:g}{several} -o OUT",
         soft_wrap=True,
         markup=False,
     )
@@ -121,29 +126,35 @@ def _print_board(args: argparse.Namespace) -> None:
 def _calibrate(args: argparse.Namespace) -> None:
     check_number("--height, m,", args.height, -10, 10)
     config: CalibrationConfig = args.configs.get("calibration", CalibrationConfig())
-    board = _make_board_finder(args)
+    boards = _make_board_finders(args)
+    board = boards[0] if boards else None
     stated = {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}
     views = open_uncalibrated(Path(args.folder), SequenceSettings.from_dict(stated))
     chosen, floor = _choose_frames(args, views, config)
     finder = board or _marker_finder(args, views, chosen, config.markers)
+    finders = boards or [finder]
     known = args.intrinsics is not None
     cameras = read_intrinsics(args.intrinsics, views.rig, board) if known else list(views.rig)
     sightings: list[Sighting] = []
     with progress_bar() as bar:
         for found in bar.track(
-            find_sightings(views, chosen, finder), len(chosen), description="looking"
+            find_sightings(views, chosen, finders), len(chosen), description="looking"
         ):
             sightings += found
     if not sightings:
         raise InputError(_describe_failure(views, chosen, finder))
     result = calibrate_cameras(cameras, finder.target, sightings, known, config)
+    floor = [len(finders) * frame + n for frame in floor for n in range(len(finders))]
     result, warnings = _align_to_world(args, result, floor)
     _write(args, views, result, config, warnings)
 
 
-def _make_board_finder(args: argparse.Namespace) -> CharucoFinder | ChessboardFinder | None:
-    """Return the detector of the board; None for a wand. Raises InputError for flags that exclude
+def _make_board_finders(
+    args: argparse.Namespace,
+) -> list[CharucoFinder] | list[ChessboardFinder]:
+    """Return the detectors of the boards; none for a wand. Raises InputError for flags that exclude
     each other."""
+    _apply_board_file(args)
     if args.board is None and args.wand is None and args.c3d is None:
         raise InputError(
             "no target is stated; expected --board, --wand, --c3d, --person or --refine"
@@ -160,13 +171,31 @@ def _make_board_finder(args: argparse.Namespace) -> CharucoFinder | ChessboardFi
         )
     if args.board is None:
         refuse_unused(args, _OF_BOARDS, "applies only to boards; expected --board with it")
-        return None
+        return []
     if args.squares is None or args.square is None:
         raise InputError("--board needs --squares CxR and --square M")
     if args.board == "chessboard":
-        return ChessboardFinder(args.squares, args.square)
+        return [ChessboardFinder(args.squares, args.square)]
     marker = 0.75 * args.square if args.marker is None else args.marker
-    return CharucoFinder(args.squares, args.square, marker, args.dictionary)
+    check_number("--boards", args.boards, 1, 20)
+    step = args.squares[0] * args.squares[1] // 2
+    return [
+        CharucoFinder(args.squares, args.square, marker, args.dictionary, number * step)
+        for number in range(args.boards)
+    ]
+
+
+def _apply_board_file(args: argparse.Namespace) -> None:
+    """Replace a board's file as --board by what it says; other flags beat it."""
+    if args.board is None or args.board in _KINDS:
+        return
+    board = read_board(Path(args.board))
+    args.board = board.kind
+    args.squares = args.squares or board.squares
+    args.square = board.square if args.square is None else args.square
+    args.marker = board.marker if args.marker is None else args.marker
+    if args.dictionary == "auto":
+        args.dictionary = board.dictionary
 
 
 def _marker_finder(
@@ -207,7 +236,10 @@ def _describe_failure(views: Sequence, chosen: list[int], finder: Finder) -> str
     seen = find_hint(views, chosen, finder.hint)  # type: ignore[attr-defined]
     if seen is not None:
         return f"{what}, but {seen}; expected what the flags of the board say"
-    return f"{what}; expected it flat, sharp, lit evenly, and with a white rim"
+    return (
+        f"{what}; {finder.describe_search()}; expected it flat, sharp, lit evenly, with a "  # type: ignore[attr-defined]
+        "white rim, and large: see docs/calibration.md"
+    )
 
 
 def _align_to_world(
@@ -246,7 +278,7 @@ def _write(
     write_toml_tables(out / CALIBRATION, CameraRig(result.scene.cameras))
     write_json(out / REPORT, calibration_summary(result, found, what, warnings))
     write_rig(out / RIG, result, found)
-    _write_pictures(out / PICTURES, views, result, found)
+    _write_pictures(out / PICTURES, views, result, found, args.boards)
     write_settings(out, args, {"calibration": config})
     stdout.print(_table(found))
     for view in found:
@@ -258,11 +290,11 @@ def _write(
 
 
 def _write_pictures(
-    folder: Path, views: Sequence, result: CalibrationResult, found: list[ViewReport]
+    folder: Path, views: Sequence, result: CalibrationResult, found: list[ViewReport], boards: int
 ) -> None:
     """Write a picture per camera: its detected points, drawn over its picture of the frame with the
-    most detections."""
-    frames = [sighting.frame for sighting in result.sightings]
+    most detections. boards: their number."""
+    frames = [sighting.frame // boards for sighting in result.sightings]
     shown = crop_pictures(views.read(max(set(frames), key=frames.count)), views.rig)
     for view, picture in zip(found, shown, strict=True):
         write_view(folder / f"{view.camera.name}.png", view, picture)

@@ -81,6 +81,10 @@ def remark(kind: str, style: str, text: str, stream: Messages = stdout) -> None:
     stream.print(Text.assemble((f"{kind}:", style), f" {escape_unprintable(text)}"), soft_wrap=True)
 
 
+#: What flags of these types take, for messages.
+NUMBER_TYPES: dict[Any, str] = {float: "a number, such as 1.5", int: "a whole number"}
+
+
 class CommandParser(RecordingParser):
     """A parser that reports errors in one line, as do its subcommands. If `fill` is set, it adds
     the flags before the first words are parsed, or when `add_flags` is called."""
@@ -107,7 +111,13 @@ class CommandParser(RecordingParser):
             not arg_string and action.nargs != argparse.PARSER
         ):  # Path("") would be the current folder
             raise argparse.ArgumentError(action, "is empty; expected a value")
-        return super()._get_value(action, arg_string)
+        try:
+            return super()._get_value(action, arg_string)
+        except argparse.ArgumentError:
+            if action.type not in NUMBER_TYPES:
+                raise
+            expected = f"is {arg_string!r}; expected {NUMBER_TYPES[action.type]}"
+            raise argparse.ArgumentError(action, expected) from None
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {escape_unprintable(message)}; see {self.prog} --help\n")

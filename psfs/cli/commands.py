@@ -13,6 +13,6 @@ COMMANDS = list_commands(
     silhouettes="show the silhouettes that are reconstructed from as pictures",
     check="compare reprojected clouds with the silhouettes of their frames",
     mesh="make closed surfaces of reconstructed frames",
-    view="play a run in a window, or write a picture where there is no display",
+    view="play a run on a page in the browser, or write a picture",
     devices="try the OpenCL devices and list them",
 )

@@ -9,15 +9,16 @@ from pathlib import Path
 from rich.table import Table
 
 from cl import InputError, select_device
-from psfs.calibration.intrinsics import read_intrinsics
+from psfs.calibration.intrinsics import make_cameras_by_angle, read_intrinsics
 from psfs.cameras.calibration.toml_tables import write_toml_tables
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import Camera, CameraRig
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.cli.flags.calibrate import CALIBRATION, REPORT
 from psfs.cli.settings import write_settings
 from psfs.common.files import write_json
 from psfs.common.ranges import check_number
 from psfs.common.versions import versions
+from psfs.diagnostics.small_views import Outline
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
 from psfs.footage.settings import SequenceSettings
 from psfs.self_calibration.calibrator import PersonCalibration, calibrate_by_person
@@ -35,19 +36,48 @@ def calibrate_from_person(args: argparse.Namespace) -> None:
     if args.stature is not None:
         check_number("--stature, m,", args.stature, 0.3, 3)
         config = config.replace(stature=args.stature)
+    views = open_person_footage(args)
+    large = read_lenses(args, views)
     if args.intrinsics is None:
-        raise InputError(
-            "--person without --intrinsics; expected the cameras' intrinsics: a calibration, of "
-            "which only the lenses are taken, as psfs calibrate --board writes"
-        )
+        config = config.replace(adjustment=config.adjustment.free_lenses())
+    small, outlines = outline_footage(args, views, large, config)
+    found = calibrate_by_person(small, outlines, views.fps, config)
+    rig = enlarge_rig(large, small, found.rig)
+    verdict = f"silhouettes differ by at most {found.misfits.max():.2f} px"
+    write_person_calibration(args, rig, found, config, verdict)
+
+
+def open_person_footage(args: argparse.Namespace) -> Sequence:
+    """Open the folder of uncalibrated cameras, with the empty scene or masks where it has some."""
     stated = {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}
     folder = Path(args.folder)
     settings = SequenceSettings.from_dict({**stated, "sync": {}}).fill_from(
         SequenceSettings.read(folder / "sequence.toml")
     )
     footage = read_uncalibrated(folder, settings, silhouettes=True)
-    views = Sequence(folder, LAYOUT, footage, settings)
-    large = read_intrinsics(args.intrinsics, views.rig, None)
+    return Sequence(folder, LAYOUT, footage, settings)
+
+
+def read_lenses(args: argparse.Namespace, views: Sequence) -> list[Camera]:
+    """Return the cameras with the intrinsics of --intrinsics, or those of --field-of-view."""
+    if args.intrinsics is not None and args.field_of_view is not None:
+        raise InputError("--intrinsics and --field-of-view; expected one of them")
+    if args.intrinsics is not None:
+        return read_intrinsics(args.intrinsics, views.rig, None)
+    if args.field_of_view is not None:
+        return make_cameras_by_angle(views.rig, args.field_of_view)
+    raise InputError(
+        "no lenses are stated; expected --intrinsics PATH, a calibration of which only the lenses "
+        "are taken, as psfs calibrate --board writes; or --field-of-view DEGREES, of the "
+        "pictures' longer side; see docs/from_phones.md"
+    )
+
+
+def outline_footage(
+    args: argparse.Namespace, views: Sequence, large: list[Camera], config: PersonConfig
+) -> tuple[list[Camera], list[list[Outline | None]]]:
+    """Return the cameras, scaled to small pictures, and the person's outlines in these
+    [view][frame]."""
     device = select_device(args.device)
     factor = min(1.0, config.longest_side / max(views.rig.width, views.rig.height))
     small = [camera.scaled(factor) for camera in large]
@@ -55,17 +85,25 @@ def calibrate_from_person(args: argparse.Namespace) -> None:
     with progress_bar() as bar:
         for view in bar.track(range(len(small)), len(small), description="silhouettes"):
             outlines.append(extract_outlines(views.footage, view, small[view], device, config))
-    found = calibrate_by_person(small, outlines, views.fps, config)
-    placed = zip(large, found.rig, strict=True)
-    rig = CameraRig(tuple(replace(camera, R=own.R, t=own.t) for camera, own in placed))
-    _write(args, rig, found, config)
+    return small, outlines
 
 
-def _write(
-    args: argparse.Namespace, rig: CameraRig, found: PersonCalibration, config: PersonConfig
-) -> None:
+def enlarge_rig(large: list[Camera], small: list[Camera], found: CameraRig) -> CameraRig:
+    """Return the large cameras with the poses and the change of focal length of the small ones."""
+    cameras = []
+    for camera, before, after in zip(large, small, found, strict=True):
+        K = camera.K.copy()
+        K[[0, 0, 1], [0, 1, 1]] *= after.K[0, 0] / before.K[0, 0]
+        cameras.append(replace(camera, K=K, R=after.R, t=after.t))
+    return CameraRig(tuple(cameras))
+
+
+def write_person_calibration(
+    args: argparse.Namespace, rig: CameraRig, found: PersonCalibration, config: PersonConfig,
+    verdict: str,
+) -> None:  # fmt: skip
+    """Write the calibration and its report, and print them."""
     out: Path = args.output
-    verdict = f"silhouettes differ by at most {found.misfits.max():.2f} px"
     warnings = []
     if args.stature is None:
         warnings.append(
@@ -94,7 +132,8 @@ def _summary(
 ) -> dict[str, object]:
     return {
         "folder": str(args.folder),
-        "intrinsics": str(args.intrinsics),
+        "intrinsics": None if args.intrinsics is None else str(args.intrinsics),
+        "field_of_view_degrees": args.field_of_view,
         "stature_m": config.stature,
         "frontier_points": found.count,
         "residual_px": round(found.residual, 4),
@@ -103,6 +142,7 @@ def _summary(
             camera.name: {
                 "late_frames": round(float(lag), 3),
                 "position_m": camera.centre.round(4).tolist(),
+                "focal_px": round(float(camera.K[0, 0]), 2),
                 "misfit_px": round(float(misfit), 3),
             }
             for camera, lag, misfit in zip(rig, found.lags, found.misfits, strict=True)

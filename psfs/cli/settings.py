@@ -9,6 +9,7 @@ configs that the command declares by `add_configs`, with all of their settings.
 from __future__ import annotations
 
 import argparse
+import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from typing import Any
 import tomli_w
 
 from cl import InputError
-from psfs.cli.commandline import path_or_name
+from psfs.cli.commandline import NUMBER_TYPES, path_or_name
 from psfs.cli.recording import RecordingParser
 from psfs.common.config import Config, part_kind
 from psfs.common.files import resolve_path, write_text
@@ -218,10 +219,9 @@ def _flags(
     found = {}
     for name, value in flags.items():
         if name not in by_name:
-            raise InputError(
-                f"{file}: {name} is no setting of {command.prog}; expected some of "
-                f"{', '.join(sorted(by_name))}"
-            )
+            near = difflib.get_close_matches(name, by_name, 1)
+            hint = f"did you mean {near[0]}?" if near else f"see {command.prog} --help"
+            raise InputError(f"{file}: {name} is no setting of {command.prog}; {hint}")
         action = by_name[name]
         parsed = _parse(file, action, value)
         if action.dest not in excluded:
@@ -251,7 +251,7 @@ def _one(file: Path, action: argparse.Action, value: Any) -> Any:
     try:
         parsed = kind(str(value))
     except (ValueError, argparse.ArgumentTypeError) as error:
-        expected = getattr(kind, "__name__", "another value")
+        expected = NUMBER_TYPES.get(kind, "another value")
         detail = error if isinstance(error, argparse.ArgumentTypeError) else f"expected {expected}"
         raise InputError(f"{file}: {name} is {value!r}; {detail}") from None
     if action.choices is not None and parsed not in action.choices:

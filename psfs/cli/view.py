@@ -1,106 +1,82 @@
-"""`psfs view OUT`: viewer of the voxel clouds, or of their surfaces, over time."""
+"""`psfs view OUT`: a page in the browser that plays the voxel clouds, or their surfaces."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable
 
 import numpy as np
-import trimesh
 
-from cl import select_device
-from psfs.cameras.camera import CameraRig
+from cl import InputError, select_device
 from psfs.cli.commandline import stdout, warn
+from psfs.cli.serve import check_port, serve
 from psfs.common.files import check_picture_name, write_picture
 from psfs.common.outputs import output_folder
-from psfs.mesh.drawing import (
-    Layer,
-    Shape,
-    draw_floor,
-    draw_frusta,
-    make_static_layer,
-    make_voxel_layer,
-)
 from psfs.mesh.marching_cubes import Mesher
-from psfs.mesh.playback import Playback
-from psfs.mesh.player import Player
 from psfs.mesh.preview import draw_mesh_preview
-from psfs.mesh.viewer import has_display, show_window
 from psfs.output.preview import draw_preview
 from psfs.output.reconstruction_folder import ReconstructionFolder
-from psfs.sequence import Frame
-from psfs.voxels.grid import VoxelCloud
+from psfs.page.frame import ViewPage
+from psfs.page.gate import MissingViserError
+from psfs.page.opened import Opened, open_voxels
+from psfs.page.watch import Watch
+from psfs.sequence import Frame, Sequence
 
-#: Opacity of voxels with something drawn inside them.
-_BEHIND = 0.7
+#: Opens a run; see `ViewPage`.
+OpenRun = Callable[[Callable[[int], object]], Opened]
 
 
 def run(args: argparse.Namespace) -> None:
-    view_run(args, OnTop())
+    run, frame = open_folder(args)
+    if args.png is not None:
+        sequence = run.sequence()
+        write_view(args, sequence, lambda: draw_run(args, run, sequence.read(frame)))
+    else:
+        show_page(args, lambda known: open_voxels(args.out, make_mesher(args, run)), frame)
 
 
-@dataclass(frozen=True)
-class OnTop:
-    """Additions to the view of a run's clouds."""
-
-    layers: Sequence[Layer] = ()
-    note: Callable[[int], str] = lambda _frame: ""
-    """Caption of a frame, by its number."""
-    picture: Callable[[Frame, CameraRig], np.ndarray] | None = None
-    """Picture (h, w, 3) uint8 BGR that is written without a window; by default the clouds."""
-
-
-def view_run(args: argparse.Namespace, on_top: OnTop) -> None:
-    """Show the run `args.out` in a window; without a display, or with --png, write a picture."""
+def open_folder(args: argparse.Namespace) -> tuple[ReconstructionFolder, int]:
+    """Open the run `args.out`; return it, and the frame that is shown first. Raises InputError."""
     run = ReconstructionFolder.open(args.out)
     run.warn_if_unfinished(warn)
-    frame = run.choose_frame(args.frame)
-    sequence = run.sequence()
-    if args.png is not None:
-        check_picture_name(args.png, (*sequence.inputs[1:], args.out / "clouds"))
-    mesher = Mesher(select_device(args.device), run, sequence) if args.mesh else None
+    return run, run.choose_frame(args.frame)
 
-    def shape(index: int) -> tuple[VoxelCloud, trimesh.Trimesh | None]:
-        cloud = run.cloud(index)
-        return cloud, mesher(index) if mesher and len(cloud) else None
 
-    if args.png is None and has_display():
-        show_window(sequence.name, sequence.rig, run.grid, _player(args, run, shape, on_top))
-        return
-    path = args.png or args.out / f"view_{frame:06d}.png"
-    picture = on_top.picture or partial(_picture, shape, sequence.name)
-    drawn = picture(sequence.read(frame), sequence.rig)
+def make_mesher(args: argparse.Namespace, run: ReconstructionFolder) -> Mesher | None:
+    """Return what makes the meshes of a run; None without --mesh."""
+    return Mesher(select_device(args.device), run, run.sequence()) if args.mesh else None
+
+
+def write_view(
+    args: argparse.Namespace, sequence: Sequence, draw: Callable[[], np.ndarray]
+) -> None:
+    """Write --png, the picture (h, w, 3) uint8 BGR that `draw` makes from `sequence`."""
+    check_picture_name(args.png, (*sequence.inputs[1:], args.out / "clouds"))
+    picture = draw()
     with output_folder(args.out, args.parser.prog, addition=True):
-        write_picture(path, drawn)
-    stdout.print(f"wrote {path}", soft_wrap=True)
+        write_picture(args.png, picture)
+    stdout.print(f"wrote {args.png}", soft_wrap=True)
 
 
-def _player(
-    args: argparse.Namespace, run: ReconstructionFolder, shape: Shape, on_top: OnTop
-) -> Player:
-    sequence = run.sequence()
-    name, opacity = "meshes" if args.mesh else "voxels", _BEHIND if on_top.layers else 1.0
-    layers = (
-        make_voxel_layer(shape, run.grid, name, opacity),
-        *on_top.layers,
-        make_static_layer("cameras", draw_frusta(sequence.rig)),
-        make_static_layer("floor", draw_floor(run.grid)),
-    )
-    playback = Playback(run.indices, sequence.fps, run.choose_frame(args.frame))
-    return Player(playback, layers, lambda n: f"{_size(run, n)}   {on_top.note(n)}".strip())
+def show_page(
+    args: argparse.Namespace, open_run: OpenRun, frame: int | None, watch: type[Watch] = Watch
+) -> None:
+    """Show a run on a page until Ctrl-C, beginning with `frame`; watch: the class that shows it."""
+    check_port(args)
+    try:
+        page = ViewPage(open_run, frame=frame, watch=watch, port=args.port)
+    except MissingViserError as error:
+        raise InputError(f"{error}; --png FILE writes a picture without it") from None
+    try:
+        serve(page, args)
+    finally:
+        page.stop()
 
 
-def _picture(shape: Shape, name: str, frame: Frame, rig: CameraRig) -> np.ndarray:
-    cloud, mesh = shape(frame.index)
-    title = f"{name}, frame {frame.index}"
-    if mesh is None:
-        return draw_preview(cloud, rig, frame, title)
-    return draw_mesh_preview(mesh, rig, frame, title)
-
-
-def _size(run: ReconstructionFolder, index: int) -> str:
-    """Return the size of a frame's cloud, from the run's summary."""
-    fact = next(fact for fact in run.summary["frames"] if fact["index"] == index)
-    return f"{fact['surface_voxels']:,} voxels, {1e3 * fact['volume_m3']:.3g} l"
+def draw_run(args: argparse.Namespace, run: ReconstructionFolder, frame: Frame) -> np.ndarray:
+    """Return the picture (h, w, 3) uint8 BGR of a frame's cloud or, with --mesh, its mesh."""
+    sequence, cloud, mesher = run.sequence(), run.cloud(frame.index), make_mesher(args, run)
+    title = f"{sequence.name}, frame {frame.index}"
+    if mesher is None or not len(cloud):
+        return draw_preview(cloud, sequence.rig, frame, title)
+    return draw_mesh_preview(mesher(frame.index), sequence.rig, frame, title)

@@ -56,7 +56,9 @@ def read_numbers(path: Path) -> np.ndarray:
     except ValueError as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{path}: expected numbers only: {error}") from None
+        word = str(error).partition(": ")[2]
+        shown = word if len(word) <= 40 else f"{word[:40]}...'"
+        raise InputError(f"{path}: expected numbers only; found {shown}") from None
 
 
 def read_json(path: Path, what: str, most_bytes: int = MOST_BYTES, nan: bool = False) -> Any:

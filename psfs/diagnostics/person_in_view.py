@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from psfs.cameras.camera import CameraRig
 from psfs.diagnostics.config import InViewConfig
-from psfs.diagnostics.small_views import Outline, SmallViews
+from psfs.diagnostics.small_views import Outline
 
 _EDGES = ("left", "top", "right", "bottom")
 
@@ -16,9 +18,10 @@ _EDGES = ("left", "top", "right", "bottom")
 class PersonInView:
     """One camera's view of the person in the examined frames.
 
-    seen: share of the frames. whole: share of those in which the silhouette ends within the
-    picture. height: median, px of the sequence's own pictures; NaN if it is never seen. edge: of
-    the picture, beyond which the person goes most often; empty if it never does.
+    seen: share of the frames in which two cameras see somebody. whole: share of those in which the
+    silhouette ends within the picture. height: median, px of the sequence's own pictures; NaN if it
+    is never seen. edge: of the picture, beyond which the person goes most often; empty if it never
+    does.
     """
 
     camera: str
@@ -47,19 +50,23 @@ class PersonInView:
         return ""
 
 
-def find_person_in_views(views: SmallViews, scale: float) -> list[PersonInView]:
-    """Return what each camera sees. scale: size of the sequence's own pictures relative to the
-    small ones."""
+def find_person_in_views(
+    rig: CameraRig, outlines: Sequence[Sequence[Outline | None]], scale: float
+) -> list[PersonInView]:
+    """Return what each camera of `rig` sees. outlines: by frame and view, None where nobody is.
+    scale: size of the sequence's own pictures relative to those of the rig."""
+    least = min(2, len(rig))
+    there = [row for row in outlines if sum(one is not None for one in row) >= least]
     found = []
-    for view, camera in enumerate(views.rig):
-        own = [outline for row in views.outlines if (outline := row[view]) is not None]
+    for view, camera in enumerate(rig):
+        own = [outline for row in outlines if (outline := row[view]) is not None]
         beyond = np.array([_find_edges(outline, camera.size) for outline in own]).reshape(-1, 4)
         whole = ~beyond.any(axis=1)
         heights = [float(np.ptp(outline.points[:, 1])) + 1 for outline in own]
         found.append(
             PersonInView(
                 camera.name,
-                len(own) / max(1, len(views.outlines)),
+                len(own) / max(1, len(there)),
                 float(whole.mean()) if len(own) else 0.0,
                 scale * float(np.median(heights)) if heights else float("nan"),
                 _EDGES[int(beyond.sum(axis=0).argmax())] if beyond.any() else "",

@@ -18,6 +18,7 @@ from psfs.diagnostics.frozen import find_frozen_cameras
 from psfs.diagnostics.picture_config import PictureConfig
 from psfs.diagnostics.small_views import SmallViews
 from psfs.sequence import Sequence
+from psfs.volume import describe_expected_person
 
 #: Width, px, of the surroundings of a region that affect the edges on its rim.
 _REACH = 8
@@ -60,7 +61,7 @@ def _find_empty_pictures(
             "nobody",
             (),
             f"nothing stands out from the background in {len(views.frames)} frames; expected "
-            "a person in view of the cameras",
+            f"{describe_expected_person(sequence)}",
             serious=False,  # the reconstruction itself stops if no frame shows a person
         )
 
@@ -224,16 +225,15 @@ def _edges(picture: np.ndarray) -> np.ndarray:
 
 
 def _find_filled(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
-    if views.backgrounds is None:
+    why = "noise, changed light, or a background that is not this camera's?"
+    if sequence.background_kind == "masks" and sequence.subject == "person":
+        why = "are its masks' black and white exchanged? Expected 255 where the person is"
+    elif views.backgrounds is None:
         return
     for name, share in zip(sequence.rig.names, np.median(views.foreground, axis=0), strict=True):
         if share > config.filled:
-            yield Fault(
-                "filled",
-                (name,),
-                f"camera {name}: {share:.0%} of its picture looks like foreground; noise, changed "
-                "light, or a background that is not this camera's?",
-            )
+            text = f"camera {name}: {share:.0%} of its picture looks like foreground; {why}"
+            yield Fault("filled", (name,), text)
 
 
 def _find_ghosts(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:

@@ -22,7 +22,7 @@ from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteCon
 
 #: No appearance model is fitted. Shadows on the floor are not searched: in small pictures the
 #: floor's cells are too coarse for feet.
-_SILHOUETTES = SilhouetteConfig(
+SILHOUETTES = SilhouetteConfig(
     appearance=AppearanceConfig(learn=False), floor=FloorConfig(height=-1000.0)
 )
 
@@ -79,7 +79,7 @@ def small_views(
     config = config or FaultConfig()
     shrink = Shrink(sequence.rig, config.longest_side)
     background = shrink.background(sequence.background)
-    begin = make_evidence_pipeline(device, shrink.small, background, _SILHOUETTES)
+    begin = make_evidence_pipeline(device, shrink.small, background, SILHOUETTES)
     frames = _select_frames(sequence, config)
     kept = pick_evenly(len(frames), config.samples)
     backgrounds = None if background is None else _grey(background.mean.astype(np.uint8))

@@ -134,6 +134,12 @@ class SequenceSettings(Config):
         "(-N); auto: found in the pictures; audio: by the sound of the videos",
         metavar="auto|audio|CAMERA=N,...",
     )
+    files: Any = setting(
+        None,
+        "Which video, or folder of pictures, is whose, by camera, where neither their names nor "
+        "their order tells.",
+        "by names, else by order",
+    )
     subject: Subject | None = setting(
         None,
         "What is filmed: a person, who stands on the floor and is 0.5 to 2.5 m tall, or any "
@@ -205,6 +211,17 @@ class SequenceSettings(Config):
     @classmethod
     def _is_sync(cls, value: object) -> object:
         return None if value is None else _check_sync(value)
+
+    @field_validator("files")
+    @classmethod
+    def _are_files(cls, value: object) -> object:
+        if value is None:
+            return None
+        if not isinstance(value, Mapping) or not all(isinstance(of, str) for of in value.values()):
+            raise InputError(f'files = {value!r}; expected a table, as [files] cam01 = "GOPR0012"')
+        if len(set(value.values())) < len(value):
+            raise InputError("files names a file twice; expected one of its own for each camera")
+        return dict(value)
 
     @field_validator("volume")
     @classmethod

@@ -18,23 +18,29 @@ from psfs.footage.media import Media
 from psfs.footage.settings import SequenceSettings
 
 
-def apply_sound(settings: SequenceSettings, media: Sequence[Media] | None) -> SequenceSettings:
-    """Return the settings with the delays in place of `sync = "audio"`; other settings unchanged.
+def apply_sound(
+    settings: SequenceSettings, media: Sequence[Media] | None
+) -> tuple[SequenceSettings, list[str]]:
+    """Return the settings with the delays, in whole frames, in place of `sync = "audio"`, and a
+    remark with the fractions; other settings unchanged.
 
     media: of the cameras. Raises InputError as `measure_delays` does.
     """
     if settings.sync != "audio":
-        return settings
+        return settings, []
     if not media:
         raise InputError("sync = audio: masks have no sound; expected videos")
     known = next((item.fps for item in media if item.fps), 30.0)
     rates = [settings.fps or item.fps or known for item in media]
-    return settings.replace(sync=measure_delays(media, rates))
+    late = measure_delays(media, rates)
+    shown = ", ".join(f"{name} {by:+.2f}" for name, by in late.items())
+    note = f"late by the sound, in frames: {shown}; videos are shifted by whole frames"
+    return settings.replace(sync={name: round(by) for name, by in late.items()}), [note]
 
 
 def measure_delays(
     media: Sequence[Media], rates: Sequence[float], config: SoundConfig | None = None
-) -> dict[str, int]:
+) -> dict[str, float]:
     """Return by how many of its own frames each camera comes late, by name.
 
     rates: (V,) frames per second. The first camera is the reference. Raises InputError for pictures
@@ -42,7 +48,7 @@ def measure_delays(
     """
     config = config or SoundConfig()
     tracks = [read_sound(_video(item), config) for item in media]
-    late = {media[0].name: 0}
+    late = {media[0].name: 0.0}
     for item, track, rate in zip(media[1:], tracks[1:], rates[1:], strict=True):
         lag, clarity = find_lag(tracks[0], track, config)
         if clarity < config.clear:
@@ -51,7 +57,7 @@ def measure_delays(
                 f"{clarity:.2f}, expected {config.clear:g}); expected videos with sound of one "
                 "room, best with a loud clap, or `sync` by camera"
             )
-        late[item.name] = round(lag * rate)
+        late[item.name] = lag * rate
     return late
 
 
@@ -66,7 +72,10 @@ def read_sound(path: Path, config: SoundConfig) -> np.ndarray:
     try:
         with av.open(str(path)) as container:
             if not container.streams.audio:
-                raise InputError(f"{path}: no sound; expected it for sync = audio")
+                raise InputError(
+                    f"{path}: no sound; expected it for sync = audio, or delays by camera, or auto "
+                    "once calibrated: docs/from_phones.md"
+                )
             sound, first = _decode(container, config)
             video = container.streams.video[0]
             begin = float((video.start_time or 0) * (video.time_base or 0))

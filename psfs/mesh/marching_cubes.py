@@ -31,7 +31,7 @@ _LAMBDA, _MU = 0.5, 0.53
 #: Probability at which the surface lies.
 THRESHOLD = OccupancyConfig().threshold
 _COMMENT = "psfs-apf surface; unit metre; right-handed, Z up"
-_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
 def extract_surface(
@@ -184,7 +184,7 @@ def write_mesh(mesh: trimesh.Trimesh, path: Path) -> None:
     suffix = path.suffix.lower().lstrip(".")
     if suffix not in FORMATS:
         raise InputError(f"{path}: unknown mesh format; expected a name that ends in {_endings()}")
-    content = {"ply": _ply, "glb": _glb, "obj": _obj}[suffix](mesh)
+    content = {"ply": _ply, "glb": make_glb, "obj": _obj}[suffix](mesh)
     with write_atomically(path) as temporary:
         temporary.write_bytes(content)
 
@@ -204,9 +204,10 @@ def _obj(mesh: trimesh.Trimesh) -> bytes:
     return str(text).encode()
 
 
-def _glb(mesh: trimesh.Trimesh) -> bytes:
+def make_glb(mesh: trimesh.Trimesh) -> bytes:
+    """Return the mesh as a GLB file: +Y up (`Y_UP`), in its vertices' colours, matte."""
     turned = mesh.copy()
-    turned.apply_transform(_Y_UP)
+    turned.apply_transform(Y_UP)
     colours = vertex_colours(mesh)
     base = _to_linear(np.array(CLAY))
     if colours is not None:

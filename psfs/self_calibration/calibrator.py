@@ -16,6 +16,7 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
+from psfs.diagnostics.frontier import FrontierPoints
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.adjustment import (
     Adjusted,
@@ -85,6 +86,20 @@ def calibrate_by_person(
         except InputError as error:
             failures.append(error)
     raise failures[0]
+
+
+def adjust_calibration(
+    start: CameraRig, lags: np.ndarray, outlines: Outlines, rate: float, config: PersonConfig
+) -> PersonCalibration:
+    """Adjust small cameras in metres with Z up, and their lags, to outlines [view][frame] at `rate`
+    per second. What silhouettes do not tell, world and scale, stays as given. Raises InputError
+    if the silhouettes do not fit."""
+    _check_seen(start.cameras, outlines, config)
+    points = PersonPoints(start.cameras, outlines, config.adjustment)
+    best = _adjust_best([(start, lags)], points, max(1, round(rate / config.table_rate)), config)
+    best, misfits, touched = _check_fit(best, points, config)
+    last, path = best.last, measure_path(best.rig, touched)
+    return PersonCalibration(best.rig, best.lags, last.residual, last.count, misfits, path)
 
 
 def _fit_views(
@@ -180,6 +195,23 @@ def _check(
     best: Adjusted | None, ups: list[np.ndarray], points: PersonPoints, config: PersonConfig
 ) -> PersonCalibration:
     """Return the calibration in its world. Raises InputError if it cannot be trusted."""
+    best, misfits, touched = _check_fit(best, points, config)
+    world = align_to_person(best.rig, ups, touched, config)
+    path = measure_path(world, touched)
+    if path < config.least_path * config.stature:
+        raise InputError(
+            f"the person walks too little: the places' standard deviation is {path:.2f} m, "
+            f"expected {config.least_path * config.stature:.2f} or more; {FILM}"
+        )
+    last = best.last
+    return PersonCalibration(world, best.lags, last.residual, last.count, misfits, path)
+
+
+def _check_fit(
+    best: Adjusted | None, points: PersonPoints, config: PersonConfig
+) -> tuple[Adjusted, np.ndarray, FrontierPoints]:
+    """Return the adjusted rig, the cameras' misfits (V,), px, and its frontier points. Raises
+    InputError if the silhouettes do not fit."""
     if best is None:
         raise InputError(f"no arrangement of the cameras fits the silhouettes; {FILM}")
     rig = best.rig
@@ -198,12 +230,4 @@ def _check(
         )
     shifts = np.round(best.lags).astype(int)
     touched = points.find_all(rig.cameras, shifts, config.adjustment.gates[-1])
-    world = align_to_person(rig, ups, touched, config)
-    path = measure_path(world, touched)
-    if path < config.least_path * config.stature:
-        raise InputError(
-            f"the person walks too little: the places' standard deviation is {path:.2f} m, "
-            f"expected {config.least_path * config.stature:.2f} or more; {FILM}"
-        )
-    last = best.last
-    return PersonCalibration(world, best.lags, last.residual, last.count, misfits, path)
+    return best, misfits, touched

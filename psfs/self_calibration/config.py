@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
 from psfs.diagnostics.config import AlignmentConfig
+from psfs.self_calibration.points.config import PointsConfig
 
 #: Provenance of what was set while the calibration by a person was developed.
 _BY_HAND = "by hand on `synth_walk_4cam` and `synth_run_6cam`"
@@ -131,6 +132,17 @@ class AdjustmentConfig(Config):
         time=5.0,
         noise=0.25,
     )
+    lens: float = positive(
+        0.03,
+        "Step of the focal length's logarithm in each round, where only an angle of view is "
+        "stated.",
+    )
+
+    def free_lenses(self) -> AdjustmentConfig:
+        """Return these settings with focal lengths that are adjusted, too."""
+        return self.replace(
+            wide=self.wide.replace(focal=self.lens), narrow=self.narrow.replace(focal=self.lens)
+        )
 
 
 class FloorFitConfig(Config):
@@ -191,7 +203,7 @@ class PersonConfig(Config):
         unit="px",
     )
     least_path: float = nonnegative(
-        0.15,
+        0.13,
         "Least standard deviation of the person's places along the walk's main direction, as a "
         "share of the stature.",
     )
@@ -203,3 +215,4 @@ class PersonConfig(Config):
         AdjustmentConfig, "Adjustment of all cameras to the silhouettes."
     )
     floor: FloorFitConfig = part(FloorFitConfig, "Up, floor and scale from the person.")
+    points: PointsConfig = part(PointsConfig, "Calibration by keypoints.")

@@ -41,10 +41,10 @@ def align_to_person(
     floor = config.floor
     up = np.mean([camera.R.T @ own for camera, own in zip(rig, ups, strict=True)], axis=0)
     places = triangulate_points(rig, points)
-    R = _axes(up, rig[0].R[0])
+    R = turn_to_up(up, rig[0].R[0])
     low, _ = _frame_extremes(places @ R.T, points.frames)
     slope = fit_floor(low, floor)
-    R = _axes(R.T @ np.array([-slope[0], -slope[1], 1.0]), rig[0].R[0])
+    R = turn_to_up(R.T @ np.array([-slope[0], -slope[1], 1.0]), rig[0].R[0])
     local = places @ R.T
     low, top = _frame_extremes(local, points.frames)
     lowest = np.median(low[:, 2])
@@ -82,7 +82,7 @@ def measure_path(rig: CameraRig, points: FrontierPoints) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(np.cov(np.array(own).T))[-1]))
 
 
-def _axes(up: np.ndarray, right: np.ndarray) -> np.ndarray:
+def turn_to_up(up: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return the axes (3, 3) with Z along `up` and X near `right`."""
     z = up / np.linalg.norm(up)
     x = right - z * (z @ right)

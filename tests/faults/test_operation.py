@@ -272,13 +272,6 @@ def test_no_linker(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     faults.refused(reconstruct(stock, "--device", "cpu"), stock, "no linker `ld`")
 
 
-def test_a_display_that_does_not_answer(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    monkeypatch.setenv("DISPLAY", ":99")
-    outcome = run(["psfs", "view", str(stock / "out"), "--frame", "1"])
-    assert outcome.code == 0 and (stock / "out/view_000001.png").exists()
-
-
 def test_no_memory(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def none(*_: Any, **__: Any) -> None:
         raise MemoryError

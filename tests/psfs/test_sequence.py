@@ -218,6 +218,23 @@ def test_videos_named_otherwise_are_taken_in_order(tmp_path: Path) -> None:
     np.testing.assert_allclose(levels(sequence.read(4)), expected(4, 3), atol=footage.LOSS)
 
 
+def test_a_table_says_whose_videos_are(tmp_path: Path) -> None:
+    """Videos from 0 beside cameras from 1 are ambiguous; the message shows the table."""
+    footage.native(tmp_path)
+    for number in (1, 2, 3):
+        (tmp_path / f"videos/cam0{number}.mp4").rename(tmp_path / f"videos/cam{number - 1}.mp4")
+    with pytest.raises(InputError, match=r"cam0 for cam01.*\[files\] cam01 = 'cam0'"):
+        Sequence.open(tmp_path)
+    names = {"cam01": "cam0", "cam02": "cam1", "cam03": "cam2"}
+    sequence = Sequence.open(tmp_path, files=names)
+    assert sequence.notes == () or not any("order" in note for note in sequence.notes)
+    np.testing.assert_allclose(levels(sequence.read(4)), expected(4, 3), atol=footage.LOSS)
+    with pytest.raises(InputError, match="`files` says cam7 for cam01"):
+        Sequence.open(tmp_path, files={"cam01": "cam7"})
+    with pytest.raises(InputError, match="twice"):
+        Sequence.open(tmp_path, files={"cam01": "cam0", "cam02": "cam0"})
+
+
 def test_flat_folder_with_masks_for_all_and_images_for_some(tmp_path: Path) -> None:
     rig = footage.rig(3)
     text = ""

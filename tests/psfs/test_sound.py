@@ -67,6 +67,18 @@ def test_cameras_are_shifted_by_their_sound(takes: Path) -> None:
     assert parse_sync("audio") == "audio"
 
 
+def test_fractions_of_a_frame_are_told(tmp_path: Path) -> None:
+    """Two phones whose pictures are 7.35 frames apart; each has its own noise and loudness."""
+    sound, random = room(5.0), np.random.default_rng(5)
+    for name, begins, gain in (("a", 1.0, 1.0), ("b", 1.0 + 7.35 / FPS, 0.3)):
+        own = gain * sound[round(begins * RATE) :][: int(2.5 * RATE)]
+        film(tmp_path / "videos" / f"{name}.mp4", own + 0.002 * random.normal(size=len(own)))
+    views = open_uncalibrated(tmp_path, SequenceSettings(sync="audio"))
+    assert views.settings.sync == {"a": 0, "b": -7}
+    (note,) = [note for note in views.notes if "by the sound" in note]
+    assert abs(float(note.split("b ")[1].split(";")[0]) + 7.35) < 0.02
+
+
 def test_videos_without_sound_or_of_other_rooms_are_named(takes: Path) -> None:
     film(takes / "videos" / "c.mp4", None)
     with pytest.raises(InputError, match=r"c\.mp4: no sound"):

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from psfs.cli.commandline import add_device_flag
+from psfs.cli.flags.page import add_page_flags
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -28,9 +29,10 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="folder for runs that the page starts, each in its own (default: %(default)s)",
     )
     parser.add_argument(
-        "--port", type=int, default=8090, metavar="N", help="port on 127.0.0.1 (default: 8090)"
+        "--captures",
+        nargs="+",
+        metavar="C",
+        help="show these cameras live, to calibrate and film with: USB numbers, URLs or videos",
     )
-    parser.add_argument(
-        "--no-browser", action="store_true", help="print the address, and open no browser"
-    )
+    add_page_flags(parser)
     add_device_flag(parser)

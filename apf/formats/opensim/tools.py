@@ -37,8 +37,9 @@ def write_opensim(folder: Path, motion: BodyMotion, model: Path | None) -> tuple
     """Write the set-up of the motion for OpenSim into `folder`, see `apf.formats.opensim.setup`,
     and, if Python's opensim is installed, the scaled model and its angles over time. model: the
     generic one, by default Pose2Sim's. Returns the files. Raises InputError."""
+    generic = read_model(find_model(model))
     folder.mkdir(parents=True, exist_ok=True)
-    files = write_setup(folder, motion, read_model(find_model(model)))
+    files = write_setup(folder, motion, generic)
     if importlib.util.find_spec("opensim") is None:
         return files
     return files + run_tools(folder, Path(sys.executable))

@@ -48,7 +48,7 @@ typedef struct {
     vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS], hinges[6 * N_DOF];
     vfloat posed[N_CONES * CONE_FLOATS], spans[N_CONES * SPAN_FLOATS];
     vfloat twists[6 * ROW_PACKS], rows[(BLOCK + 1) * ROW_PACKS];
-    float voxels[BLOCK * VOXEL_FLOATS], scratch[GROUP], body[BODY_FLOATS];
+    float voxels[BLOCK * VOXEL_FLOATS], scratch[GROUP], body[BODY_FLOATS], pose[N_DOF];
 } workspace;
 
 // A number that is the same in all lanes.
@@ -245,16 +245,27 @@ INLINED int take_rows(const evidence *e, __local workspace *w, float *cost)
     return n;
 }
 
-// Linear system of the work-group's share of the evidence at `pose`, and its share of the cost, as
-// a `part`. moves: (N_CONES + N_BONES) x ROW, 1 where a degree of freedom moves a cone or a bone.
-INLINED void add_up(const evidence *e, __global const float *pose,
-                    __global const float *table, __global const vfloat *moves,
-                    __local workspace *w, __global vfloat *part)
+// take_pose of the work-group's own pose.
+INLINED void take_own_pose(__local workspace *w)
+{
+    for (int a = get_local_id(0); a < N_DOF; a += GROUP) {
+        __local const float *axis = w->body + BODY_AXES + a * AXIS_FLOATS;
+        const vfloat value = axis[1] * (vfloat)w->pose[(int)axis[2]];
+        w->turns[2 * a] = axis[0] < 3.0f ? value : sin(value);
+        w->turns[2 * a + 1] = cos(value);
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+}
+
+// Linear system of the work-group's share of the evidence at w->pose, and its share of the cost, as
+// a `part`; waits for the pose. moves: (N_CONES + N_BONES) x ROW, 1 where a degree of freedom moves a cone or a bone.
+INLINED void add_up(const evidence *e, __global const float *table,
+                    __global const vfloat *moves, __local workspace *w, __global vfloat *part)
 {
     __local float *numbers = (__local float *)w->rows;
     const int lane = get_local_id(0);
     take_body(table, w->body);
-    take_pose(pose, 0, 1, w->body, w->turns);
+    take_own_pose(w);
     pose_bones(w->turns, w->body, w->frames, w->hinges);
     place_cones(w->body, w->frames, w->posed);
     for (int c = lane; c < N_CONES; c += GROUP)
@@ -414,17 +425,13 @@ INLINED void keep_best(bool first, bool tells, int n_parts, float strength,
     if (lane == 0 && better) *least = cost;
 }
 
-// The pose behind the step that the linear system says.
-INLINED void move_on(__local vfloat *system, __local float *lines,
-                     __global const float2 *limits, __global const float *pose,
-                     __global float *next)
+// A degree of freedom of the pose behind the step that the solved system says.
+INLINED float stepped(__local const vfloat *system, __global const float2 *limits,
+                      __global const float *pose, int dof)
 {
     __local const float *numbers = (__local const float *)system;
-    solve(system, lines);
-    for (int dof = get_local_id(0); dof < N_DOF; dof += GROUP) {
-        const float step = numbers[dof * ROW + N_DOF] / numbers[dof * ROW + dof];
-        next[dof] = clamp(pose[dof] - step, limits[dof].x, limits[dof].y);
-    }
+    const float step = numbers[dof * ROW + N_DOF] / numbers[dof * ROW + dof];
+    return clamp(pose[dof] - step, limits[dof].x, limits[dof].y);
 }
 
 // The parts at each of `poses`, along dimension 1: PART packs per work-group.
@@ -439,7 +446,9 @@ void refine_system(int n_points, float scale, float reach, __global const float4
     const evidence e = {n_points, scale, reach, points, point_scale, point_reach, point_root,
                         point_share, exchange, cameras, observed};
     const int which = get_group_id(1);
-    add_up(&e, poses + which * N_DOF, table, moves, &work,
+    for (int dof = get_local_id(0); dof < N_DOF; dof += GROUP)
+        work.pose[dof] = poses[which * N_DOF + dof];
+    add_up(&e, table, moves, &work,
            parts + (which * get_num_groups(0) + get_group_id(0)) * PART);
 }
 
@@ -459,11 +468,13 @@ void refine_step(int first, int n_parts, float strength, float weight,
     keep_best(first, true, n_parts, strength, parts, sigma, poses + offset, means + offset, scratch,
               least + which, shifts + offset);
     sum_parts(n_parts, weight, parts, sigma, poses + offset, means + offset, system);
-    move_on(system, lines, limits, poses + offset, next + offset);
+    solve(system, lines);
+    for (int dof = get_local_id(0); dof < N_DOF; dof += GROUP)
+        next[offset + dof] = stepped(system, limits, poses + offset, dof);
 }
 
 // `refine_step`, and `refine_system` at the pose that it leads to, in one: all work-groups of a
-// pose take the same step, and write the same `next`.
+// pose take the same step, each for itself, and the first tells the `next` pose.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void refine_on(int first, int n_points, float scale, float reach, __global const float4 *points,
                float point_scale, float point_reach, float point_root, float point_share,
@@ -484,10 +495,12 @@ void refine_on(int first, int n_points, float scale, float reach, __global const
     keep_best(first, get_group_id(0) == 0, n_parts, strength, parts, sigma, poses + offset,
               means + offset, work.scratch, least + which, shifts + offset);
     sum_parts(n_parts, weight, parts, sigma, poses + offset, means + offset, system);
-    move_on(system, lines, limits, poses + offset, next + offset);
-    barrier(CLK_GLOBAL_MEM_FENCE);
-    add_up(&e, next + offset, table, moves, &work,
-           next_parts + (which * n_parts + get_group_id(0)) * PART);
+    solve(system, lines);
+    for (int dof = get_local_id(0); dof < N_DOF; dof += GROUP) {
+        work.pose[dof] = stepped(system, limits, poses + offset, dof);
+        if (get_group_id(0) == 0) next[offset + dof] = work.pose[dof];
+    }
+    add_up(&e, table, moves, &work, next_parts + (which * n_parts + get_group_id(0)) * PART);
 }
 
 // Moves each of `means`, one per work-group, to the best pose met, the last one being that of

@@ -91,6 +91,14 @@ class ChessboardFinder:
             corners = corners[::-1, ::-1]
         return corners
 
+    def describe_search(self) -> str:
+        """Return what is searched for, and what may differ."""
+        columns, rows = self.corners
+        return (
+            f"searched for {columns}x{rows} inner corners, all of them in the picture (--squares "
+            "counts squares)"
+        )
+
     def hint(self, picture: np.ndarray) -> str | None:
         """Return which other chessboard the picture shows, None for none."""
         flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
@@ -114,13 +122,15 @@ def _brightness(grey: np.ndarray, corners: np.ndarray) -> float:
 class CharucoFinder:
     """Detector of the inner corners of a ChArUco board (cv2.aruco.CharucoDetector).
 
-    dictionary: a name of `DICTIONARIES`, or "auto": the first that is detected. Boards made by
-    OpenCV before 4.6, and boards printed white on black, are detected, too.
+    dictionary: a name of `DICTIONARIES`, or "auto": the first that is detected. first: number of
+    the board's first marker. Boards made by OpenCV before 4.6, and boards printed white on black,
+    are detected, too.
     """
 
     def __init__(
-        self, squares: tuple[int, int], square: float, marker: float, dictionary: str = "auto"
-    ) -> None:
+        self, squares: tuple[int, int], square: float, marker: float, dictionary: str = "auto",
+        first: int = 0,
+    ) -> None:  # fmt: skip
         check_squares(squares, square)
         check_number("marker (m)", marker, 0.0005, 0.999 * square)
         if dictionary not in ("auto", *DICTIONARIES):
@@ -128,13 +138,19 @@ class CharucoFinder:
                 f"dictionary {dictionary!r}; expected auto, {join_names(DICTIONARIES)}"
             )
         names = DICTIONARIES if dictionary == "auto" else (dictionary,)
-        self.squares = squares
+        self.squares, self._names = squares, names
         # Old and new boards differ if the number of rows is even.
         self._boards = [
-            _make_charuco(squares, square, marker, name, old)
+            _make_charuco(squares, (square, marker), name, old, first)
             for name in names
+            if first == 0 or _has_markers(name, first + squares[0] * squares[1] // 2)
             for old in ((False, True) if squares[1] % 2 == 0 else (False,))
         ]
+        if not self._boards:
+            raise InputError(
+                f"markers from number {first} on; {dictionary} has fewer: expected fewer boards or "
+                "another --dictionary"
+            )
         #: Detectors, and whether black and white are exchanged before.
         self._detectors = [
             (cv2.aruco.CharucoDetector(board), inverted)
@@ -159,6 +175,14 @@ class CharucoFinder:
                 return ids, np.float64(corners.reshape(-1, 2))
         return None
 
+    def describe_search(self) -> str:
+        """Return what is searched for, and what may differ."""
+        return (
+            f"searched for {_CORNERS} corners or more between markers of "
+            f"{join_names(self._names)}, black on white and white on black, of OpenCV's old "
+            "pattern and the new one (--squares counts squares, columns first)"
+        )
+
     def hint(self, picture: np.ndarray) -> str | None:
         """Describe the markers of another board in the picture, None for none."""
         grey = to_grey(picture)
@@ -171,11 +195,18 @@ class CharucoFinder:
         return best[1] if best else None
 
 
+def _has_markers(name: str, markers: int) -> bool:
+    return len(_choose_dictionary(name, markers).bytesList) >= markers
+
+
 def _make_charuco(
-    squares: tuple[int, int], square: float, marker: float, name: str, old: bool
+    squares: tuple[int, int], sides: tuple[float, float], name: str, old: bool, first: int
 ) -> Any:
-    dictionary = _choose_dictionary(name, squares[0] * squares[1] // 2)
-    board = cv2.aruco.CharucoBoard(squares, square, marker, dictionary)
+    """Make a board of squares and markers with these sides, m."""
+    count = squares[0] * squares[1] // 2
+    dictionary = _choose_dictionary(name, first + count)
+    ids = np.arange(first, first + count) if first else None
+    board = cv2.aruco.CharucoBoard(squares, *sides, dictionary, ids)
     board.setLegacyPattern(old)
     return board
 

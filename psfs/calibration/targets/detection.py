@@ -56,19 +56,28 @@ def crop_pictures(frame: Frame, rig: CameraRig) -> list[np.ndarray]:
     return [image[: camera.size[1], : camera.size[0]] for image, camera in pairs]
 
 
-def find_sightings(views: Views, chosen: Sequence[int], finder: Finder) -> Iterator[list[Sighting]]:
+def find_sightings(
+    views: Views, chosen: Sequence[int], finders: Sequence[Finder]
+) -> Iterator[list[Sighting]]:
     """Yield the sightings of every chosen frame, searching all views at once.
 
-    Raises InputError for a picture that cannot be read.
+    finders: of targets of one shape. Since these move apart, each counts as a moment of its own:
+    frame t of N targets becomes the frames N t to N t + N - 1. Raises InputError for a picture that
+    cannot be read.
     """
     rig = views.rig
     workers = min(len(rig), os.cpu_count() or 1)
     with views.reader() as read, ThreadPoolExecutor(workers) as pool:
         for index in chosen:
-            found = pool.map(finder, range(len(rig)), crop_pictures(read(index), rig))
-            yield [
-                Sighting(index, view, *seen) for view, seen in enumerate(found) if seen is not None
-            ]
+            pictures, here = crop_pictures(read(index), rig), []
+            for number, finder in enumerate(finders, len(finders) * index):
+                found = pool.map(finder, range(len(rig)), pictures)
+                here += [
+                    Sighting(number, view, *seen)
+                    for view, seen in enumerate(found)
+                    if seen is not None
+                ]
+            yield here
 
 
 def median_pictures(views: Views, chosen: Sequence[int]) -> list[np.ndarray]:

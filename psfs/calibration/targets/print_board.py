@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Path2D
@@ -26,45 +27,55 @@ _LONGEST = 5000.0
 
 
 def write_board_pdf(
-    path: Path, squares: tuple[int, int], square: float, marker: float, dictionary: str
-) -> tuple[float, float]:
-    """Write a ChArUco board of `squares` (columns, rows) as vectors; return the page's size, mm.
+    path: Path, squares: tuple[int, int], sides: tuple[float, float], dictionary: str,
+    boards: int = 1,
+) -> tuple[float, float]:  # fmt: skip
+    """Write ChArUco boards of `squares` (columns, rows) as vectors, a page each; return the page's
+    size, mm.
 
-    square, marker: sides, m. Below the board stand the flags that describe it, and a ruler. Raises
-    InputError for a board that OpenCV cannot make or that is too large.
+    sides: of squares and markers, m. boards: their markers are numbered on. Below each board stand
+    the flags that describe it, and a ruler. Raises InputError for a board that OpenCV cannot make
+    or that is too large.
     """
     columns, rows = squares
-    side, inner = 1000 * square, 1000 * marker
+    side, inner = 1000 * sides[0], 1000 * sides[1]
     width, height = columns * side + 2 * _RIM, rows * side + 2 * _RIM + _BELOW
-    sides = _LEAST <= inner < side
-    if not sides or max(width, height) > _LONGEST or min(squares) < 3:
+    if not _LEAST <= inner < side or max(width, height) > _LONGEST or min(squares) < 3:
         raise InputError(
             f"a board of {columns}x{rows} squares of {side:g} mm with markers of {inner:g} mm; "
             f"expected 3x3 or more, markers of {_LEAST:g} mm or more that are smaller than the "
             f"squares, and {_LONGEST:g} mm at most"
         )
-    markers = _choose_markers(dictionary, columns * rows // 2)
-    figure = Figure(figsize=(width / _MM_PER_INCH, height / _MM_PER_INCH))
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.set_xlim(-_RIM, width - _RIM)
-    axes.set_ylim(height - _RIM, -_RIM)  # millimetres, down, from the board's corner
-    axes.axis("off")
-    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)])
-    black = list_black_squares(squares, side, inner, markers)
-    outlines = [Path2D((left, top) + across * corners, closed=True) for left, top, across in black]
-    # One path, for side by side squares would leave bright seams.
-    merged = Path2D.make_compound_path(*outlines)
-    axes.add_patch(PathPatch(merged, facecolor="black", linewidth=0))
+    count = columns * rows // 2
+    markers = _choose_markers(dictionary, boards * count)
     text = (
-        f"--board charuco --squares {columns}x{rows} --square {square:g} --marker {marker:g} "
+        f"--board charuco --squares {columns}x{rows} --square {sides[0]:g} --marker {sides[1]:g} "
         f"--dictionary {dictionary}      print at 100 %; this line must measure 100 mm:"
     )
-    bottom = rows * side + _RIM
-    axes.text(0, bottom, text, fontsize=6, va="center")
-    axes.plot([0, min(_RULER, columns * side)], [bottom + 5] * 2, color="black", linewidth=0.8)
-    with write_atomically(path) as temporary, temporary.open("wb") as file:
-        figure.savefig(file, format="pdf")
+    with write_atomically(path) as temporary, temporary.open("wb") as file, PdfPages(file) as pages:
+        for number in range(boards):
+            figure = Figure(figsize=(width / _MM_PER_INCH, height / _MM_PER_INCH))
+            axes = figure.add_axes((0, 0, 1, 1))
+            axes.set_xlim(-_RIM, width - _RIM)
+            axes.set_ylim(height - _RIM, -_RIM)  # millimetres, down, from the board's corner
+            axes.axis("off")
+            black = list_black_squares(squares, side, inner, markers, number * count)
+            axes.add_patch(PathPatch(_merge_squares(black), facecolor="black", linewidth=0))
+            bottom = rows * side + _RIM
+            own = f"board {number + 1} of {boards}      " if boards > 1 else ""
+            axes.text(0, bottom, own + text, fontsize=6, va="center")
+            ruler = min(_RULER, columns * side)
+            axes.plot([0, ruler], [bottom + 5] * 2, color="black", linewidth=0.8)
+            pages.savefig(figure)
     return width, height
+
+
+def _merge_squares(black: np.ndarray) -> Path2D:
+    """Return one path around squares (N, 3): left, top, side. Side by side paths would leave bright
+    seams."""
+    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)])
+    outlines = [Path2D((left, top) + across * corners, closed=True) for left, top, across in black]
+    return Path2D.make_compound_path(*outlines)
 
 
 def _choose_markers(dictionary: str, needed: int) -> cv2.aruco.Dictionary:
@@ -80,15 +91,16 @@ def _choose_markers(dictionary: str, needed: int) -> cv2.aruco.Dictionary:
 
 
 def list_black_squares(
-    squares: tuple[int, int], side: float, inner: float, markers: cv2.aruco.Dictionary
-) -> np.ndarray:
+    squares: tuple[int, int], side: float, inner: float, markers: cv2.aruco.Dictionary,
+    first: int = 0,
+) -> np.ndarray:  # fmt: skip
     """Return left, top and side (N, 3), mm, of everything black, in OpenCV's order of markers.
 
-    side, inner: of squares and markers, mm.
+    side, inner: of squares and markers, mm. first: number of the first marker.
     """
     found: list[tuple[float, float, float]] = []
     bits = markers.markerSize + 2  # with the black rim
-    module, number, off = inner / bits, 0, (side - inner) / 2
+    module, number, off = inner / bits, first, (side - inner) / 2
     for row in range(squares[1]):
         for column in range(squares[0]):
             left, top = column * side, row * side

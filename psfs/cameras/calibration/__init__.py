@@ -27,6 +27,8 @@ from psfs.cameras.calibration.toml_tables import read_toml_tables
 from psfs.cameras.calibration.transforms import read_transforms
 from psfs.cameras.calibration.tsai import SUFFIXES as TSAI
 from psfs.cameras.calibration.tsai import looks_like_tsai, read_tsai
+from psfs.cameras.calibration.vicon import SUFFIX as VICON
+from psfs.cameras.calibration.vicon import read_vicon
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
 from psfs.common.reading import open_input
@@ -51,8 +53,11 @@ __all__ = [
     "read_toml_tables",
     "read_transforms",
     "read_tsai",
+    "read_vicon",
 ]
 
+#: Endings of COLMAP's files.
+_MODELS = (".txt", ".bin")
 _STORAGE = (".xml", ".yml", ".yaml", ".json")
 #: Text files whose names begin like this hold no cameras.
 _NO_CAMERAS = ("readme", "license", "sequence", "settings", "original_readme")
@@ -66,6 +71,7 @@ _PATTERNS = (
     "[Cc]alib*.xml",
     "[Cc]alib*.y*ml",
     "[Cc]alib*.json",
+    "*.xcp",
     "*_par.txt",
     "*projection*.txt",
     "[Cc]alib*.txt",
@@ -94,8 +100,10 @@ def find_calibration(folder: Path) -> Path | None:
         if found:
             names = ", ".join(path.name for path in found)
             raise InputError(f"{folder}: several calibrations ({names}); choose by `calibration`")
-    beside = (folder / name for name in ("cameras.txt", "images.txt"))
-    if all(path.is_file() for path in beside) or any(folder.glob("*.pa")):
+    models = ((folder / f"{name}{ending}" for name in ("cameras", "images")) for ending in _MODELS)
+    if any(all(path.is_file() for path in model) for model in models):
+        return folder
+    if any(folder.glob("*.pa")):
         return folder
     return None
 
@@ -121,7 +129,8 @@ def read_calibration(
 
 def _read(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     suffix, name = path.suffix.lower(), path.name
-    if name in ("intri.yml", "extri.yml", "cameras.txt", "images.txt"):
+    models = [f"{what}{ending}" for what in ("cameras", "images") for ending in _MODELS]
+    if name in ("intri.yml", "extri.yml", *models):
         path = path.parent
     if path.is_dir():
         return _read_folder(path, unit, sizes)
@@ -132,6 +141,8 @@ def _read(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         return read_transforms(path, unit, sizes)
     if suffix == ".json" and looks_like_panoptic(path):
         return read_panoptic(path, unit, sizes)
+    if suffix == VICON:
+        return read_vicon(path, unit, sizes)
     if suffix == ".mat":
         return read_matlab(path, unit, sizes)
     if suffix in _STORAGE:
@@ -161,7 +172,11 @@ def _read_text_file(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
 
 
 def _holds_cameras(folder: Path) -> bool:
-    return (folder / "cameras.txt").is_file() or bool(_camera_files(folder))
+    return _holds_model(folder) or bool(_camera_files(folder))
+
+
+def _holds_model(folder: Path) -> bool:
+    return any((folder / f"cameras{ending}").is_file() for ending in _MODELS)
 
 
 def _camera_files(folder: Path) -> list[Path]:
@@ -177,7 +192,7 @@ def _camera_files(folder: Path) -> list[Path]:
 def _read_folder(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     if (folder / "intri.yml").exists():
         return read_easymocap(folder, unit, sizes)
-    if (folder / "cameras.txt").exists():
+    if _holds_model(folder):
         return read_colmap(folder, unit)
     files = _camera_files(folder)
     if len(files) == 1 and files[0].name.endswith(QUALISYS):

@@ -56,7 +56,7 @@ _DEEPEST = 32
 _MOST_ITEMS = 64
 
 
-def _check_nesting(text: str, suffix: str) -> None:
+def check_nesting(text: str, suffix: str) -> None:
     """Raise InputError for a text that is nested too deeply to be parsed safely."""
     if suffix == ".xml":
         tags = re.findall(r"<([/?!]?)[^<>]*?(/?)>", text)
@@ -73,7 +73,7 @@ class Storage:
 
     def __init__(self, path: Path) -> None:
         text = read_text(path)
-        _check_nesting(text, path.suffix.lower())
+        check_nesting(text, path.suffix.lower())
         try:
             # From memory: OpenCV crashes on a file name that is not UTF-8.
             self._storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)

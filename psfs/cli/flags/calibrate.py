@@ -14,9 +14,6 @@ from psfs.cli.settings import add_configs
 from psfs.footage import settings as footage
 from psfs.settings import Settings
 
-_BOARDS = ("charuco", "chessboard")
-
-
 #: Names of the written files and folder.
 CALIBRATION, REPORT, RIG, PICTURES = "calibration.toml", "calibration.json", "rig.png", "cameras"
 
@@ -46,6 +43,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="intrinsics that are kept: a calibration, or a folder with a video or pictures of the "
         "board per camera (default: found, too)",
     )  # fmt: skip
+    add_field_of_view_flag(group)
     group.add_argument(
         "--floor", type=frame_range, metavar="FRAME",
         help="frame, or a:b, in which the board or wand lies on the floor: Z = 0, X along it "
@@ -66,12 +64,25 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_configs(parser, Settings, "calibration", "person")
 
 
+def add_field_of_view_flag(group: argparse._ArgumentGroup) -> None:
+    """Add --field-of-view, of cameras that a person calibrates."""
+    group.add_argument(
+        "--field-of-view", type=float, metavar="DEG",
+        help="of --person without --intrinsics: the angle of view of the pictures' longer side, "
+        "degrees, from which the focal lengths are refined",
+    )  # fmt: skip
+
+
 def _add_target_flags(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group(
         "target", "one of --board, --wand, --c3d, --person and --refine"
     )
     kind = group.add_mutually_exclusive_group()
-    kind.add_argument("--board", choices=_BOARDS, help="a board with squares")
+    kind.add_argument(
+        "--board", metavar="charuco|chessboard|FILE",
+        help="a board with squares; FILE: a board that Caliscope (charuco.toml), Pose2Sim "
+        "(Config.toml) or OpenCV's calibration sample describes",
+    )  # fmt: skip
     kind.add_argument(
         "--wand", type=_lengths, metavar="M|M,M",
         help="a wand of two or three bright markers, m from each to the next: 0.5 or 0.2,0.3",
@@ -90,12 +101,27 @@ def _add_target_flags(parser: argparse.ArgumentParser) -> None:
     kind.add_argument(
         "--person", action="store_true",
         help="no target: cameras and times from the silhouettes of somebody who walks about; "
-        "needs --intrinsics",
+        "needs --intrinsics or --field-of-view",
     )  # fmt: skip
     group.add_argument(
         "--stature", type=float, metavar="M",
         help="height of the person of --person, m, which gives the scale (default: 1.7)",
     )  # fmt: skip
+    _add_board_flags(group)
+    group.add_argument(
+        "--markers", type=lambda text: text.split(","), metavar="A,B[,C]",
+        help="names of the wand's markers in the C3D file, along it (default: all of the file)",
+    )  # fmt: skip
+    group.add_argument(
+        "--c3d-begins", type=float, default=0.0, metavar="S",
+        help="s after the first picture at which the C3D file begins (default: 0)",
+    )  # fmt: skip
+    group.add_argument(
+        "--up", metavar="AXIS", help="up axis of the C3D file: z, -z, y, -y, x or -x (default: z)"
+    )
+
+
+def _add_board_flags(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--squares", type=_squares, metavar="CxR", help="squares of the board, as 7x5, not "
         "the inner corners",
@@ -110,16 +136,10 @@ def _add_target_flags(parser: argparse.ArgumentParser) -> None:
         help="markers of a ChArUco board (default: those that are seen)",
     )  # fmt: skip
     group.add_argument(
-        "--markers", type=lambda text: text.split(","), metavar="A,B[,C]",
-        help="names of the wand's markers in the C3D file, along it (default: all of the file)",
+        "--boards", type=int, default=1, metavar="N",
+        help="number of ChArUco boards of these squares, whose markers are numbered on from one to "
+        "the next, as --print-board writes them (default: 1)",
     )  # fmt: skip
-    group.add_argument(
-        "--c3d-begins", type=float, default=0.0, metavar="S",
-        help="s after the first picture at which the C3D file begins (default: 0)",
-    )  # fmt: skip
-    group.add_argument(
-        "--up", metavar="AXIS", help="up axis of the C3D file: z, -z, y, -y, x or -x (default: z)"
-    )
 
 
 def _lengths(text: str) -> list[float]:

@@ -6,20 +6,23 @@ import argparse
 from pathlib import Path
 
 from psfs.cli.commandline import add_device_flag, add_overwrite_flag, add_run_folder
-from psfs.mesh.keys import KEYS
+from psfs.cli.flags.page import add_page_flags
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this command."""
+    add_run_folder(parser)
     add_view_flags(parser)
 
 
 def add_view_flags(parser: argparse.ArgumentParser) -> None:
-    """Add the flags that `psfs.cli.view.view_run` needs."""
+    """Add the flags that `psfs.cli.view` needs, but the folder."""
     what = (parser.description or "").removesuffix(".")
-    keys = ", ".join(f"{key} {what}" for key, what in KEYS.items())
-    parser.description = f"{what}. Keys of the window: {keys}, 1 to 9 show and hide."
-    add_run_folder(parser)
+    parser.description = (
+        f"{what}. Keys of the page: space plays or pauses, J and L step, Home and End, Page Up and "
+        "Page Down change the speed, 1 to 9 show and hide, V changes the colours, R looks from the "
+        "start, I is dark or light; the arrows, W, A, S, D, Q and E move the view."
+    )
     parser.add_argument(
         "--frame",
         type=int,
@@ -27,6 +30,7 @@ def add_view_flags(parser: argparse.ArgumentParser) -> None:
         help="frame to show (default: the first that is not empty)",
     )
     parser.add_argument("--mesh", action="store_true", help="show the surfaces of psfs mesh")
-    parser.add_argument("--png", type=Path, metavar="FILE", help="write a picture, open no window")
+    parser.add_argument("--png", type=Path, metavar="FILE", help="write a picture, open no page")
+    add_page_flags(parser)
     add_overwrite_flag(parser)
     add_device_flag(parser)

@@ -14,6 +14,11 @@ from psfs.cameras.units import Unit
 from psfs.footage.media import Media, open_all_media, read_picture_size
 from psfs.footage.settings import SequenceSettings
 
+#: What a picture's size with its sides exchanged means.
+_TURNED = (
+    ": it was turned by a quarter; turn it back (ffmpeg -vf transpose=1 or 2), or calibrate it as "
+    "it was filmed: docs/from_phones.md"
+)
 #: Files by camera name, as found in a folder.
 Found = Mapping[str, list[Path]]
 
@@ -85,9 +90,11 @@ def assign_pictures(
     media = open_all_media({name: found[pairs[name]] for name in rig.names})
     for camera, item in zip(rig, media, strict=True):
         if item.size != camera.size:
+            turned = item.size == camera.size[::-1]
             raise InputError(
                 f"{item.where}: {item.size[0]} x {item.size[1]} pixels; "
                 f"camera {camera.name} is calibrated for {camera.size[0]} x {camera.size[1]}"
+                f"{_TURNED if turned else ''}"
             )
     return media, [note] if note else []
 

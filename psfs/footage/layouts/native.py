@@ -10,6 +10,7 @@ from typing import Any
 
 from cl import InputError, MissingFileError
 from psfs.cameras.calibration import find_calibration
+from psfs.cameras.names import rename_files
 from psfs.footage.layouts.common import Footage, Layout, assign_pictures, choose_cameras, read_rig
 from psfs.footage.media import list_media
 from psfs.footage.settings import SequenceSettings
@@ -37,7 +38,13 @@ def find_settings_calibration(folder: Path, settings: SequenceSettings) -> Path:
 def _read(folder: Path, settings: SequenceSettings) -> Footage:
     calibration = find_settings_calibration(folder, settings)
     folders = {name: folder / name for name in (*_IMAGES, "masks", "background")}
-    found = {name: list_media(path) for name, path in folders.items() if path.is_dir()}
+    found = {
+        name: rename_files(
+            list_media(path), settings.files, None if name == "background" else str(path)
+        )
+        for name, path in folders.items()
+        if path.is_dir()
+    }
     images = next((name for name in _IMAGES if found.get(name)), None)
     primary = images or "masks"
     if not found.get(primary):

@@ -12,6 +12,7 @@ import numpy as np
 
 from cl import InputError, MissingFileError
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.names import rename_files
 from psfs.footage.layouts.common import Footage, Found, assign_pictures
 from psfs.footage.media import Media, list_media, open_media
 from psfs.footage.settings import SequenceSettings
@@ -50,22 +51,23 @@ def read_uncalibrated(
     silhouettes: read the pictures of the empty scene in `background/` and the `masks/`, too, where
     there are some. Raises InputError as `list_pictures` does.
     """
-    found = list_pictures(folder)
+    found = rename_files(list_pictures(folder), settings.files, str(folder))
     names = list(found) if settings.cameras is None else list(settings.cameras)
     missing = [name for name in names if name not in found]
     if missing:
         raise InputError(f"{folder}: no camera {', '.join(missing)}; found {', '.join(found)}")
     media = tuple(open_media(name, found[name]) for name in names)
-    rig = CameraRig(tuple(_nominal_camera(item.name, item.size) for item in media))
+    rig = CameraRig(tuple(make_nominal_camera(item.name, item.size) for item in media))
     others: dict[str, tuple[Media, ...]] = {}
     for name in ("background", "masks") if silhouettes else ():
         if (folder / name).is_dir() and (own := list_media(folder / name)):
+            own = rename_files(own, settings.files)
             others[name], _ = assign_pictures(rig, own, folder / name, settings, extras=True)
     return Footage(
         rig, images=media, masks=others.get("masks"), background=others.get("background")
     )
 
 
-def _nominal_camera(name: str, size: tuple[int, int]) -> Camera:
+def make_nominal_camera(name: str, size: tuple[int, int]) -> Camera:
     K = np.array([[max(size), 0, size[0] / 2], [0, max(size), size[1] / 2], [0, 0, 1.0]])
     return Camera(name, K, np.zeros(5), np.eye(3), np.zeros(3), size)

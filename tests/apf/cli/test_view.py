@@ -1,18 +1,21 @@
-"""`apf view`: the track's layers in the window, and a picture where there is none."""
+"""`apf view`: a track on the page, alone or in stored voxels, and a picture with --png."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import cv2
+import numpy as np
 import pytest
+from helpers.studio import save_track, save_voxels
 from helpers.tracks import walker
+
+pytest.importorskip("viser", reason="viser is not installed")
 
 import psfs.cli.view as command
 from apf.body import load_body, save_body
 from apf.cli import main
-from psfs.mesh.player import Player
+from psfs.page.frame import ViewPage
 
 
 @pytest.fixture
@@ -24,25 +27,44 @@ def track(tmp_path: Path) -> Path:
     return folder
 
 
-def test_the_window_gets_skeleton_and_cones(
-    out: Path, track: Path, monkeypatch: pytest.MonkeyPatch
+def test_body_is_shown_in_stored_voxels(
+    track: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen: dict[str, Any] = {}
+    seen = []
 
-    def show(title: str, rig: Any, grid: Any, player: Player) -> None:
-        seen.update(player=player)
+    def look(page: ViewPage, args: object) -> None:
+        watch = page.watch
+        assert watch is not None
+        seen.append((watch.frame, watch.voxels.visible, dict(watch.shown)))
+        assert np.allclose(watch.bodies["track"].joints.points, walker(2).joints[0], atol=1e-5)
+        watch.time_line.seek(0)
+        seen.append((watch.status, page.server.scene.get_handle_by_name("/people/0").visible))
 
-    monkeypatch.setattr(command, "has_display", lambda: True)
-    monkeypatch.setattr(command, "show_window", show)
-    assert main(["view", str(out), str(track)]) == 0
-    player: Player = seen["player"]
-    assert list(player.drawings()) == ["voxels", "skeleton", "cones", "cameras", "floor"]
-    player.press("home")
-    assert list(player.drawings()) == ["cameras", "floor"]
-    assert player.caption().endswith("not tracked")
+    monkeypatch.setattr(command, "serve", look)
+    voxels = save_voxels(tmp_path / "voxels")
+    assert main(["view", str(voxels), str(track), "--frame", "1", "--port", "0"]) == 0
+    assert seen[0][:2] == (1, True)
+    assert list(seen[0][2]) == ["voxels", "body", "skeleton", "trails", "cameras"]
+    assert "not tracked in this frame" in seen[1][0] and not seen[1][1]
 
 
-def test_a_picture_without_a_window(
+def test_a_track_is_shown_without_voxels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen = []
+    monkeypatch.setattr(command, "serve", lambda page, args: seen.append(page.watch.frame))
+    run = save_track(tmp_path / "run")
+    words = ["view", str(run), "--port", "0"]
+    assert main([*words, "--frame", "7"]) == 0
+    assert seen == [7]
+    assert main([*words, "--frame", "70"]) == 2
+    assert main([*words, "--mesh"]) == 2
+    assert main([*words, "--png", str(tmp_path / "view.png")]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert "holds frames 0 to 29" in lines[0] and "--mesh" in lines[1] and "footage" in lines[2]
+
+
+def test_a_picture_without_a_page(
     out: Path, track: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "view.png"

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import bodies
+from scipy.spatial.transform import Rotation
 
 from apf.body import load_body
 from apf.body.anatomy import anatomical_frames
@@ -76,6 +77,22 @@ def test_the_same_motion_has_the_same_angles(truth: tuple[Path, np.ndarray]) -> 
     legs = [e for n, e in errors.items() if "knee" in n or "hip" in n or "pelvis" in n]
     assert max(error.rms for error in legs) < 0.1
     assert max(error.free for error in errors.values() if error.defined) < 0.5
+
+
+def test_an_elbow_bends_about_the_axis_of_its_motion(truth: tuple[Path, np.ndarray]) -> None:
+    """A rig whose forearms are turned aside at rest, as in an A pose with the palms down, has the
+    same angles of shoulders and elbows."""
+    path, poses = truth
+    with np.load(path) as stored:
+        data = dict(stored)
+    aside = Rotation.from_euler("xyz", [40, 30, 20], degrees=True).as_matrix()
+    fore = [list(BONES).index(f"{side}_forearm") for side in "lr"]
+    data["bone_rotations"][:, fore] = data["bone_rotations"][:, fore] @ aside.T
+    np.savez(path, **data)
+    true_angles = load_true_angles(path)
+    assert true_angles is not None
+    errors = {error.name: error for error in evaluate_angles(a_track(poses), true_angles)}
+    assert errors["l_shoulder_rotation"].free < 0.5 and errors["r_elbow_flexion"].free < 0.5
 
 
 def test_a_bent_knee_shows_in_degrees(

@@ -82,6 +82,7 @@ def test_no_model_for_opensim(tmp_path: Path, capfd: pytest.CaptureFixture[str])
     lacking = write_model(tmp_path / "lacking.osim", left_out="hand_l")
     assert main(["export", str(tmp_path), "--to", "osim", "--osim-model", str(lacking)]) == 2
     assert "lacking.osim: no joint that carries hand_l" in " ".join(capfd.readouterr().err.split())
+    assert not (tmp_path / "opensim").exists()
     assert main(["export", str(tmp_path), "--to", "trc", "--osim-model", str(lacking)]) == 2
     assert "expected --to osim" in " ".join(capfd.readouterr().err.split())
     (tmp_path / "text.osim").write_text("no model")

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,16 +21,17 @@ from apf.cli import main
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.pose import read_pose, write_pose
-from apf.live.config import SizeConfig
+from apf.live.config import LiveConfig, SizeConfig
 from apf.live.person import translation
 from apf.live.session import Live, LiveResult, LiveStart, ObservedFrame
-from apf.live.sources import ACQUISITION, Replay, Shot
+from apf.live.sources import ACQUISITION, Newest, Replay, Shot
 from apf.live.timeline import Timeline
 from apf.tracking.track import Track
-from cl import Device, InputError, NumpyDevice
-from psfs.sequence import Sequence
+from cl import Device, InputError
+from psfs.sequence import Frame, Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
+from psfs.voxels.grid import VoxelGrid
 
 SIZES = SizeConfig()
 
@@ -106,12 +110,17 @@ def test_videos_as_cameras(filmed: Path, tmp_path: Path) -> None:
     assert all(low <= particles * layers <= high for _, particles, layers in chosen)
 
 
+@cache
+def find_grid(folder: Path) -> VoxelGrid:
+    session = Session(Sequence.open(folder), Device.best(), SessionSettings(voxel_size=0.03))
+    return automatic_grid(session)
+
+
 def prepared(folder: Path, objective: str = "voxel", follow: bool = False) -> Live:
     body = load_body(folder / "body.toml")
     pose = read_pose(folder / "start.txt", body)
     sequence = Sequence.open(folder)
-    session = Session(sequence, NumpyDevice(), SessionSettings(voxel_size=0.03))
-    grid = automatic_grid(session) if objective == "voxel" else None
+    grid = find_grid(folder) if objective == "voxel" else None
     searches = [Method.create("apf", objective, n_particles=n, n_layers=6) for n in (48, 96)]
     return Live(
         Device.best(),
@@ -149,8 +158,48 @@ def test_stopped_it_keeps_what_it_has(filmed: Path) -> None:
     assert threading.active_count() < 20
 
 
-def test_what_a_thread_raises_ends_the_run(filmed: Path, monkeypatch) -> None:
-    run = prepared(filmed)
+class Watched(Live):
+    """A run on a GPU whose observations all lie in one place, `lies`: that of the last frame."""
+
+    def __init__(self) -> None:
+        self._config, self._overlaps, self.timeline = LiveConfig(), True, Timeline(STAGES)
+        self.source = self.device = self.processor = self  # type: ignore[assignment]
+        self._shots, self._ready = Newest[Shot](bool), Newest[ObservedFrame](bool)
+        self._free, self._stop = threading.Event(), threading.Event()
+        self._free.set()
+        self._errors, self._free_at = [], 0.0
+        self._processing_time, self._tracking_time = 0.002, 0.005
+        self.governor = SimpleNamespace(update=lambda *seconds: False)  # type: ignore[assignment]
+        self.result, self.lies, self.observed = LiveResult(), -1, []
+
+    def finish(self) -> None: ...
+
+    def expect(self, observed: ObservedFrame) -> None: ...
+
+    def _acquire(self) -> None:
+        for index in range(60):
+            self._shots.put(Shot(Frame(index, None, None), self.timeline.now()))
+            time.sleep(0.001)
+        self._shots.close()
+
+    def observe(self, frame: Frame, at: float) -> list:
+        self.lies = frame.index
+        time.sleep(0.002)
+        return [frame.index]
+
+    def _observe_people(self, seen: list) -> None:
+        time.sleep(0.001)  # in which the processing must not begin with another frame
+        self.observed.append((seen[0], self.lies))
+
+    def search(self) -> list[Estimate]:
+        time.sleep(0.004)
+        return []
+
+    def keep(self, observed: ObservedFrame, estimates: list, latency: float) -> None: ...
+
+
+def test_what_a_thread_raises_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = Watched()
 
     def broken(frame: object, time: float) -> None:
         raise InputError("the picture is torn")
@@ -158,6 +207,13 @@ def test_what_a_thread_raises_ends_the_run(filmed: Path, monkeypatch) -> None:
     monkeypatch.setattr(run, "observe", broken)
     with pytest.raises(InputError, match="torn"):
         run.run()
+
+
+def test_a_frame_is_observed_before_the_next_one_takes_its_place() -> None:
+    run = Watched()
+    run.run()
+    assert len(run.observed) > 3
+    assert all(frame == there for frame, there in run.observed), run.observed
 
 
 def test_a_search_is_resized_where_it_stands(filmed: Path) -> None:
@@ -240,8 +296,7 @@ def test_two_people_have_a_tracker_each(filmed: Path) -> None:
     alone = seen(run, 0).seen[0]
     body, pose = run.body, run.persons[0].pose
     aside = pose + translation(body) @ [1.2, 0.0, 0.0]
-    session = Session(Sequence.open(filmed), NumpyDevice(), SessionSettings(voxel_size=0.03))
-    start = LiveStart(automatic_grid(session), body, pose, ((body, aside),))
+    start = LiveStart(find_grid(filmed), body, pose, ((body, aside),))
     search = Method.create("apf", "voxel", n_particles=48, n_layers=6)
     both = Live(run.device, run.source, start, [search])
     first, second = both.observe(run.source.first(), 0.0)

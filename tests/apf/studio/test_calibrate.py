@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,12 +14,20 @@ from helpers import calibration as made
 
 pytest.importorskip("viser", reason="viser is not installed")
 
+from apf.live.recording import Captures
+from apf.studio.film import PERSON as PERSON_LIVE
+from apf.studio.film import TARGET
 from apf.studio.folders import Roots, find_kind
 from apf.studio.page import Page
+from apf.studio.person_check import PersonCheck
 from apf.studio.target_fields import CHESSBOARD, PERSON, WAND
-from cl import Device, InputError
+from cl import Device, InputError, NumpyDevice
 from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.coverage import Coverage
+from psfs.calibration.targets.detection import open_uncalibrated
+from psfs.footage.settings import SequenceSettings
+from psfs.output.video import write_video
+from psfs.sequence import Frame, Sequence
 
 SQUARES, SQUARE = (6, 4), 0.2
 CAMERAS = made.ring(step=28)[:3]
@@ -81,6 +90,58 @@ def test_board_is_found_and_cameras_are_used(day: Path, page: Page) -> None:
     assert page.footage.sequence.rig.names == [camera.name for camera in CAMERAS]
     flags = page.run.flags()
     assert flags[flags.index("--calibration") + 1].endswith("calibration.toml")
+
+
+def test_board_is_found_live(day: Path, tmp_path: Path) -> None:
+    views = open_uncalibrated(day / "board", SequenceSettings())
+    frames = [views.read(index) for index in range(len(views))]
+    for view, name in enumerate("abc"):
+        with write_video(tmp_path / f"{name}.mp4", 30.0) as video:
+            for frame in frames:
+                video.write(frame.images[view])
+    captures = Captures([str(tmp_path / f"{name}.mp4") for name in "abc"])
+    captures.record(tmp_path / "first" / "videos", ["a", "b", "c"])
+    page = Page(Roots(day), no_device, results=tmp_path / "results", captures=captures)
+    try:
+        page.open_cameras()
+        film, until = page.film, time.monotonic() + 30
+        assert film is not None
+        while not captures.ended and time.monotonic() < until:
+            time.sleep(0.05)
+        assert "has ended" in captures.ended
+        assert captures.stop_recording() > 5
+        assert find_kind(tmp_path / "first") == "views"
+        film.target.squares.value, film.target.square.value = SQUARES, SQUARE
+        film.mode.value = TARGET
+        for frame in frames:
+            film.examine_frame(frame)
+        assert "covered" in film.words and "expected 12 or more" in film.words
+        n_found = len(film.found.sightings)
+        film.examine_frame(frames[-1])  # it has not moved
+        assert n_found == len(film.found.sightings) > 15
+        film.mode.value = PERSON_LIVE
+        assert "nobody in the pictures" in film.words or film.person is None
+    finally:
+        page.stop()
+
+
+def test_person_who_walks_in_is_judged(walk: Path) -> None:
+    sequence = Sequence.open(walk)
+    empty = np.rint(sequence.background.mean).astype(np.uint8)
+    noise = np.random.default_rng(0).integers(-2, 3, (5, *empty.shape))
+    check = PersonCheck(
+        NumpyDevice(), sequence.rig, [(empty + of).clip(0, 255).astype(np.uint8) for of in noise]
+    )
+    masks = check.examine_frame(sequence.read(2))
+    shares = [mask.mean() for mask in masks]
+    assert all(0.01 < share < 0.3 for share in shares), shares
+    assert all(one.seen == 1 and one.height > 30 for one in check.views)
+    assert "whole" in check.describe() and "px high" in check.describe()
+    check.examine_frame(Frame(9, empty, None))
+    assert all(one.seen == 1 for one in check.views)  # an empty room is nobody's fault
+    alone = PersonCheck(NumpyDevice(), sequence.rig, [empty])
+    alone.examine_frame(Frame(9, empty, None))
+    assert "nobody is seen yet" in alone.describe()
 
 
 def test_fields_are_the_flags_of_calibrate(day: Path, page: Page) -> None:

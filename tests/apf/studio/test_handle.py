@@ -12,10 +12,10 @@ pytest.importorskip("viser", reason="viser is not installed")
 
 import viser
 
-from apf.studio.gate import Gate, start_server, stop_server
 from apf.studio.handle import JointHandle
 from apf.tracking.correction import correct_pose
 from cl import InputError
+from psfs.page.gate import Gate, start_server, stop_server
 
 
 @pytest.fixture(scope="module")

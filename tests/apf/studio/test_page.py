@@ -18,8 +18,8 @@ pytest.importorskip("viser", reason="viser is not installed")
 from apf.cli import main
 from apf.studio.folders import Roots
 from apf.studio.page import Page
-from apf.studio.words import make_lines, make_table, make_text
 from cl import Device, InputError
+from psfs.page.words import make_lines, make_table, make_text
 
 NAME = "<img src=x onerror=alert(1)>"
 
@@ -90,13 +90,13 @@ def test_keys_and_buttons_move_the_time_line(
     assert watch is not None
     line = watch.time_line
     commands = {key: do for _, key, do in line.list_keys()}
-    commands["arrowright"]()
-    commands["arrowright"]()
-    commands["arrowleft"]()
+    commands["L"]()
+    commands["L"]()
+    commands["J"]()
     assert (line.position, line.slider.value) == (1, 1)
     commands["end"]()
     assert line.position == 4
-    commands["arrowdown"]()
+    commands["pagedown"]()
     assert line.speed.value == "0.5"
     commands["space"]()
     assert line.playing
@@ -154,7 +154,7 @@ def test_page_in_a_browser(tmp_path: Path, open_page: Callable[[Path], Page]) ->
         tab.on("dialog", lambda dialog: (alerts.append(dialog), dialog.dismiss()))
         tab.goto(page.address)
         tab.get_by_text("frame 0 ·").wait_for(timeout=60_000)
-        tab.keyboard.press("ArrowRight")
+        tab.keyboard.press("l")
         tab.get_by_text("frame 1 ·").wait_for(timeout=60_000)
         assert tab.get_by_text(NAME).count() > 0  # as text
         assert alerts == []

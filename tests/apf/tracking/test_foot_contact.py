@@ -15,6 +15,7 @@ from apf.tracking.foot_contact import (
     detect_standing,
     find_ankles,
     find_stances,
+    hold_feet,
 )
 from apf.tracking.smoothing import SmoothingConfig, smooth_track
 from apf.tracking.track import Track
@@ -125,6 +126,13 @@ def test_a_risen_heel_is_not_flat() -> None:
     stands = np.ones((30, 2), bool)
     found = detect_flat_feet(ankles, stands)
     assert found[:22].all() and not found[23:, 0].any() and found[:, 1].all()
+
+
+def test_a_foot_that_stands_in_a_single_frame_is_not_moved() -> None:
+    track = strider(6)
+    stands = np.zeros((6, 2), bool)
+    stands[3, 0] = True
+    np.testing.assert_array_equal(hold_feet(SONG, track.poses, track.times, stands), track.poses)
 
 
 def test_lost_frames_are_neither_standing_nor_changed() -> None:

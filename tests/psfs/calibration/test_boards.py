@@ -13,6 +13,7 @@ from helpers import calibration as made
 from cl import InputError
 from psfs.calibration.config import MarkerConfig
 from psfs.calibration.intrinsics import read_intrinsics
+from psfs.calibration.targets.board_files import read_board
 from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
 from psfs.calibration.targets.markers import find_bright_spots
 from psfs.cameras.camera import CameraRig
@@ -68,6 +69,77 @@ def test_a_board_in_part_is_of_use_only_if_it_tells_its_numbers(inverted: bool) 
     assert np.linalg.norm(found[1] - true, axis=1).mean() < 0.3
     chess = pictured(made.board_picture(chequered(SQUARES), SQUARE, SQUARES), near)
     assert ChessboardFinder(SQUARES, SQUARE)(0, chess) is None
+
+
+def test_old_patterns_and_several_boards_are_told_apart(tmp_path: Path) -> None:
+    """Two boards of one kind, numbered on, and OpenCV's pattern of before 4.6."""
+    squares = (6, 4)
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    near = made.rigid(CAMERA.R.T, CAMERA.centre + CAMERA.R.T @ [-0.55, -0.4, 1.3])
+    finders = [CharucoFinder(squares, SQUARE, 0.14, "4X4", first) for first in (0, 12)]
+    for first, old in ((0, True), (12, False)):
+        ids = np.arange(first, first + 12)
+        board = cv2.aruco.CharucoBoard(squares, SQUARE, 0.14, dictionary, ids)
+        board.setLegacyPattern(old)
+        flat = board.generateImage((100 * squares[0], 100 * squares[1]))
+        picture = pictured(made.board_picture(flat, SQUARE, squares), near)
+        found = [finder(0, picture) for finder in finders]
+        shown = found[first // 12]
+        assert shown is not None and found[1 - first // 12] is None
+        true, _ = CAMERA.project(finders[0].target.points[shown[0]] @ near[:3, :3].T + near[:3, 3])
+        assert np.linalg.norm(shown[1] - true, axis=1).mean() < 0.3
+    with pytest.raises(InputError, match="APRILTAG_36h11 has fewer"):
+        CharucoFinder((40, 40), SQUARE, 0.14, "APRILTAG_36h11", 800)
+
+
+CALISCOPE = """columns = 4
+rows = 5
+board_height = 11.0
+board_width = 8.5
+dictionary = "DICT_4X4_1000"
+units = "inch"
+aruco_scale = 0.75
+inverted = true
+"""
+POSE2SIM = """[calibration.calculate.intrinsics]
+intrinsics_corners_nb = [4, 7]
+intrinsics_square_size = 60
+"""
+OPENCV = """<?xml version="1.0"?>
+<opencv_storage><Settings><BoardSize_Width>{}</BoardSize_Width><BoardSize_Height>6</BoardSize_Height>
+<Square_Size>50</Square_Size><Marker_Size>25</Marker_Size>
+<Calibrate_Pattern>"{}"</Calibrate_Pattern><ArUco_Dict_Name>DICT_5X5_100</ArUco_Dict_Name>
+</Settings></opencv_storage>"""
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "expected"),
+    [
+        ("a.toml", CALISCOPE, ("charuco", (4, 5), 0.0254 * 2.125, 0.0254 * 1.59375, "4X4")),
+        ("a.toml", CALISCOPE + "square_size_override_cm = 5.4", ("charuco", (4, 5), 0.054, 0.0405,
+                                                                 "4X4")),
+        ("b.toml", POSE2SIM, ("chessboard", (8, 5), 0.06, None, "auto")),
+        ("c.xml", OPENCV.format(9, "CHESSBOARD"), ("chessboard", (10, 7), 0.05, None, "auto")),
+        ("c.xml", OPENCV.format(9, "CHARUCOBOARD"), ("charuco", (9, 6), 0.05, 0.025, "5X5")),
+    ],
+)  # fmt: skip
+def test_boards_of_other_programs(tmp_path: Path, name: str, text: str, expected: tuple) -> None:
+    (tmp_path / name).write_text(text)
+    found = read_board(tmp_path / name)
+    assert (found.kind, found.squares, found.dictionary) == (*expected[:2], expected[4])
+    np.testing.assert_allclose(found.square, expected[2])
+    assert found.marker == (None if expected[3] is None else pytest.approx(expected[3]))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("a.toml", "x = 1"), ("b.toml", CALISCOPE.replace("4X4_1000", "9X9")), ("c.yml", "a: 1"),
+     ("d.xml", "<"), ("e.toml", CALISCOPE.replace("inch", "mile"))],
+)  # fmt: skip
+def test_files_without_a_board_are_named(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=rf"{name}: .*expected"):
+        read_board(tmp_path / name)
 
 
 def test_spots_are_found_to_a_fraction_of_a_pixel() -> None:

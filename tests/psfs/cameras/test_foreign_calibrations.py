@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,9 +16,11 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from cl import InputError
-from psfs.cameras.calibration import read_calibration
+from psfs.cameras.calibration import find_calibration, read_calibration
+from psfs.cameras.calibration.writers import WRITERS, write_calibration
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cli import main
+from psfs.cli.flags.convert import FORMATS as FORMATS_OF_CONVERT
 from psfs.diagnostics.sequence_info import sequence_info
 from psfs.sequence import Sequence
 
@@ -110,6 +113,19 @@ def colmap(folder: Path, rig: CameraRig) -> None:
         images += "1.0 2.0 -1\n" if index % 2 else "\n"
     (model / "cameras.txt").write_text(cameras)
     (model / "images.txt").write_text(images)
+
+
+def colmap_binary(folder: Path, rig: CameraRig) -> None:
+    """COLMAP's default, with two points in every image."""
+    cameras = images = struct.pack("<Q", len(rig))
+    for index, c in enumerate(rig, 1):
+        lens = [c.K[0, 0], c.K[1, 1], c.K[0, 2] + 0.5, c.K[1, 2] + 0.5, *c.distortion[:4]]
+        cameras += struct.pack("<iiQQ8d", index, 4, *c.size, *lens)
+        x, y, z, w = Rotation.from_matrix(c.R).as_quat()
+        images += struct.pack("<i7di", index, w, x, y, z, *c.t, index) + f"{c.name}.png\0".encode()
+        images += struct.pack("<Q", 2) + 2 * struct.pack("<ddq", 1, 2, -1)
+    (folder / "cameras.bin").write_bytes(cameras)
+    (folder / "images.bin").write_bytes(images)
 
 
 def nerf(folder: Path, rig: CameraRig, angle: bool = True) -> None:
@@ -209,7 +225,27 @@ def panoptic(folder: Path, rig: CameraRig) -> None:
     (folder / "calibration_160224.json").write_text(json.dumps(content))
 
 
+def vicon(folder: Path, rig: CameraRig) -> None:
+    """Vicon's XML as in its published files: key frames with quaternions x y z w and positions, mm,
+    and a camera for markers beside them."""
+    elements = [
+        '<Camera DEVICEID="9" TYPE="MX" SENSOR_SIZE="2 2"><KeyFrames><KeyFrame/></KeyFrames>'
+    ]
+    for c in reversed(list(rig)):
+        centre = -1000 * np.linalg.inv(c.R) @ c.t
+        elements.append(
+            f'<Camera DEVICEID="{c.name}" TYPE="VideoInputDevice:Blackfly" PIXEL_ASPECT_RATIO="1" '
+            f'SENSOR_SIZE="{c.size[0]} {c.size[1]}"><KeyFrames><KeyFrame FRAME="0" '
+            f'FOCAL_LENGTH="{c.K[0, 0]}" PRINCIPAL_POINT="{words(c.K[:2, 2])}" '
+            f'ORIENTATION="{words(Rotation.from_matrix(c.R).as_quat())}" '
+            f'POSITION="{words(centre)}" VICON_RADIAL2="ViconRadial2 0 0 0 0 0"/></KeyFrames>'
+        )
+    text = "".join(f"{element}</Camera>" for element in elements)
+    (folder / "take.xcp").write_text(f'<?xml version="1.0"?><Cameras>{text}</Cameras>')
+
+
 FORMATS: list[Write] = [
+    vicon,
     panoptic,
     middlebury,
     surrey,
@@ -220,6 +256,7 @@ FORMATS: list[Write] = [
     matlab_cells,
     matlab_stacks,
     colmap,
+    colmap_binary,
     nerf,
     nerf_lens,
     projections,
@@ -264,8 +301,8 @@ def test_info_says_the_same_of_all(
     assert printed[0] == printed[1]
 
 
-#: COLMAP's quaternions know no other hand.
-BOTH_HANDS = [write for write in FORMATS if write is not colmap]
+#: Quaternions know no other hand.
+BOTH_HANDS = [write for write in FORMATS if write not in (colmap, colmap_binary, vicon)]
 
 
 @pytest.mark.parametrize("write", BOTH_HANDS, ids=lambda write: write.__name__)
@@ -316,6 +353,14 @@ def test_worlds_of_both_hands_are_refused(tmp_path: Path) -> None:
         ("a.qca.txt", b"<calibration><cameras/></calibration>", "no cameras"),
         ("b.qca.txt", b"<calibration><cameras><camera></cameras>", "expected Qualisys"),
         ("c.qca.txt", b'<!DOCTYPE a [<!ENTITY b "c">]><calibration/>', "document type"),
+        ("cameras.bin", b"\1\0\0\0\0\0\0\0\1\0", "ends in the middle"),
+        ("cameras.bin", b"\xff" * 8, "expected at most 1000"),
+        ("a.xcp", b"<Cameras><Camera/></Cameras>", "1 cameras, none with a KeyFrame"),
+        (
+            "b.xcp",
+            b"<Cameras><Camera><KeyFrames><KeyFrame/></KeyFrames></Camera></Cameras>",
+            "no FOCAL_LENGTH",
+        ),
         ("calib.txt", b"1 0\n0 9 0 9 1 2 3 4 5 6 7 8 9 0 1 2 3 4 5", "expected 22 of Surrey"),
     ],
 )
@@ -354,3 +399,28 @@ def test_convert_writes_a_native_folder(tmp_path: Path, capsys: pytest.CaptureFi
     assert after.subject == "object" and after.unit == "m" and after.volume is not None
     np.testing.assert_allclose(after.volume, [[-0.03, -0.01, -0.02], [0.03, 0.01, 0.02]])
     np.testing.assert_array_equal(after.read(0).images, before.read(0).images)
+
+
+@pytest.mark.parametrize("kind", FORMATS_OF_CONVERT)
+def test_convert_writes_the_calibration_of_other_programs(tmp_path: Path, kind: str) -> None:
+    assert tuple(WRITERS) == FORMATS_OF_CONVERT
+    rig = CameraRig(
+        tuple(replace(c, distortion=np.array([-0.1, 0.02, 0.001, -0.002, 0])) for c in plain_rig())
+    )
+    folder = sequence_in(tmp_path / "a", toml, rig)
+    assert main(["convert", str(folder), "-o", str(tmp_path / "b"), "--to", kind]) == 0
+    path = find_calibration(tmp_path / "b") or tmp_path / "b" / "Calib.qca.txt"
+    found = read_calibration(path)
+    for a, b in zip(found, rig, strict=True):
+        assert a.size == b.size and (a.name == b.name or kind == "caliscope")
+        for field in ("K", "distortion", "R", "t"):
+            np.testing.assert_allclose(getattr(a, field), getattr(b, field), atol=1e-6)
+    bent = CameraRig(tuple(replace(c, distortion=np.array([0, 0, 0, 0, 0.1])) for c in rig))
+    if kind == "qualisys":
+        with pytest.raises(InputError, match="cam01 has k3"):
+            write_calibration(tmp_path, bent, kind)
+    else:
+        write_calibration(tmp_path / "c", bent, kind)
+    with pytest.raises(InputError, match="Tsai"):
+        tsai = replace(rig[0], distortion=np.zeros(5), kappa=0.1)
+        write_calibration(tmp_path, CameraRig((tsai,)), kind)

@@ -68,8 +68,12 @@ def calibrate(folder: Path, out: Path, *flags: str) -> int:
 
 def test_board_with_known_lenses(boards: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    lenses = ("--intrinsics", str(boards / "lens.toml"))
-    assert calibrate(boards, out, "--board", "charuco", *BOARD_FLAGS, "--floor", "0", *lenses) == 0
+    lenses = ("--intrinsics", str(boards / "lens.toml"), "--boards", "2")
+    board = tmp_path / "charuco.toml"
+    board.write_text(
+        'columns = 6\nrows = 4\nsquare_size_override_cm = 20\ndictionary = "DICT_4X4_50"\n'
+    )
+    assert calibrate(boards, out, "--board", str(board), "--floor", "0", *lenses) == 0
     found = list(read_calibration(out / "calibration.toml"))
     away, scale = made.differences(found, ARC)
     assert away.max() < 5 and abs(scale) < 0.002
@@ -119,9 +123,10 @@ def test_what_cannot_be_is_one_line(
         return error[-1]
 
     charuco, chess = ("--board", "charuco"), ("--board", "chessboard")
-    assert "no ChArUco board of 6x4 squares in 2 frames of 2 cameras" in line(
-        wands, *charuco, *BOARD_FLAGS, *short
-    )
+    missing = line(wands, *charuco, *BOARD_FLAGS, *short)
+    assert "no ChArUco board of 6x4 squares in 2 frames of 2 cameras" in missing
+    assert "searched for 6 corners or more between markers of 4X4, 5X5" in missing
+    assert "expected charuco, chessboard, or a board's file" in line(boards, "--board", "none.toml")
     wrong = line(boards, *charuco, "--squares", "12x9", "--square", "0.1", *short)
     assert "4X4 markers with numbers up to 11" in wrong
     assert "looks alike from four sides" in line(
@@ -140,7 +145,7 @@ def test_what_cannot_be_is_one_line(
     assert "no such file" in line(
         wands, "--wand", "0.5", "--intrinsics", str(tmp_path / "none.toml")
     )
-    assert "--person without --intrinsics" in line(wands, "--person")
+    assert "no lenses are stated" in line(wands, "--person")
     assert "expected none with --person" in line(wands, "--person", "--sync", "cam01=1")
     assert "expected --person with it" in line(wands, "--wand", "0.5", "--stature", "1.8")
     lenses = ("--intrinsics", str(wands / "lens.toml"))

@@ -106,8 +106,9 @@ def test_a_method_named_in_a_file_has_its_own_defaults(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("particels = 3", "particels is no setting of walker walk; expected some of"),
-        ('voxel-size = "thick"', "voxel-size is 'thick'; expected float"),
+        ("particels = 3", "particels is no setting of walker walk; did you mean particles?"),
+        ("x = 3", "x is no setting of walker walk; see walker walk --help"),
+        ('voxel-size = "thick"', "voxel-size is 'thick'; expected a number"),
         ("voxel-size = [1, 2]", "voxel-size is [1, 2]; expected one value"),
         ("names = 3", "names is 3; expected a list"),
         ("names = [true]", "names is True; expected a text or a number"),
@@ -133,6 +134,20 @@ def test_bad_files_are_named(
     said = capsys.readouterr().err
     assert code == 2 and expected in said and str(file) in said and said.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("flag", "value", "expected"),
+    [
+        ("--voxel-size", "0,02", "--voxel-size: is '0,02'; expected a number, such as 1.5"),
+        ("--count", "one", "--count: is 'one'; expected a whole number"),
+    ],
+)
+def test_a_flag_that_is_no_number(
+    flag: str, value: str, expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert walk(tmp_path / "out", flag, value)[0] == 2
+    assert expected in capsys.readouterr().err
 
 
 def test_quiet_shows_warnings_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,7 +12,7 @@ from helpers import footage, scenes
 from helpers.shared import shared_data
 
 import apf.cli
-from cl import NumpyDevice
+from cl import InputError, NumpyDevice
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cli import main
@@ -22,6 +22,7 @@ from psfs.diagnostics.rig_faults import find_rig_faults
 from psfs.diagnostics.sequence_info import rig_warnings
 from psfs.sequence import Sequence
 from psfs.session import Session
+from psfs.volume import find_volume
 
 FRAMES = 36
 NAMES = [f"c{k}" for k in range(5)]
@@ -123,6 +124,7 @@ def test_late_cameras_are_named_and_mended(tmp_path: Path, masks: np.ndarray, la
     np.testing.assert_array_equal(shown > 0, masks[first] > 0)
 
 
+@pytest.mark.usefixtures("quick_preview")
 def test_sync_auto_is_applied_and_remembered(
     tmp_path: Path, masks: np.ndarray, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -207,6 +209,17 @@ def test_one_mirrored_camera(tmp_path: Path, masks: np.ndarray, view: int) -> No
 def test_an_empty_room(tmp_path: Path, masks: np.ndarray) -> None:
     (fault,) = faults(write(tmp_path / "a", np.zeros_like(masks)))
     assert fault.kind == "nobody" and fault.cameras == ()
+
+
+def test_masks_of_other_values(tmp_path: Path, masks: np.ndarray) -> None:
+    of_bits = write(tmp_path / "bits", masks[:4] // 255)
+    (fault,) = faults(of_bits)
+    assert fault.kind == "nobody" and "(the greatest value in them is 1)" in fault.text
+    with pytest.raises(InputError, match="the greatest value in them is 1"):
+        find_volume(Session(Sequence.open(of_bits), NumpyDevice()))
+    inverted = [f for f in faults(write(tmp_path / "inverted", 255 - masks[:4])) if f.serious]
+    assert [fault.cameras for fault in inverted] == [(name,) for name in NAMES]
+    assert all("black and white exchanged" in fault.text for fault in inverted)
 
 
 def test_a_camera_that_shows_nothing(tmp_path: Path) -> None:

@@ -34,9 +34,9 @@ def make_views() -> SmallViews:
 
 def test_cameras_that_see_too_little_are_told_what_to_do() -> None:
     views, config = make_views(), InViewConfig()
-    whole, half, cut = find_person_in_views(views, 2.0)
+    whole, half, cut = find_person_in_views(views.rig, views.outlines, 2.0)
     assert (whole.seen, whole.whole, whole.height) == (1, 1, 120) and not whole.describe(config)
     assert half.seen == 0.5 and "in 50% of the frames: turn it" in half.describe(config)
     assert cut.whole == 0 and "beyond the picture's bottom" in cut.describe(config)
-    small = find_person_in_views(views, 1.0)[0]
+    small = find_person_in_views(views.rig, views.outlines, 1.0)[0]
     assert "a person of 60 px" in small.describe(config)

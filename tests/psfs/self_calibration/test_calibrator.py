@@ -10,7 +10,7 @@ import pytest
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.self_calibration import calibrator
-from psfs.self_calibration.calibrator import calibrate_by_person
+from psfs.self_calibration.calibrator import adjust_calibration, calibrate_by_person
 from psfs.self_calibration.config import OutlineConfig, PersonConfig, UprightConfig
 from psfs.self_calibration.footage import outline_person
 from psfs.self_calibration.upright import fit_upright
@@ -124,6 +124,23 @@ def test_cameras_times_floor_and_scale_are_found():
     assert np.degrees(np.arccos(np.array(ups)[:, 2])).max() < 0.6
     assert found.residual < 0.3
     assert found.misfits.max() < 0.5
+
+
+def test_a_given_start_is_adjusted_in_its_own_world():
+    """Cameras turned by two degrees and lags half a frame off; nobody searches."""
+    rng, start = np.random.default_rng(5), []
+    for camera in CAMERAS:
+        turn = cv2.Rodrigues(rng.normal(0, np.radians(1.2), 3))[0]
+        R = turn @ camera.R
+        start.append(replace(camera, R=R, t=-R @ (camera.centre + rng.normal(0, 0.03, 3))))
+    lags = np.add(LAGS, [0, 0.5, -0.5, 0.4])
+    quick = CONFIG.replace(adjustment=CONFIG.adjustment.replace(first=2, second=3))
+    found = adjust_calibration(CameraRig(tuple(start)), lags, outlines(), RATE, quick)
+    np.testing.assert_allclose(found.lags, LAGS, atol=0.04)
+    own, true = (np.array([c.centre for c in rig]) for rig in (found.rig, CAMERAS))
+    np.testing.assert_allclose(own, true, atol=0.25)  # the world is the start's
+    own, true = (np.linalg.norm(of[:, None] - of[None], axis=-1) for of in (own, true))
+    np.testing.assert_allclose(own / own.sum(), true / true.sum(), atol=0.003 / own.size)
 
 
 def test_a_person_seldom_seen_is_refused_with_what_to_film():

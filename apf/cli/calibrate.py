@@ -1,0 +1,93 @@
+"""`apf calibrate FOLDER --keypoints PATH -o OUT`: cameras and times from a person's keypoints, then
+from the silhouettes."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from apf.keypoints.calibration import calibrate_by_keypoints
+from apf.keypoints.keypoints import Keypoints
+from cl import InputError
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cli.commandline import remark
+from psfs.cli.flags.calibrate import CALIBRATION, REPORT
+from psfs.cli.person import (
+    enlarge_rig,
+    open_person_footage,
+    outline_footage,
+    read_lenses,
+    write_person_calibration,
+)
+from psfs.cli.settings import FILE
+from psfs.common.outputs import output_folder
+from psfs.common.ranges import check_number
+from psfs.self_calibration.calibrator import PersonCalibration, adjust_calibration
+from psfs.self_calibration.config import PersonConfig
+from psfs.self_calibration.points.calibrator import PointCalibration
+from psfs.sequence import Sequence
+
+
+def run(args: argparse.Namespace) -> None:
+    inputs = [Path(args.folder), *(p for p in (args.intrinsics,) if p is not None)]
+    with output_folder(args.output, args.parser.prog, inputs, (CALIBRATION, REPORT, FILE)):
+        _calibrate(args)
+
+
+def _calibrate(args: argparse.Namespace) -> None:
+    config: PersonConfig = args.configs.get("person", PersonConfig())
+    if args.stature is not None:
+        check_number("--stature, m,", args.stature, 0.3, 3)
+        config = config.replace(stature=args.stature)
+    views = open_person_footage(args)
+    large = read_lenses(args, views)
+    if args.intrinsics is None:
+        config = config.replace(
+            adjustment=config.adjustment.free_lenses(), points=config.points.free_lenses()
+        )
+    keypoints = Keypoints.open(args.keypoints, views)
+    for note in keypoints.notes:
+        remark("note", "cyan", note)
+    found = calibrate_by_keypoints(large, keypoints, views.fps, config)
+    rig, calibration = found.rig, _as_person_calibration(found)
+    verdict = f"keypoints are {found.errors.max():.2f} px off at most (median of a camera)"
+    if not args.no_silhouettes:
+        try:
+            rig, calibration = _adjust(args, views, large, found, config)
+            verdict += f"; silhouettes differ by at most {calibration.misfits.max():.2f} px"
+        except InputError as error:
+            raise InputError(
+                f"the silhouettes do not confirm what the keypoints say: {error}; or "
+                "--no-silhouettes, which keeps it unconfirmed"
+            ) from None
+    write_person_calibration(args, rig, calibration, config, verdict)
+
+
+def _adjust(
+    args: argparse.Namespace, views: Sequence, large: list[Camera], found: PointCalibration,
+    config: PersonConfig,
+) -> tuple[CameraRig, PersonCalibration]:  # fmt: skip
+    """Return the cameras, adjusted to the silhouettes. Raises InputError if these do not fit."""
+    small, outlines = outline_footage(args, views, large, config)
+    start = []
+    for camera, own, before in zip(small, found.rig, large, strict=True):
+        K = camera.K.copy()
+        K[[0, 0, 1], [0, 1, 1]] *= own.K[0, 0] / before.K[0, 0]
+        start.append(replace(camera, K=K, R=own.R, t=own.t))
+    calibration = adjust_calibration(
+        CameraRig(tuple(start)), found.lags, outlines, views.fps, config
+    )
+    return enlarge_rig(large, small, calibration.rig), calibration
+
+
+def _as_person_calibration(found: PointCalibration) -> PersonCalibration:
+    """Return what the keypoints say as a calibration by a person, misfits in px of the pictures."""
+    count = int(np.isfinite(found.points).all(axis=-1).sum())
+    middle = np.nanmedian(found.points, axis=1)[:, :2]
+    middle = middle[np.isfinite(middle).all(axis=1)]
+    path = float(np.sqrt(np.linalg.eigvalsh(np.cov(middle.T))[-1]))
+    residual = float(np.median(found.errors))
+    return PersonCalibration(found.rig, found.lags, residual, count, found.errors, path)

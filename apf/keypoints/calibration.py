@@ -1,0 +1,147 @@
+"""Cameras in metres, Z up, from the keypoints of a person who moves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from apf.body.kinematics import bone_matrices
+from apf.body.model import BodyModel
+from apf.body.stature import stature as stature_of
+from apf.body.toml import load_body
+from apf.keypoints.keypoints import Keypoints
+from apf.keypoints.landmarks import find_landmarks, locate_points
+from cl import InputError
+from psfs.calibration.scene import CalibrationScene, rigid_transform
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.names import join_names
+from psfs.self_calibration.config import PersonConfig
+from psfs.self_calibration.points.calibrator import PointCalibration, calibrate_by_points
+from psfs.self_calibration.world import fit_floor, turn_to_up
+
+#: Landmarks that are used, each of both sides. Networks guess faces that are turned away, and put
+#: hips elsewhere in each view.
+_USED = ("shoulder", "elbow", "wrist", "knee", "ankle", "heel", "big_toe", "small_toe")
+#: Segments whose lengths tell the scale, together with the distance from ankles to shoulders.
+_SEGMENTS = (("shoulder", "elbow"), ("elbow", "wrist"), ("knee", "ankle"))
+#: Standard deviation of an upright person's lean, rad: how firmly up is held where the person stays
+#: in place and so does not tell the floor.
+_LEAN = 0.08
+#: Fewest landmarks; share of the greatest distance of ankles and shoulders above which a person is
+#: upright.
+_FEWEST, _UPRIGHT = 8, 0.95
+#: The body whose proportions tell the scale.
+_BODY = "song32"
+
+
+@dataclass(frozen=True, eq=False)
+class _Proportions:
+    """A standing body of the person's stature, m. places: (3,) of landmarks over the floor, by
+    name."""
+
+    places: dict[str, np.ndarray]
+
+    @classmethod
+    def create(cls, names: Sequence[str], stature: float) -> _Proportions:
+        body: BodyModel = load_body(_BODY)
+        points = locate_points(body, names)
+        rotations, origins = bone_matrices(body, np.zeros((1, body.n_dof)))
+        turned = np.einsum("pij,pj->pi", rotations[0, points.bones], points.offsets)
+        places = (origins[0, points.bones] + turned) * (stature / stature_of(body))
+        places[:, 2] -= places[:, 2].min()
+        return cls(dict(zip(points.names, places, strict=True)))
+
+
+def calibrate_by_keypoints(
+    cameras: Sequence[Camera], keypoints: Keypoints, rate: float, config: PersonConfig
+) -> PointCalibration:
+    """Estimate the cameras' poses and lags from keypoints in their pictures at `rate` per second.
+
+    cameras: with the intrinsics that are kept, unless `config.points.focal` says otherwise. The
+    world has Z up, Z = 0 on the floor, and the scale of `config.stature`. Raises InputError if the
+    cameras cannot be found, or if the keypoints are no landmarks.
+    """
+    found = find_landmarks(keypoints.names)
+    used = {k: of.name for k, of in found.items() if of.name.split("_", 1)[-1] in _USED}
+    if len(used) < _FEWEST:
+        raise InputError(
+            f"the keypoints have {len(used)} of the points that are used ({join_names(_USED)}, of "
+            f"both sides); expected {_FEWEST} or more"
+        )
+    names = list(used.values())
+    longest = round(config.longest_lag * rate)
+    points = keypoints.points[:, :, list(used)]
+    own = calibrate_by_points(cameras, points, longest, config.points, _find_segments(names))
+    return _align(own, names, _Proportions.create(names, config.stature), config)
+
+
+def _find_segments(names: list[str]) -> list[tuple[int, int]]:
+    """Return the pairs of landmarks, by their index, whose distance stays the same."""
+    found = [[f"{side}_{name}" for name in pair] for side in "lr" for pair in _SEGMENTS]
+    return [(names.index(a), names.index(b)) for a, b in found if a in names and b in names]
+
+
+def _align(
+    found: PointCalibration, names: list[str], body: _Proportions, config: PersonConfig
+) -> PointCalibration:
+    """Return the calibration in metres, Z up, with Z = 0 on the floor below the person's middle."""
+    size = _measure_scale(found.points, names, body)
+    points = size * found.points
+    cameras = [replace(camera, t=size * camera.t) for camera in found.rig]
+    R = turn_to_up(_measure_up(points, names), cameras[0].R[0])
+    ankles = [k for k, name in enumerate(names) if name.endswith("_ankle")]
+    low = _find_lowest(points[:, ankles] @ R.T)
+    slope = fit_floor(low, config.floor.replace(up=_LEAN))
+    R = turn_to_up(R.T @ np.array([-slope[0], -slope[1], 1.0]), cameras[0].R[0])
+    local = points @ R.T
+    middle = np.nanmedian(local.reshape(-1, 3), axis=0)
+    floor = np.median(_find_lowest(local[:, ankles])[:, 2]) - body.places[names[ankles[0]]][2]
+    origin = np.array([*middle[:2], floor])
+    turned = CalibrationScene(tuple(cameras), {}).transform(rigid_transform(R, -origin))
+    return replace(found, rig=CameraRig(turned.cameras), points=local - origin)
+
+
+def _measure_scale(points: np.ndarray, names: list[str], body: _Proportions) -> float:
+    """Return the metres per unit of points (F, K, 3), by the sum of the median lengths of
+    segments and of the distance from ankles to shoulders."""
+    found = [float(np.linalg.norm(_measure_up(points, names)))]
+    ends = [body.places[f"l_{name}"] for name in ("shoulder", "ankle")]
+    wanted = [float((ends[0] - ends[1])[2])]
+    for side in "lr":
+        for pair in _SEGMENTS:
+            own = [f"{side}_{name}" for name in pair]
+            if set(own) <= set(names):
+                a, b = (points[:, names.index(end)] for end in own)
+                found.append(float(np.nanmedian(np.linalg.norm(a - b, axis=-1))))
+                wanted.append(float(np.linalg.norm(body.places[own[0]] - body.places[own[1]])))
+    return sum(wanted) / sum(found)
+
+
+def _measure_up(points: np.ndarray, names: list[str]) -> np.ndarray:
+    """Return the mean vector (3,) from the ankles to the shoulders while these are far apart: the
+    person does not bend then."""
+    ends = []
+    for name in ("ankle", "shoulder"):
+        columns = [k for k, own in enumerate(names) if own.endswith(f"_{name}")]
+        if len(columns) < 2:
+            raise InputError(
+                f"the keypoints have no {name}s; expected them, for they tell what is up"
+            )
+        ends.append(points[:, columns].mean(axis=1))
+    along = ends[1] - ends[0]
+    along = along[np.isfinite(along).all(axis=-1)]
+    if not len(along):
+        raise InputError("ankles and shoulders are never seen together; expected the whole person")
+    length = np.linalg.norm(along, axis=1)
+    return np.asarray(along[length >= _UPRIGHT * np.percentile(length, 90)].mean(axis=0))
+
+
+def _find_lowest(feet: np.ndarray) -> np.ndarray:
+    """Return the lowest (F', 3) of the points (F, K, 3) of each frame in which some are seen."""
+    seen = feet[np.isfinite(feet).all(axis=-1).any(axis=1)]
+    if len(seen) < 3:
+        raise InputError("the feet are seen too seldom; expected the whole person")
+    heights = np.where(np.isfinite(seen[..., 2]), seen[..., 2], np.inf)
+    return np.asarray(seen[np.arange(len(seen)), heights.argmin(axis=1)])

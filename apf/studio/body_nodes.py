@@ -1,0 +1,118 @@
+"""A tracked body in the page's 3-D view."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from apf.body.kinematics import bone_matrices, posed_joints
+from apf.body.limbs import limb_bones, limb_ends
+from apf.body.mesh import cone_mesh
+from apf.report.scene_colours import LOST, colour_by_side, colour_edges
+from apf.tracking.track import Track
+from psfs.page.nodes import NO_LINES, to_quaternion
+
+if TYPE_CHECKING:
+    import viser
+
+_VERTICES_PER_CONE = 18
+_BONE_WIDTH, _TRAIL_WIDTH = 4.0, 2.0  # px
+_JOINT_SIZE = 0.03  # m
+
+
+class BodyNodes:
+    """A track's body in one frame: cones, skeleton, joints, and trails of the limbs' ends.
+
+    scene: viser's. name: of the node that holds all others.
+    """
+
+    def __init__(self, scene: viser.SceneApi, name: str, track: Track) -> None:
+        self._track, body = track, track.its_body
+        self._limb_bones, self.ends = limb_bones(body), limb_ends(body)
+        self._lost, self._lost_limbs = track.lost, track.lost_limbs  # computed at each call
+        self._edge_colours = colour_edges(track)
+        self._root = scene.add_frame(name, show_axes=False)
+        self._bones = [
+            scene.add_frame(f"{name}/{b}", show_axes=False) for b in range(len(body.bones))
+        ]
+        self.cones: list[viser.MeshHandle] = []
+        self._cone_colours = colour_by_side(body.cone_names).tolist()
+        self._cone_bones = np.array([cone.bone for cone in body.cones])
+        mesh = cone_mesh(body, _VERTICES_PER_CONE)
+        for number, cone in enumerate(body.cones):
+            faces = mesh.faces[mesh.parts == number]
+            used, corners = np.unique(faces, return_inverse=True)
+            self.cones.append(
+                scene.add_mesh_simple(
+                    f"{name}/{cone.bone}/cone{number}",
+                    mesh.positions[used, 0],
+                    corners.reshape(-1, 3),
+                    color=self._cone_colours[number],
+                    opacity=0.55,
+                )
+            )
+        self._shown_lost, self._with_trails = np.zeros(len(body.cones), bool), True
+        self.skeleton = scene.add_line_segments(
+            f"{name}/skeleton", np.zeros((len(track.edges), 2, 3), np.float32),
+            np.zeros((len(track.edges), 2, 3), np.uint8), thickness=_BONE_WIDTH,
+            thickness_units="screen",
+        )  # fmt: skip
+        self.joints = scene.add_point_cloud(
+            f"{name}/joints", track.joints[0].astype(np.float32), (250, 250, 250),
+            point_size=_JOINT_SIZE, point_shape="circle", precision="float32",
+        )  # fmt: skip
+        self.trails = scene.add_line_segments(
+            f"{name}/trails", NO_LINES, np.zeros((1, 2, 3), np.uint8), thickness=_TRAIL_WIDTH,
+            thickness_units="screen",
+        )  # fmt: skip
+
+    def show(self, row: int, trail_rows: int) -> None:
+        """Show a row of the track, with trails of the rows before it."""
+        track = self._track
+        self._place_bones(track.poses[row])
+        lost = bool(self._lost[row])
+        lost_bones = (self._lost_limbs[row] @ self._limb_bones).astype(bool) | lost
+        self._colour_cones(lost_bones[self._cone_bones])
+        self._place_joints(track.joints[row])
+        colours = np.where(lost, np.array(LOST, np.uint8), self._edge_colours)
+        self.skeleton.colors = np.repeat(colours[:, None], 2, axis=1)
+        self._show_trails(row, trail_rows)
+
+    def set_visible(self, shown: bool) -> None:
+        """Show or hide the whole body."""
+        self._root.visible = shown
+
+    def show_pose(self, pose: np.ndarray) -> None:
+        """Show a pose (D,) of the body until the next row is shown."""
+        self._place_bones(pose)
+        self._place_joints(posed_joints(self._track.its_body, pose[None])[0])
+
+    def _place_bones(self, pose: np.ndarray) -> None:
+        rotations, origins = (each[0] for each in bone_matrices(self._track.its_body, pose[None]))
+        for node, rotation, origin in zip(self._bones, rotations, origins, strict=True):
+            node.wxyz, node.position = to_quaternion(rotation), origin
+
+    def _place_joints(self, joints: np.ndarray) -> None:
+        self.skeleton.points = joints[self._track.edges].astype(np.float32)
+        self.joints.points = joints.astype(np.float32)
+
+    def set_trails(self, shown: bool) -> None:
+        """Draw trails from the next frame on, or none."""
+        self._with_trails = shown
+
+    def _colour_cones(self, lost: np.ndarray) -> None:
+        for number in np.flatnonzero(lost != self._shown_lost):
+            self.cones[number].color = LOST if lost[number] else self._cone_colours[number]
+        self._shown_lost = lost
+
+    def _show_trails(self, row: int, rows: int) -> None:
+        past = self._track.joints[max(0, row - rows) : row + 1][:, self.ends].astype(np.float32)
+        if len(past) < 2 or not self.ends or not self._with_trails:
+            self.trails.visible = False
+            return
+        lines = np.stack([past[:-1], past[1:]], axis=2).reshape(-1, 2, 3)
+        sides = colour_by_side(self._track.joint_names[end] for end in self.ends)
+        colours = np.tile(sides, (len(past) - 1, 1))
+        self.trails.points, self.trails.visible = lines, True
+        self.trails.colors = np.repeat(colours[:, None], 2, axis=1)

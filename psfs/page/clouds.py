@@ -1,0 +1,272 @@
+"""The voxels of a run's frames as points for the page, within a fixed amount of memory."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import trimesh
+
+from cl import UserError
+from psfs.mesh.marching_cubes import make_glb
+from psfs.output.reconstruction_folder import ReconstructionFolder
+from psfs.page.colours import COLOURINGS, colour_vertices, colour_voxels
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+#: Greatest size of the points that are kept, bytes: about 700 frames of 30,000 voxels.
+KEPT_BYTES = 2**28
+#: About the most points that a browser without a graphics chip draws 25 times a second.
+FEW = 8_000
+#: Blocks k voxels wide of a surface of N voxels, as a share of N / k^2.
+_BLOCKS = 1.4
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Voxels as points: (N, 3) float16 m from the grid's centre, and (N, 3) uint8 RGB. size: of a
+    point, m. blocks: the same as fewer, larger points; None if these are few."""
+
+    positions: np.ndarray
+    colours: np.ndarray
+    size: float
+    blocks: Points | None = None
+
+    @property
+    def nbytes(self) -> int:
+        """Size in memory, bytes."""
+        own = self.positions.nbytes + self.colours.nbytes
+        return own + (self.blocks.nbytes if self.blocks is not None else 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A mesh in place of points, as a GLB file."""
+
+    glb: bytes
+    blocks: None = None
+
+    @property
+    def nbytes(self) -> int:
+        """Size in memory, bytes."""
+        return len(self.glb)
+
+
+class Clouds(Protocol):
+    """The voxels of frames, by the frames' numbers, in one grid. colourings: what their colour can
+    show, those of COLOURINGS."""
+
+    grid: VoxelGrid
+    colourings: tuple[str, ...]
+
+    def get(self, frame: int) -> Points | Surface | None:
+        """Return the voxels of a frame; None as long as they are not known."""
+
+    def choose_colouring(self, colouring: str) -> None:
+        """Have colours show something else from now on."""
+
+    def describe(self, frame: int) -> str:
+        """Return what is known of a frame's voxels, for the page; empty if there is nothing to
+        say."""
+
+    def close(self) -> None:
+        """End all work in the background."""
+
+
+def grid_centre(grid: VoxelGrid) -> np.ndarray:
+    """Return the centre (3,) m that points are relative to; half floats resolve 1 mm there."""
+    centre: np.ndarray = (grid.low + grid.high) / 2
+    return centre
+
+
+def make_points(cloud: VoxelCloud, colouring: str = COLOURINGS[0]) -> Points:
+    """Return a cloud's voxels as points."""
+    positions = (cloud.centres - grid_centre(cloud.grid)).astype(np.float16)
+    colours = colour_voxels(cloud, colouring)
+    blocks = make_blocks(cloud, colours, FEW) if len(cloud) > FEW else None
+    return Points(positions, colours, cloud.grid.voxel_size, blocks)
+
+
+def make_blocks(cloud: VoxelCloud, colours: np.ndarray, most: int) -> Points:
+    """Return a surface's voxels, with colours (N, 3) uint8, as cubic blocks, about `most`."""
+    grid, width = cloud.grid, choose_block_width(len(cloud), most)
+    cells, means = merge_voxels(cloud, colours, width)
+    size = width * grid.voxel_size
+    centres = grid.low + size * (cells + 0.5)
+    return Points((centres - grid_centre(grid)).astype(np.float16), means, size)
+
+
+def choose_block_width(n_voxels: int, most: int) -> int:
+    """Return the width of the blocks, in voxels, that a surface is about `most` of."""
+    return max(1, int(np.ceil(np.sqrt(_BLOCKS * n_voxels / most)))) if n_voxels > most else 1
+
+
+def merge_voxels(
+    cloud: VoxelCloud, colours: np.ndarray, width: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Merge a cloud's voxels, with colours (N, 3) uint8, into cubic blocks of `width` voxels.
+
+    Returns the blocks' cells (M, 3) int, counted in blocks from the grid's first one, and their
+    mean colours (M, 3) uint8.
+    """
+    grid = cloud.grid
+    shape = tuple(-(-n // width) for n in grid.shape)
+    cells = [at // width for at in np.unravel_index(cloud.indices, grid.shape)]
+    used, of_voxel, counts = np.unique(
+        np.ravel_multi_index(cells, shape), return_inverse=True, return_counts=True
+    )
+    sums = [np.bincount(of_voxel, colours[:, channel], len(used)) for channel in range(3)]
+    means = np.rint(np.stack(sums, -1) / counts[:, None]).astype(np.uint8)
+    return np.stack(np.unravel_index(used, shape), -1), means
+
+
+def make_surface(mesh: trimesh.Trimesh, cloud: VoxelCloud, colouring: str) -> Surface:
+    """Return a cloud's mesh in the colours of the nearest voxels."""
+    coloured = mesh.copy()
+    coloured.visual = trimesh.visual.ColorVisuals(
+        coloured, vertex_colors=colour_vertices(mesh.vertices, cloud, colouring)
+    )
+    return Surface(make_glb(coloured))
+
+
+class KeptPoints:
+    """The voxels that were used last, up to `most` bytes. It may be used by several threads."""
+
+    def __init__(self, most: int = KEPT_BYTES) -> None:
+        self._most, self._lock = most, threading.Lock()
+        self._points: OrderedDict[int, Points | Surface] = OrderedDict()
+        self.nbytes = 0
+
+    def __len__(self) -> int:
+        return len(self._points)
+
+    def get(self, frame: int) -> Points | Surface | None:
+        """Return the voxels of a frame, or None."""
+        with self._lock:
+            if frame in self._points:
+                self._points.move_to_end(frame)
+            return self._points.get(frame)
+
+    def put(self, frame: int, points: Points | Surface) -> None:
+        """Keep the voxels of a frame in place of those that were not used for longest."""
+        with self._lock:
+            old = self._points.pop(frame, None)
+            self.nbytes += points.nbytes - (old.nbytes if old else 0)
+            self._points[frame] = points
+            while self.nbytes > self._most and len(self._points) > 1:
+                self.nbytes -= self._points.popitem(last=False)[1].nbytes
+
+
+class StoredClouds:
+    """The clouds that `psfs reconstruct` wrote, read when they are shown.
+
+    mesher: makes the mesh of a frame's cloud, which is shown in its place.
+    """
+
+    colourings: tuple[str, ...] = COLOURINGS
+
+    def __init__(
+        self,
+        run: ReconstructionFolder,
+        mesher: Callable[[int], trimesh.Trimesh] | None = None,
+        most: int = KEPT_BYTES,
+    ) -> None:
+        self._run, self._mesher, self._most = run, mesher, most
+        self._kept, self._colouring = KeptPoints(most), COLOURINGS[0]
+        self.grid = run.grid
+        self._facts = {int(facts["index"]): facts for facts in run.summary["frames"]}
+
+    def get(self, frame: int) -> Points | Surface | None:
+        """Return the voxels of a frame; None if it was not reconstructed. Raises InputError."""
+        if frame not in self._facts:
+            return None
+        kept, found = self._kept, self._kept.get(frame)
+        if found is None:
+            cloud = self._run.cloud(frame)
+            if self._mesher is not None and len(cloud):
+                found = make_surface(self._mesher(frame), cloud, self._colouring)
+            else:
+                found = make_points(cloud, self._colouring)
+            kept.put(frame, found)
+        return found
+
+    def choose_colouring(self, colouring: str) -> None:
+        """Have colours show something else from now on."""
+        self._kept, self._colouring = KeptPoints(self._most), colouring
+
+    def describe(self, frame: int) -> str:
+        """Return the size of a frame's cloud."""
+        facts = self._facts[frame]
+        return f"{facts['surface_voxels']:,} voxels, {1e3 * facts['volume_m3']:.3g} l"
+
+    def close(self) -> None:
+        """Do nothing: there is no work in the background."""
+
+
+class CarvedClouds:
+    """The clouds of a track's frames, carved again by a thread from the first frame on.
+
+    carve: returns an iterator over frames' numbers and clouds in `grid`; its first step may take
+    seconds. known: called after each frame.
+    """
+
+    colourings: tuple[str, ...] = COLOURINGS[:1]
+
+    def __init__(
+        self,
+        grid: VoxelGrid,
+        n_frames: int,
+        carve: Callable[[], Iterator[tuple[int, VoxelCloud]]],
+        known: Callable[[int], object],
+        most: int = KEPT_BYTES,
+    ) -> None:
+        self.grid, self._n_frames = grid, n_frames
+        self._carve, self._known, self._kept = carve, known, KeptPoints(most)
+        self._ended, self._wanted, self._error = threading.Event(), threading.Event(), ""
+        self._n_done = 0
+        self._thread = threading.Thread(target=self._work, daemon=True, name="carving")
+        self._thread.start()
+
+    def get(self, frame: int) -> Points | Surface | None:
+        """Return the voxels of a frame; None as long as they are not carved."""
+        return self._kept.get(frame)
+
+    def want(self, wanted: bool) -> None:
+        """Begin or go on carving; or pause."""
+        (self._wanted.set if wanted else self._wanted.clear)()
+
+    def choose_colouring(self, colouring: str) -> None:
+        """Do nothing: they have only the pictures' colours."""
+
+    def describe(self, frame: int) -> str:
+        """Return how many frames are carved; empty if all are."""
+        if self._error or self._n_done == self._n_frames:
+            return self._error
+        return f"voxels: {self._n_done} of {self._n_frames} frames carved so far"
+
+    def close(self) -> None:
+        """End carving, after the frame that is being carved."""
+        self._ended.set()
+        self._wanted.set()
+        self._thread.join(timeout=30)
+
+    def _work(self) -> None:
+        self._wanted.wait()
+        if self._ended.is_set():
+            return
+        try:
+            with closing(self._carve()) as frames:  # type: ignore[type-var]
+                for frame, cloud in frames:
+                    self._kept.put(frame, make_points(cloud))
+                    self._n_done += 1
+                    self._known(frame)
+                    self._wanted.wait()
+                    if self._ended.is_set():
+                        return
+        except UserError as error:
+            self._error = f"no voxels: {error}"
+            self._known(-1)

@@ -1,0 +1,127 @@
+"""A viser server on this machine alone, which answers only requests with a secret in their address.
+
+viser (https://viser.studio) has no access control. Its page and its websocket are served by one
+call of `websockets.asyncio.server.serve`; `start_server` puts a check before both, and ends the
+server again if a request without the token is not refused.
+"""
+
+from __future__ import annotations
+
+import hmac
+import http.client
+import io
+import logging
+import secrets
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
+from typing import TYPE_CHECKING, Any
+
+from cl import InputError
+
+if TYPE_CHECKING:
+    import viser
+
+#: The only address that the server listens on.
+HOST = "127.0.0.1"
+#: Names by which a browser on this machine may address it; others are another site's, which
+#: pretends to be this one.
+_HOSTS = (HOST, "localhost")
+_ONE_AT_A_TIME = threading.Lock()
+
+
+class MissingViserError(InputError):
+    """Error of a machine without viser."""
+
+
+class Gate:
+    """The check of each request: its path begins with the token, and its host is this machine."""
+
+    def __init__(self, token: str | None = None) -> None:
+        self.token = token or secrets.token_urlsafe(24)
+
+    def strip_token(self, path: str, host: str) -> str | None:
+        """Return the `path` of a request without the token; None if the request is to be refused.
+        host: its header of that name."""
+        first, _, rest = path.lstrip("/").partition("/")
+        given = first.partition("?")[0]
+        right = hmac.compare_digest(given.encode(), self.token.encode())
+        if not right or host.rpartition(":")[0] not in _HOSTS:
+            return None
+        return "/" + rest
+
+
+def import_viser() -> Any:
+    """Return the package viser. Raises MissingViserError."""
+    try:
+        import viser
+    except ImportError:
+        raise MissingViserError(
+            "the page needs viser, which is not installed; expected: pip install psfs-apf[studio]"
+        ) from None
+    return viser
+
+
+def start_server(port: int, gate: Gate) -> viser.ViserServer:
+    """Return a running server on HOST behind `gate`. port: 0 for any that is free; if it is taken,
+    the next free one. Raises InputError."""
+    viser = import_viser()
+    # websockets logs each visitor that speaks no HTTP, with a traceback.
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
+    # viser prints the address without the token.
+    with _ONE_AT_A_TIME, _serve_with_checks(gate), redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(host=HOST, port=port, verbose=False)
+    if _status(server.get_port(), "/") != http.client.FORBIDDEN:
+        stop_server(server)
+        raise InputError(
+            f"viser {viser.__version__} serves without the check of the token; expected a version "
+            "that `pip install psfs-apf[studio]` chooses"
+        )
+    return server
+
+
+def stop_server(server: viser.ViserServer) -> None:
+    """Stop a server without viser's messages."""
+    with _ONE_AT_A_TIME, redirect_stdout(io.StringIO()):
+        server.stop()
+
+
+def page_address(server: viser.ViserServer, gate: Gate) -> str:
+    """Return the address of the page, with the token."""
+    return f"http://{HOST}:{server.get_port()}/{gate.token}/"
+
+
+@contextmanager
+def _serve_with_checks(gate: Gate) -> Iterator[None]:
+    """Have all servers that websockets starts inside check their requests by `gate`."""
+    from websockets.asyncio import server as serving
+
+    serve: Callable[..., object] = serving.serve
+
+    def serve_checked(
+        *args: object, process_request: Callable[..., object], **options: object
+    ) -> object:
+        def check(connection: Any, request: Any) -> Any:
+            path = gate.strip_token(request.path, request.headers.get("Host", ""))
+            if path is None:
+                return connection.respond(http.client.FORBIDDEN, "the address lacks its token\n")
+            request.path = path
+            return process_request(connection, request)
+
+        return serve(*args, process_request=check, **options)
+
+    serving.serve = serve_checked  # type: ignore[assignment,misc]
+    try:
+        yield
+    finally:
+        serving.serve = serve  # type: ignore[assignment,misc]
+
+
+def _status(port: int, path: str) -> int:
+    """Return the status of the answer to a request of `path`."""
+    connection = http.client.HTTPConnection(HOST, port, timeout=10)
+    try:
+        connection.request("GET", path)
+        return connection.getresponse().status
+    finally:
+        connection.close()

@@ -1,0 +1,185 @@
+"""The time line: a slider, buttons and keys that move a clock, and a thread for playback."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from psfs.page.playback import SPEEDS, Playback
+
+if TYPE_CHECKING:
+    import viser
+
+#: Most frames per second that are sent to the page, and that the slider follows while playing.
+_MOST_RATE, _SLIDER_RATE = 60.0, 5.0
+_FIRST, _BACK, _PLAY, _AHEAD, _LAST = "first", "back", "play", "next", "last"
+
+
+def add_key(gui: viser.GuiApi, label: str, key: Any, do: Callable[[], None]) -> Any:
+    """Add a key to the page, with a label for its list of keys; return viser's handle. W, A, S, D,
+    Q, E and the arrows are viser's: they move and turn the 3-D view."""
+    command = gui.add_command(label, hotkey=key)
+    command.on_trigger(lambda event: do())
+    return command
+
+
+class TimeLine:
+    """The time line of a run's `frames` (F,).
+
+    gui: viser's, in whose current folder the line is added. show: called with the position in
+    `frames` of the one to show, by one thread at a time. stops: positions (n,) that the keys N and
+    P go to, those to check.
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        frames: np.ndarray,
+        fps: float,
+        show: Callable[[int], object],
+        stops: Sequence[int] = (),
+    ) -> None:
+        self.playback = Playback(frames.tolist(), fps, int(frames[0]))
+        self._show, self._stops = show, np.unique(np.asarray(stops, int))
+        self._lock, self._ended, self._changed = threading.RLock(), threading.Event(), False
+        self._wake = threading.Event()
+        self.n_shown = 0
+        self.slider: Any = gui.add_slider(
+            "frame", 0, max(1, len(frames) - 1), 1, 0,
+            hint="which frame is shown, counted from the first one of the run",
+        )  # fmt: skip
+        self.buttons = gui.add_button_group(
+            "play", (_FIRST, _BACK, _PLAY, _AHEAD, _LAST),
+            hint="keys: Home, J, space, L, End; N and P: next and previous frame to check",
+        )  # fmt: skip
+        self.speed: Any = gui.add_dropdown(
+            "speed", [f"{speed:g}" for speed in SPEEDS], initial_value="1",
+            hint="times as fast as the recording; keys: Page Up, Page Down",
+        )  # fmt: skip
+        self.slider.on_update(self._slide)
+        self.buttons.on_click(lambda event: self._press(event.target.value))
+        self.speed.on_update(lambda event: self._set_speed(float(self.speed.value)))
+        self._commands = [add_key(gui, *key) for key in self.list_keys()]
+        self._thread = threading.Thread(target=self._play, daemon=True, name="time line")
+        self._thread.start()
+
+    def list_keys(self) -> list[tuple[str, str, Callable[[], None]]]:
+        """Return label, key and effect of each of the line's keys."""
+        return [
+            ("Play or pause", "space", lambda: self._press(_PLAY)),
+            ("Next frame", "L", lambda: self._press(_AHEAD)),
+            ("Previous frame", "J", lambda: self._press(_BACK)),
+            ("First frame", "home", lambda: self._press(_FIRST)),
+            ("Last frame", "end", lambda: self._press(_LAST)),
+            ("Faster", "pageup", lambda: self._change_speed(1)),
+            ("Slower", "pagedown", lambda: self._change_speed(-1)),
+            ("Next frame to check", "N", lambda: self.go_to_stop(1)),
+            ("Previous frame to check", "P", lambda: self.go_to_stop(-1)),
+        ]
+
+    @property
+    def position(self) -> int:
+        """Position of the frame that is shown."""
+        return self.playback.position
+
+    @property
+    def playing(self) -> bool:
+        """Whether it plays."""
+        return self.playback.playing
+
+    def refresh(self) -> None:
+        """Show the current frame again."""
+        with self._lock:
+            self._show(self.playback.position)
+
+    def seek(self, position: int) -> None:
+        """Pause, and show the frame at a position."""
+        with self._lock:
+            self.playback.playing = False
+            self.playback.seek(position)
+            self._present(slider=True)
+
+    def go_to_stop(self, way: int) -> None:
+        """Show the next (1) or the previous (-1) frame to check, if there is one."""
+        ahead = self._stops[self._stops > self.position]
+        behind = self._stops[self._stops < self.position]
+        if way > 0 and len(ahead):
+            self.seek(int(ahead[0]))
+        elif way < 0 and len(behind):
+            self.seek(int(behind[-1]))
+
+    def close(self) -> None:
+        """End the thread, and remove what was added to the page."""
+        self._ended.set()
+        self._wake.set()
+        self._thread.join(timeout=30)
+        for part in (self.slider, self.buttons, self.speed, *self._commands):
+            part.remove()
+
+    def _press(self, button: str) -> None:
+        with self._lock:
+            if button == _PLAY:
+                self.playback.toggle()
+                self._wake.set()
+                self._move_slider()
+                return
+            steps = {_BACK: -1, _AHEAD: 1}
+            if button in steps:
+                self.playback.step(steps[button])
+            else:
+                self.playback.step(0)
+                self.playback.seek(0 if button == _FIRST else -1)
+            self._present(slider=True)
+
+    def _slide(self, event: Any) -> None:
+        if event.client is not None:  # else it was moved by the clock
+            with self._lock:
+                if int(self.slider.value) != self.position:
+                    self.playback.playing = False
+                    self.playback.seek(int(self.slider.value))
+                    self._present(slider=False)
+
+    def _set_speed(self, speed: float) -> None:
+        with self._lock:
+            self.playback.speed = speed
+
+    def _change_speed(self, by: int) -> None:
+        with self._lock:
+            self.playback.change_speed(by)
+            self.speed.value = f"{self.playback.speed:g}"
+
+    def _present(self, slider: bool) -> None:
+        self._show(self.playback.position)
+        self.n_shown += 1
+        if slider:
+            self._move_slider()
+
+    def _move_slider(self) -> None:
+        if int(self.slider.value) != self.playback.position:
+            self.slider.value = self.playback.position
+
+    def _play(self) -> None:
+        last, slid, played = time.perf_counter(), 0.0, False
+        while not self._ended.is_set():
+            if not self.playback.playing:
+                if played:
+                    self.refresh()  # with what was left out while it played
+                played = False
+                self._wake.wait()
+                self._wake.clear()
+                last = time.perf_counter()
+                continue
+            now, played = time.perf_counter(), True
+            with self._lock:
+                before = self.playback.position
+                self.playback.advance(now - last)
+                if self.playback.position != before:
+                    due = now - slid > 1 / _SLIDER_RATE
+                    slid = now if due else slid
+                    self._present(slider=due)
+            last = now
+            self._ended.wait(max(0.001, 1 / _MOST_RATE - (time.perf_counter() - now)))

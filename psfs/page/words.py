@@ -1,0 +1,52 @@
+"""Pieces of HTML for the page's panels, from texts that are escaped."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Sequence
+
+from psfs.common.names import escape_unprintable
+
+_CELL = "padding:1px 8px 1px 0;vertical-align:top;white-space:nowrap"
+#: Signs before a line, so that its kind does not depend on a colour.
+_SIGNS = {"warning": "⚠", "note": "•", "good": "✓"}
+
+
+def escape(text: object) -> str:
+    """Return a text as HTML that shows it as it is."""
+    return html.escape(escape_unprintable(str(text)))
+
+
+def make_table(rows: Iterable[Sequence[object]], heading: Sequence[object] = ()) -> str:
+    """Return rows of texts as an HTML table."""
+    head = "".join(f"<th style='text-align:left;{_CELL}'>{escape(c)}</th>" for c in heading)
+    body = "".join(
+        "<tr>" + "".join(f"<td style='{_CELL}'>{escape(cell)}</td>" for cell in row) + "</tr>"
+        for row in rows
+    )
+    return _block(
+        f"<table style='border-spacing:0'>{f'<tr>{head}</tr>' if head else ''}{body}</table>"
+    )
+
+
+def make_lines(lines: Iterable[tuple[str, object]]) -> str:
+    """Return lines of text, each with its kind: a key of `_SIGNS`."""
+    return _block("".join(f"<div>{_SIGNS[kind]} {escape(text)}</div>" for kind, text in lines))
+
+
+def make_text(text: object) -> str:
+    """Return one passage of text."""
+    return _block(f"<div>{escape(text)}</div>")
+
+
+def make_scale(text: str, colours: Sequence[str]) -> str:
+    """Return a strip of colours, as CSS has them, and what its ends mean; nothing without
+    colours."""
+    if not colours:
+        return ""
+    strip = f"height:10px;background:linear-gradient(to right,{','.join(colours)})"
+    return _block(f"<div style='{strip}'></div><div>{escape(text)}</div>")
+
+
+def _block(content: str) -> str:
+    return f"<div style='font-size:0.85em;padding:2px 12px;overflow-x:auto'>{content}</div>"

@@ -1,0 +1,206 @@
+"""Cameras and lags from the keypoints of one person who moves.
+
+Lags from the eight-point algorithm (`lags`); two cameras by their essential matrix and the others
+by resection (`start`); bundle adjustment of cameras, lags and points (`bundle`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cl import InputError
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.names import join_names
+from psfs.common.numbers import pick_evenly
+from psfs.self_calibration.points.bundle import (
+    PointObservations,
+    PointScene,
+    adjust_points,
+    project,
+    triangulate_rays,
+)
+from psfs.self_calibration.points.config import PointsConfig
+from psfs.self_calibration.points.lags import choose_lags, compare_lags, shift_points
+from psfs.self_calibration.points.segments import Segments
+from psfs.self_calibration.points.start import place_cameras, pose_sigmas
+
+#: What to film if the cameras cannot be found.
+FILM = (
+    "expected keypoints of one person who walks about for some seconds, seen by all cameras at once"
+)
+#: Rounds of fractions of a lag, after each of which whole frames are shifted.
+_ROUNDS = 3
+#: Frames to either side between which a keypoint's speed is measured.
+_STEPS = (1, 2, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class PointCalibration:
+    """Cameras found from keypoints, in axes and a unit of their own.
+
+    rig: the cameras. lags: (V,) frame t of the first camera shows the time of frame t + lags[v] of
+    camera v. points: (F, K, 3) of the frames `frames` (F,) of the first camera; NaN where less than
+    two cameras see one. errors: (V,) px, median distance of each camera's keypoints from where the
+    points appear.
+    """
+
+    rig: CameraRig
+    lags: np.ndarray
+    points: np.ndarray
+    frames: np.ndarray
+    errors: np.ndarray
+
+
+def calibrate_by_points(
+    cameras: Sequence[Camera], keypoints: np.ndarray, longest_lag: int, config: PointsConfig,
+    segments: Sequence[tuple[int, int]] = (),
+) -> PointCalibration:  # fmt: skip
+    """Estimate the cameras' poses and lags from keypoints (V, F, K, 3): px of the pictures, with
+    distortion, and confidence; NaN where missing.
+
+    cameras: with intrinsics; poses are ignored. longest_lag: frames; 0: none comes late. segments:
+    pairs of keypoints whose distance stays the same. Raises InputError, which says what to film,
+    if the cameras cannot be found.
+    """
+    if len(cameras) < 2:
+        raise InputError(f"{len(cameras)} camera; expected two or more")
+    plain = [_without_distortion(camera) for camera in cameras]
+    seen = np.stack([_undistort(*pair, config) for pair in zip(cameras, keypoints, strict=True)])
+    longest = max(max(camera.size) for camera in cameras)
+    noise = config.noise * longest
+    lags = np.zeros(len(cameras), int)
+    if longest_lag:
+        tables = compare_lags(seen, longest_lag, config.most_pairs, config.fewest)
+        lags = choose_lags(tables, len(cameras), longest_lag)
+    frames = _choose_frames(seen, lags, config)
+    rigid = None
+    if segments:
+        rigid = Segments(np.array(segments), keypoints.shape[2], config.rigid)
+    observations = replace(_observe(seen, lags, frames), segments=rigid)
+    scenes = place_cameras(plain, observations, noise, config)
+    if not scenes:
+        raise InputError(f"no arrangement of the cameras fits the keypoints; {FILM}")
+    scene = min(scenes, key=lambda of: _total_error(of, observations))
+    scene, lags = _adjust(scene, observations, seen, lags, frames, config)
+    return _finish(cameras, scene, seen, lags, frames, config)
+
+
+def _without_distortion(camera: Camera) -> Camera:
+    K = camera.K.copy()
+    K[0, 1] = 0
+    return replace(camera, K=K, distortion=np.zeros(5), kappa=0.0, R=np.eye(3), t=np.zeros(3))
+
+
+def _undistort(camera: Camera, points: np.ndarray, config: PointsConfig) -> np.ndarray:
+    """Return sure keypoints (F, K, 3) as pixels (F, K, 2) of the camera without distortion."""
+    sure = np.isfinite(points).all(axis=-1) & (np.nan_to_num(points[..., 2]) >= config.confidence)
+    out = np.full((*points.shape[:2], 2), np.nan)
+    at = replace(camera, R=np.eye(3), t=np.zeros(3))
+    rays = at.rays(points[sure][:, :2].astype(np.float64))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        flat = rays[:, :2] / rays[:, 2:]
+    out[sure] = flat * camera.K[[0, 1], [0, 1]] + camera.K[:2, 2]
+    return out
+
+
+def _choose_frames(seen: np.ndarray, lags: np.ndarray, config: PointsConfig) -> np.ndarray:
+    """Return the first camera's frames (F,) that are used: of those that two cameras have."""
+    shown = np.stack(
+        [
+            np.isfinite(shift_points(own, int(lag))).any(axis=(1, 2))
+            for own, lag in zip(seen, lags, strict=True)
+        ]
+    )
+    common = np.flatnonzero(shown.sum(axis=0) > 1)
+    return np.asarray(common[pick_evenly(len(common), config.most_frames)], int)
+
+
+def _observe(seen: np.ndarray, lags: np.ndarray, frames: np.ndarray) -> PointObservations:
+    """Return the pixels and speeds of all keypoints at the first camera's `frames`."""
+    pixels, speeds = [], []
+    for own, lag in zip(seen, lags, strict=True):
+        pixels.append(shift_points(own, int(lag))[frames].reshape(-1, 2))
+        speeds.append(_measure_speeds(own, int(lag))[frames].reshape(-1, 2))
+    return PointObservations(np.stack(pixels), np.stack(speeds))
+
+
+def _measure_speeds(points: np.ndarray, lag: int) -> np.ndarray:
+    """Return the speeds (F, K, 2), px per frame, of points shifted by a lag: the median of
+    differences over several frames, since noise in speeds would make lags too small; 0 where they
+    are unknown."""
+    apart = [
+        (shift_points(points, lag + step) - shift_points(points, lag - step)) / (2 * step)
+        for step in _STEPS
+    ]
+    known = np.isfinite(np.stack(apart)).any(axis=0)
+    filled = np.where(known, apart, 0.0)
+    return np.asarray(np.nanmedian(filled, axis=0))
+
+
+def _total_error(scene: PointScene, observations: PointObservations) -> float:
+    points = triangulate_rays(scene.cameras, observations.pixels)
+    _, errors = project(replace(scene, points=points), observations)
+    away = np.linalg.norm(errors, axis=-1)
+    return float(np.nanmedian(away))
+
+
+def _adjust(
+    scene: PointScene, given: PointObservations, seen: np.ndarray, lags: np.ndarray,
+    frames: np.ndarray, config: PointsConfig,
+) -> tuple[PointScene, np.ndarray]:  # fmt: skip
+    """Return the adjusted scene, and the lags (V,), whole frames, to which its own are added."""
+    noise = config.noise * max(max(camera.size) for camera in scene.cameras)
+    sigmas = pose_sigmas(len(scene.cameras))
+    sigmas[:, 6] = config.focal
+    sigmas[1:, 7] = config.time
+    for _ in range(_ROUNDS):
+        observations = replace(_observe(seen, lags, frames), segments=given.segments)
+        points = triangulate_rays(scene.cameras, observations.pixels)
+        scene = replace(scene, points=points)
+        for width in config.widths:  # narrow weights would take what moves for wrong
+            scene = adjust_points(
+                scene, observations, sigmas, width * noise, config.reach, config.last
+            )
+        whole = np.round(scene.lags).astype(int)
+        if not whole.any():
+            break
+        lags, scene = lags + whole, replace(scene, lags=scene.lags - whole)
+    return scene, lags
+
+
+def _finish(
+    cameras: Sequence[Camera], scene: PointScene, seen: np.ndarray, lags: np.ndarray,
+    frames: np.ndarray, config: PointsConfig,
+) -> PointCalibration:  # fmt: skip
+    """Return the calibration. Raises InputError if it cannot be trusted."""
+    observations = _observe(seen, lags, frames)
+    _, errors = project(scene, observations)
+    away = np.linalg.norm(errors, axis=-1)
+    enough = np.isfinite(away).sum(axis=1) >= config.fewest
+    if not enough.all():
+        few = join_names(c.name for c, own in zip(cameras, enough, strict=True) if not own)
+        raise InputError(f"{few}: too few keypoints are seen by another camera, too; {FILM}")
+    medians = np.nanmedian(away, axis=1)
+    shares = medians / np.array([max(camera.size) for camera in cameras])
+    worst = int(shares.argmax())
+    if shares[worst] > config.worst:
+        limit = config.worst * max(cameras[worst].size)
+        raise InputError(
+            f"the keypoints fit no arrangement of the cameras: those of {cameras[worst].name} are "
+            f"{medians[worst]:.1f} px off, expected at most {limit:.1f}; {FILM}"
+        )
+    placed = zip(cameras, scene.cameras, strict=True)
+    rig = CameraRig(tuple(replace(own, K=_focal(own, at), R=at.R, t=at.t) for own, at in placed))
+    points = scene.points.reshape(len(frames), -1, 3)
+    return PointCalibration(rig, lags + scene.lags, points, frames, medians)
+
+
+def _focal(camera: Camera, found: Camera) -> np.ndarray:
+    """Return the camera's K with the focal length found."""
+    K = camera.K.copy()
+    K[0, :2] *= found.K[0, 0] / camera.K[0, 0]
+    K[1, 1] = found.K[1, 1]
+    return K

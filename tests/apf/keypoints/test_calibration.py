@@ -1,0 +1,90 @@
+"""Cameras in metres, Z up, from the keypoints of a body that walks."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers import keypoints as made
+from helpers.calibration import ring
+from helpers.striders import strider
+
+from apf.body.stature import stature
+from apf.cli import main
+from apf.keypoints.calibration import calibrate_by_keypoints
+from apf.keypoints.keypoints import Keypoints
+from cl import InputError
+from psfs.cameras.calibration import read_calibration
+from psfs.cameras.calibration.toml_tables import write_toml_tables
+from psfs.cameras.camera import CameraRig
+from psfs.self_calibration.config import PersonConfig
+
+RIG = CameraRig(tuple(ring()[:4]))
+
+
+@pytest.fixture(scope="module")
+def walk() -> tuple[Keypoints, float]:
+    """Keypoints of a walker who turns about, and the walker's stature, m."""
+    track = strider(36)
+    poses = np.array(track.poses)
+    poses[:, :2] -= poses[:, :2].mean(axis=0)
+    return made.of_poses(RIG, track.body, poses, noise=0.5), stature(track.body)
+
+
+def test_the_world_has_z_up_and_metres(walk: tuple[Keypoints, float]) -> None:
+    keypoints, height = walk
+    bare = [replace(c, R=np.eye(3), t=np.zeros(3)) for c in RIG]
+    config = PersonConfig(stature=height, longest_lag=0)
+    config = config.replace(points=config.points.replace(starts=1))
+    found = calibrate_by_keypoints(bare, keypoints, 60.0, config)
+    own, true = found.rig.centres, RIG.centres
+    apart = [np.linalg.norm(of[:, None] - of[None], axis=-1) for of in (own, true)]
+    np.testing.assert_allclose(apart[0], apart[1], rtol=0.06)
+    np.testing.assert_allclose(own[:, 2], true[:, 2], atol=0.3)
+    ups = [a.R.T @ b.R[:, 2] for a, b in zip(found.rig, RIG, strict=True)]
+    assert np.degrees(np.arccos(np.mean(ups, axis=0)[2])) < 4
+
+
+def test_the_command_writes_cameras_and_names_what_is_missing(
+    walk: tuple[Keypoints, float], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    keypoints, _ = walk
+    (tmp_path / "videos").mkdir()
+    for camera in RIG:
+        codec = cv2.VideoWriter.fourcc(*"mp4v")
+        path = str(tmp_path / "videos" / f"{camera.name}.mp4")
+        video = cv2.VideoWriter(path, codec, 60, camera.size)
+        for _ in range(keypoints.n_frames):
+            video.write(np.zeros((*camera.size[::-1], 3), np.uint8))
+        video.release()
+    names = {"keypoint_names": keypoints.names, "camera_names": keypoints.camera_names}
+    np.savez(tmp_path / "keypoints.npz", keypoints=keypoints.points, **names)
+    lenses = [replace(c, R=np.eye(3), t=np.zeros(3)) for c in RIG]
+    write_toml_tables(tmp_path / "lens.toml", CameraRig(tuple(lenses)))
+    flags = ["calibrate", str(tmp_path), "--keypoints", str(tmp_path / "keypoints.npz")]
+    out = tmp_path / "out"
+    assert main([*flags, "-o", str(out)]) == 2
+    assert "--intrinsics PATH" in capsys.readouterr().err
+    settings = tmp_path / "settings.toml"
+    settings.write_text("[person]\nlongest_lag = 0\n[person.points]\nstarts = 1\n")
+    flags += ["--config", str(settings)]
+    flags += ["--intrinsics", str(tmp_path / "lens.toml"), "-o", str(out)]
+    assert main(flags) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "do not confirm" in said and "the whole person is in 0" in said
+    assert main([*flags, "--no-silhouettes"]) == 0
+    found = read_calibration(out / "calibration.toml")
+    apart = [np.linalg.norm(of[0] - of[2]) for of in (found.centres, RIG.centres)]
+    assert abs(apart[0] / apart[1] - 1) < 0.12
+    report = json.loads((out / "calibration.json").read_text())
+    assert report["verdict"].startswith("keypoints are") and report["warnings"]
+
+
+def test_keypoints_without_limbs_are_refused() -> None:
+    empty = Keypoints(np.full((4, 9, 2, 3), np.nan), ("nose", "left_eye"), tuple(RIG.names))
+    with pytest.raises(InputError, match="have 0 of the points that are used"):
+        calibrate_by_keypoints(list(RIG), empty, 30.0, PersonConfig())

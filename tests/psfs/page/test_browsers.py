@@ -1,0 +1,39 @@
+"""Browsers without a graphics chip are distinguished from others by the time of a picture."""
+
+from __future__ import annotations
+
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from psfs.page.browsers import draws_slowly
+
+
+def make_server(*answers: float | Exception) -> Any:
+    """A server whose browsers take so many seconds for a picture, or do not give one."""
+
+    def client(answer: float | Exception) -> Any:
+        def get_render(height: int, width: int, timeout: float) -> None:
+            if isinstance(answer, Exception):
+                raise answer
+            time.sleep(answer)
+
+        return SimpleNamespace(get_render=get_render)
+
+    clients = {number: client(answer) for number, answer in enumerate(answers)}
+    return SimpleNamespace(get_clients=lambda: clients)
+
+
+@pytest.mark.parametrize(
+    ("answers", "slow"),
+    [
+        ((), False),
+        ((0.0, 0.01), False),
+        ((0.0, 0.45), True),
+        ((TimeoutError("hidden"), RuntimeError("closed")), False),
+    ],
+)
+def test_slow_browsers_are_found(answers: tuple[float | Exception, ...], slow: bool) -> None:
+    assert draws_slowly(make_server(*answers)) is slow

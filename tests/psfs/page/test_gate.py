@@ -1,0 +1,83 @@
+"""Requests without the token get nothing, neither the page nor the websocket."""
+
+from __future__ import annotations
+
+import http.client
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("viser", reason="viser is not installed")
+from websockets.asyncio import server as serving
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
+
+from psfs.page.gate import HOST, Gate, page_address, start_server, stop_server
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[tuple[int, Gate]]:
+    gate = Gate()
+    server = start_server(0, gate)
+    yield server.get_port(), gate
+    stop_server(server)
+
+
+def status(port: int, path: str, **headers: str) -> int:
+    connection = http.client.HTTPConnection(HOST, port, timeout=10)
+    connection.request("GET", path, headers=headers)
+    return connection.getresponse().status
+
+
+def test_page_needs_the_token(served: tuple[int, Gate]) -> None:
+    port, gate = served
+    assert status(port, f"/{gate.token}/") == 200
+    for path in (
+        "/",
+        "/index.html",
+        f"/{gate.token[:-1]}/",
+        f"/x/{gate.token}/",
+        f"/?{gate.token}",
+    ):
+        assert status(port, path) == 403
+    assert status(port, "/", Upgrade="websocket") == 403
+
+
+def test_nothing_beside_the_page_is_read(served: tuple[int, Gate]) -> None:
+    port, gate = served
+    for path in ("../../_viser.py", "%2e%2e/%2e%2e/_viser.py", "//etc/passwd"):
+        assert status(port, f"/{gate.token}/{path}") == 404
+
+
+def test_another_sites_name_is_refused(served: tuple[int, Gate]) -> None:
+    port, gate = served
+    assert status(port, f"/{gate.token}/", Host=f"evil.example:{port}") == 403
+    assert status(port, f"/{gate.token}/", Host=f"localhost:{port}") == 200
+
+
+def test_websocket_needs_the_token(served: tuple[int, Gate]) -> None:
+    import viser
+
+    port, gate = served
+    spoken = [Subprotocol(f"viser-v{viser.__version__}")]
+    for path in ("/", "/wrong"):
+        with pytest.raises(InvalidStatus) as refused:
+            connect(f"ws://{HOST}:{port}{path}", subprotocols=spoken)
+        assert refused.value.response.status_code == 403
+    with connect(f"ws://{HOST}:{port}/{gate.token}", subprotocols=spoken) as socket:
+        assert socket.recv(timeout=10)
+
+
+def test_other_servers_are_as_they_were(served: tuple[int, Gate]) -> None:
+    assert isinstance(serving.serve, type)
+
+
+def test_address_holds_the_token() -> None:
+    gate = Gate()
+    assert len(gate.token) >= 32 and gate.token != Gate().token
+    server = start_server(0, gate)
+    try:
+        assert page_address(server, gate) == f"http://{HOST}:{server.get_port()}/{gate.token}/"
+    finally:
+        stop_server(server)
