@@ -133,7 +133,7 @@ class _JoinedLaunch:
         self._values: dict[str, Array] = {}  # each object's own numbers
         self._launch: Launch | None = None
         for member in members:
-            member.on_change = self._expire
+            member.on_change.append(self._expire)
 
     @property
     def joins(self) -> bool:

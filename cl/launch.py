@@ -76,7 +76,7 @@ class Launch:
     event.
 
     name: label of its timings, by default the kernel's name. arguments: current values by name:
-    arrays, numbers, None. on_change: called after they are set.
+    arrays, numbers, None. on_change: what is called after they are set.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class Launch:
         self._sizes = _raw_sizes(self._bound, self.global_size, self.local_size)
         # Keeps arrays alive as long as the kernel refers to them.
         self.arguments: dict[str, Argument] = {}
-        self.on_change: Step | None = None
+        self.on_change: list[Step] = []
         self.set(**arguments)
 
     def set(self, **arguments: Argument) -> None:
@@ -122,8 +122,8 @@ class Launch:
                 raise type(error)(f"{self.kernel}, argument {name}: {error}") from None
             self._bound.set_arg(self._places[name], bound)
             self.arguments[name] = value
-        if self.on_change is not None:
-            self.on_change()
+        for call in self.on_change:
+            call()
 
     def __call__(self) -> None:
         device, profiler = self.device, self.device.profiler

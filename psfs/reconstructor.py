@@ -57,7 +57,8 @@ class Reconstructor:
     ) -> None:
         config = config or ReconstructionConfig()
         self.device, self.rig, self.config = device, rig, config
-        self.silhouette = Silhouette(device, rig, background, config.silhouette)
+        n_parts = 0 if body is None else body.cones.shape[1]
+        self.silhouette = Silhouette(device, rig, background, config.silhouette, n_parts=n_parts)
         maps, step = self.silhouette.evidence, config.silhouette.evidence.step
         self.body = body
         self._packed_body, prior = self._attach_body()
@@ -87,8 +88,7 @@ class Reconstructor:
         foreground = self.silhouette.foreground
         if foreground is None:
             return packed, packed
-        location = foreground.prior.location
-        self._body_location = BodyLocation(self.device, self.rig, location, packed)
+        self._body_location = BodyLocation(self.device, self.rig, foreground.prior, packed)
         return packed, None
 
     @property
@@ -138,9 +138,7 @@ class Reconstructor:
         if foreground is not None and new:
             foreground.forget_location()
         if self.body is not None and self._packed_body is not None:
-            evidence = self.config.silhouette.evidence
-            cones, scales = self.body[frame.index], (evidence.step, evidence.ratio_steps)
-            self._packed_body.set(pack_body(self.config.body, cones, *scales))
+            self._packed_body.set(pack_body(self.config, self.body[frame.index]))
         if self._uploads is not None and frame is self._ahead:
             self._uploads.finish()
         else:

@@ -85,6 +85,14 @@ def out(made_out: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
+@pytest.fixture
+def quick_preview(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A black picture in place of a cloud's six shaded views, which take a second."""
+    picture = np.zeros((4, 6, 3), np.uint8)
+    monkeypatch.setattr("psfs.cli.reconstruct.draw_preview", lambda *_: picture)
+    monkeypatch.setattr("psfs.cli.view.draw_preview", lambda *_: picture)
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--without-kernels",

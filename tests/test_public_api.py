@@ -66,6 +66,7 @@ def test_types_and_data_files_are_packaged() -> None:
         assert all(list((ROOT / package).glob(pattern)) for pattern in patterns)
 
 
+@pytest.mark.usefixtures("quick_preview")
 def test_reconstruct_gives_the_clouds_of_the_command(walk: Path, tmp_path: Path) -> None:
     assert psfs.cli.main(["reconstruct", str(walk), "-o", str(tmp_path)]) == 0
     clouds = list(psfs.reconstruct(psfs.open_sequence(walk)))  # all kept, none overwritten

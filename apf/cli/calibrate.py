@@ -13,7 +13,7 @@ from apf.keypoints.calibration import calibrate_by_keypoints
 from apf.keypoints.keypoints import Keypoints
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cli.commandline import remark, warn
+from psfs.cli.commandline import remark
 from psfs.cli.flags.calibrate import CALIBRATION, REPORT
 from psfs.cli.person import (
     enlarge_rig,
@@ -59,7 +59,10 @@ def _calibrate(args: argparse.Namespace) -> None:
             rig, calibration = _adjust(args, views, large, found, config)
             verdict += f"; silhouettes differ by at most {calibration.misfits.max():.2f} px"
         except InputError as error:
-            warn(f"the silhouettes are not used: {error}")
+            raise InputError(
+                f"the silhouettes do not confirm what the keypoints say: {error}; or "
+                "--no-silhouettes, which keeps it unconfirmed"
+            ) from None
     write_person_calibration(args, rig, calibration, config, verdict)
 
 

@@ -8,11 +8,12 @@ import numpy as np
 
 from apf.report.quality import Quality
 from apf.report.scene_colours import LOST, colour_edges
+from psfs.page.clouds import choose_block_width, merge_voxels
+from psfs.page.colours import colour_voxels
 
-#: Greatest number of voxels in all frames together, and in one frame: 12 MB and 60 kB of page. More
-#: would not be visible at the size of the player.
+#: About the greatest number of blocks of voxels in all frames together, and in one frame: 12 MB and
+#: 60 kB of page. More would not be visible at the size of the player.
 _MOST_VOXELS, _MOST_OF_A_FRAME = 400_000, 4_000
-_GREY = 150
 
 
 def player_scene(quality: Quality) -> dict[str, object]:
@@ -41,26 +42,28 @@ def player_scene(quality: Quality) -> dict[str, object]:
 
 
 def _pack_voxels(quality: Quality) -> dict[str, object]:
+    """Pack the voxels of all judged frames, merged into blocks of one size if they are many."""
     assert quality.agreement is not None
     clouds = quality.agreement.clouds
     most = min(_MOST_OF_A_FRAME, _MOST_VOXELS // max(1, len(clouds)))
+    width = choose_block_width(max(len(cloud) for cloud in clouds), most)
     rng = np.random.default_rng(0)
     cells, colours = [], []
     for cloud in clouds:
-        picked = rng.permutation(len(cloud))[:most]
-        grid = cloud.grid
-        cells.append(np.stack(np.unravel_index(cloud.indices[picked], grid.shape), -1))
-        colour = cloud.colour if cloud.colour is not None else np.full((len(cloud), 3), _GREY)
-        colours.append(colour[picked])
+        blocks, means = merge_voxels(cloud, colour_voxels(cloud), width)
+        picked = rng.permutation(len(blocks))[:most]  # all of a surface
+        cells.append(blocks[picked])
+        colours.append(means[picked])
     grid = clouds[0].grid
-    kind = "u1" if max(grid.shape) <= 256 else "<u2"
+    size = width * grid.voxel_size
+    kind = "u1" if max(grid.shape) <= 256 * width else "<u2"
     return {
         "counts": [len(cell) for cell in cells],
         "bytes": 1 if kind == "u1" else 2,
         "cells": encode(np.concatenate(cells), kind),
         "colours": encode(np.concatenate(colours), "u1"),
-        "origin": (grid.origin + grid.voxel_size / 2).round(5).tolist(),
-        "size": grid.voxel_size,
+        "origin": (grid.origin + size / 2).round(5).tolist(),
+        "size": size,
     }
 
 

@@ -7,7 +7,6 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from psfs.page.clouds import CarvedClouds
 from psfs.page.opened import Opened, try_footage
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 #: Makes the device that voxels are carved on, when they are first needed.
@@ -67,6 +67,15 @@ class OpenedTracks(Opened):
         return VoxelGrid.covering(low, high, 0.02)
 
 
+@dataclass(frozen=True, eq=False)
+class RunningTake:
+    """The input of a run that goes on: its footage, and the settings of its voxels; None for those
+    of a preset."""
+
+    sequence: Sequence
+    config: ReconstructionConfig | None
+
+
 def add_track(opened: Opened, name: str, track: Track) -> OpenedTracks:
     """Return opened voxels with the body of a track in them."""
     fields = {one: getattr(opened, one) for one in Opened.__dataclass_fields__}
@@ -77,11 +86,11 @@ def open_track(
     folder: Path,
     make_device: MakeDevice,
     known: Callable[[int], object] = lambda frame: None,
-    footage: Sequence | None = None,
+    running: RunningTake | None = None,
 ) -> OpenedTracks:
     """Open a folder that `apf track` wrote, or still writes; that of all people if there are
-    several. known: called with the number of each frame after its voxels are carved. footage: of a
-    run that goes on, which has not written yet what it reads. Raises InputError, or
+    several. known: called with the number of each frame after its voxels are carved. running:
+    what a run reads that goes on, and has not written that yet. Raises InputError, or
     MissingFileError."""
     tracks = _read_tracks(folder)
     first = next(iter(tracks.values()))
@@ -94,17 +103,24 @@ def open_track(
     try:
         summary = read_summary(folder if len(tracks) == 1 else folder / next(iter(tracks)))
     except UserError as error:  # of a run that goes on, or was killed
-        return OpenedTracks(
-            folder, frames, first.fps, footage, None, remarks=(str(error),), tracks=tracks
-        )
+        if running is None:
+            return OpenedTracks(
+                folder, frames, first.fps, None, None, remarks=(str(error),), tracks=tracks
+            )
+        return _open_running(folder, frames, tracks, running, make_device, known)
     remarks += summary["warnings"]
     sequence = try_footage(lambda: open_tracked_sequence(folder, summary, int(frames[-1])), remarks)
     clouds = None
     grid = _joint_grid(tracks)
     if sequence is not None and grid is not None:
         clouds = CarvedClouds(
-            grid, len(frames), _carver(folder, summary, sequence, grid, make_device, frames), known
-        )
+            grid, len(frames),
+            _carver(
+                sequence, grid, make_device, frames,
+                lambda: read_tracked_config(folder, dict(summary)),
+            ),
+            known,
+        )  # fmt: skip
     found = summary.get("quality", {}).get("look_at", {})
     look_at = {
         what: np.concatenate([np.arange(a, b + 1) for a, b in ranges])
@@ -135,19 +151,38 @@ def _joint_grid(tracks: Mapping[str, Track]) -> VoxelGrid | None:
     return VoxelGrid.covering(low, high, grids[0].voxel_size)
 
 
-def _carver(
+def _open_running(
     folder: Path,
-    summary: Mapping[str, Any],
+    frames: np.ndarray,
+    tracks: Mapping[str, Track],
+    running: RunningTake,
+    make_device: MakeDevice,
+    known: Callable[[int], object],
+) -> OpenedTracks:
+    """Open the track so far of a run that goes on. Its voxels are carved if the user asks for them:
+    that takes time from the run."""
+    grid, clouds = _joint_grid(tracks), None
+    if grid is not None and running.config is not None:
+        config = running.config
+        carve = _carver(running.sequence, grid, make_device, frames, lambda: config)
+        clouds = CarvedClouds(grid, len(frames), carve, known)
+    return OpenedTracks(
+        folder, frames, running.sequence.fps, running.sequence, clouds,
+        ("the run goes on; `voxels` shows them, and slows it down",), False, tracks=tracks,
+    )  # fmt: skip
+
+
+def _carver(
     sequence: Sequence,
     grid: VoxelGrid,
     make_device: MakeDevice,
     frames: np.ndarray,
+    read_config: Callable[[], ReconstructionConfig],
 ) -> Callable[[], Iterator[tuple[int, VoxelCloud]]]:
     """Return a function that carves the frames (F,) again, with the settings of the track."""
 
     def carve() -> Iterator[tuple[int, VoxelCloud]]:
-        settings = SessionSettings(read_tracked_config(folder, dict(summary)))
-        session = Session(sequence, make_device(), settings)
+        session = Session(sequence, make_device(), SessionSettings(read_config()))
         with closing(session.iterate_carved(grid, frames.tolist())) as carved:  # type: ignore[type-var]
             for frame in carved:
                 yield frame.index, frame.cloud

@@ -55,7 +55,7 @@ class Page(BrowserPage):
         captures: Captures | None = None,
     ) -> None:
         self.roots, self._make_device, self._results = roots, make_device, results
-        self._device = device
+        self._device, self._stopping = device, False
         self._demo: Work | None = None
         super().__init__("psfs-apf studio", port)
         self._lock = threading.RLock()
@@ -99,7 +99,7 @@ class Page(BrowserPage):
             server, panels = self.server, (self.watching, self.pictures)
             if kind == "track":
                 opened = open_track(
-                    path, self._make_device, self._show_carved, self.run.find_footage(path)
+                    path, self._make_device, self._show_carved, self.run.find_running(path)
                 )
                 self.watch = TrackWatch(server, opened, *panels)
                 self._offer()
@@ -177,7 +177,9 @@ class Page(BrowserPage):
             self.run.offer(None)
 
     def stop(self) -> None:
-        """Close everything, and end the server."""
+        """Close everything, and end the server. Drivers abort a process that ends while one of its
+        threads computes."""
+        self._stopping = True
         self.run.close()
         if self._demo is not None:
             self._demo.close()
@@ -185,7 +187,7 @@ class Page(BrowserPage):
         if self._captures is not None:
             self._captures.close()
         super().stop()
-        for examiner in self._examiners:  # drivers abort a process that ends while they compute
+        for examiner in self._examiners:
             examiner.join(timeout=60)
 
     def make_demo(self) -> None:
@@ -242,9 +244,16 @@ class Page(BrowserPage):
 
     def _show_run(self, output: Path) -> None:
         """Open a run that was started here, and list it."""
+        if self._stopping:
+            return
         self.roots.add(output)
+        watch = self.watch
+        same = watch is not None and watch.opened.folder.resolve() == output.resolve()
         try:
+            with_voxels = same and watch is not None and watch.shown["voxels"]
             self.open(output)
+            if with_voxels and self.watch is not None:
+                self.watch.show_layer("voxels")
         except UserError as error:  # its first part is just being replaced
             self.say(error)
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from apf.presets import PRESETS
+from apf.studio.opened import RunningTake
 from apf.studio.settings_panel import SettingsPanel
 from apf.studio.work import Work, free_folder
 from cl import InputError
@@ -19,6 +20,7 @@ from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.page.timeline import add_key
 from psfs.page.words import make_lines, make_text
 from psfs.sequence import Sequence
+from psfs.voxels.config import ReconstructionConfig
 
 if TYPE_CHECKING:
     import viser
@@ -45,7 +47,8 @@ class RunPanel:
         self._sequence: Sequence | None = None
         self._volume: Callable[[], tuple[np.ndarray, np.ndarray] | None] = lambda: None
         self.work: Work | None = None
-        self._footage: Sequence | None = None  # of the run that was started last
+        self._follower: threading.Thread | None = None
+        self._running: RunningTake | None = None  # of the run that was started last
         self._message = gui.add_html(make_text("Open footage to track it."))
         self.preset = gui.add_dropdown(
             "preset", [_OURS, *PRESETS], initial_value=_OURS, hint="a paper's whole system"
@@ -122,18 +125,27 @@ class RunPanel:
         if self.work is not None and not self.work.ended:
             raise InputError("a run goes on; expected one at a time (cancel it first)")
         output, own = free_folder(self._results, Path(flags[0]).resolve().name), self._sequence
-        self._footage = own if own is not None and str(own.folder) == flags[0] else None
+        self._running = None
+        if own is not None and str(own.folder) == flags[0]:
+            config: ReconstructionConfig | None = None
+            if self.preset.value == _OURS:
+                stated: Any = (tables or {}).get("reconstruction", {})
+                config = ReconstructionConfig().overlay(stated, "reconstruction")
+            self._running = RunningTake(own, config)
         self.work = Work(flags, output, n_frames, tables)
         self.progress.value, self.progress.visible = 0.0, True
         self.start_button.disabled, self.cancel_button.visible = True, True
-        threading.Thread(target=self._follow, args=(self.work,), daemon=True, name="run").start()
+        self._follower = threading.Thread(
+            target=self._follow, args=(self.work,), daemon=True, name="run"
+        )
+        self._follower.start()
         return self.work
 
-    def find_footage(self, output: Path) -> Sequence | None:
-        """Return the footage of a run that was started here and goes on, by its folder."""
+    def find_running(self, output: Path) -> RunningTake | None:
+        """Return what a run reads that was started here and goes on, by its folder."""
         going_on = self.work is not None and not self.work.ended
         same = self.work is not None and self.work.output.resolve() == output.resolve()
-        return self._footage if going_on and same else None
+        return self._running if going_on and same else None
 
     def cancel(self) -> None:
         """Interrupt the run; what is tracked is kept."""
@@ -141,9 +153,11 @@ class RunPanel:
             self.work.cancel()
 
     def close(self) -> None:
-        """End the run, if one goes on."""
+        """End the run, if one goes on, and what shows it."""
         if self.work is not None:
             self.work.close()
+        if self._follower is not None:
+            self._follower.join(timeout=60)
 
     def press_track(self) -> None:
         """Start a run as the panel says, if footage is open; an error is shown on the page."""

@@ -205,10 +205,15 @@ def select_person(shown: np.ndarray, expected: np.ndarray, near: float) -> np.nd
     meets[np.unique(labels[expected & shown])] = True
     if not meets.any():
         return shown
-    reach = max(1, round(near * np.ptp(np.flatnonzero(expected.any(1)))))
+    rows, columns = (np.flatnonzero(expected.any(axis)) for axis in (1, 0))
+    reach = max(1, round(near * np.ptp(rows)))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-    around: np.ndarray = cv2.dilate(expected.view(np.uint8), disc) > 0
-    return meets[labels] & around
+    # Only where the disc reaches: in whole pictures it took a fifth of the examination's time.
+    reached = tuple(slice(max(0, of[0] - reach), of[-1] + reach + 1) for of in (rows, columns))
+    selected = np.zeros_like(shown)
+    around = cv2.dilate(expected[reached].view(np.uint8), disc) > 0
+    selected[reached] = meets[labels[reached]] & around
+    return selected
 
 
 def _counts(evidence: np.ndarray) -> np.ndarray:

@@ -87,25 +87,41 @@ def make_points(cloud: VoxelCloud, colouring: str = COLOURINGS[0]) -> Points:
     """Return a cloud's voxels as points."""
     positions = (cloud.centres - grid_centre(cloud.grid)).astype(np.float16)
     colours = colour_voxels(cloud, colouring)
-    blocks = merge_voxels(cloud, colours) if len(cloud) > FEW else None
+    blocks = make_blocks(cloud, colours, FEW) if len(cloud) > FEW else None
     return Points(positions, colours, cloud.grid.voxel_size, blocks)
 
 
-def merge_voxels(cloud: VoxelCloud, colours: np.ndarray, most: int = FEW) -> Points:
-    """Return a surface's voxels, with colours (N, 3) uint8, as cubic blocks, about `most` or fewer,
-    each in the mean colour of its voxels."""
+def make_blocks(cloud: VoxelCloud, colours: np.ndarray, most: int) -> Points:
+    """Return a surface's voxels, with colours (N, 3) uint8, as cubic blocks, about `most`."""
+    grid, width = cloud.grid, choose_block_width(len(cloud), most)
+    cells, means = merge_voxels(cloud, colours, width)
+    size = width * grid.voxel_size
+    centres = grid.low + size * (cells + 0.5)
+    return Points((centres - grid_centre(grid)).astype(np.float16), means, size)
+
+
+def choose_block_width(n_voxels: int, most: int) -> int:
+    """Return the width of the blocks, in voxels, that a surface is about `most` of."""
+    return max(1, int(np.ceil(np.sqrt(_BLOCKS * n_voxels / most)))) if n_voxels > most else 1
+
+
+def merge_voxels(
+    cloud: VoxelCloud, colours: np.ndarray, width: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Merge a cloud's voxels, with colours (N, 3) uint8, into cubic blocks of `width` voxels.
+
+    Returns the blocks' cells (M, 3) int, counted in blocks from the grid's first one, and their
+    mean colours (M, 3) uint8.
+    """
     grid = cloud.grid
-    width = int(np.ceil(np.sqrt(_BLOCKS * len(cloud) / most)))
     shape = tuple(-(-n // width) for n in grid.shape)
     cells = [at // width for at in np.unravel_index(cloud.indices, grid.shape)]
     used, of_voxel, counts = np.unique(
         np.ravel_multi_index(cells, shape), return_inverse=True, return_counts=True
     )
-    sums = [np.bincount(of_voxel, colours[:, channel]) for channel in range(3)]
-    size = width * grid.voxel_size
-    centres = grid.low + size * (np.stack(np.unravel_index(used, shape), -1) + 0.5)
+    sums = [np.bincount(of_voxel, colours[:, channel], len(used)) for channel in range(3)]
     means = np.rint(np.stack(sums, -1) / counts[:, None]).astype(np.uint8)
-    return Points((centres - grid_centre(grid)).astype(np.float16), means, size)
+    return np.stack(np.unravel_index(used, shape), -1), means
 
 
 def make_surface(mesh: trimesh.Trimesh, cloud: VoxelCloud, colouring: str) -> Surface:

@@ -30,6 +30,8 @@ class Opened:
     sequence: Sequence | None
     clouds: Clouds | None
     remarks: tuple[str, ...] = ()
+    voxels_shown: bool = True
+    """Whether voxels are shown before the user chooses."""
 
     @property
     def grid(self) -> VoxelGrid:

@@ -83,7 +83,9 @@ class Watch:
         )
         self._boxes: dict[str, Any] = {
             name: gui.add_checkbox(
-                name, name != "voxels" or clouds is not None, hint=f"key: {number}"
+                name,
+                name != "voxels" or (clouds is not None and self.opened.voxels_shown),
+                hint=f"key: {number}",
             )
             for number, name in enumerate(self.layers, 1)
         }
@@ -168,6 +170,10 @@ class Watch:
             folder, first, last = self.opened.folder, frames[0], frames[-1]
             raise InputError(f"{folder}: no frame {frame}; it holds frames {first} to {last}")
         self.time_line.seek(frames.index(frame))
+
+    def show_layer(self, layer: str) -> None:
+        """Show a layer that may be hidden."""
+        self._boxes[layer].value = True
 
     def show_carved(self, frame: int) -> None:
         """Show voxels that have just become known, if they are of the frame that is shown."""

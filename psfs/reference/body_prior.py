@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.cells import cell_rays
+from psfs.cameras.cells import cell_rays, cells
 from psfs.common.cones import cone_distances, ray_cone_distances
-from psfs.voxels.body_prior import body_counts, location_counts
-from psfs.voxels.config import BodyPriorConfig
+from psfs.voxels.body_prior import body_counts, find_low_cones, location_counts
+from psfs.voxels.config import BodyPriorConfig, ReconstructionConfig
 
 #: Points whose distances to all cones are computed at once.
 _LOT = 2**15
@@ -31,17 +31,25 @@ def body_evidence(
 
 
 def body_location(
-    rig: CameraRig, cones: np.ndarray, config: BodyPriorConfig, steps: float
-) -> np.ndarray | None:
-    """Return the location prior (V, rows, columns) int8, counts of 1 / `steps` nats, of a body with
-    cones (C, 16), NaN where they are unknown; None if all are."""
-    inside, outside, slope = location_counts(config, cones, steps)
-    known = cones[np.isfinite(cones).all(-1)]
+    rig: CameraRig, cones: np.ndarray, config: ReconstructionConfig
+) -> tuple[np.ndarray | None, np.ndarray]:
+    """Return the location prior (V, rows, columns) int8, counts of `ratio_steps`, of a body with
+    cones (C, 16), NaN where they are unknown, None if all are; and the number from 1 of the cone
+    that each cell shows or is near to, (V, rows, columns) int8, 0 if it is none."""
+    own, steps = config.body, config.silhouette.evidence.ratio_steps
+    inside, outside = location_counts(own, cones, steps)
+    numbers = 1 + np.flatnonzero(np.isfinite(cones).all(-1))
+    known = cones[numbers - 1]
+    odds, parts = [], []
     if not len(known):
-        return None
-    odds = []
+        return None, np.zeros((len(rig), *cells(rig)), np.int8)
+    low = find_low_cones(own, known, config.silhouette.floor.height)
     for camera, rays in zip(rig, cell_rays(rig), strict=True):
         distances = ray_cone_distances(camera.centre, rays.reshape(-1, 3), known)
-        nearest = np.nan_to_num(distances, nan=np.inf).min(1).reshape(rays.shape[:2])
-        odds.append(np.rint(np.clip((config.edge - nearest) * slope, outside, inside)))
-    return np.stack(odds).astype(np.int8)
+        distances = np.nan_to_num(distances, nan=np.inf)
+        width = np.where(low & (distances < 0), own.low_width, own.width)
+        counts = (-steps * distances / width).max(1)
+        odds.append(np.rint(np.clip(counts, outside, inside)).reshape(rays.shape[:2]))
+        shown = np.where(distances.min(1) < own.colour_reach, numbers[distances.argmin(1)], 0)
+        parts.append(shown.reshape(rays.shape[:2]))
+    return np.stack(odds).astype(np.int8), np.stack(parts).astype(np.int8)

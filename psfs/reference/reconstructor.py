@@ -52,7 +52,8 @@ class NumpyReconstructor:
         silhouette = self.config.silhouette
         scene = background is not None and not isinstance(background, ChromaKey)
         learning = scene and silhouette.appearance.learn
-        self.foreground = NumpyForeground(rig, silhouette) if learning else None
+        n_parts = 0 if body is None else body.cones.shape[1]
+        self.foreground = NumpyForeground(rig, silhouette, n_parts) if learning else None
         self.adaptation = None
         if background is not None and learning and silhouette.adaptation.rate:
             self.adaptation = NumpyAdaptation(rig, background, silhouette)
@@ -97,10 +98,10 @@ class NumpyReconstructor:
     def _evidence(self, frame: Frame) -> np.ndarray:
         config, light = self.config.silhouette, self._light(frame)
         if self.body is not None and self.foreground is not None:
-            steps = config.evidence.ratio_steps
-            location = body_location(self.rig, self.body[frame.index], self.config.body, steps)
+            own, cones = self.foreground, self.body[frame.index]
+            location, own.parts = body_location(self.rig, cones, self.config)
             if location is not None:
-                self.foreground.location = location
+                own.location = location
         return frame_evidence(frame, self.rig, self.background, config, self.foreground, light)
 
     def _light(self, frame: Frame) -> np.ndarray | None:

@@ -203,7 +203,7 @@ class PersonConfig(Config):
         unit="px",
     )
     least_path: float = nonnegative(
-        0.15,
+        0.13,
         "Least standard deviation of the person's places along the walk's main direction, as a "
         "share of the stature.",
     )

@@ -52,14 +52,17 @@ class SurfaceVoxels(Protocol):
 class ForegroundPrior(NamedTuple):
     """The prior of a frame's silhouettes, on the device, in counts of `EvidenceConfig.ratio_steps`.
 
-    colours: (BINS^3,) int8, log of the person's colour density over the uniform density, from a
-    histogram with exponential forgetting. location: (V, rows, columns) int8, log odds of foreground
-    in every cell, where the voxels reproject, blurred by the distance that the person may move
-    until the next frame.
+    colours: (1 + parts, BINS^3) int8, log of the colour density of the person, and of each part if
+    the parts are known, over the uniform density, from histograms with exponential forgetting.
+    location: (V, rows, columns) int8, log odds of foreground in every cell, where the voxels
+    reproject, blurred by the distance that the person may move until the next frame. parts: (V,
+    rows, columns) int8, the table of `colours` of every cell, 0 for that of the whole person; (1,)
+    if no parts are known.
     """
 
     colours: Array
     location: Array
+    parts: Array
 
 
 class Foreground:
@@ -95,8 +98,9 @@ class Foreground:
         border = 2 * config.appearance.reach
         marked = (views, rows + border, columns + border)
         self.marks = device.zeros(marked, np.uint8, "the location prior")
-        self._counts = device.zeros(BINS**3 + 1, np.int32, "the colour histogram")
-        self._memory = device.zeros(BINS**3 + 1, np.float32, "the colour histogram")
+        histograms = (prior.colours.shape[0], BINS**3 + 1)
+        self._counts = device.zeros(histograms, np.int32, "the colour histograms")
+        self._memory = device.zeros(histograms, np.float32, "the colour histograms")
         self._surface: Array | None = None
         self._position: tuple[float, ...] = ()
         self._launches: list[Launch] = []
@@ -128,7 +132,7 @@ class Foreground:
         # No reference to the voxels: they refer to the silhouettes, and a reference cycle would
         # keep all their memory.
         self._surface, device = voxels.surface, self._device
-        n_bins = BINS**3
+        bins = (BINS**3 + 1, self.prior.colours.shape[0])
         views, rows, columns = self.prior.location.shape
         picture = self._rig.picture
         defines = self._defines() | size_defines(device, picture, voxels.grid.shape)
@@ -141,7 +145,6 @@ class Foreground:
             return device.launch(kernel, size, local, **arguments)
 
         seen = {"n_surface": voxels.count, "marks": self.marks}
-        histogram = {"counts": self._counts, "memory": self._memory}
         self._launches = [
             launch(
                 "mark",
@@ -164,11 +167,19 @@ class Foreground:
                 odds=self._odds,
                 images=self._pictures,
                 evidence=self._evidence,
+                parts=self.prior.parts,
                 location=self.prior.location,
                 counts=self._counts,
             ),
-            launch("fade", (n_bins + 1,), (64,), most=most, **histogram),
-            launch("colour_table", (n_bins + 1,), (64,), **histogram, table=self.prior.colours),
+            launch("fade", bins, (64, 1), counts=self._counts, memory=self._memory, most=most),
+            launch(
+                "colour_table",
+                bins,
+                (64, 1),
+                counts=self._counts,
+                memories=self._memory,
+                tables=self.prior.colours,
+            ),
         ]
 
     def _defines(self) -> dict[str, int | float]:
@@ -176,6 +187,7 @@ class Foreground:
         return {
             **self._rig.defines,
             **{"CELL": CELL, "BINS": BINS, "REACH": config.reach},
+            "PARTS": int(self.prior.colours.shape[0] > 1),
             "MIN_SURFACE": config.min_surface,
             **{"KEEP": float(config.keep), "UNIFORM": float(config.uniform)},
             "PRIOR": float(config.prior_samples),

@@ -37,8 +37,9 @@ class Silhouette:
 
     The foreground is uniform (Song et al.: for the first frame) until `foreground` was fitted to a
     reconstruction. `foreground` is None for masks, for a screen of one colour, and if
-    `AppearanceConfig.learn` is off. `adaptation`, which lets the background follow the light, is
-    None in the same cases and if `AdaptationConfig.rate` is 0.
+    `AppearanceConfig.learn` is off. It has colours of `n_parts` parts beside those of the whole
+    person, if there are any; the caller writes which cells show which. `adaptation`, which lets the
+    background follow the light, is None in the same cases and if `AdaptationConfig.rate` is 0.
     """
 
     def __init__(
@@ -47,8 +48,11 @@ class Silhouette:
         rig: CameraRig,
         background: Background | None,
         config: SilhouetteConfig | None = None,
+        *,
+        n_parts: int = 0,
     ) -> None:
         self.device, self._config = device, config or SilhouetteConfig()
+        self._n_parts = n_parts
         self.rig, self.background = rig, background
         self._shown: Array | None = None
         self.foreground: Foreground | None = None
@@ -123,9 +127,11 @@ class Silhouette:
         rows, columns = cells(rig)
         planes = background_planes(background, config.background)
         scene = device.to_device(planes, "the background")
+        cells_of_views = (len(rig), rows, columns)
         prior = ForegroundPrior(
-            device.zeros(BINS**3, np.int8, "the foreground's colours"),
-            device.zeros((len(rig), rows, columns), np.int8, "the location prior"),
+            device.zeros((1 + self._n_parts, BINS**3), np.int8, "the foreground's colours"),
+            device.zeros(cells_of_views, np.int8, "the location prior"),
+            device.zeros(cells_of_views if self._n_parts else 1, np.int8, "the parts"),
         )
         shade = device.empty((len(rig), rows + 2, columns + 2), np.uint8, "the floor's light")
         light = device.to_device(steady_light(len(rig)), "the light")
@@ -229,6 +235,7 @@ class Silhouette:
             "LOWEST": evidence.ratio_range[0],
             "HIGHEST": evidence.ratio_range[1],
             "BINS": BINS,
+            "PARTS": int(self._n_parts > 0),
             "CELL": CELL,
         }
 

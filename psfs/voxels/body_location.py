@@ -8,19 +8,19 @@ from cl import Array, Device
 from cl.workgroups import row_group, size_defines
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cell_rays, cells
+from psfs.silhouettes.appearance import ForegroundPrior
 
 
 class BodyLocation:
     """Computation of a frame's location prior, in place of the one by the voxels of the frame
-    before.
+    before, and of the part of the body that each cell shows.
 
-    location: (V, rows, columns) int8 log odds of foreground in every cell, counts of
-    `EvidenceConfig.ratio_steps`. body: the body as `pack_body` packs it; where it has no known
-    cones, a call changes nothing. Kernel: body_location.cl; twin:
+    prior: what a call computes of it is `location` and `parts`. body: the body as `pack_body` packs
+    it; where it has no known cones, the location stays as it is. Kernel: body_location.cl; twin:
     `psfs.reference.body_prior.body_location`.
     """
 
-    def __init__(self, device: Device, rig: CameraRig, location: Array, body: Array) -> None:
+    def __init__(self, device: Device, rig: CameraRig, prior: ForegroundPrior, body: Array) -> None:
         rows, columns = cells(rig)
         centres = np.pad(rig.centres, ((0, 0), (0, 1))).astype(np.float32)
         defines = {"CELL": CELL, **size_defines(device, rig.picture)}
@@ -33,7 +33,8 @@ class BodyLocation:
             centres=device.to_device(centres, "the cameras' centres"),
             rays=device.to_device(cell_rays(rig).astype(np.float32), "the cells' rays"),
             body=body,
-            location=location,
+            parts=prior.parts,
+            location=prior.location,
         )
 
     def __call__(self) -> None:

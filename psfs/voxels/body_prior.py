@@ -12,10 +12,10 @@ from cl import InputError
 from psfs.common.cones import CONE_FLOATS, largest_slopes
 from psfs.common.npz import Values, read_npz
 from psfs.common.ranges import spans
-from psfs.voxels.config import BodyPriorConfig
+from psfs.voxels.config import BodyPriorConfig, ReconstructionConfig
 
-#: Place of a cone's slope among its floats, where `psfs.common.cones` leaves a 0.
-_SLOPE = 11
+#: Places of a cone's slope and of its part among its floats, where `psfs.common.cones` leaves a 0.
+_SLOPE, _PART = 11, 15
 #: The arrays of a `track.npz` that are read here; a cone of which nothing is known is NaN.
 _ARRAYS = {
     "frames": Values(("F",), "int", low=0),
@@ -88,23 +88,34 @@ def body_counts(
 
 def location_counts(
     config: BodyPriorConfig, cones: np.ndarray, steps: float
-) -> tuple[float, float, float]:
+) -> tuple[float, float]:
     """Return the location prior's counts of 1 / `steps` nats well within and well beside the drawn
-    body, at most what an int8 holds, and the counts per metre between them."""
+    body, at most what an int8 holds."""
     lowest = config.background if np.isfinite(cones).all() else 0.0
     inside, outside = np.clip(steps * np.array([config.foreground, lowest]), -127, 127)
-    return float(inside), float(outside), steps / config.width
+    return float(inside), float(outside)
 
 
-def pack_body(config: BodyPriorConfig, cones: np.ndarray, step: float, steps: float) -> np.ndarray:
-    """Return (C + 1, 16) float32 of cones (C, 16), as body_prior.h and body_location.cl read them.
+def find_low_cones(config: BodyPriorConfig, cones: np.ndarray, floor: float) -> np.ndarray:
+    """Return (C,) bool: cones both of whose ends are lower than `config.low` above the floor, which
+    is at the height `floor`, m."""
+    low: np.ndarray = cones[:, [2, 6]].max(1) < floor + config.low
+    return low
 
-    step: nats per count of voxels' evidence. steps: counts per nat of the location prior.
-    """
-    inside, outside, known = body_counts(config, cones, step)
+
+def pack_body(config: ReconstructionConfig, cones: np.ndarray) -> np.ndarray:
+    """Return (C + 1, 16) float32 of cones (C, 16), as body_prior.h and body_location.cl read
+    them."""
+    own, evidence = config.body, config.silhouette.evidence
+    step, steps = evidence.step, evidence.ratio_steps
+    inside, outside, known = body_counts(own, cones, step)
     packed = np.zeros((len(cones) + 1, CONE_FLOATS), np.float32)
-    packed[0, :5] = inside, outside, config.depth, config.distance, len(known)
-    packed[0, 5:9] = *location_counts(config, cones, steps), config.edge
+    packed[0, :5] = inside, outside, own.depth, own.distance, len(known)
+    packed[0, 5:7] = location_counts(own, cones, steps)
+    packed[0, 7:10] = steps / own.width, steps / own.low_width, own.colour_reach
     packed[1 : len(known) + 1] = known
     packed[1 : len(known) + 1, _SLOPE] = largest_slopes(known)
+    low = find_low_cones(own, known, config.silhouette.floor.height)
+    numbers = 1 + np.flatnonzero(np.isfinite(cones).all(-1))
+    packed[1 : len(known) + 1, _PART] = np.where(low, -numbers, numbers)
     return packed

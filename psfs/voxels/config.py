@@ -75,8 +75,8 @@ class OccupancyConfig(Config):
 
 class BodyPriorConfig(Config):
     """A tracked body as a prior, see `psfs reconstruct --track`: of the silhouettes, as long as the
-    person's appearance is estimated; else, as with ready masks, of the voxels' occupancy. The log
-    odds fall linearly between their bounds."""
+    person's appearance is estimated, with the colours of each part; else, as with ready masks, of
+    the voxels' occupancy. The log odds fall linearly between their bounds."""
 
     SOURCE: ClassVar = "tried on synthetic people with true masks: docs/lab/accuracy.md"
 
@@ -96,25 +96,40 @@ class BodyPriorConfig(Config):
         0.02, "Distance from their surface beyond which it is outside.", unit="m", above=0
     )
     foreground: float = setting(
-        4.0,
+        5.0,
         "Log odds that a pixel well within the drawn body shows the person, in place of "
         "`location_inside` of the silhouettes.",
         unit="nats",
         least=0,
     )
     background: float = setting(
-        -0.8,
+        -1.2,
         "Log odds that a pixel well beside it does; 0 in a frame in which a limb is lost.",
         unit="nats",
         most=0,
     )
     width: float = setting(
         0.01,
-        "Distance at the drawn body's edge over which these fall by 1 nat.",
+        "Distance at the drawn body's edge over which these fall by 1 nat; they are 0 at the edge.",
         unit="m",
         above=0,
     )
-    edge: float = setting(0.0, "Distance from the cones at which these log odds are 0.", unit="m")
+    low_width: float = setting(
+        0.0035,
+        "The same within parts below `low`, whose shadows look like shoes.",
+        unit="m",
+        above=0,
+    )
+    low: float = setting(
+        0.2, "Height above the floor below which a part lies that stands on it.", unit="m"
+    )
+    colour_reach: float = setting(
+        0.1,
+        "Distance from the drawn body up to which pixels are compared with the colours of its "
+        "nearest part instead of those of the whole person.",
+        unit="m",
+        least=0,
+    )
     samples: int = setting(
         5, "Number of frames in which the track is compared with the silhouettes.", least=1
     )

@@ -77,6 +77,25 @@ def test_joined_launches_compute_what_single_ones_do(
     assert np.unique(found[0][0][0]).size > 10
 
 
+def test_a_change_is_seen_by_all_joined_launches_of_which_a_launch_is_a_part(
+    device: Device,
+) -> None:
+    """As when one of two people is lost and starts again: the launches of their frames, of which
+    each has two in turn, meet in other pairs from then on."""
+    batch = Batch(device, 2, joins=True)
+    first, second = batch.run(make_actions(device, (2.0, 3.0), (8, 8)))
+    arguments = second.launch.arguments
+    other = device.launch(second.launch.kernel, (8, 1, 3), (4, 1, 1), **arguments)
+    batch.run([first.run, second.run])
+    batch.run([first.run, other])
+    assert batch.n_joined == 2
+    first.launch.set(factor=7.0)
+    batch.run([first.run, second.run])
+    joined = first.out.get()
+    first.run()
+    np.testing.assert_array_equal(joined, first.out.get())
+
+
 def test_what_waits_for_the_device_gets_what_was_collected_before_it(device: Device) -> None:
     array = device.zeros((4,), np.float32)
     with device.collect() as commands:

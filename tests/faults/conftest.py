@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from helpers import faults
 
@@ -15,11 +14,8 @@ from apf.initialisation import StartError
 
 
 @pytest.fixture(autouse=True)
-def quick_preview(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Six shaded views take seconds, and no fault is in them."""
-    picture = np.zeros((4, 6, 3), np.uint8)
-    monkeypatch.setattr("psfs.cli.reconstruct.draw_preview", lambda *_: picture)
-    monkeypatch.setattr("psfs.cli.view.draw_preview", lambda *_: picture)
+def _quick_preview(quick_preview: None) -> None:
+    """No fault is in the pictures of clouds."""
 
 
 @pytest.fixture(scope="module", autouse=True)

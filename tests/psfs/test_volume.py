@@ -30,7 +30,7 @@ class Footage:
     masks: list[np.ndarray]
     volume: tuple[np.ndarray, np.ndarray] | None = None
     background: None = None
-    empty_scene: bool = True
+    background_kind: str = "masks"
     subject: str = "person"
     folder: Path = field(default_factory=lambda: Path("footage"))
 
@@ -41,6 +41,9 @@ class Footage:
     def reader(self, learning: bool) -> Iterator[Callable[[int], Frame]]:
         assert not learning
         yield lambda index: scenes.frame(index, masks=self.masks[index])
+
+    def select_frames(self, indices: list[int]) -> Iterator[Frame]:
+        return (scenes.frame(index, masks=self.masks[index]) for index in indices)
 
 
 def session(
@@ -70,7 +73,7 @@ def test_a_stated_volume_is_taken() -> None:
 def test_only_background_is_an_error() -> None:
     rig = scenes.ring(3)
     empty = np.zeros((3, rig.height, rig.width), np.uint8)
-    with pytest.raises(InputError, match="nothing stands out"):
+    with pytest.raises(InputError, match=r"nothing stands out .*; expected masks"):
         automatic_grid(session(Footage(rig, [empty] * 20)))
 
 

@@ -215,16 +215,27 @@ def thesis(folder: Path) -> None:
     objective.measure()
 
 
-def test_the_thesis_beside_ours_and_what_an_ended_run_lacks(tmp_path: Path) -> None:
-    thesis(measured(tmp_path / "some"))
-    machines = read_machines([tmp_path / "some"])
-    write_report(machines, tmp_path)
-    text = (tmp_path / "report.md").read_text()
+@pytest.fixture(scope="module")
+def whole_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A report of the machine `some`, with the thesis, and of the takes per minute of `two`."""
+    folder = tmp_path_factory.mktemp("report")
+    folders = [measured(folder / "some"), folder / "two"]
+    thesis(folder / "some")
+    takes(folder / "two", 2)
+    machines, batches = read_machines(folders), read_batches(folders)
+    assert [m.name for m in machines] == ["some"] and [m.name for m in batches] == ["two"]
+    write_report(machines, folder, batches)
+    return folder
+
+
+def test_the_thesis_beside_ours_and_what_an_ended_run_lacks(whole_report: Path) -> None:
+    machines = read_machines([whole_report / "some"])
+    text = (whole_report / "report.md").read_text()
     assert text.count("methods, shapes Some GPU: not reached; --resume measures it._") == 2
     assert "_Missing: Some GPU with" in text
     assert "`compare_timings.py psfs` was not run" in text
     for figure in ("swarm_curves", "objective_shares", "work_groups", "online"):
-        assert (tmp_path / "figures" / f"{figure}.svg").exists()
+        assert (whole_report / "figures" / f"{figure}.svg").exists()
     assert "| 100 | 25.0 | 25.0 | 199 | 99.8 |" in text  # curves
     assert "| 100 | 4.00 | 1.00 | 75% |" in text  # shares
     assert "| 100 | 40.0 [40.0, 40.0] | 20.0 | 33.0 | 50% |" in text  # online
@@ -270,13 +281,8 @@ def takes(folder: Path, n_gpus: int) -> None:
     results.section("workers 2 GPUs, 2 at once", lambda: 1, quick=False)
 
 
-def test_takes_per_minute_also_of_a_machine_measured_for_them_alone(tmp_path: Path) -> None:
-    folders = [measured(tmp_path / "some"), tmp_path / "two"]
-    takes(tmp_path / "two", 2)
-    machines, batches = read_machines(folders), read_batches(folders)
-    assert [m.name for m in machines] == ["some"] and [m.name for m in batches] == ["two"]
-    write_report(machines, tmp_path, batches)
-    text = (tmp_path / "report.md").read_text()
+def test_takes_per_minute_also_of_a_machine_measured_for_them_alone(whole_report: Path) -> None:
+    text = (whole_report / "report.md").read_text()
     assert "### 2 x Some GPU with " in text
     assert "| 1 GPU, 2 at once | 4 | 19.0 | 8.00 | 1.90 x | 190 % | 30.0 | 9.50 |" in text
     assert "_Missing: 2 x Some GPU" in text and "workers 2 GPUs, 2 at once: not with" in text

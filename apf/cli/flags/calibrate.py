@@ -39,7 +39,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--no-silhouettes", action="store_true",
-        help="keep what the keypoints say (default: adjusted to the silhouettes, where they fit)",
+        help="keep what the keypoints say (default: adjusted to the silhouettes, and refused if "
+        "these do not fit)",
     )  # fmt: skip
     group = parser.add_argument_group("footage")
     add_setting_flags(group, footage.SequenceSettings, only=("cameras", "fps"), parsers=PARSERS)

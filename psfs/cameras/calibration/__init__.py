@@ -56,6 +56,8 @@ __all__ = [
     "read_vicon",
 ]
 
+#: Endings of COLMAP's files.
+_MODELS = (".txt", ".bin")
 _STORAGE = (".xml", ".yml", ".yaml", ".json")
 #: Text files whose names begin like this hold no cameras.
 _NO_CAMERAS = ("readme", "license", "sequence", "settings", "original_readme")
@@ -98,8 +100,10 @@ def find_calibration(folder: Path) -> Path | None:
         if found:
             names = ", ".join(path.name for path in found)
             raise InputError(f"{folder}: several calibrations ({names}); choose by `calibration`")
-    beside = (folder / name for name in ("cameras.txt", "images.txt"))
-    if all(path.is_file() for path in beside) or any(folder.glob("*.pa")):
+    models = ((folder / f"{name}{ending}" for name in ("cameras", "images")) for ending in _MODELS)
+    if any(all(path.is_file() for path in model) for model in models):
+        return folder
+    if any(folder.glob("*.pa")):
         return folder
     return None
 
@@ -125,7 +129,8 @@ def read_calibration(
 
 def _read(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     suffix, name = path.suffix.lower(), path.name
-    if name in ("intri.yml", "extri.yml", "cameras.txt", "images.txt"):
+    models = [f"{what}{ending}" for what in ("cameras", "images") for ending in _MODELS]
+    if name in ("intri.yml", "extri.yml", *models):
         path = path.parent
     if path.is_dir():
         return _read_folder(path, unit, sizes)
@@ -167,7 +172,11 @@ def _read_text_file(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
 
 
 def _holds_cameras(folder: Path) -> bool:
-    return (folder / "cameras.txt").is_file() or bool(_camera_files(folder))
+    return _holds_model(folder) or bool(_camera_files(folder))
+
+
+def _holds_model(folder: Path) -> bool:
+    return any((folder / f"cameras{ending}").is_file() for ending in _MODELS)
 
 
 def _camera_files(folder: Path) -> list[Path]:
@@ -183,7 +192,7 @@ def _camera_files(folder: Path) -> list[Path]:
 def _read_folder(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     if (folder / "intri.yml").exists():
         return read_easymocap(folder, unit, sizes)
-    if (folder / "cameras.txt").exists():
+    if _holds_model(folder):
         return read_colmap(folder, unit)
     files = _camera_files(folder)
     if len(files) == 1 and files[0].name.endswith(QUALISYS):

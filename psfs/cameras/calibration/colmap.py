@@ -1,4 +1,4 @@
-"""Read COLMAP's text model.
+"""Read COLMAP's model, as text or, without that, binary.
 
 `cameras.txt` has lines CAMERA_ID MODEL WIDTH HEIGHT PARAMS...; `images.txt` has lines IMAGE_ID QW
 QX QY QZ TX TY TZ CAMERA_ID NAME (world to camera), each followed by a line of points. COLMAP puts
@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cl import InputError
+from psfs.cameras.calibration.colmap_binary import read_binary_cameras, read_binary_images
 from psfs.cameras.calibration.common import (
     Calibration,
     check_whole_size,
@@ -44,19 +45,18 @@ def read_colmap(folder: Path, unit: Unit | None = None) -> Calibration:
 
     COLMAP states no unit: metres unless `unit` says otherwise.
     """
-    with name_file_in_errors(folder / "cameras.txt"):
-        lines = [line.split() for line in _lines(folder / "cameras.txt") if line.strip()]
-        intrinsics = {words[0]: _intrinsics(words) for words in lines}
-    with name_file_in_errors(folder / "images.txt"):
-        images = [line.split(maxsplit=9) for line in _lines(folder / "images.txt")[::2]]
-        images = [words for words in images if words]
+    lenses, poses = _read_model(folder)
+    with name_file_in_errors(lenses[0]):
+        intrinsics = {words[0]: _intrinsics(words) for words in lenses[1]}
+    with name_file_in_errors(poses[0]):
+        images = poses[1]
         if not images or any(len(words) != 10 for words in images):
             raise InputError("expected lines IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME")
         names = name_cameras([words[9] for words in images])
         cameras = []
         for name, words in zip(names, images, strict=True):
             if words[8] not in intrinsics:
-                raise InputError(f"image {name}: no camera {words[8]}; cameras.txt has "
+                raise InputError(f"image {name}: no camera {words[8]}; there are "
                                  f"{join_names(intrinsics)}")  # fmt: skip
             size, K, distortion = intrinsics[words[8]]
             pose = parse_numbers(words[1:8], f"image {name}")
@@ -67,6 +67,18 @@ def read_colmap(folder: Path, unit: Unit | None = None) -> Calibration:
             cameras.append(Camera(name, K, distortion, R, pose[4:], size))
         cameras.sort(key=lambda camera: natural_key(camera.name))
         return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")
+
+
+def _read_model(folder: Path) -> tuple[tuple[Path, list[list[str]]], tuple[Path, list[list[str]]]]:
+    """Return the files of cameras and of images, and their entries in words."""
+    paths = [folder / f"{name}.txt" for name in ("cameras", "images")]
+    if not paths[0].is_file() and (folder / "cameras.bin").is_file():
+        binary = [path.with_suffix(".bin") for path in paths]
+        cameras, images = read_binary_cameras(binary[0]), read_binary_images(binary[1])
+        return (binary[0], cameras), (binary[1], images)
+    cameras = [line.split() for line in _lines(paths[0]) if line.strip()]
+    images = [line.split(maxsplit=9) for line in _lines(paths[1])[::2]]
+    return (paths[0], cameras), (paths[1], [words for words in images if words])
 
 
 def name_cameras(paths: list[str]) -> list[str]:

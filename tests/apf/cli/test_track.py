@@ -20,6 +20,7 @@ from apf.tracking.track import Track
 
 FRAMES = 5
 SMALL = ["--particles", "60", "--layers", "5", "--voxel-size", "0.04"]
+FEW = ["--frames", "0:3", "--no-overlay", "--no-report"]
 
 
 def track(folder: Path, out: Path, *more: str) -> int:
@@ -54,21 +55,19 @@ def test_everything_is_written(walk: Path, tmp_path: Path) -> None:
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == FRAMES
 
 
-def test_the_same_seed_gives_the_same_track(walk: Path, tmp_path: Path) -> None:
-    few = ["--frames", "0:3", "--no-overlay", "--no-report"]
-    for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
-        assert track(walk, tmp_path / name, "--seed", seed, *few) == 0
-    a, b, c = (Track.open(tmp_path / name).poses for name in "abc")
-    np.testing.assert_array_equal(a, b)
-    assert np.any(a != c)
+@pytest.fixture(scope="module")
+def seed4(walk: Path) -> Path:
+    """The folder of a run with seed 4."""
+    assert track(walk, walk.parent / "seed4", *FEW, "--seed", "4") == 0
+    return walk.parent / "seed4"
 
 
 def test_several_seeds_at_once(
-    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    walk: Path, seed4: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Each as alone, in a folder of its own; how far they differ and err is said."""
-    few = ["--frames", "0:3", "--no-overlay", "--no-report"]
-    assert track(walk, tmp_path / "all", *few, "--seed", "3", "--seeds", "2") == 0
+    """Each as alone, so that the same seed gives the same track and another one another, in a
+    folder of its own; how far they differ and err is said."""
+    assert track(walk, tmp_path / "all", *FEW, "--seed", "3", "--seeds", "2") == 0
     said = capsys.readouterr().out
     assert "2 runs: joints lie" in said and "mean error:" in said
     assert {path.name for path in (tmp_path / "all").iterdir()} == {
@@ -77,10 +76,17 @@ def test_several_seeds_at_once(
         "seed4",
         "settings.toml",
     }
-    assert track(walk, tmp_path / "one", *few, "--seed", "4") == 0
-    together, alone = Track.open(tmp_path / "all" / "seed4"), Track.open(tmp_path / "one")
+    other, together = (Track.open(tmp_path / "all" / name) for name in ("seed3", "seed4"))
+    alone = Track.open(seed4)
     np.testing.assert_array_equal(together.poses, alone.poses)
     assert together.provenance == alone.provenance
+    assert np.any(other.poses != alone.poses)
+
+
+def test_the_same_seed_gives_the_same_track(walk: Path, seed4: Path, tmp_path: Path) -> None:
+    assert track(walk, tmp_path / "again", *FEW, "--seed", "4") == 0
+    first, again = (Track.open(folder).poses for folder in (seed4, tmp_path / "again"))
+    np.testing.assert_array_equal(first, again)
 
 
 def test_a_body_and_a_pose_given_again(walk: Path, tmp_path: Path) -> None:

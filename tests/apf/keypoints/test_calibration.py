@@ -29,7 +29,7 @@ RIG = CameraRig(tuple(ring()[:4]))
 @pytest.fixture(scope="module")
 def walk() -> tuple[Keypoints, float]:
     """Keypoints of a walker who turns about, and the walker's stature, m."""
-    track = strider(50)
+    track = strider(36)
     poses = np.array(track.poses)
     poses[:, :2] -= poses[:, :2].mean(axis=0)
     return made.of_poses(RIG, track.body, poses, noise=0.5), stature(track.body)
@@ -73,9 +73,10 @@ def test_the_command_writes_cameras_and_names_what_is_missing(
     settings.write_text("[person]\nlongest_lag = 0\n[person.points]\nstarts = 1\n")
     flags += ["--config", str(settings)]
     flags += ["--intrinsics", str(tmp_path / "lens.toml"), "-o", str(out)]
-    assert main(flags) == 0
+    assert main(flags) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert "the silhouettes are not used" in said and "the whole person is in 0" in said
+    assert "do not confirm" in said and "the whole person is in 0" in said
+    assert main([*flags, "--no-silhouettes"]) == 0
     found = read_calibration(out / "calibration.toml")
     apart = [np.linalg.norm(of[0] - of[2]) for of in (found.centres, RIG.centres)]
     assert abs(apart[0] / apart[1] - 1) < 0.12

@@ -6,6 +6,7 @@ import json
 import threading
 import time
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -26,10 +27,11 @@ from apf.live.session import Live, LiveResult, LiveStart, ObservedFrame
 from apf.live.sources import ACQUISITION, Newest, Replay, Shot
 from apf.live.timeline import Timeline
 from apf.tracking.track import Track
-from cl import Device, InputError, NumpyDevice
+from cl import Device, InputError
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
+from psfs.voxels.grid import VoxelGrid
 
 SIZES = SizeConfig()
 
@@ -108,12 +110,17 @@ def test_videos_as_cameras(filmed: Path, tmp_path: Path) -> None:
     assert all(low <= particles * layers <= high for _, particles, layers in chosen)
 
 
+@cache
+def find_grid(folder: Path) -> VoxelGrid:
+    session = Session(Sequence.open(folder), Device.best(), SessionSettings(voxel_size=0.03))
+    return automatic_grid(session)
+
+
 def prepared(folder: Path, objective: str = "voxel", follow: bool = False) -> Live:
     body = load_body(folder / "body.toml")
     pose = read_pose(folder / "start.txt", body)
     sequence = Sequence.open(folder)
-    session = Session(sequence, NumpyDevice(), SessionSettings(voxel_size=0.03))
-    grid = automatic_grid(session) if objective == "voxel" else None
+    grid = find_grid(folder) if objective == "voxel" else None
     searches = [Method.create("apf", objective, n_particles=n, n_layers=6) for n in (48, 96)]
     return Live(
         Device.best(),
@@ -149,17 +156,6 @@ def test_stopped_it_keeps_what_it_has(filmed: Path) -> None:
     result = run.run(interrupt)
     assert len(result.frames) == len(result.estimates) == len(result.latencies) <= 5
     assert threading.active_count() < 20
-
-
-def test_what_a_thread_raises_ends_the_run(filmed: Path, monkeypatch) -> None:
-    run = prepared(filmed)
-
-    def broken(frame: object, time: float) -> None:
-        raise InputError("the picture is torn")
-
-    monkeypatch.setattr(run, "observe", broken)
-    with pytest.raises(InputError, match="torn"):
-        run.run()
 
 
 class Watched(Live):
@@ -200,6 +196,17 @@ class Watched(Live):
         return []
 
     def keep(self, observed: ObservedFrame, estimates: list, latency: float) -> None: ...
+
+
+def test_what_a_thread_raises_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = Watched()
+
+    def broken(frame: object, time: float) -> None:
+        raise InputError("the picture is torn")
+
+    monkeypatch.setattr(run, "observe", broken)
+    with pytest.raises(InputError, match="torn"):
+        run.run()
 
 
 def test_a_frame_is_observed_before_the_next_one_takes_its_place() -> None:
@@ -289,8 +296,7 @@ def test_two_people_have_a_tracker_each(filmed: Path) -> None:
     alone = seen(run, 0).seen[0]
     body, pose = run.body, run.persons[0].pose
     aside = pose + translation(body) @ [1.2, 0.0, 0.0]
-    session = Session(Sequence.open(filmed), NumpyDevice(), SessionSettings(voxel_size=0.03))
-    start = LiveStart(automatic_grid(session), body, pose, ((body, aside),))
+    start = LiveStart(find_grid(filmed), body, pose, ((body, aside),))
     search = Method.create("apf", "voxel", n_particles=48, n_layers=6)
     both = Live(run.device, run.source, start, [search])
     first, second = both.observe(run.source.first(), 0.0)

@@ -15,6 +15,7 @@ pytest.importorskip("viser", reason="viser is not installed")
 
 from apf.cli import main
 from apf.studio.folders import Roots
+from apf.studio.opened import open_track
 from apf.studio.page import Page
 from apf.studio.settings_panel import ChosenSettings
 from apf.studio.work import Work, free_folder
@@ -22,6 +23,7 @@ from apf.tracking.correction import list_corrections
 from apf.tracking.track import Track
 from cl import InputError, select_device
 from psfs.common.toml import read_toml
+from psfs.page.clouds import CarvedClouds
 
 
 def test_settings_are_those_of_the_tree() -> None:
@@ -117,18 +119,29 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path) -> None:
     run.frames.value, run.fast.value = "0:3", True
     flags = [*run.flags(), "--no-report", "--no-overlay", "--voxel-size", "0.05", "--all-cameras"]
     work = run.start([*flags, "--init", str(take / "truth.npz")], 3, run.settings.chosen.tables)
-    footage = run.find_footage(work.output)
-    assert footage is not None and footage.folder == take  # its pictures are shown meanwhile
+    running = run.find_running(work.output)
+    assert running is not None and running.sequence.folder == take
     with pytest.raises(InputError, match="one at a time"):
         run.start(flags, 3)
     wait_for(lambda: work.ended)
     assert work.succeeded, work.words
-    assert run.find_footage(work.output) is None
+    assert run.find_running(work.output) is None
     wait_for(lambda: page.watch is not None and not run.cancel_button.visible)
     watch = page.watch
     assert watch is not None and watch.opened.frames.tolist() == [0, 1, 2]
     settings = read_toml(work.output / "settings.toml")
     assert settings["method"]["filter"]["search"]["n_particles"] == 60
+
+    summary = work.output / "summary.json"  # while a run goes on, there is none
+    told = summary.rename(summary.with_suffix(".kept"))
+    so_far = open_track(work.output, lambda: select_device("auto"), running=running)
+    assert so_far.sequence is running.sequence and not so_far.voxels_shown
+    assert isinstance(so_far.clouds, CarvedClouds)
+    so_far.clouds.want(True)
+    wait_for(lambda: so_far.clouds.get(0) is not None)
+    assert len(so_far.clouds.get(0).positions) > 20
+    so_far.close()
+    told.rename(summary)
 
     page.export.ending.value = ".bvh"
     name, content = page.export.make_file()

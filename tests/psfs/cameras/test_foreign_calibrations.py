@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -112,6 +113,19 @@ def colmap(folder: Path, rig: CameraRig) -> None:
         images += "1.0 2.0 -1\n" if index % 2 else "\n"
     (model / "cameras.txt").write_text(cameras)
     (model / "images.txt").write_text(images)
+
+
+def colmap_binary(folder: Path, rig: CameraRig) -> None:
+    """COLMAP's default, with two points in every image."""
+    cameras = images = struct.pack("<Q", len(rig))
+    for index, c in enumerate(rig, 1):
+        lens = [c.K[0, 0], c.K[1, 1], c.K[0, 2] + 0.5, c.K[1, 2] + 0.5, *c.distortion[:4]]
+        cameras += struct.pack("<iiQQ8d", index, 4, *c.size, *lens)
+        x, y, z, w = Rotation.from_matrix(c.R).as_quat()
+        images += struct.pack("<i7di", index, w, x, y, z, *c.t, index) + f"{c.name}.png\0".encode()
+        images += struct.pack("<Q", 2) + 2 * struct.pack("<ddq", 1, 2, -1)
+    (folder / "cameras.bin").write_bytes(cameras)
+    (folder / "images.bin").write_bytes(images)
 
 
 def nerf(folder: Path, rig: CameraRig, angle: bool = True) -> None:
@@ -242,6 +256,7 @@ FORMATS: list[Write] = [
     matlab_cells,
     matlab_stacks,
     colmap,
+    colmap_binary,
     nerf,
     nerf_lens,
     projections,
@@ -287,7 +302,7 @@ def test_info_says_the_same_of_all(
 
 
 #: Quaternions know no other hand.
-BOTH_HANDS = [write for write in FORMATS if write not in (colmap, vicon)]
+BOTH_HANDS = [write for write in FORMATS if write not in (colmap, colmap_binary, vicon)]
 
 
 @pytest.mark.parametrize("write", BOTH_HANDS, ids=lambda write: write.__name__)
@@ -338,6 +353,8 @@ def test_worlds_of_both_hands_are_refused(tmp_path: Path) -> None:
         ("a.qca.txt", b"<calibration><cameras/></calibration>", "no cameras"),
         ("b.qca.txt", b"<calibration><cameras><camera></cameras>", "expected Qualisys"),
         ("c.qca.txt", b'<!DOCTYPE a [<!ENTITY b "c">]><calibration/>', "document type"),
+        ("cameras.bin", b"\1\0\0\0\0\0\0\0\1\0", "ends in the middle"),
+        ("cameras.bin", b"\xff" * 8, "expected at most 1000"),
         ("a.xcp", b"<Cameras><Camera/></Cameras>", "1 cameras, none with a KeyFrame"),
         (
             "b.xcp",

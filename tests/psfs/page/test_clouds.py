@@ -17,8 +17,8 @@ from psfs.page.clouds import (
     Points,
     StoredClouds,
     grid_centre,
+    make_blocks,
     make_points,
-    merge_voxels,
 )
 from psfs.voxels.grid import VoxelCloud
 
@@ -57,7 +57,7 @@ def test_slow_browsers_get_blocks_in_mean_colours() -> None:
     cells = np.stack(np.meshgrid([3, 4, 5], [10, 11], [6, 7], indexing="ij"), -1).reshape(-1, 3)
     indices = np.ravel_multi_index(tuple(cells.T), GRID.shape).astype(np.int32)
     colours = np.stack([10 * cells[:, 0], cells[:, 1], cells[:, 2]], -1).astype(np.uint8)
-    merged = merge_voxels(VoxelCloud(GRID, indices, np.ones(12, np.float32)), colours, most=6)
+    merged = make_blocks(VoxelCloud(GRID, indices, np.ones(12, np.float32)), colours, most=6)
     assert merged.size == 2 * GRID.voxel_size
     places = merged.positions.astype(float) + grid_centre(GRID) - GRID.origin
     assert np.allclose(places / merged.size, [[1.5, 5.5, 3.5], [2.5, 5.5, 3.5]], atol=0.05)

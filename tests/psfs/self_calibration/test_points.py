@@ -22,7 +22,7 @@ from psfs.self_calibration.points.segments import Segments
 from psfs.self_calibration.points.start import pose_sigmas
 
 CAMERAS = ring()[:4]
-CONFIG = PointsConfig(most_frames=40, most_pairs=300)
+CONFIG = PointsConfig(most_frames=30, most_pairs=200, starts=2)
 FRAMES, LAGS = 70, np.array([0, 4, -3.4, 6.25])
 LENS = np.array([-0.1, 0.02, 0.001, -0.001, 0])
 

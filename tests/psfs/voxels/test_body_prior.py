@@ -18,6 +18,7 @@ from psfs.reference.body_prior import body_evidence, body_location
 from psfs.reference.occupancy import occupancy
 from psfs.reference.surface import smooth
 from psfs.sequence import Frame
+from psfs.silhouettes.appearance import ForegroundPrior
 from psfs.voxels.body_location import BodyLocation
 from psfs.voxels.body_prior import TrackedBody, pack_body
 from psfs.voxels.bricks import Bricks
@@ -27,8 +28,10 @@ from psfs.voxels.occupancy import Occupancy
 from psfs.voxels.sparse import SparseSurface
 from psfs.voxels.surface import Surface
 
-RIG, GRID, STEP, STEPS = scenes.ring(5), scenes.small_grid(), 0.05, 12.0
-CONFIG = BodyPriorConfig()
+RIG, GRID, CONFIG = scenes.ring(5), scenes.small_grid(), BodyPriorConfig()
+WHOLE = ReconstructionConfig(body=CONFIG)
+EVIDENCE = WHOLE.silhouette.evidence
+STEP, STEPS = EVIDENCE.step, EVIDENCE.ratio_steps
 
 
 def cone(a: object, b: object, radii: tuple[float, float]) -> np.ndarray:
@@ -40,12 +43,12 @@ def cone(a: object, b: object, radii: tuple[float, float]) -> np.ndarray:
     return np.hstack([a, radii[0], b, radii[1], x, 0, np.cross(axis, x) / 0.7, 0])
 
 
-#: Trunk and head of the test body, an arm that is not there, and one of which nothing is known.
+#: Trunk and head of the test body, a foot that is not there, and one of which nothing is known.
 CONES = np.stack(
     [
         cone([0.02, -0.05, 0.4], [0.02, -0.05, 1.0], (0.22, 0.2)),
         cone([0.1, 0.0, 1.25], [0.1, 0.0, 1.35], (0.27, 0.27)),
-        cone([0.3, 0.1, 1.0], [0.55, 0.4, 0.7], (0.08, 0.05)),
+        cone([0.3, 0.1, 0.15], [0.55, 0.4, 0.1], (0.08, 0.05)),
         np.full(16, np.nan),
     ]
 )
@@ -66,10 +69,10 @@ def test_no_distance_changes_faster_than_its_slope() -> None:
 def test_counts_fall_from_inside_to_outside() -> None:
     ray = np.array([0.1, 0.0, 1.62 - 0.27]) + np.outer([0.0, 0.25, 0.27, 0.29, 0.6], [0, 0, 1])
     known = CONES[1:2]
-    np.testing.assert_allclose(body_evidence(ray, known, CONFIG, STEP), [100, 100, 30, -40, -40])
+    np.testing.assert_allclose(body_evidence(ray, known, CONFIG, 0.05), [100, 100, 30, -40, -40])
     # A limb is lost: it may be anywhere.
     np.testing.assert_allclose(
-        body_evidence(ray, CONES[[1, 3]], CONFIG, STEP), [100, 100, 50, 0, 0]
+        body_evidence(ray, CONES[[1, 3]], CONFIG, 0.05), [100, 100, 50, 0, 0]
     )
     assert not body_evidence(ray, CONES[3:], CONFIG, STEP).any()
 
@@ -84,9 +87,7 @@ def test_agrees_with_the_twin(device: Device, known: int, grid: VoxelGrid) -> No
     evidence, config = scenes.patches_of_evidence(RIG, 5, 8), OccupancyConfig()
     cones = CONES[:known] if known else CONES[3:].repeat(4, 0)
     packed = device.zeros((5, 16), np.float32)
-    packed.set(
-        np.vstack([pack_body(CONFIG, cones, STEP, STEPS), np.zeros((5, 16))])[:5].astype("f4")
-    )
+    packed.set(np.vstack([pack_body(WHOLE, cones), np.zeros((5, 16))])[:5].astype("f4"))
     maps = device.to_device(evidence)
     bricks = Bricks(device, RIG, grid, maps, STEP, config, body=packed)
     dense = Occupancy(bricks)
@@ -122,13 +123,15 @@ def test_the_location_agrees_with_the_twin(device: Device, known: int) -> None:
     """All cones known, one lost, none known: then the prior stays as it is."""
     rays = cell_rays(RIG)
     cones = CONES[:known] if known else CONES[3:].repeat(4, 0)
-    location = device.to_device(np.full(rays.shape[:3], 5, np.int8))
-    packed = device.to_device(pack_body(CONFIG, cones, STEP, STEPS))
-    BodyLocation(device, RIG, location, packed)()
-    found, expected = location.get(), body_location(RIG, cones, CONFIG, STEPS)
+    location, parts = (device.to_device(np.full(rays.shape[:3], 5, np.int8)) for _ in range(2))
+    packed = device.to_device(pack_body(WHOLE, cones))
+    BodyLocation(device, RIG, ForegroundPrior(parts, location, parts), packed)()
+    found, (expected, shown) = location.get(), body_location(RIG, cones, WHOLE)
+    assert (parts.get() != shown).mean() < 0.01
     if not known:
-        assert expected is None and (found == 5).all()
+        assert expected is None and (found == 5).all() and not shown.any()
         return
+    assert set(np.unique(shown)) == {0, 1, 2, 3}
     assert expected is not None
     assert np.abs(found.astype(int) - expected).max() <= 1
     assert (found != expected).mean() < 0.01
@@ -173,7 +176,7 @@ def test_pictures_are_judged_by_where_the_body_is(device: Device) -> None:
         evidence.append(reconstruct.evidence().astype(int))
     found, expected, without = evidence
     assert (np.abs(found - expected) > 2).mean() < 0.02
-    location = body_location(RIG, CONES, config.body, STEPS)
+    location, _ = body_location(RIG, CONES, config)
     assert location is not None
     drawn = location[1].repeat(CELL, 0).repeat(CELL, 1)[: RIG.height, : RIG.width]
     person = found[1] > 0, without[1] > 0
