@@ -22,7 +22,7 @@ from psfs.diagnostics.examination import examine
 from psfs.footage.settings import SequenceSettings
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
-from psfs.volume import Volume, automatic_grid, find_volume
+from psfs.volume import Volume, automatic_grid, find_volume, hold_people
 from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.clouds import remove_debris
 from psfs.voxels.config import ReconstructionConfig
@@ -83,6 +83,7 @@ def reconstruct(
     session = Session(sequence, resolve_device(device), settings)
     body = None if track is None else TrackedBody.open(track)
     session = exclude_inconsistent_cameras(session, all_cameras)
+    hold_people(session, body)
     if volume is not None:
         session.replace_result(find_volume, Volume(low, high))
     grid = automatic_grid(session)

@@ -6,6 +6,7 @@
 reconstructs each sequence that has true masks with the default settings and with each `--other`
 ones (a JSON of `reconstruction`, laid over the defaults), writes all figures, and prints a table.
 With `--tracks`, a folder with a track of each sequence, all reconstruct with the tracked body.
+Of sequences of `apf synth` the distances to the true surface are written, too (`true_surface.py`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from rich.table import Table
+from true_surface import open_true_surface, score_surface
 
 from cl import Device, InputError, select_device
 from psfs.cli.commandline import add_device_flag, add_message_flags, stdout
@@ -81,16 +83,21 @@ def measure_sequence(
     if not wanted:
         raise InputError(f"{folder}: has no true masks; expected some in truth_masks/")
     found: dict[str, Any] = {}
+    surface_of = open_true_surface(folder, device) if isinstance(device, Device) else None
     for name, config in configs.items():
         own = Session(session.sequence, device, SessionSettings(config))
-        silhouettes, clouds, voxels = [], [], []
+        silhouettes, clouds, voxels, surfaces = [], [], [], []
         for shown in score_silhouettes(own, wanted, grid, body):
             if shown is not None:
                 silhouettes.append(shown.scores[:, 0])
                 clouds.append(score_cloud(session.rig, shown.cloud, shown.truth))
                 voxels.append(len(shown.cloud))
+                if surface_of is not None:
+                    surfaces.append(score_surface(shown.cloud, surface_of(shown.frame.index)))
         found[name] = {"silhouettes": float(np.nanmean(silhouettes)), **mean_scores(clouds)}
         found[name]["surface_voxels"] = float(np.median(voxels))
+        for key in surfaces[0] if surfaces else ():
+            found[name][key] = float(np.mean([of[key] for of in surfaces]))
     for name, ms in _times(device, session.sequence, grid, configs, body).items():
         found[name]["ms"] = ms
     return found

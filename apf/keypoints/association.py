@@ -8,6 +8,7 @@ most cameras confirm is somebody new, or somebody who comes back.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -51,6 +52,16 @@ def associate_people(
     least = max(1, min(least, points.shape[1]))
     lasting = [person for person in people if len(person.chosen) >= least]
     return [_pick(points, person) for person in lasting[:number]]
+
+
+def count_at_once(people: Sequence[np.ndarray], least: float) -> int:
+    """Return how many of `people`, keypoints (V, F, K, 3) each, two cameras show at once in at
+    least `least` frames."""
+    if not people:
+        return 0
+    shown = [(np.isfinite(own).all(-1).any(-1).sum(0) > 1) for own in people]
+    of_frames = np.sort(np.sum(shown, axis=0))[::-1]
+    return int(of_frames[min(max(1, round(least)), len(of_frames)) - 1])
 
 
 def _pick(points: np.ndarray, person: _Person) -> np.ndarray:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from apf.keypoints.association import associate_people
+from apf.keypoints.association import associate_people, count_at_once
+from apf.keypoints.config import AssociationConfig
 from apf.keypoints.opening import Cameras, match_keypoints, match_persons, read_raw
 from apf.keypoints.readers.raw import check_view
 from cl import InputError
@@ -72,14 +74,20 @@ class Keypoints:
 
     @classmethod
     def open_people(
-        cls, path: str | Path, sequence: Footage, number: int | None = None
+        cls, path: str | Path, sequence: Footage, number: int | Literal["auto"] | None = None
     ) -> list[Keypoints]:
         """Read the keypoints of several people in the pictures of a sequence; return those of each,
-        the longest seen first, at most `number`; see `associate_people`. Raises InputError, also
-        if nobody is seen alike by several cameras, or MissingFileError."""
+        the longest seen first; see `associate_people`. number: of people at most; "auto" for as
+        many as are seen at once for a while. Raises InputError, also if nobody is seen alike by
+        several cameras, or MissingFileError."""
         raw = read_raw(Path(path))
         points, names, notes = match_persons(raw, sequence)
-        people = associate_people(points, sequence.rig, sequence.fps, number)
+        most = None if number == "auto" else number
+        people = associate_people(points, sequence.rig, sequence.fps, most)
+        if number == "auto":
+            most = count_at_once(people, AssociationConfig().least_seconds * sequence.fps)
+            if 0 < most < len(people):
+                people = associate_people(points, sequence.rig, sequence.fps, most)
         if not people:
             raise InputError(f"{path}: no person is seen alike by several cameras")
         return [cls(own, raw.names, names, tuple(notes)) for own in people]

@@ -204,16 +204,31 @@ def _middle(points: np.ndarray) -> np.ndarray:
 
 
 def follow(
-    frames: list[CoarseFrame], grid: VoxelGrid, config: PeopleConfig, fps: float
+    frames: list[CoarseFrame],
+    grid: VoxelGrid,
+    config: PeopleConfig,
+    fps: float,
+    number: int | None = None,
 ) -> list[Trajectory]:
     """Follow everything from the frame with most standing regions on to both ends of the take.
 
     fps: of the frames. People who touch at the beginning are thus distinguished by where they
-    go later.
+    go later. number: how many people there are, if that is known. Where no frame shows so many
+    apart, the widest regions are split in the frame in which their parts are most apart.
     """
     if not frames:
         return []
-    middle = _find_longest_maximum([_count_standing(frame, grid, config) for frame in frames])
+    counts = [_count_standing(frame, grid, config) for frame in frames]
+    middle = _find_longest_maximum(counts)
+    if number is not None and 0 < counts[middle][0] < number:
+        most = max(counts)
+        split = {
+            k: _split_widest(frame, grid, config, number - most[0])
+            for k, (frame, count) in enumerate(zip(frames, counts, strict=True))
+            if count == most
+        }
+        middle = max(split, key=lambda k: split[k][1])
+        frames = [*frames[:middle], split[middle][0], *frames[middle + 1 :]]
     forward, back = PeopleFollower(grid, config, fps), PeopleFollower(grid, config, fps)
     for frame in frames[middle:]:
         forward(frame)
@@ -221,6 +236,41 @@ def follow(
     for frame in reversed(frames[:middle]):
         back(frame)
     return back.all
+
+
+def _split_widest(
+    frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig, n_more: int
+) -> tuple[CoarseFrame, float]:
+    """Split the widest standing region in two, `n_more` times; return the frame, and how far apart
+    the two parts are at the least, as a multiple of their own width."""
+    points, regions, apart = grid.centres(frame.voxels), frame.regions.copy(), np.inf
+    for _ in range(n_more):
+        widest: tuple[float, np.ndarray] = 0.0, np.zeros(0, int)
+        for region in range(int(regions.max()) + 1):
+            own = np.flatnonzero(regions == region)
+            if len(own) >= large(config) and stands(points[own], config):
+                ratio, second = _halve(points[own, :2])
+                widest = max(widest, (ratio, own[second]), key=lambda found: found[0])
+        regions[widest[1]] = regions.max() + 1
+        apart = min(apart, widest[0])
+    return CoarseFrame(frame.index, frame.voxels, regions), apart
+
+
+def _halve(floor: np.ndarray) -> tuple[float, np.ndarray]:
+    """Divide points (N, 2) by the nearer of two means (Lloyd's method, from both sides of the
+    longest axis); return the distance of the means as a multiple of the points' distance from
+    them, and the rows of the second half."""
+    spread = floor - floor.mean(0)
+    axis = np.linalg.svd(spread, full_matrices=False)[2][0]
+    second = spread @ axis > 0
+    for _ in range(10):
+        if second.all() or not second.any():
+            return 0.0, np.zeros(0, int)
+        means = floor[~second].mean(0), floor[second].mean(0)
+        away = np.stack([np.linalg.norm(floor - mean, axis=1) for mean in means])
+        second = away[1] < away[0]
+    ratio = float(np.linalg.norm(means[1] - means[0]) / max(float(away.min(0).mean()), 1e-6))
+    return ratio, np.flatnonzero(second)
 
 
 def _count_standing(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -> tuple[int, int]:

@@ -69,6 +69,13 @@ class People:
         shown = tuple(person for person in limited if len(person.frames))
         return People(frames, self.grid, shown, self.objects)
 
+    def box(self, margin: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lowest and highest corner (3,), m, of the box around everybody's voxels, and
+        `margin` m around it."""
+        points = [self.grid.centres(np.concatenate(list(p.voxels.values()))) for p in self]
+        everything = np.concatenate(points)
+        return everything.min(0) - margin, everything.max(0) + margin
+
     def describe(self) -> str:
         """Say how many there are, in words."""
         n = len(self)
@@ -132,10 +139,10 @@ class _Search:
         """Return the people."""
         frames = [self._carve(frame) for frame in self._read_frames(self.frames)]
         grid, fps = self.space.grid, self.session.sequence.fps
-        found = follow(frames, grid, self.config, self.rate)
+        found = follow(frames, grid, self.config, self.rate, self.number)
         lasting = min(self.config.least_seconds * self.rate, len(frames) / 2)
         found = [one for one in found if len(one.voxels) >= max(2, lasting / 2)]
-        found = found or follow(frames, grid, self.config, self.rate)
+        found = found or follow(frames, grid, self.config, self.rate, self.number)
         if len(found) < 2:
             persons = tuple(
                 Person(present(one, self.config.following), one.voxels) for one in found

@@ -71,13 +71,10 @@ def separate(
 
 def join_session(session: Session, people: People, margin: float) -> Session:
     """Return a session whose volume holds everybody, with `margin` m around them."""
-    points = [people.grid.centres(np.concatenate(list(p.voxels.values()))) for p in people]
-    low = np.min([of.min(0) for of in points], axis=0) - margin
-    high = np.max([of.max(0) for of in points], axis=0) + margin
     joint = Session(session.sequence, session.device, session.settings)
     if session.background is not None and session.background is not session.sequence.background:
         joint.revise_background(session.background)
-    joint.replace_result(find_volume, Volume(low, high))
+    joint.replace_result(find_volume, Volume(*people.box(margin)))
     return joint
 
 

@@ -21,28 +21,51 @@ _ARRAYS = {
     "frames": Values(("F",), "int", low=0),
     "cones": Values(("F", "C", CONE_FLOATS), finite=False, low=-1e6, high=1e6, needed=False),
 }
+_PEOPLE = "people.json"
 _WHAT = "a track.npz that `apf track` wrote"
 
 
 @dataclass(frozen=True, eq=False)
 class TrackedBody:
-    """The cones of a tracked person in the world.
+    """The cones of a tracked person, or of several, in the world.
 
-    path: the file. frames: (F,) int frame numbers, ascending. cones: (F, C, 16), NaN where the
-    track has lost the limb or the person.
+    path: the file or, of several people, the folder. frames: (F,) int frame numbers, ascending.
+    cones: (F, C, 16), NaN where the track has lost the limb or the person. several: whether they
+    are of several people.
     """
 
     path: Path
     frames: np.ndarray
     cones: np.ndarray
+    several: bool = False
 
     @classmethod
     def open(cls, path: str | Path) -> TrackedBody:
-        """Read the body of a `track.npz`, or of the folder that holds one. Raises InputError for
-        a track without a body, of several people, or a file that is no track."""
+        """Read the body of a `track.npz`, or of the folder that holds one; of several people those
+        of all. Raises InputError for a track without a body, of one of several people, or a file
+        that is no track."""
         path = Path(path)
-        if (path / "people.json").exists():
-            raise InputError(f"{path}: a track of several people; expected that of one")
+        if (path / _PEOPLE).exists():
+            return cls._join(path, [cls._read(folder) for folder in sorted(path.glob("person*"))])
+        folder = path if path.is_dir() else path.parent
+        if (everybody := folder.resolve().parent / _PEOPLE).exists():
+            raise InputError(
+                f"{path}: one of several people, who are reconstructed together; expected the "
+                f"folder of all, {everybody.parent}"
+            )
+        return cls._read(path)
+
+    @classmethod
+    def _join(cls, path: Path, bodies: list[TrackedBody]) -> TrackedBody:
+        """Return all people's cones; those of somebody who is not there are unknown."""
+        if not bodies:
+            raise InputError(f"{path}: {_PEOPLE}, but no person1; expected {_WHAT}")
+        frames = np.unique(np.concatenate([body.frames for body in bodies]))
+        cones = [np.stack([body[frame] for frame in frames]) for body in bodies]
+        return cls(path, frames, np.concatenate(cones, axis=1), several=True)
+
+    @classmethod
+    def _read(cls, path: Path) -> TrackedBody:
         path = path / "track.npz" if path.is_dir() else path
         data = read_npz(path, _ARRAYS, _WHAT)
         if "cones" not in data:
@@ -62,6 +85,12 @@ class TrackedBody:
             return np.full(self.cones.shape[1:], np.nan)
         cones: np.ndarray = self.cones[row]
         return cones
+
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lowest and highest corner (3,), m, of the box around all known cones."""
+        ends = self.cones[..., :8].reshape(-1, 4)
+        ends = ends[np.isfinite(ends).all(-1)]
+        return (ends[:, :3] - ends[:, 3:]).min(0), (ends[:, :3] + ends[:, 3:]).max(0)
 
     def check_frames(self, wanted: Iterable[int]) -> None:
         """Raise InputError if the track lacks one of the wanted frames."""

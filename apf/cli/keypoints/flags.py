@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -68,15 +69,23 @@ def keypoints_path(args: argparse.Namespace, folder: Path) -> Path:
 
 
 def open_people_keypoints(
-    args: argparse.Namespace, sequence: Sequence, number: int
+    args: argparse.Namespace, sequence: Sequence, number: int | None
 ) -> list[Keypoints]:
-    """Return the keypoints of --keypoints of each of at most `number` people, who are assigned
-    between cameras by the keypoints alone. Raises InputError."""
+    """Return the keypoints of --keypoints of each of at most `number` people, None for as many as
+    are seen, who are assigned between cameras by the keypoints alone; none of a single person, or
+    of cameras that --cameras chooses, unless `number` is stated. Raises InputError."""
+    path = keypoints_path(args, sequence.folder)
+    if number is None:
+        people: list[Keypoints] = []
+        if args.cameras is None:
+            with suppress(InputError):  # who reads one person's says what is wrong
+                people = Keypoints.open_people(path, sequence, "auto")
+        return people if len(people) > 1 else []
     if args.cameras is not None:
         raise InputError(
             "--people with --cameras: persons are assigned in all cameras; expected one of them"
         )
-    people = Keypoints.open_people(keypoints_path(args, sequence.folder), sequence, number)
+    people = Keypoints.open_people(path, sequence, number)
     if len(people) < number:
         warn(f"{sequence.name}: --people is {number}; {len(people)} seen by several cameras")
     return people

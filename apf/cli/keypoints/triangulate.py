@@ -11,6 +11,7 @@ from apf.cli.flags.shared import TRIANGULATE
 from apf.cli.keypoints.flags import find_seen_frames, open_people_keypoints, read_keypoints
 from apf.cli.method_flags import METHOD_FLAGS
 from apf.cli.people_flag import people_number
+from apf.keypoints import Keypoints
 from apf.report.overlay import write_overlay
 from apf.report.people_page import write_people_overlay
 from apf.tracking.config import TriangulatedConfig
@@ -67,9 +68,12 @@ def _triangulate_person(args: argparse.Namespace, folder: str, output: Path) -> 
     sequence = open_sequence(job)
     frames = select_common_frames(job, sequence)
     selection = slice(frames.start, frames.stop, frames.step)
-    if args.people not in ("auto", "1"):
-        _triangulate_people(job, sequence, config, selection)
-        return
+    if args.people != "1":
+        number = None if args.people == "auto" else people_number(args.people)
+        people = open_people_keypoints(job, sequence, number)
+        if people:
+            _triangulate_people(job, sequence, people, config, selection)
+            return
     keypoints = read_keypoints(job, sequence)
     assert keypoints is not None
     with output_folder(output, args.parser.prog, sequence.inputs, RESULTS):
@@ -80,10 +84,13 @@ def _triangulate_person(args: argparse.Namespace, folder: str, output: Path) -> 
 
 
 def _triangulate_people(
-    job: argparse.Namespace, sequence: Sequence, config: TriangulatedConfig, selection: slice
+    job: argparse.Namespace,
+    sequence: Sequence,
+    people: list[Keypoints],
+    config: TriangulatedConfig,
+    selection: slice,
 ) -> None:
     """Triangulate the keypoints of several people, and write each one's files and people.json."""
-    people = open_people_keypoints(job, sequence, people_number(job.people))
     frames = np.arange(len(sequence))[selection]
     with output_folder(job.output, job.parser.prog, sequence.inputs, (*RESULTS, PEOPLE)):
         tracks, seen = [], []

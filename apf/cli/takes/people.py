@@ -89,11 +89,16 @@ def find_persons(
     --people says so, or a flag applies only to one person."""
     args, sequence = job.args, session.sequence
     wanted = read_people_flag(args, job.method)
-    alone = given is not None or sequence.subject == "object"
-    alone = alone or not job.method.uses_voxels or _explain_one_person(args, job.method) is not None
-    if wanted == 1 or (wanted is None and alone):
+    why = _explain_one_person(args, job.method)
+    if wanted == 1 or (wanted is None and sequence.subject == "object"):
         return None
-    if wanted is not None and not job.method.uses_voxels:
+    if wanted is None and (why is not None or given is not None):
+        if why is not None and job.method.uses_voxels:
+            people = count_people(session)
+            if len(people) > 1:
+                warn(f"{sequence.name}: {people.describe()}; one is tracked, as {why}")
+        return None
+    if not job.method.uses_voxels:
         return _find_by_keypoints(job, session, wanted)
     line("people")
     if wanted is None and len(count_people(session)) < 2:
@@ -110,8 +115,11 @@ def find_persons(
     return Persons(people.frames, seen, sessions, keypoints, people.objects)
 
 
-def _find_by_keypoints(job: TrackJob, session: Session, number: int) -> Persons | None:
-    """Return the people of a session by the keypoints alone, None if there is only one."""
+def _find_by_keypoints(job: TrackJob, session: Session, number: int | None) -> Persons | None:
+    """Return the people of a session by the keypoints alone, None if there is only one. number: how
+    many, None for as many as are seen."""
+    if job.args.keypoints is None:
+        return None  # what needs them says so
     frames = np.array(session.frames)
     everybody = open_people_keypoints(job.args, session.sequence, number)
     seen = [find_seen_frames(keypoints, frames) for keypoints in everybody]
@@ -125,6 +133,9 @@ def _find_by_keypoints(job: TrackJob, session: Session, number: int) -> Persons 
         for selection in selections
     ]
     shown = [own for own, _ in persons]
+    if number is None:
+        counted = f"{len(persons)} people are seen in the keypoints"
+        stderr.print(f"{session.sequence.name}: {counted}", soft_wrap=True, markup=False)
     return Persons(session.frames, shown, sessions, [keypoints for _, keypoints in persons])
 
 

@@ -32,7 +32,7 @@ FILM = (
     "expected keypoints of one person who walks about for some seconds, seen by all cameras at once"
 )
 #: Rounds of fractions of a lag, after each of which whole frames are shifted.
-_ROUNDS = 3
+_ROUNDS = 6
 #: Frames to either side between which a keypoint's speed is measured.
 _STEPS = (1, 2, 3)
 

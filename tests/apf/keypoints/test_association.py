@@ -9,7 +9,7 @@ from helpers import scenes
 from helpers.keypoints import of_poses
 
 from apf.body import load_body
-from apf.keypoints.association import associate_people
+from apf.keypoints.association import associate_people, count_at_once
 from psfs.cameras.camera import CameraRig
 
 RIG = scenes.ring(4, size=(640, 480), radius=5.0)
@@ -58,6 +58,7 @@ def test_who_leaves_comes_back_as_the_same_person() -> None:
     second[:, 8:18] = np.nan
     found = associate_people(shuffled([first, second]), RIG, FPS)
     assert [same(own, true) for own, true in zip(found, (first, second), strict=True)] == [1, 1]
+    assert [count_at_once(found, least) for least in (1, 14, 15)] == [2, 2, 1]
 
 
 def test_a_camera_without_a_person_and_persons_of_one_camera() -> None:

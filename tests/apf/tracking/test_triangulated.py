@@ -210,7 +210,7 @@ def pose_of_two(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_several_people_are_triangulated_apart(
     folder: Path, pose_of_two: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    flags = ["--keypoints", str(pose_of_two), "--people", "2", "--frames", "5:35"]
+    flags = ["--keypoints", str(pose_of_two), "--people", "auto", "--frames", "5:35"]
     assert command(folder, tmp_path / "out", *flags) == 0
     assert "person2: " in capsys.readouterr().out
     people = apf.PeopleTracks.open(tmp_path / "out")
@@ -220,26 +220,16 @@ def test_several_people_are_triangulated_apart(
         errors = [np.nanmax(np.linalg.norm(track.joints - joints, axis=-1)) for joints in true]
         assert min(errors) < 1e-3 and max(errors) > 0.5
     assert (tmp_path / "out" / "overlay.mp4").exists()
-    assert command(folder, tmp_path / "o", *flags, "--cameras", "cam01,cam02") == 2
+    assert command(folder, tmp_path / "o", *flags, "--people", "2", "--cameras", "cam01,cam02") == 2
     assert "assigned in all cameras" in capsys.readouterr().err
 
 
 def test_several_people_are_tracked_by_keypoints_alone(
     folder: Path, pose_of_two: Path, tmp_path: Path
 ) -> None:
-    flags = [
-        *("--keypoints", str(pose_of_two), "--people", "2", "--frames", "5:8", "--body", "song31"),
-        *(
-            "--objective",
-            "keypoints",
-            "--no-overlay",
-            "--no-report",
-            "--particles",
-            "60",
-            "--layers",
-            "3",
-        ),
-    ]
+    flags = ["--keypoints", str(pose_of_two), "--objective", "keypoints", "--frames", "5:8"]
+    flags += ["--body", "song31", "--particles", "60", "--layers", "3"]
+    flags += ["--no-overlay", "--no-report"]
     assert main(["track", str(folder), "-o", str(tmp_path / "out"), *flags]) == 0
     people = apf.PeopleTracks.open(tmp_path / "out")
     assert people.counts.tolist() == [2] * 3

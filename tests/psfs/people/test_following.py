@@ -65,6 +65,18 @@ def test_who_touches_at_first_is_known_from_later() -> None:
     assert sorted(float(np.sign(where(one, 0)[0])) for one in found) == [-1, 1]
 
 
+def test_a_stated_number_of_people_who_touch_all_the_time() -> None:
+    frames = [
+        frame(n, column(0.1 * n - 0.2, 0), column(0.1 * n + 0.2, 0.1 * (n % 3)), column(-1.5, 1))
+        for n in range(8)
+    ]
+    assert len(follow(frames, GRID, CONFIG, FPS)) == 2
+    found = follow(frames, GRID, CONFIG, FPS, 3)
+    assert [len(one.voxels) for one in found] == [8] * 3
+    places = sorted(where(one, 7)[0] for one in found)
+    np.testing.assert_allclose(places, [-1.5, 0.5, 0.9], atol=2 * CONFIG.voxel)
+
+
 def test_a_body_torn_in_two_is_one_person() -> None:
     frames = [
         frame(n, column(0, 0, 0, 0.7), column(0, 0, 0.8 + 0.2 * (n % 2), 1.7)) for n in range(8)

@@ -224,6 +224,20 @@ def test_other_files_are_refused(
     np.savez(tmp_path / "track.npz", **arrays)
     with pytest.raises(InputError, match=f"track.npz: {message}"):
         TrackedBody.open(tmp_path)
+
+
+def test_several_people_are_one_prior(tmp_path: Path) -> None:
     (tmp_path / "people.json").touch()
-    with pytest.raises(InputError, match="several people"):
+    with pytest.raises(InputError, match="no person1"):
         TrackedBody.open(tmp_path)
+    for number, frames in ((1, [3, 4]), (2, [4, 6])):
+        folder = tmp_path / f"person{number}"
+        folder.mkdir()
+        np.savez(folder / "track.npz", frames=frames, cones=number * np.stack(2 * [CONES]))
+        with pytest.raises(InputError, match="one of several people"):
+            TrackedBody.open(folder / "track.npz")
+    both = TrackedBody.open(tmp_path)
+    assert both.frames.tolist() == [3, 4, 6]
+    np.testing.assert_array_equal(both[4], np.concatenate([CONES, 2 * CONES]))
+    assert np.isnan(both[6][: len(CONES)]).all()
+    assert np.isnan(both[3][len(CONES) :]).all()
