@@ -55,6 +55,12 @@ class PersonPoints:
         self._contours = [SilhouetteContours(own) for own in outlines]
         self.shortest = min(len(own) for own in outlines)
 
+    def select(self, count: int) -> PersonPoints:
+        """Return those of the first `count` cameras."""
+        own = copy(self)
+        own.hulls, own._contours = self.hulls[:count], self._contours[:count]
+        return own
+
     def find_extremes(
         self, cameras: Sequence[Camera], shifts: np.ndarray, every: int = 1
     ) -> FrontierPoints:
@@ -67,11 +73,34 @@ class PersonPoints:
                 continue
             sides = []
             for view in pair:
-                flat = self.hulls[view].rays @ (cameras[view].R @ axes)
-                angles = np.arctan2(flat[:, 1], flat[:, 0])
+                angles = self._measure_angles(cameras[view], view, axes)
                 sides.append((*self.hulls[view].extreme_points(angles), int(shifts[view])))
             found.append(_match_extremes(pair, sides[0], sides[1], every))
         return _join(found)
+
+    def measure_apart(
+        self, cameras: Sequence[Camera], shifts: np.ndarray, scene: np.ndarray,
+        pair: tuple[int, int],
+    ) -> np.ndarray:  # fmt: skip
+        """Return the distances (M,), px, of two cameras' outermost planes in the same frames."""
+        axes = _plane_axes(cameras, pair, scene, self.config.nearest)
+        if axes is None:
+            return np.zeros(0)
+        begin, sides = max(-shifts[view] for view in pair), []
+        for view in pair:
+            found = self.hulls[view].extremes(self._measure_angles(cameras[view], view, axes))
+            sides.append(found[begin + shifts[view] :])
+        end = min(len(own) for own in sides)
+        apart = np.abs(sides[0][:end] - sides[1][:end])
+        # Either camera's pixel is wrong: the angle between them is that of 1.4 px.
+        apart *= cameras[pair[0]].K[0, 0] / np.sqrt(2)
+        known: np.ndarray = np.isfinite(apart)
+        return apart[known]
+
+    def _measure_angles(self, camera: Camera, view: int, axes: np.ndarray) -> np.ndarray:
+        flat = self.hulls[view].rays @ (camera.R @ axes)
+        angles: np.ndarray = np.arctan2(flat[:, 1], flat[:, 0])
+        return angles
 
     def find_all(
         self, cameras: Sequence[Camera], shifts: np.ndarray, gate: float
@@ -191,6 +220,23 @@ def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int, cap: fl
     residuals, _ = epipolar_residuals(adjusted.rig.cameras, found, shifts - adjusted.lags)
     total = np.minimum(np.abs(residuals), cap).sum() + 0.5 * cap * max(0.0, wanted - len(found))
     return float(total / max(wanted, len(found), 1))
+
+
+def measure_last_misfit(
+    cameras: Sequence[Camera], lags: np.ndarray, points: PersonPoints, cap: float = 8.0
+) -> float:
+    """Return the mean distance, px, at most `cap`, of the last camera's outermost planes from those
+    of the others. Half the cap counts for what is missing of half of the shorter recording, for
+    all of it if the cameras' line passes too near to the scene."""
+    shifts, last = np.round(lags).astype(int), len(cameras) - 1
+    scene = intersect_axes_ahead(CameraRig(tuple(cameras)))
+    total = count = 0.0
+    for other in range(last):
+        apart = points.measure_apart(cameras, shifts, scene, (other, last))
+        wanted = points.shortest * (1 if len(apart) else 2)
+        total += np.minimum(apart, cap).sum() + 0.5 * cap * max(0, wanted - len(apart))
+        count += max(wanted, len(apart))
+    return total / count
 
 
 def measure_misfits(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:

@@ -2,7 +2,8 @@
 
 Each camera tells its tilt and height, and the person's places, by itself (`upright`); angles and
 lags are searched in tables of all pairs (`pairing`, `bobbing`, `search`); the best arrangements are
-adjusted, and the best of these is adjusted to all frontier points (`adjustment`).
+adjusted, and the best of these is adjusted to all frontier points (`adjustment`). If none fits, the
+rig is grown camera by camera (`growth`).
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from psfs.self_calibration.adjustment import (
 )
 from psfs.self_calibration.bobbing import compare_bobbing, measure_bobbing
 from psfs.self_calibration.config import PersonConfig
+from psfs.self_calibration.growth import grow_rigs
 from psfs.self_calibration.hulls import HullRays
 from psfs.self_calibration.pairing import Walker, compare_pair
 from psfs.self_calibration.search import ArrangementSearch
@@ -82,7 +84,7 @@ def calibrate_by_person(
     for in_place in (False, True):
         views = _fit_views(cameras, outlines, rate, config, in_place)
         try:
-            return _calibrate(cameras, outlines, views, rate, config)
+            return _calibrate(cameras, outlines, views, rate, config, grow=in_place)
         except InputError as error:
             failures.append(error)
     raise failures[0]
@@ -118,12 +120,19 @@ def _fit_views(
 
 def _calibrate(
     cameras: Sequence[Camera], outlines: Outlines, views: list[list[UprightView]], rate: float,
-    config: PersonConfig,
+    config: PersonConfig, *, grow: bool,
 ) -> PersonCalibration:  # fmt: skip
-    """Estimate the cameras from what each of them tells of its tilt and height."""
+    """Estimate the cameras from what each of them tells of its tilt and height.
+
+    grow: whether to grow the rig camera by camera if no arrangement from the search fits.
+    """
     points = PersonPoints(cameras, outlines, config.adjustment)
     starts = _search(cameras, outlines, views, rate, config)
-    best = _adjust_best(starts, points, max(1, round(rate / config.table_rate)), config)
+    step = max(1, round(rate / config.table_rate))
+    best = _adjust_best(starts, points, step, config)
+    if grow and starts and not _fits(best, points, config):
+        grown = grow_rigs(cameras, views, starts[0][1], points, step, config)
+        best = _adjust_best(grown, points, step, config)
     return _check(best, [own[0].axes[2] for own in views], points, config)
 
 
@@ -189,6 +198,10 @@ def _adjust_best(
         return None
     best = min(final, key=lambda own: measure_misfit(own, points, step))
     return adjust_frontier(best.rig, best.lags, points)
+
+
+def _fits(best: Adjusted | None, points: PersonPoints, config: PersonConfig) -> bool:
+    return best is not None and measure_misfits(best, points).max() <= config.worst_residual
 
 
 def _check(

@@ -98,6 +98,20 @@ class BeamConfig(Config):
     same_lag: int = nonnegative(2, "Steps of the lag up to which arrangements are the same.")
 
 
+class GrowthConfig(Config):
+    """Growth of the rig camera by camera, where the tables of pairs do not tell it."""
+
+    SOURCE: ClassVar = "by hand on `synth_pickup_6cam`; box and jacks watched"
+
+    angles: int = setting(18, "Number of angles around the vertical that are tried.", least=8)
+    places: int = natural(6, "Angles of a camera that are adjusted, per rig before it.")
+    kept: tuple[int, ...] = setting(
+        (40, 30, 20, 15, 12, 10), "Rigs of two, three, ... cameras that are kept."
+    )
+    same: float = positive(0.14, "Turn up to which two rigs are the same.", unit="rad")
+    grown: int = natural(4, "Rigs of all cameras that are adjusted further.")
+
+
 class AdjustmentConfig(Config):
     """Adjustment of all cameras to the silhouettes."""
 
@@ -203,7 +217,7 @@ class PersonConfig(Config):
         unit="px",
     )
     least_path: float = nonnegative(
-        0.13,
+        0.05,
         "Least standard deviation of the person's places along the walk's main direction, as a "
         "share of the stature.",
     )
@@ -211,6 +225,7 @@ class PersonConfig(Config):
     upright: UprightConfig = part(UprightConfig, "Fit of one camera's tilt, roll and height.")
     pairs: PairConfig = part(PairConfig, "Comparison of two cameras at every angle and lag.")
     search: BeamConfig = part(BeamConfig, "Search for the angles and lags of all cameras.")
+    growth: GrowthConfig = part(GrowthConfig, "Growth of the rig camera by camera.")
     adjustment: AdjustmentConfig = part(
         AdjustmentConfig, "Adjustment of all cameras to the silhouettes."
     )

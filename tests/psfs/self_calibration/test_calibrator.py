@@ -11,13 +11,21 @@ from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.self_calibration import calibrator
 from psfs.self_calibration.calibrator import adjust_calibration, calibrate_by_person
-from psfs.self_calibration.config import OutlineConfig, PersonConfig, UprightConfig
+from psfs.self_calibration.config import (
+    GrowthConfig,
+    OutlineConfig,
+    PersonConfig,
+    UprightConfig,
+)
 from psfs.self_calibration.footage import outline_person
 from psfs.self_calibration.upright import fit_upright
 
 RATE, FRAMES, STATURE = 30.0, 100, 1.77
 LAGS = (0, 4, -3, 6)
-CONFIG = PersonConfig(stature=STATURE, longest_lag=0.35, candidates=6, angles=24)
+CONFIG = PersonConfig(
+    stature=STATURE, longest_lag=0.35, candidates=6, angles=24,
+    growth=GrowthConfig(angles=12, kept=(4, 3, 2), places=4, grown=2),
+)  # fmt: skip
 
 
 def place(name, azimuth, distance, height):
@@ -124,6 +132,19 @@ def test_cameras_times_floor_and_scale_are_found():
     assert np.degrees(np.arccos(np.array(ups)[:, 2])).max() < 0.6
     assert found.residual < 0.3
     assert found.misfits.max() < 0.5
+
+
+def test_the_rig_is_grown_camera_by_camera_if_no_arrangement_fits(monkeypatch):
+    """The search tells the lags to a frame, but exchanges two cameras."""
+    wrong = CameraRig((CAMERAS[0], CAMERAS[2], CAMERAS[1], CAMERAS[3]))
+    start = [(wrong, np.array(LAGS) + np.array([0.0, 1, -1, 1]))]
+    monkeypatch.setattr(calibrator, "_search", lambda *_: start)
+    views = calibrator._fit_views(uncalibrated(), outlines(), RATE, CONFIG, in_place=False)
+    found = calibrator._calibrate(uncalibrated(), outlines(), views, RATE, CONFIG, grow=True)
+    np.testing.assert_allclose(found.lags, LAGS, atol=0.05)
+    for camera, true in zip(found.rig, CAMERAS, strict=True):
+        turn = camera.R @ found.rig[0].R.T @ CAMERAS[0].R @ true.R.T
+        assert np.degrees(np.linalg.norm(cv2.Rodrigues(turn)[0])) < 1
 
 
 def test_a_given_start_is_adjusted_in_its_own_world():
