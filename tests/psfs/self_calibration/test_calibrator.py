@@ -139,8 +139,7 @@ def test_the_rig_is_grown_camera_by_camera_if_no_arrangement_fits(monkeypatch):
     wrong = CameraRig((CAMERAS[0], CAMERAS[2], CAMERAS[1], CAMERAS[3]))
     start = [(wrong, np.array(LAGS) + np.array([0.0, 1, -1, 1]))]
     monkeypatch.setattr(calibrator, "_search", lambda *_: start)
-    views = calibrator._fit_views(uncalibrated(), outlines(), RATE, CONFIG, in_place=False)
-    found = calibrator._calibrate(uncalibrated(), outlines(), views, RATE, CONFIG, grow=True)
+    found = calibrate_by_person(uncalibrated(), outlines(), RATE, CONFIG)
     np.testing.assert_allclose(found.lags, LAGS, atol=0.05)
     for camera, true in zip(found.rig, CAMERAS, strict=True):
         turn = camera.R @ found.rig[0].R.T @ CAMERAS[0].R @ true.R.T
