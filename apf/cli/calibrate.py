@@ -20,11 +20,11 @@ from psfs.cli.person import (
     open_person_footage,
     outline_footage,
     read_lenses,
+    read_person_config,
     write_person_calibration,
 )
 from psfs.cli.settings import FILE
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_number
 from psfs.self_calibration.calibrator import PersonCalibration, adjust_calibration
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.points.calibrator import PointCalibration
@@ -38,10 +38,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _calibrate(args: argparse.Namespace) -> None:
-    config: PersonConfig = args.configs.get("person", PersonConfig())
-    if args.stature is not None:
-        check_number("--stature, m,", args.stature, 0.3, 3)
-        config = config.replace(stature=args.stature)
+    config = read_person_config(args)
     views = open_person_footage(args)
     large = read_lenses(args, views)
     if args.intrinsics is None:

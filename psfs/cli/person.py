@@ -32,10 +32,7 @@ _STATED = ("cameras", "fps")
 
 def calibrate_from_person(args: argparse.Namespace) -> None:
     """Estimate the cameras of a folder from the person in it, and write them."""
-    config: PersonConfig = args.configs.get("person", PersonConfig())
-    if args.stature is not None:
-        check_number("--stature, m,", args.stature, 0.3, 3)
-        config = config.replace(stature=args.stature)
+    config = read_person_config(args)
     views = open_person_footage(args)
     large = read_lenses(args, views)
     if args.intrinsics is None:
@@ -45,6 +42,15 @@ def calibrate_from_person(args: argparse.Namespace) -> None:
     rig = enlarge_rig(large, small, found.rig)
     verdict = f"silhouettes differ by at most {found.misfits.max():.2f} px"
     write_person_calibration(args, rig, found, config, verdict)
+
+
+def read_person_config(args: argparse.Namespace) -> PersonConfig:
+    """Return the settings of `[person]` with the stature, m, of --stature, if it is stated."""
+    config: PersonConfig = args.configs.get("person", PersonConfig())
+    if args.stature is not None:
+        check_number("--stature, m,", args.stature, 0.3, 3)
+        config = config.replace(stature=args.stature)
+    return config
 
 
 def open_person_footage(args: argparse.Namespace) -> Sequence:
