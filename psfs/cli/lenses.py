@@ -41,7 +41,7 @@ def read_lenses(args: argparse.Namespace, views: Sequence) -> tuple[list[Camera]
     return read_intrinsics(path, views.rig, None), True
 
 
-def _list_photos(folder: Path, names: tuple[str, ...]) -> dict[str, Path]:
+def _list_photos(folder: Path, names: list[str]) -> dict[str, Path]:
     """Return a photo, or a video, in the folder by each camera."""
     found = list_media(folder)
     if not found:
@@ -59,7 +59,7 @@ def _read_metadata(views: Sequence, pictures: dict[str, Path]) -> list[Camera]:
             f"{_EXPECTED}"
         ) from None
     angles = join_names(
-        f"{name} {lens.degrees:.0f} degrees ({lens.said})" for name, lens in stated.items()
+        f"{name} {lens.degrees:.0f} degrees ({lens.source})" for name, lens in stated.items()
     )
     text = "angles of view by metadata, to be refined: "
     remark("note", "cyan", f"{text}{angles}; a video that is stabilised shows up to a fifth less")

@@ -42,11 +42,11 @@ _LEAST, _MOST = 0.13, 11.5
 class StatedLens:
     """A focal length from metadata.
 
-    share: focal length as a share of the picture's longer side. said: what the file says.
+    share: focal length as a share of the picture's longer side. source: what the file says.
     """
 
     share: float
-    said: str
+    source: str
 
     @property
     def degrees(self) -> float:
@@ -88,8 +88,8 @@ def _read_picture(path: Path) -> StatedLens | None:
     longer = max(_positive(tags.get(side)) for side in _SIDES)
     unit = _UNITS.get(tags.get(_DENSITY_UNIT, 2))
     if focal and density and longer and unit:
-        said = f"EXIF: {focal:g} mm, {density / unit:.0f} px per mm"
-        return StatedLens(focal * density / unit / longer, said)
+        source = f"EXIF: {focal:g} mm, {density / unit:.0f} px per mm"
+        return StatedLens(focal * density / unit / longer, source)
     return None
 
 

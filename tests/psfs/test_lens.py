@@ -77,7 +77,7 @@ def test_lens_of_a_video(tmp_path: Path, name: str) -> None:
         (23, struct.pack(">f", 24.5), 24.5),
     ):
         lens = read_lens(put_into_track(film(tmp_path / name), kind, value))
-        assert lens is not None and lens.said == f"QuickTime: {mm:g} mm of 35"
+        assert lens is not None and lens.source == f"QuickTime: {mm:g} mm of 35"
         with av.open(str(tmp_path / name)) as container:  # the file is still whole
             assert len(list(container.decode(video=0))) == 2
     assert read_lens(film(tmp_path / name, model="of another maker")) is None
