@@ -89,7 +89,7 @@ def calibrate_cameras(
         scene, target, kept, freedom, names, config
     )
     error = rms(np.minimum(all_reprojection_errors(scene, target, agreeing), 1e3))
-    if error > config.disagreement.failed:
+    if not error <= config.disagreement.failed:  # also NaN, of no sighting at all
         raise InputError(
             f"the sightings of the {target.name} fit no arrangement of the cameras; expected "
             "pictures of the same time, one rigid target of the stated size, cameras that stay"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import threading
 import time
 from pathlib import Path
@@ -12,10 +13,12 @@ from helpers import footage
 
 from apf.live.captures import open_cameras
 from apf.live.pictures import Smaller, fitting_factor
+from apf.live.recording import Captures
 from apf.live.sources import ACQUISITION, Newest, Replay, Shot
 from apf.live.timeline import Timeline
 from apf.synthetic.scene import SceneConfig, make_rig
 from cl import InputError
+from psfs.output.video import Video
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupied_box import finest_pixel
@@ -130,6 +133,21 @@ def test_pictures_that_come_unevenly(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("apf.live.sources.time.perf_counter", lambda: now)
     shots, _ = acquired(cameras)
     assert [shot.frame.index for shot in shots] == [0, 1, 2, 3, 4]
+
+
+def test_a_full_disk_ends_a_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = footage.native(tmp_path / "s", views=2)
+
+    def write(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Video, "write", write)
+    captures = Captures([str(folder / f"videos/cam0{k}.mp4") for k in (1, 2)])
+    captures.record(tmp_path / "out", ["a", "b"])
+    assert captures.wait(10**6, 10.0) is None and "No space left" in captures.ended
+    with pytest.raises(InputError, match="0 of 0 pictures"):
+        captures.stop_recording()
+    captures.close()
 
 
 def test_a_background_filmed_first(tmp_path: Path) -> None:
