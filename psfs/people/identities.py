@@ -139,8 +139,7 @@ def is_person(
     if len(one.touching) > config.following.contact * len(one.voxels):
         return False  # a part of somebody
     picked = one.frames[np.linspace(0, len(one.frames) - 1, 15).round().astype(int)]
-    heights = np.array([grid.centres(one.voxels[int(index)])[:, 2] for index in picked],
-                       dtype=object)  # fmt: skip
+    heights = [grid.centres(one.voxels[int(index)])[:, 2] for index in picked]
     low, high = (np.median([float(end(of)) for of in heights]) for end in (np.min, np.max))
     if high - low + config.voxel < config.least_height or low > config.lowest:
         return False

@@ -20,13 +20,16 @@ class Target:
 
     name: for messages. points: (P, 3) m, in its own axes. orders: (S, P), the orders in which a
     detector may return the points, the right one first; a wand with equal ends has two. known:
-    measured positions of the points in the world, (P, 3) m by frame, or None.
+    measured positions of the points in the world, (P, 3) m by frame, or None. boards: number of
+    alike boards, each of which makes a frame of the footage a frame of its own, see
+    `find_sightings`.
     """
 
     name: str
     points: np.ndarray
     orders: np.ndarray
     known: Mapping[int, np.ndarray] | None = None
+    boards: int = 1
 
     @property
     def planar(self) -> bool:
