@@ -150,12 +150,18 @@ def test_a_full_disk_ends_a_recording(tmp_path: Path, monkeypatch: pytest.Monkey
     captures.close()
 
 
-def test_a_background_filmed_first(tmp_path: Path) -> None:
+def test_a_background_filmed_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = footage.native(tmp_path / "s", frames=8)
     videos = [str(path) for path in sorted((folder / "videos").iterdir())]
     cameras = open_cameras(folder / "calibration.toml", {}, videos, 0.12)  # three frames of 25/s
     levels = np.mean([footage.grey(frame, 0) for frame in range(3)])
     assert abs(cameras.background.mean[0].mean() - levels) < footage.LOSS
+    assert abs(int(cameras.first().images[0, 9, 9, 0]) - footage.grey(3, 0)) < footage.LOSS
+    cameras.close()
+    monkeypatch.setattr("apf.live.sources._EMPTY_BYTES", 0)
+    monkeypatch.setattr("apf.live.sources._LEAST_EMPTY", 1)  # there is room for one of them
+    cameras = open_cameras(folder / "calibration.toml", {}, videos, 0.12)
+    assert abs(cameras.background.mean[0].mean() - footage.grey(0, 0)) < footage.LOSS
     assert abs(int(cameras.first().images[0, 9, 9, 0]) - footage.grey(3, 0)) < footage.LOSS
     cameras.close()
 

@@ -115,6 +115,15 @@ def test_intrinsics_of_another_picture_size_are_named() -> None:
     assert list(result.misfits) == ["cam02"] and not result.disagreeing
 
 
+def test_lenses_that_opencv_ignores_are_refused() -> None:
+    K = CAMERAS[1].K.copy()
+    K[0, 1] = 2
+    tsai = replace(CAMERAS[1], distortion=np.zeros(5), kappa=-0.1)
+    for camera, found in ((replace(CAMERAS[1], K=K), "a skew of 2 px"), (tsai, "Tsai's dist")):
+        with pytest.raises(InputError, match=f"intrinsics of cam02 have {found}"):
+            calibration_of(WAND, [], [CAMERAS[0], camera, *CAMERAS[2:]])
+
+
 def test_the_jacobian_is_that_of_the_residuals() -> None:
     """Tests the gradient: from a distant start, one run reaches what a second does not improve."""
     places = poses(WAND, 30)
