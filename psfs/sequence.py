@@ -154,9 +154,8 @@ class Sequence:
         """Return the same views with late ones shifted; `late`: number of frames of the sequence,
         by the camera's name."""
         before = self.settings.sync if isinstance(self.settings.sync, Mapping) else {}
-        names = self.rig.names
-        own = self.timing.count_own_frames([late.get(name, 0) for name in names])
-        both = {name: before.get(name, 0) + by for name, by in zip(names, own, strict=True)}
+        own = self.timing.count_own_frames([late.get(name, 0) for name in self.rig.names])
+        both = {n: before.get(n, 0) + by for n, by in zip(self.rig.names, own, strict=True)}
         shifts = {name: by for name, by in both.items() if by}
         return self._again(self.settings.replace(sync=shifts))
 
