@@ -58,6 +58,7 @@ class Keypoints:
 
     @property
     def n_frames(self) -> int:
+        """Number of frames F."""
         return self.points.shape[1]
 
     @classmethod

@@ -50,6 +50,7 @@ class Newest(Generic[T]):
         self._dropped = dropped
 
     def put(self, item: T) -> None:
+        """Replace the item that waits, if there is one, by a newer one."""
         with self._condition:
             if self._item is not None:
                 self._dropped(self._item)
@@ -144,6 +145,7 @@ class LiveCamera:
         self._thread.start()
 
     def play(self) -> None:
+        """Play a file from its next picture on; no effect on cameras."""
         with self._condition:
             self._began = time.perf_counter(), self._count
             self._condition.notify_all()
@@ -166,6 +168,7 @@ class LiveCamera:
             return self._count, self._time, self._image if new else None
 
     def close(self) -> None:
+        """End the thread, and release the capture."""
         with self._condition:
             self._stop = True
             self._condition.notify_all()
@@ -262,6 +265,7 @@ class LiveCameras:
                 shots.put(shot)
 
     def close(self) -> None:
+        """Release all cameras."""
         for camera in self._cameras:
             camera.close()
 

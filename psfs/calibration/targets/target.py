@@ -81,10 +81,15 @@ def check_squares(squares: tuple[int, int], square: float) -> None:
 def make_chessboard(squares: tuple[int, int], square: float) -> Target:
     """Make a chessboard's inner corners, row by row: X along the rows, Y down, Z into the board.
 
-    squares: (columns, rows). square: width, m. Raises InputError for a symmetric board.
+    squares: (columns, rows). square: width, m. Raises InputError for a symmetric board, and for one
+    that OpenCV does not search for.
     """
     check_squares(squares, square)
     columns, rows = squares[0] - 1, squares[1] - 1
+    if min(columns, rows) < 3:
+        raise InputError(
+            f"a chessboard of {squares[0]}x{squares[1]} squares; expected 4 or more each way"
+        )
     if columns == rows:
         raise InputError(
             f"a chessboard of {squares[0]}x{squares[1]} squares looks alike from four sides; "

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import footage
+from helpers.footage import words
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
@@ -39,10 +40,6 @@ def plain_rig() -> CameraRig:
 
 def projection(camera: Camera) -> np.ndarray:
     return camera.K @ np.column_stack([camera.R, camera.t])
-
-
-def words(values) -> str:
-    return " ".join(repr(float(value)) for value in np.asarray(values).ravel())
 
 
 def rows(matrix: np.ndarray) -> str:
