@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import pyopencl
@@ -76,7 +76,7 @@ class Launch:
     event.
 
     name: label of its timings, by default the kernel's name. arguments: current values by name:
-    arrays, numbers, None. on_change: what is called after they are set.
+    arrays, numbers, None. on_change: what is called, with their names, after they are set.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class Launch:
         self._sizes = _raw_sizes(self._bound, self.global_size, self.local_size)
         # Keeps arrays alive as long as the kernel refers to them.
         self.arguments: dict[str, Argument] = {}
-        self.on_change: list[Step] = []
+        self.on_change: list[Callable[[Iterable[str]], None]] = []
         self.set(**arguments)
 
     def set(self, **arguments: Argument) -> None:
@@ -123,7 +123,7 @@ class Launch:
             self._bound.set_arg(self._places[name], bound)
             self.arguments[name] = value
         for call in self.on_change:
-            call()
+            call(arguments)
 
     def __call__(self) -> None:
         device, profiler = self.device, self.device.profiler
