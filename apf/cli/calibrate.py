@@ -15,11 +15,11 @@ from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cli.commandline import remark
 from psfs.cli.flags.calibrate import CALIBRATION, REPORT
+from psfs.cli.lenses import read_lenses
 from psfs.cli.person import (
     enlarge_rig,
     open_person_footage,
     outline_footage,
-    read_lenses,
     read_person_config,
     write_person_calibration,
 )
@@ -40,8 +40,8 @@ def run(args: argparse.Namespace) -> None:
 def _calibrate(args: argparse.Namespace) -> None:
     config = read_person_config(args)
     views = open_person_footage(args)
-    large = read_lenses(args, views)
-    if args.intrinsics is None:
+    large, kept = read_lenses(args, views)
+    if not kept:
         config = config.replace(
             adjustment=config.adjustment.free_lenses(), points=config.points.free_lenses()
         )

@@ -4,6 +4,7 @@ cameras corrected by a take."""
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -143,7 +144,8 @@ def _calibrate(args: argparse.Namespace) -> None:
             sightings += found
     if not sightings:
         raise InputError(_describe_failure(views, chosen, finder))
-    result = calibrate_cameras(cameras, finder.target, sightings, known, config)
+    target = replace(finder.target, boards=len(finders))
+    result = calibrate_cameras(cameras, target, sightings, known, config)
     floor = [len(finders) * frame + n for frame in floor for n in range(len(finders))]
     result, warnings = _align_to_world(args, result, floor)
     _write(args, views, result, config, warnings)
@@ -278,7 +280,7 @@ def _write(
     write_toml_tables(out / CALIBRATION, CameraRig(result.scene.cameras))
     write_json(out / REPORT, calibration_summary(result, found, what, warnings))
     write_rig(out / RIG, result, found)
-    _write_pictures(out / PICTURES, views, result, found, args.boards)
+    _write_pictures(out / PICTURES, views, result, found)
     write_settings(out, args, {"calibration": config})
     stdout.print(_table(found))
     for view in found:
@@ -290,11 +292,11 @@ def _write(
 
 
 def _write_pictures(
-    folder: Path, views: Sequence, result: CalibrationResult, found: list[ViewReport], boards: int
+    folder: Path, views: Sequence, result: CalibrationResult, found: list[ViewReport]
 ) -> None:
     """Write a picture per camera: its detected points, drawn over its picture of the frame with the
-    most detections. boards: their number."""
-    frames = [sighting.frame // boards for sighting in result.sightings]
+    most detections."""
+    frames = [sighting.frame // result.target.boards for sighting in result.sightings]
     shown = crop_pictures(views.read(max(set(frames), key=frames.count)), views.rig)
     for view, picture in zip(found, shown, strict=True):
         write_view(folder / f"{view.camera.name}.png", view, picture)

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from rich.table import Table
 
-from cl import InputError, select_device
-from psfs.calibration.intrinsics import make_cameras_by_angle, read_intrinsics
+from cl import select_device
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.cli.flags.calibrate import CALIBRATION, REPORT
+from psfs.cli.lenses import read_lenses
 from psfs.cli.settings import write_settings
 from psfs.common.files import write_json
 from psfs.common.ranges import check_number
@@ -34,8 +34,8 @@ def calibrate_from_person(args: argparse.Namespace) -> None:
     """Estimate the cameras of a folder from the person in it, and write them."""
     config = read_person_config(args)
     views = open_person_footage(args)
-    large = read_lenses(args, views)
-    if args.intrinsics is None:
+    large, kept = read_lenses(args, views)
+    if not kept:
         config = config.replace(adjustment=config.adjustment.free_lenses())
     small, outlines = outline_footage(args, views, large, config)
     found = calibrate_by_person(small, outlines, views.fps, config)
@@ -62,21 +62,6 @@ def open_person_footage(args: argparse.Namespace) -> Sequence:
     )
     footage = read_uncalibrated(folder, settings, silhouettes=True)
     return Sequence(folder, LAYOUT, footage, settings)
-
-
-def read_lenses(args: argparse.Namespace, views: Sequence) -> list[Camera]:
-    """Return the cameras with the intrinsics of --intrinsics, or those of --field-of-view."""
-    if args.intrinsics is not None and args.field_of_view is not None:
-        raise InputError("--intrinsics and --field-of-view; expected one of them")
-    if args.intrinsics is not None:
-        return read_intrinsics(args.intrinsics, views.rig, None)
-    if args.field_of_view is not None:
-        return make_cameras_by_angle(views.rig, args.field_of_view)
-    raise InputError(
-        "no lenses are stated; expected --intrinsics PATH, a calibration of which only the lenses "
-        "are taken, as psfs calibrate --board writes; or --field-of-view DEGREES, of the "
-        "pictures' longer side; see docs/from_phones.md"
-    )
 
 
 def outline_footage(

@@ -30,7 +30,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--intrinsics", type=Path, metavar="PATH",
-        help="intrinsics that are kept: a calibration, of which only the lenses are taken",
+        help="intrinsics that are kept: a calibration, of which only the lenses are taken; or a "
+        "folder with a photo by each camera, whose EXIF states a focal length, which is refined",
     )  # fmt: skip
     add_field_of_view_flag(parser.add_argument_group("lenses"))
     parser.add_argument(
