@@ -11,8 +11,10 @@ import numpy as np
 
 from cl.array import Array
 from cl.device import Device
+from cl.fill import Fill
 from cl.launch import Launch, Step
 from cl.signature import KERNEL, Argument, Parameter, signatures, without_comments
+from cl.staging import Copy
 
 T = TypeVar("T")
 #: Bytes in which the places of arrays are counted.
@@ -37,9 +39,10 @@ class Batch:
 
     `run(actions)` performs an action of each object, and enqueues what they enqueue. Launches of
     the objects that differ only in their arrays and numbers become one launch, in which each object
-    has its own work-groups; other commands follow each other. For this, the first arrays that the
-    objects allocate in their actions lie in one buffer, the second ones in another, and so on.
-    Results are bit-equal to those of one action after the other.
+    has its own work-groups; fills and copies of large arrays become one, too; other commands follow
+    each other. For this, the first arrays that the objects allocate in their actions lie in one
+    buffer, the second ones in another, and so on. Results are bit-equal to those of one action
+    after the other.
 
     joins: whether launches are joined; by default on GPUs, which have room for several at once.
     """
@@ -60,7 +63,7 @@ class Batch:
         commands: list[list[Step]] = []
         for member, action in enumerate(actions):
             allocate = self._memory.allocator(member)
-            with self._device.use_allocator(allocate), self._device.collect() as own:
+            with self._device.share(len(actions), allocate), self._device.collect() as own:
                 results.append(action())
             commands.append(own)
         self._enqueue(commands)
@@ -83,7 +86,7 @@ class Batch:
         for steps in zip(*commands, strict=True):
             launches = [step for step in steps if isinstance(step, Launch)]
             if len(launches) < len(steps):
-                plan += steps
+                plan += _join_transfers(steps, self._memory.align)
                 continue
             key = tuple(map(id, steps))
             if key not in self._joined:
@@ -102,23 +105,24 @@ class _Memory:
 
     def __init__(self, device: Device, n: int) -> None:
         self._device, self._n = device, n
-        self._align = max(_UNIT, device.handle.mem_base_addr_align // 8)
+        self.align = max(_UNIT, device.handle.mem_base_addr_align // 8)
         self._wholes: list[tuple[Any, int]] = []
         self._next = [0] * n
 
-    def allocator(self, member: int) -> Callable[[int], Any]:
-        """Return the function that allocates a buffer, of so many bytes, for an object."""
+    def allocator(self, member: int) -> Callable[[int], tuple[Any, int]]:
+        """Return the function that allocates so many bytes for an object: it returns a buffer, and
+        where in it they begin."""
 
-        def allocate(nbytes: int) -> Any:
+        def allocate(nbytes: int) -> tuple[Any, int]:
             at, self._next[member] = self._next[member], self._next[member] + 1
             if at == len(self._wholes):
                 room = nbytes if nbytes > _SMALL else 2 * nbytes
-                apart = -(-room // self._align) * self._align
+                apart = -(-room // self.align) * self.align
                 self._wholes.append((self._device.new_buffer(self._n * apart), apart))
             whole, apart = self._wholes[at]
             if nbytes > apart:
-                return self._device.new_buffer(nbytes)
-            return whole.get_sub_region(member * apart, nbytes)
+                return self._device.new_buffer(nbytes), 0
+            return whole, member * apart
 
         return allocate
 
@@ -202,6 +206,33 @@ class _JoinedLaunch:
         return launch
 
 
+def _join_transfers(steps: Sequence[Step], align: int) -> Sequence[Step]:
+    """Return one step in place of fills with the same value, or of copies, of arrays side by side,
+    which begin at multiples of `align` bytes. Return others as they are."""
+    fills = [step for step in steps if isinstance(step, Fill)]
+    if len(fills) == len(steps) and len({fill.value for fill in fills}) == 1:
+        array = _span([fill.array for fill in fills], align)
+        return steps if array is None else [Fill(array, fills[0].value)]
+    copies = [step for step in steps if isinstance(step, Copy)]
+    if len(copies) == len(steps):
+        source = _span([copy.source for copy in copies], align)
+        target = _span([copy.target for copy in copies], align)
+        if source is not None and target is not None and source.size == target.size:
+            return [Copy(source, target)]
+    return steps
+
+
+def _span(arrays: Sequence[Array], align: int) -> Array | None:
+    """Return the flat array that holds arrays of a buffer and the gaps between them; None if a gap
+    has room for another array."""
+    first, last = arrays[0], arrays[-1]
+    place = _find_place(arrays)
+    if place is None or not 0 <= _UNIT * place[1][1] - first.nbytes < align:
+        return None
+    size = (last.start - first.start) // first.dtype.itemsize + last.size
+    return Array(first.device, first.whole, (size,), first.dtype, first.start)
+
+
 def _are_alike(launches: Sequence[Launch]) -> bool:
     """Return whether launches differ in no more than their arguments, and may be joined."""
     first = launches[0]
@@ -235,13 +266,15 @@ def _find_place(values: Sequence[Any]) -> tuple[Argument, tuple[int, int]] | Non
         return first, (0, 0)
     if any(value is None for value in values):
         return None
-    wholes, starts = zip(*(value.place for value in values), strict=True)
+    starts = [value.start for value in values]
     apart = starts[1] - starts[0]
-    if any(whole != wholes[0] for whole in wholes) or starts[0] % _UNIT or apart % _UNIT:
+    if any(value.whole is not first.whole for value in values):
+        return None
+    if starts[0] % _UNIT or apart % _UNIT:
         return None
     if any(start != starts[0] + k * apart for k, start in enumerate(starts)):
         return None
-    whole = Array(first.device, wholes[0], first.shape, first.dtype)
+    whole = Array(first.device, first.whole, first.shape, first.dtype)
     return whole, (starts[0] // _UNIT, apart // _UNIT)
 
 

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import pyopencl
 import pyopencl._cl
 
-from cl.array import Commands
+from cl.array import Array, Commands
 from cl.errors import DeviceError, device_failure
 from cl.signature import Argument, Signatures
 
@@ -96,8 +96,10 @@ class Launch:
             raise TypeError(f"{kernel}: missing {', '.join(missing)}")
         self.kernel = kernel
         self._places = {name: place for place, name in enumerate(kernel.parameters)}
-        self._bound = kernel.fresh()
-        self._sizes = _raw_sizes(self._bound, self.global_size, self.local_size)
+        # Made and bound when it is first enqueued, which launches that are joined never are.
+        self._bound: Any = None
+        self._sizes: tuple[Any, ...] = ()
+        self._unbound: dict[str, Any] = {}  # arguments that are not bound yet
         # Keeps arrays alive as long as the kernel refers to them.
         self.arguments: dict[str, Argument] = {}
         self.on_change: list[Callable[[Iterable[str]], None]] = []
@@ -117,10 +119,9 @@ class Launch:
                 known = ", ".join(self.kernel.parameters)
                 raise TypeError(f"{self.kernel}: no argument {name}; expected {known}")
             try:
-                bound = parameter.convert(value)
+                self._unbound[name] = parameter.convert(value)
             except (TypeError, ValueError) as error:
                 raise type(error)(f"{self.kernel}, argument {name}: {error}") from None
-            self._bound.set_arg(self._places[name], bound)
             self.arguments[name] = value
         for call in self.on_change:
             call(arguments)
@@ -130,6 +131,8 @@ class Launch:
         if device.collected is not None:
             device.collected.append(self)
             return
+        if self._unbound or self._bound is None:
+            self._bind()
         raw = _ENQUEUE if profiler is None else None
         if raw is not None and raw(device.raw_queue, *self._sizes) == 0:
             return
@@ -142,6 +145,15 @@ class Launch:
             raise device_failure(device.name, f"kernel {self.name}", error) from error
         if profiler is not None:
             profiler.add(self.name, event)
+
+    def _bind(self) -> None:
+        if self._bound is None:
+            self._bound = self.kernel.fresh()
+            self._sizes = _raw_sizes(self._bound, self.global_size, self.local_size)
+        for name, value in self._unbound.items():
+            bound = value.buffer if isinstance(value, Array) else value
+            self._bound.set_arg(self._places[name], bound)
+        self._unbound.clear()
 
 
 def _raw_sizes(
