@@ -80,6 +80,25 @@ def test_joined_launches_compute_what_single_ones_do(
     assert np.unique(found[0][0][0]).size > 10
 
 
+def test_joined_launches_need_no_sub_buffers(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """NVIDIA's driver (580) crashed when those of two people's trackers were released."""
+    made: list[int] = []
+    make = pyopencl.Buffer.get_sub_region
+    monkeypatch.setattr(
+        pyopencl.Buffer, "get_sub_region", lambda *a: (made.append(a[2]), make(*a))[1]
+    )
+    batch = Batch(device, 2, joins=True)
+    things = batch.run(make_actions(device, (2.0, 3.0), (8, 8)))
+    batch.run([partial(thing.run, 1.0) for thing in things])
+    results = [thing.out.get() for thing in things]
+    assert batch.n_joined == 1 and not made
+    things[1].launch()  # a launch of one alone does need one, and gives the same
+    np.testing.assert_array_equal(results[1], things[1].out.get())
+    assert made
+
+
 def test_a_change_is_seen_by_all_joined_launches_of_which_a_launch_is_a_part(
     device: Device,
 ) -> None:
