@@ -32,6 +32,11 @@ from psfs.sequence import Sequence
 
 
 def run(args: argparse.Namespace) -> None:
+    if args.keypoints is None:
+        raise InputError(
+            "no --keypoints PATH; expected those of a pose network, as apf keypoints finds them; "
+            "without any: psfs calibrate FOLDER --person"
+        )
     inputs = [Path(args.folder), *(p for p in (args.intrinsics,) if p is not None)]
     with output_folder(args.output, args.parser.prog, inputs, (CALIBRATION, REPORT, FILE)):
         _calibrate(args)
@@ -60,7 +65,7 @@ def _calibrate(args: argparse.Namespace) -> None:
                 f"the silhouettes do not confirm what the keypoints say: {error}; or "
                 "--no-silhouettes, which keeps it unconfirmed"
             ) from None
-    write_person_calibration(args, rig, calibration, config, verdict)
+    write_person_calibration(args, views, rig, calibration, config, verdict)
 
 
 def _adjust(

@@ -168,7 +168,8 @@ def _test_late(
             left = rms(_fit_camera(scene, target, shifted, config)[0])
             if left < best[0]:
                 word, name = "late" if late > 0 else "early", scene.cameras[sightings[0].view].name
-                best = left, f"it comes {abs(late)} frames {word}: state --sync {name}={late}"
+                text = f"it comes {abs(late)} frames {word}: state --sync {name}={late}"
+                best = left, f"{text}, or add {late} to its present lag"
     return best
 
 

@@ -69,8 +69,14 @@ def run(args: argparse.Namespace) -> None:
     if args.print_board is not None:
         _print_board(args)
         return
-    if args.folder is None or args.output is None:
-        raise InputError("no FOLDER or no -o OUT; expected both, or --print-board FILE.pdf alone")
+    missing = [
+        what for what, of in (("FOLDER", args.folder), ("-o OUT", args.output)) if of is None
+    ]
+    if missing:
+        raise InputError(
+            f"no {' and no '.join(missing)}; expected psfs calibrate FOLDER -o OUT, or "
+            "--print-board FILE.pdf alone: docs/calibration.md"
+        )
     inputs = [Path(args.folder), *(p for p in (args.c3d, args.intrinsics) if p is not None)]
     expected = (CALIBRATION, REPORT, RIG, FILE, f"{PICTURES}/*.png")
     with output_folder(args.output, args.parser.prog, inputs, expected):
@@ -159,7 +165,8 @@ def _make_board_finders(
     _apply_board_file(args)
     if args.board is None and args.wand is None and args.c3d is None:
         raise InputError(
-            "no target is stated; expected --board, --wand, --c3d, --person or --refine"
+            "no target is stated; expected --person (somebody who walks about), --board, --wand or "
+            "--c3d, or --refine for given cameras: docs/calibration.md"
         )
     if args.c3d is None:
         refuse_unused(args, _OF_C3D, "applies only to motion capture; expected --c3d with it")
@@ -175,7 +182,10 @@ def _make_board_finders(
         refuse_unused(args, _OF_BOARDS, "applies only to boards; expected --board with it")
         return []
     if args.squares is None or args.square is None:
-        raise InputError("--board needs --squares CxR and --square M")
+        raise InputError(
+            "--board needs --squares CxR and --square M, as printed on it; psfs calibrate "
+            "--print-board FILE.pdf makes one"
+        )
     if args.board == "chessboard":
         return [ChessboardFinder(args.squares, args.square)]
     marker = 0.75 * args.square if args.marker is None else args.marker

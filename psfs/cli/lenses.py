@@ -15,7 +15,7 @@ from psfs.cameras.calibration import find_calibration
 from psfs.cameras.camera import Camera
 from psfs.cameras.names import join_names, match_files_to_cameras
 from psfs.cli.commandline import remark
-from psfs.footage.media import list_media
+from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_media
 from psfs.sequence import Sequence
 
 _EXPECTED = (
@@ -36,6 +36,8 @@ def read_lenses(args: argparse.Namespace, views: Sequence) -> tuple[list[Camera]
     if path is None:
         images = views.footage.images or ()
         return _read_metadata(views, {media.name: media.paths[0] for media in images}), False
+    if path.suffix.lower() in IMAGE_SUFFIXES | VIDEO_SUFFIXES and path.is_file():
+        raise InputError(f"{path}: a picture or video; {_EXPECTED}")
     if path.is_dir() and find_calibration(path) is None:
         return _read_metadata(views, _list_photos(path, views.rig.names)), False
     return read_intrinsics(path, views.rig, None), True

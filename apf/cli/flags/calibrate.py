@@ -25,8 +25,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", metavar="FOLDER", help="footage of the person")
     add_output_flag(parser, "folder")
     parser.add_argument(
-        "--keypoints", type=path_or_name, required=True, metavar="PATH",
-        help="keypoints in all cameras, of any program that apf track --keypoints reads",
+        "--keypoints", type=path_or_name, metavar="PATH",
+        help="keypoints in all cameras, of any program that apf track --keypoints reads (required)",
     )  # fmt: skip
     parser.add_argument(
         "--intrinsics", type=Path, metavar="PATH",

@@ -146,6 +146,8 @@ def test_what_cannot_be_is_one_line(
     assert "no such file" in line(
         wands, "--wand", "0.5", "--intrinsics", str(tmp_path / "none.toml")
     )
+    (tmp_path / "day" / "walk" / "videos").mkdir(parents=True)
+    assert "as its folder walk has" in line(tmp_path / "day", "--person")
     silent = line(wands, "--person")
     assert "no lenses are stated" in silent and "no focal length in the metadata" in silent
     assert "expected none with --person" in line(wands, "--person", "--sync", "cam01=1")
@@ -162,3 +164,5 @@ def test_what_cannot_be_is_one_line(
         Image.new("RGB", (40, 30)).save(photos / f"{name}.jpg", exif=exif)
     stated = ("--intrinsics", str(photos), "--cameras", "cam01,cam02,cam03")
     assert "the whole person is in" in line(wands, "--person", *stated)
+    photo = str(photos / "cam01.jpg")
+    assert "a folder with a photo" in line(wands, "--person", "--intrinsics", photo)
