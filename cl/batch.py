@@ -11,10 +11,8 @@ import numpy as np
 
 from cl.array import Array
 from cl.device import Device
-from cl.fill import Fill
 from cl.launch import Launch, Step
 from cl.signature import KERNEL, Argument, Parameter, signatures, without_comments
-from cl.staging import Copy
 
 T = TypeVar("T")
 #: Bytes in which the places of arrays are counted.
@@ -24,9 +22,11 @@ _SMALL = 2**16
 #: What the additional arguments of a joined kernel begin with: the places of arrays, and the
 #: numbers in which objects differ.
 _PLACE, _VALUES = "place_of_", "values_of_"
-#: What a joined program begins with: its third dimension counts the objects, too.
+#: What a joined program begins with: its third dimension counts the objects, too. Where work-groups
+#: are stated, PLACE is get_group_id, the same for all items of a group: with 256 items a pose,
+#: score_poses then needs 64 registers, and an H100 has room for all poses of two people at once.
 _HEAD = """
-static inline int batch_member(void) { return get_global_id(2) / DEPTH; }
+static inline int batch_member(void) { return PLACE(2) / DEPTH; }
 #define get_global_id(d) ((d) == 2 ? get_global_id(2) % DEPTH : get_global_id(d))
 #define get_group_id(d) ((d) == 2 ? get_group_id(2) % DEPTH : get_group_id(d))
 #define get_global_size(d) ((d) == 2 ? DEPTH : get_global_size(d))
@@ -39,10 +39,9 @@ class Batch:
 
     `run(actions)` performs an action of each object, and enqueues what they enqueue. Launches of
     the objects that differ only in their arrays and numbers become one launch, in which each object
-    has its own work-groups; fills and copies of large arrays become one, too; other commands follow
-    each other. For this, the first arrays that the objects allocate in their actions lie in one
-    buffer, the second ones in another, and so on. Results are bit-equal to those of one action
-    after the other.
+    has its own work-groups; other commands follow each other. For this, the first arrays that the
+    objects allocate in their actions lie in one buffer, the second ones in another, and so on.
+    Results are bit-equal to those of one action after the other.
 
     joins: whether launches are joined; by default on GPUs, which have room for several at once.
     """
@@ -86,7 +85,7 @@ class Batch:
         for steps in zip(*commands, strict=True):
             launches = [step for step in steps if isinstance(step, Launch)]
             if len(launches) < len(steps):
-                plan += _join_transfers(steps, self._memory.align)
+                plan += steps
                 continue
             key = tuple(map(id, steps))
             if key not in self._joined:
@@ -105,7 +104,7 @@ class _Memory:
 
     def __init__(self, device: Device, n: int) -> None:
         self._device, self._n = device, n
-        self.align = max(_UNIT, device.handle.mem_base_addr_align // 8)
+        self._align = max(_UNIT, device.handle.mem_base_addr_align // 8)
         self._wholes: list[tuple[Any, int]] = []
         self._next = [0] * n
 
@@ -117,7 +116,7 @@ class _Memory:
             at, self._next[member] = self._next[member], self._next[member] + 1
             if at == len(self._wholes):
                 room = nbytes if nbytes > _SMALL else 2 * nbytes
-                apart = -(-room // self.align) * self.align
+                apart = -(-room // self._align) * self._align
                 self._wholes.append((self._device.new_buffer(self._n * apart), apart))
             whole, apart = self._wholes[at]
             if nbytes > apart:
@@ -198,39 +197,13 @@ class _JoinedLaunch:
         source, options = first.kernel.text
         name, file = first.kernel.name, first.kernel.file
         text = join_source(source, file, given)
-        kernel = device.programs.kernel(text, name, file, f"{options} -D DEPTH={depth}")
+        options += f" -D DEPTH={depth} -D PLACE=get_{'global' if local is None else 'group'}_id"
+        kernel = device.programs.kernel(text, name, file, options)
         arguments = {k: v for joined in self._arguments.values() for k, v in joined.items()}
         size = width, height, depth * len(self._members)
         launch = device.launch(kernel, size, local, **arguments)
         launch.name = first.name
         return launch
-
-
-def _join_transfers(steps: Sequence[Step], align: int) -> Sequence[Step]:
-    """Return one step in place of fills with the same value, or of copies, of arrays side by side,
-    which begin at multiples of `align` bytes. Return others as they are."""
-    fills = [step for step in steps if isinstance(step, Fill)]
-    if len(fills) == len(steps) and len({fill.value for fill in fills}) == 1:
-        array = _span([fill.array for fill in fills], align)
-        return steps if array is None else [Fill(array, fills[0].value)]
-    copies = [step for step in steps if isinstance(step, Copy)]
-    if len(copies) == len(steps):
-        source = _span([copy.source for copy in copies], align)
-        target = _span([copy.target for copy in copies], align)
-        if source is not None and target is not None and source.size == target.size:
-            return [Copy(source, target)]
-    return steps
-
-
-def _span(arrays: Sequence[Array], align: int) -> Array | None:
-    """Return the flat array that holds arrays of a buffer and the gaps between them; None if a gap
-    has room for another array."""
-    first, last = arrays[0], arrays[-1]
-    place = _find_place(arrays)
-    if place is None or not 0 <= _UNIT * place[1][1] - first.nbytes < align:
-        return None
-    size = (last.start - first.start) // first.dtype.itemsize + last.size
-    return Array(first.device, first.whole, (size,), first.dtype, first.start)
 
 
 def _are_alike(launches: Sequence[Launch]) -> bool:

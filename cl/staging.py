@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -133,23 +132,6 @@ class Upload:
         self._next = 1 - self._next
 
 
-@dataclass(frozen=True)
-class Copy:
-    """A copy of an array to another one of its size, done when called."""
-
-    source: Array
-    target: Array
-
-    def __call__(self) -> None:
-        source, target, device = self.source, self.target, self.source.device
-        with raise_device_errors(device.name, "a copy"):
-            event = pyopencl.enqueue_copy(
-                device.queue, target.whole, source.whole, byte_count=source.nbytes,
-                src_offset=source.start, dst_offset=target.start,
-            )  # fmt: skip
-        device.record("copy", event)
-
-
 class Ahead:
     """Double buffer: the arrays `written` for the next frame, and the arrays `read` by the search
     of the current one, both of `shapes` and types and zero at first. `show()` copies the former to
@@ -169,21 +151,26 @@ class Ahead:
         align = max(1, device.handle.mem_base_addr_align // 8)
         sizes = [math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in shapes]
         places = np.cumsum([0, *(-(-max(1, size) // align) * align for size in sizes)])
-        whole = [device.zeros((int(places[-1]),), np.uint8, what) for _ in range(2)]
+        self._whole = [device.zeros((int(places[-1]),), np.uint8, what) for _ in range(2)]
         self.written, self.read = (
             [
                 part.region(int(place), *each)
                 for place, each in zip(places[:-1], shapes, strict=True)
             ]
-            for part in whole
+            for part in self._whole
         )
-
-        self._copy = Copy(*whole)
 
     def show(self) -> None:
         """Enqueue the copy from `written` to `read`, in order with other commands of the queue."""
-        if self.read is not self.written:
-            self._device.enqueue([self._copy])
+        if self.read is self.written:
+            return
+        source, target = self._whole
+        with raise_device_errors(self._device.name, "a copy"):
+            event = pyopencl.enqueue_copy(
+                self._device.queue, target.whole, source.whole, byte_count=source.nbytes,
+                src_offset=source.start, dst_offset=target.start,
+            )  # fmt: skip
+        self._device.record("copy", event)
 
 
 def allocate_pinned(

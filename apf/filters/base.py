@@ -282,7 +282,8 @@ def begin_searches(
     device = trackers[0].device
     batch = batch or Batch(device, 1)
     with device.enqueue_on(queue) as own:
-        batch.run(shows)
+        for show in shows:
+            show()
         device.make_wait(own)  # the next observations overwrite these
         batch.run([partial(tracker.enqueue_search, queue) for tracker in trackers])
         batch.run(finish)

@@ -12,8 +12,6 @@ import pytest
 
 from cl import Array, Device, Launch
 from cl.batch import Batch
-from cl.fill import Fills
-from cl.staging import Copy
 
 SOURCE = """
 // Adds up what differs between objects: number, array, place in the grid.
@@ -136,35 +134,6 @@ def test_a_change_sets_no_other_arguments_of_the_joined_launch(
     things[0].launch.set(factor=7.0)
     batch.run([thing.run for thing in things])
     assert given == [{"factor"}, {"factor", "values_of_factor"}]
-
-
-class Pair:
-    """An object with two large arrays, and two small ones in a single array."""
-
-    def __init__(self, device: Device) -> None:
-        self.first, self.second = (device.zeros((2**17,), np.uint8) for _ in range(2))
-        whole = device.zeros((8192,), np.uint8)
-        self.parts = [whole.region(4096 * k, (10,), np.uint8) for k in range(2)]
-        self._device, self._copy = device, Copy(self.first, self.second)
-
-    def run(self) -> None:
-        self.first.fill(3)
-        self.parts[1].fill(7)
-        self._device.enqueue([self._copy])
-
-
-def test_fills_and_copies_of_large_arrays_are_joined_and_spare_what_lies_between(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    batch, done = Batch(device, 3, joins=True), list[int]()
-    pairs = batch.run([partial(Pair, device)] * 3)
-    fill = Fills.fill
-    monkeypatch.setattr(Fills, "fill", lambda *a: (done.append(a[2].size), fill(*a)))
-    batch.run([pair.run for pair in pairs])
-    assert [size for size in done if size > 10] == [3 * 2**17]
-    for pair in pairs:
-        assert (pair.first.get() == 3).all() and (pair.second.get() == 3).all()
-        assert [set(part.get()) for part in pair.parts] == [{0}, {7}]
 
 
 def test_what_waits_for_the_device_gets_what_was_collected_before_it(device: Device) -> None:
