@@ -51,15 +51,6 @@ class UprightConfig(Config):
     turn: float = positive(
         0.105, "Turn of the fitted tilt, upwards and downwards, that is tried too.", unit="rad"
     )
-    slender: float = fraction(
-        0.6,
-        "Share of the silhouette's greatest slenderness above which somebody counts as upright.",
-    )
-    variants: int = natural(6, "Most heights of a camera that are tried.")
-    step: float = positive(0.25, "Step between these heights.", unit="statures")
-    lowest: float = positive(0.2, "Least height of a camera.", unit="statures")
-    highest: float = positive(2.0, "Greatest height of a camera.", unit="statures")
-    worse: float = positive(9.0, "Increase of the sum of squares up to which a height is tried.")
 
 
 class PairConfig(Config):
@@ -103,13 +94,26 @@ class GrowthConfig(Config):
 
     SOURCE: ClassVar = "by hand on `synth_pickup_6cam`; box and jacks watched"
 
-    angles: int = setting(18, "Number of angles around the vertical that are tried.", least=8)
-    places: int = natural(6, "Angles of a camera that are adjusted, per rig before it.")
+    angles: int = setting(24, "Number of angles around the person that are tried.", least=8)
+    elevations: tuple[float, ...] = setting(
+        (-0.1, 0.04, 0.18, 0.32, 0.46, 0.6),
+        "Elevations of a camera over the person's horizon that are tried.",
+        unit="rad",
+    )
+    steady: float = fraction(
+        0.1, "Share to which two cameras' usual difference counts where places are compared."
+    )
+    rounds: int = natural(5, "Rounds in which a new camera alone is adjusted.")
+    places: int = natural(12, "Places of a camera that are tried, per rig before it.")
+    tried: int = natural(32, "Rigs of as many cameras that are adjusted.")
     kept: tuple[int, ...] = setting(
-        (40, 30, 20, 15, 12, 10), "Rigs of two, three, ... cameras that are kept."
+        (14, 12, 10, 6, 4, 4), "Rigs of two, three, ... cameras that are kept."
     )
     same: float = positive(0.14, "Turn up to which two rigs are the same.", unit="rad")
-    grown: int = natural(4, "Rigs of all cameras that are adjusted further.")
+    grown: int = natural(3, "Most rigs of all cameras that are adjusted further.")
+    worse: float = setting(
+        1.15, "Multiple of the best rig's misfit up to which a rig is adjusted further.", least=1
+    )
 
 
 class AdjustmentConfig(Config):
@@ -129,6 +133,19 @@ class AdjustmentConfig(Config):
     gates: tuple[float, ...] = setting(
         (16, 8, 6, 4, 4, 2, 2, 2), "Gates of the last rounds.", unit="px"
     )
+    passes: int = natural(6, "Most further passes over a rig that was grown.")
+    near_gates: tuple[float, ...] = setting((4, 2), "Gates of a step of such a pass.", unit="px")
+    far_gates: tuple[float, ...] = setting(
+        (8, 4, 4, 2), "Gates after the step was prolonged.", unit="px"
+    )
+    farther: float = positive(5.0, "Multiple of the step by which it is prolonged.")
+    fewer: float = fraction(0.97, "Share of the points that must still agree after it.")
+    more: float = setting(
+        1.01,
+        "Multiple of the points that must agree after it; two passes of less are the last.",
+        least=1,
+    )
+    settled: float = positive(0.0003, "Turn below which a rig stays.", unit="rad")
     wide: AlignmentConfig = part(
         AlignmentConfig,
         "Steps while the arrangement is uncertain; lenses are kept.",
@@ -213,8 +230,12 @@ class PersonConfig(Config):
     )
     worst_residual: float = positive(
         1.2,
-        "Greatest median distance of the outermost points of two cameras from epipolar lines.",
+        "Greatest distance of the outermost points of a camera and of others from epipolar lines, "
+        "the median over the others of medians.",
         unit="px",
+    )
+    sure_residual: float = positive(
+        0.7, "The same distance above which other rigs are grown and compared.", unit="px"
     )
     least_path: float = nonnegative(
         0.05,
