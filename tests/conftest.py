@@ -14,6 +14,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Readline sets these in the processes that pytest-xdist starts; commands would cut tables to them.
 os.environ.pop("COLUMNS", None)
 os.environ.pop("LINES", None)
+# Else every command that a test starts compiles the packages again, for half a second.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 import cv2
 import numpy as np

@@ -20,7 +20,8 @@ T = TypeVar("T")
 @dataclass(eq=False)
 class Appearance:
     """The appearance of a trajectory in some frames: its colours (BANDS, K) by frame, and the share
-    of its silhouettes that nobody else explains (see `CoarseVoxels.unexplained`) by frame."""
+    of its silhouettes that nobody else explains (see `CoarseVoxels.measure_unexplained`) by
+    frame."""
 
     colours: dict[int, np.ndarray] = field(default_factory=dict)
     unexplained: dict[int, float] = field(default_factory=dict)
@@ -139,8 +140,7 @@ def is_person(
     if len(one.touching) > config.following.contact * len(one.voxels):
         return False  # a part of somebody
     picked = one.frames[np.linspace(0, len(one.frames) - 1, 15).round().astype(int)]
-    heights = np.array([grid.centres(one.voxels[int(index)])[:, 2] for index in picked],
-                       dtype=object)  # fmt: skip
+    heights = [grid.centres(one.voxels[int(index)])[:, 2] for index in picked]
     low, high = (np.median([float(end(of)) for of in heights]) for end in (np.min, np.max))
     if high - low + config.voxel < config.least_height or low > config.lowest:
         return False
