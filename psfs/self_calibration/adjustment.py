@@ -322,21 +322,28 @@ def measure_last_misfit(
     return total / count
 
 
-def measure_misfits(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
-    """Return by how much the silhouettes of each camera (V,) and of the others differ, px.
+def measure_pairs(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
+    """Return by how much the silhouettes of every two cameras (V, V) differ, px.
 
-    Of two cameras that is the median distance of their outermost points from the epipolar lines, of
-    all of them, whether they agree or not; of a camera the median over the others, since a shadow
-    that two of them see alike does not count. Infinity if the camera shares enough points with
-    fewer than two others, whose sizes two cameras alone do not tell.
+    That is the median distance of their outermost points from the epipolar lines, of all of them,
+    whether they agree or not; NaN if they share too few.
     """
     cameras, shifts = adjusted.rig.cameras, np.round(adjusted.lags).astype(int)
     found = points.find_extremes(cameras, shifts)
     residuals, _ = epipolar_residuals(cameras, found, shifts - adjusted.lags)
-    medians: list[list[float]] = [[] for _ in cameras]
-    for pair in combinations(range(len(cameras)), 2):
-        own = np.abs(residuals[(found.views == pair).all(axis=1)])
+    medians = np.full((len(cameras), len(cameras)), np.nan)
+    for a, b in combinations(range(len(cameras)), 2):
+        own = np.abs(residuals[(found.views == (a, b)).all(axis=1)])
         if len(own) >= points.config.least_shared:
-            for view in pair:
-                medians[view].append(float(np.median(own)))
-    return np.array([np.median(of) if len(of) >= 2 else np.inf for of in medians])
+            medians[a, b] = medians[b, a] = np.median(own)
+    return medians
+
+
+def summarise_pairs(pairs: np.ndarray) -> np.ndarray:
+    """Return by how much the silhouettes of each camera (V,) and of the others differ, px: the
+    median of its `pairs` (V, V), since a shadow that it and another see alike does not count.
+
+    Infinity with fewer than two: one pair alone does not tell how far away a camera is.
+    """
+    known = [of[np.isfinite(of)] for of in pairs]
+    return np.array([np.median(of) if len(of) >= 2 else np.inf for of in known])

@@ -26,7 +26,8 @@ from psfs.self_calibration.adjustment import (
     adjust_farther,
     adjust_frontier,
     measure_misfit,
-    measure_misfits,
+    measure_pairs,
+    summarise_pairs,
 )
 from psfs.self_calibration.bobbing import compare_bobbing, measure_bobbing, refine_lags
 from psfs.self_calibration.config import PersonConfig
@@ -52,7 +53,7 @@ class PersonCalibration:
 
     rig: small cameras, metres, Z up. lags: (V,) frames: frame t of the first camera shows the time
     of frame t + lags[v] of camera v. residual: median distance of the frontier points that agree
-    from the epipolar lines, px. count: of these points. misfits: (V,) px, see `measure_misfits`.
+    from the epipolar lines, px. count: of these points. misfits: (V,) px, see `summarise_pairs`.
     path: standard deviation of the person's places along the main direction of the walk, m.
 
     Standard deviations are not stated: silhouettes are wrong alike in neighbouring frames, so those
@@ -126,13 +127,22 @@ def _fit_views(
 
 
 def _check_seen(cameras: Sequence[Camera], outlines: Outlines, config: PersonConfig) -> None:
+    motions = []
     for camera, own in zip(cameras, outlines, strict=True):
-        seen = sum(of is not None and not of.at_border.any() for of in own)
-        if seen < config.least_frames:
+        whole = [of.points for of in own if of is not None and not of.at_border.any()]
+        if len(whole) < config.least_frames:
             raise InputError(
-                f"{camera.name}: the whole person is in {seen} of {len(own)} pictures; expected "
-                f"{config.least_frames} or more; {FILM}"
+                f"{camera.name}: the whole person is in {len(whole)} of {len(own)} pictures; "
+                f"expected {config.least_frames} or more; {FILM}"
             )
+        edges = np.array([[*of.min(axis=0), *of.max(axis=0)] for of in whole])
+        motions.append(edges.std(axis=0).max() / np.median(edges[:, 3] - edges[:, 1]))
+    usual = float(np.median(motions))
+    if usual < config.least_motion:
+        raise InputError(
+            f"the person hardly moves: the silhouettes' edges by {100 * usual:.1f} % of the "
+            f"height, expected {100 * config.least_motion:g} % or more; {FILM}"
+        )
 
 
 def _search(
@@ -188,7 +198,9 @@ def _adjust_best(
 
 
 def _is_sure(best: Adjusted | None, points: PersonPoints, config: PersonConfig) -> bool:
-    return best is not None and measure_misfits(best, points).max() <= config.sure_residual
+    if best is None:
+        return False
+    return bool(summarise_pairs(measure_pairs(best, points)).max() <= config.sure_residual)
 
 
 def _adjust_grown(
@@ -207,11 +219,6 @@ def _check(
     best, misfits, touched = _check_fit(best, points, config)
     world = align_to_person(best.rig, ups, touched, config)
     path = measure_path(world, touched)
-    if path < config.least_path * config.stature:
-        raise InputError(
-            f"the person walks too little: the places' standard deviation is {path:.2f} m, "
-            f"expected {config.least_path * config.stature:.2f} or more; {FILM}"
-        )
     last = best.last
     return PersonCalibration(world, best.lags, last.residual, last.count, misfits, path)
 
@@ -223,20 +230,28 @@ def _check_fit(
     InputError if the silhouettes do not fit."""
     if best is None:
         raise InputError(f"no arrangement of the cameras fits the silhouettes; {FILM}")
-    rig = best.rig
-    misfits = measure_misfits(best, points)
+    names, pairs = best.rig.names, measure_pairs(best, points)
+    misfits = summarise_pairs(pairs)
     worst = int(np.argmax(misfits))
     if not np.isfinite(misfits[worst]):
         raise InputError(
-            f"{rig[worst].name} shares too few pictures of the whole person with two other cameras "
+            f"{names[worst]} shares too few pictures of the whole person with two other cameras "
             f"that do not stand opposite to it; {FILM}"
         )
-    if misfits[worst] > config.worst_residual:
+    most = config.worst_residual if len(names) > 3 else config.worst_of_three
+    if misfits[worst] > most:
         raise InputError(
-            f"the silhouettes fit no arrangement of the cameras: those of {rig[worst].name} and the "
-            f"other cameras differ by {misfits[worst]:.2f} px, expected at most "
-            f"{config.worst_residual:g}; {FILM}"
+            f"the silhouettes fit no arrangement of the cameras: those of {names[worst]} and the "
+            f"other cameras differ by {misfits[worst]:.2f} px, expected at most {most:g} with "
+            f"{len(names)} cameras; {FILM}"
+        )
+    if np.nanmax(pairs) > config.worst_pair:
+        a, b = divmod(int(np.nanargmax(pairs)), len(names))
+        raise InputError(
+            f"the silhouettes fit no arrangement of the cameras: those of {names[a]} and "
+            f"{names[b]} differ by {pairs[a, b]:.2f} px, expected at most {config.worst_pair:g}; "
+            f"{FILM}"
         )
     shifts = np.round(best.lags).astype(int)
-    touched = points.find_all(rig.cameras, shifts, config.adjustment.gates[-1])
+    touched = points.find_all(best.rig.cameras, shifts, config.adjustment.gates[-1])
     return best, misfits, touched
