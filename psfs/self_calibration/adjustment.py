@@ -191,7 +191,7 @@ def adjust_frontier(rig: CameraRig, lags: np.ndarray, points: PersonPoints) -> A
 def adjust_farther(start: Adjusted, points: PersonPoints) -> Adjusted:
     """Adjust a rig that may be some degrees off to all frontier points until it stays.
 
-    Points are matched anew in every round, which moves such a rig by a small share of its error:
+    Points are matched again in every round, which moves such a rig by a small share of its error:
     each pass goes on by a multiple of the last step, and is kept if no fewer points agree then.
     """
     config, found, idle = points.config, start, 0

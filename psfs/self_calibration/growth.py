@@ -30,8 +30,8 @@ from psfs.self_calibration.upright import floor_axes
 
 @dataclass(frozen=True, eq=False)
 class _Sight:
-    """Where one camera sees the person: the usual direction (3,) of the middle in the camera's
-    axes, and the usual angle, rad, between top and bottom."""
+    """The person in one camera: the usual direction (3,) of the middle in the camera's axes, and
+    the usual angle, rad, between top and bottom."""
 
     direction: np.ndarray
     size: float
@@ -64,7 +64,7 @@ def grow_rigs(
     """
     sights = [_Sight.create(hulls) for hulls in points.hulls]
     start = _Person(np.zeros(3), np.array([0, 0, 1.0]), config.stature)
-    branches = [
+    branches: list[tuple[tuple[Camera, ...], np.ndarray]] = [
         ((place_camera(cameras[0], sights[0], start, 0.0, elevation),), lags[:1])
         for elevation in config.growth.elevations
     ]
