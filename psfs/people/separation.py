@@ -62,7 +62,7 @@ def separate(
             progress()
     volumes = []
     for person, box in zip(people, boxes, strict=True):
-        coarse = replace(people, persons=(person,)).box()
+        coarse = np.stack(replace(people, persons=(person,)).box())
         ends = np.array(box or [coarse])  # (N, 2, 3) m
         low, high = ends[:, 0].min(0), ends[:, 1].max(0)
         volumes.append(Volume(low - config.margin, high + config.margin))
