@@ -76,6 +76,7 @@ def command(suite_folder: Path, out: Path, *flags: str) -> list[str]:
     return [*script, *small, *flags]
 
 
+@pytest.mark.usefixtures("quick_start")
 def test_a_suite_from_both_starts(
     folder: Path,
     tmp_path: Path,
