@@ -53,10 +53,12 @@ class Array:
 
     @property
     def size(self) -> int:
+        """Number of elements."""
         return math.prod(self.shape)
 
     @property
     def nbytes(self) -> int:
+        """Size of the elements, bytes."""
         return self.size * self.dtype.itemsize
 
     def view(self, dtype: npt.DTypeLike) -> Array:

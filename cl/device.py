@@ -330,7 +330,9 @@ class Device:
         """Return a launch of `kernel` with its arguments set once; call it to enqueue it.
 
         Arguments go by their names in the kernel's prototype; see `Launch.set` for their kinds.
-        The global size is padded to a multiple of the local size: kernels check their bounds.
+        The global size is padded to a multiple of the local size: kernels check their bounds. State
+        a local size that does not depend on the data: PoCL compiles a kernel for every local size
+        (.15 s each), and a GPU's driver looks for one in every launch (8 us on an H200).
         Raises TypeError for missing and unknown arguments.
         """
         return Launch(self, kernel, global_size, local_size, arguments)

@@ -6,6 +6,7 @@ import getpass
 import logging
 import os
 import tempfile
+import threading
 from pathlib import Path
 
 from platformdirs import user_cache_path
@@ -34,9 +35,12 @@ def replace_unwritable_caches() -> None:
 def write_whole(path: Path, text: str) -> None:
     """Write a text file in one step: other processes see the old file or the new one."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f"{path.name}.{os.getpid()}")
-    temporary.write_text(text, encoding="utf-8")
-    temporary.replace(path)
+    temporary = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}")
+    try:
+        temporary.write_text(text, encoding="utf-8")
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def _is_writable(place: str) -> bool:

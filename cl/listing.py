@@ -90,6 +90,7 @@ def where_to_get_opencl(system: str = sys.platform) -> str:
 
 
 def device_info(device: Any) -> DeviceInfo:
+    """Return the properties of a pyopencl device."""
     kinds = {pyopencl.device_type.GPU: "gpu", pyopencl.device_type.CPU: "cpu"}
     kind = next((name for bit, name in kinds.items() if device.type & bit), "other")
     return DeviceInfo(

@@ -25,6 +25,7 @@ class Profile:
         self._ms: dict[str, array[float]] = defaultdict(lambda: array("d"))
 
     def add(self, name: str, event: Any) -> None:
+        """Keep the event of a command."""
         self._events.append((name, event))
         if len(self._events) >= 2 * _KEPT_EVENTS:  # the older half has finished by now
             self._measure(_KEPT_EVENTS)
@@ -50,5 +51,6 @@ class Profile:
         return sorted(rows, key=lambda row: -row[3])
 
     def clear(self) -> None:
+        """Forget all commands."""
         self._events.clear()
         self._ms.clear()

@@ -41,25 +41,27 @@ class Uploads:
                 f"expected {self._target.shape} {self._target.dtype}, got {host.shape} {host.dtype}"
             )
         before = self._taken[self._next]
-        self._uploaded = pyopencl.enqueue_copy(
-            self._queue,
-            self._buffers[self._next].buffer,
-            host,
-            is_blocking=False,
-            wait_for=[before] if before is not None else None,
-        )
+        with raise_device_errors(self._device.name, "an upload"):
+            self._uploaded = pyopencl.enqueue_copy(
+                self._queue,
+                self._buffers[self._next].buffer,
+                host,
+                is_blocking=False,
+                wait_for=[before] if before is not None else None,
+            )
+            self._queue.flush()
         self._device.record("upload", self._uploaded, upload=self._target.nbytes)
-        self._queue.flush()
 
     def finish(self) -> None:
         """Enqueue, on the device's own queue, the copy of the upload into the target."""
-        self._taken[self._next] = pyopencl.enqueue_copy(
-            self._device.queue,
-            self._target.buffer,
-            self._buffers[self._next].buffer,
-            byte_count=self._target.nbytes,
-            wait_for=[self._uploaded],
-        )
+        with raise_device_errors(self._device.name, "a copy"):
+            self._taken[self._next] = pyopencl.enqueue_copy(
+                self._device.queue,
+                self._target.buffer,
+                self._buffers[self._next].buffer,
+                byte_count=self._target.nbytes,
+                wait_for=[self._uploaded],
+            )
         self._device.record("copy", self._taken[self._next])
         self._next = 1 - self._next
 
@@ -170,7 +172,10 @@ def allocate_pinned(
     such."""
     nbytes = int(np.prod(shape)) * np.dtype(dtype).itemsize
     flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.ALLOC_HOST_PTR
-    buffer = pyopencl.Buffer(device.context, flags, nbytes)
     mapping: Any = pyopencl.map_flags.READ | pyopencl.map_flags.WRITE
-    array, _ = pyopencl.enqueue_map_buffer(device.queue, buffer, mapping, 0, shape, np.dtype(dtype))
+    with raise_device_errors(device.name, f"{nbytes:,} bytes of page-locked memory"):
+        buffer = pyopencl.Buffer(device.context, flags, nbytes)
+        array, _ = pyopencl.enqueue_map_buffer(
+            device.queue, buffer, mapping, 0, shape, np.dtype(dtype)
+        )
     return array

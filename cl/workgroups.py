@@ -20,12 +20,6 @@ def row_group(device: Device) -> tuple[int, int, int]:
     return (32, 4, 1) if device.is_gpu else (_ALONG, 1, 1)
 
 
-def stated_group(device: Device, *group: int) -> tuple[int, ...] | None:
-    """Return the work-group for a GPU, of kernels that check their bounds. Where none is stated the
-    driver looks for one in every launch, for 8 us (H200); PoCL finds good ones."""
-    return group if device.is_gpu else None
-
-
 def pixel_pack(device: Device, width: int) -> int:
     """Return PACK of pack.h for kernels of pictures `width` pixels wide: neighbours in a row that
     a work-item works on at once."""

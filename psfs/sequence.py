@@ -89,9 +89,9 @@ class Sequence:
             sync = {name: late for name, late in sync.items() if name in settings.cameras}
         footage, numbering = pair_by_number(pair_by_timestamps(footage))
         self.notes = [*footage.notes, *heard]
-        timing, rates = find_timing(footage, settings.fps, sync, _DEFAULT_FPS)
+        self.timing, rates = find_timing(footage, settings.fps, sync, _DEFAULT_FPS)
         self.timing_notes = [*numbering, *rates]
-        self.footage = synchronise(footage, timing)
+        self.footage = synchronise(footage, self.timing)
         self.unit = footage.unit
         self.subject: str = settings.subject or "person"
         self.notes += self.timing_notes
@@ -99,7 +99,7 @@ class Sequence:
             media.fps for media in footage.images or footage.masks or ()
         ):
             self.notes.append(f"no frame rate is known: {_DEFAULT_FPS:g} per second is assumed")
-        self.fps = timing.fps
+        self.fps = self.timing.fps
         self.rig: CameraRig = rotate_rig(footage.rig, rotation_to_z_up(settings.up or "z"))
         self.background_kind = self._background_kind()
         self.volume: tuple[np.ndarray, np.ndarray] | None = self._volume()
@@ -151,10 +151,11 @@ class Sequence:
         return other
 
     def synchronise(self, late: Mapping[str, int]) -> Sequence:
-        """Return the same views with late ones shifted; `late`: number of frames, by the camera's
-        name."""
+        """Return the same views with late ones shifted; `late`: number of frames of the sequence,
+        by the camera's name."""
         before = self.settings.sync if isinstance(self.settings.sync, Mapping) else {}
-        both = {name: before.get(name, 0) + late.get(name, 0) for name in self.rig.names}
+        own = self.timing.count_own_frames([late.get(name, 0) for name in self.rig.names])
+        both = {n: before.get(n, 0) + by for n, by in zip(self.rig.names, own, strict=True)}
         shifts = {name: by for name, by in both.items() if by}
         return self._again(self.settings.replace(sync=shifts))
 

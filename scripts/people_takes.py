@@ -2,8 +2,8 @@
 
     python scripts/people_takes.py OUT [NAME ...]
 
-Without names it writes all. The takes of `DEVELOPED` were looked at while settings were chosen,
-those of `CONFIRMED` were only measured.
+Without names it writes all. Settings were chosen with the takes of `DEVELOPED`;
+those of `CONFIRMED` were meant to be measured only.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def ramp(begin: float, end: float) -> Share:
     return share
 
 
-def between(begin: float, end: float, rise: float = 0.5) -> Share:
+def hold(begin: float, end: float, rise: float = 0.5) -> Share:
     """Return a share that is 1 from `begin` to `end` s, with ramps of `rise` s."""
     up, down = ramp(begin - rise, begin), ramp(end, end + rise)
     return lambda times: up(times) - down(times)
@@ -95,20 +95,20 @@ class TakeOfPeople:
     things: tuple[Thing, ...] = field(default=())
 
 
-_CHAT = between(1.3, 1e3)
+_CHAT = hold(1.3, 1e3)
 
 DEVELOPED = {
     "cross": TakeOfPeople((Mover((-1.7, 0.2), 0), Mover((0.25, -1.15), 90, 1.62)), seed=51),
     "shake": TakeOfPeople(
-        (Mover((-1.55, 0.05), 0, stands=_CHAT, reach=between(1.5, 2.6)),
-         Mover((1.55, -0.05), 180, 1.68, stands=_CHAT, reach=between(1.5, 2.6))), seed=52),
+        (Mover((-1.55, 0.05), 0, stands=_CHAT, reach=hold(1.5, 2.6)),
+         Mover((1.55, -0.05), 180, 1.68, stands=_CHAT, reach=hold(1.5, 2.6))), seed=52),
     "close": TakeOfPeople(
-        (Mover((-0.2, 0.2), 170, stands=between(-1, 1.0), lift=between(2.2, 2.9)),
-         Mover((0.2, -0.15), -20, 1.82, stands=between(-1, 0.8))), seed=53),
+        (Mover((-0.2, 0.2), 170, stands=hold(-1, 1.0), lift=hold(2.2, 2.9)),
+         Mover((0.2, -0.15), -20, 1.82, stands=hold(-1, 0.8))), seed=53),
     "alike": TakeOfPeople(
         (Mover((-1.7, 0.2), 10, shirt=1), Mover((1.7, 0.6), 200, 1.72, shirt=1)), seed=54),
     "four": TakeOfPeople(
-        (Mover((-1.6, -0.5), 20, lift=between(1, 2.5)), Mover((1.5, 0.9), 190, 1.6)), 4, seed=55),
+        (Mover((-1.6, -0.5), 20, lift=hold(1, 2.5)), Mover((1.5, 0.9), 190, 1.6)), 4, seed=55),
     "trio": TakeOfPeople(
         (Mover((-1.4, 0.5), 0), Mover((1.6, -0.1), 180, 1.65), Mover((0.6, -1.9), 90, 1.85)), 8,
         seed=56),
@@ -119,23 +119,23 @@ DEVELOPED = {
 CONFIRMED = {
     "pass": TakeOfPeople((Mover((-1.7, 0.27), 0, 1.83), Mover((1.7, -0.27), 180, 1.7)), 5, seed=61),
     "meet": TakeOfPeople(
-        (Mover((-0.1, -1.6), 90, 1.6, stands=_CHAT, reach=between(1.6, 2.7)),
-         Mover((0.0, 1.5), -90, 1.8, stands=_CHAT, reach=between(1.4, 2.7), crouch=_CHAT)),
+        (Mover((-0.1, -1.6), 90, 1.6, stands=_CHAT, reach=hold(1.6, 2.7)),
+         Mover((0.0, 1.5), -90, 1.8, stands=_CHAT, reach=hold(1.4, 2.7), crouch=_CHAT)),
         seed=62),
     "beside": TakeOfPeople(
-        (Mover((-1.5, 0.3), 0), Mover((-1.45, -0.3), 0, 1.66, crouch=between(1.5, 2))), seed=63),
+        (Mover((-1.5, 0.3), 0), Mover((-1.45, -0.3), 0, 1.66, crouch=hold(1.5, 2))), seed=63),
     "late": TakeOfPeople(
-        (Mover((-1.9, 0.5), 0, speed=0.7, lift=between(0.5, 3)),
+        (Mover((-1.9, 0.5), 0, speed=0.7, lift=hold(0.5, 3)),
          Mover((0.5, -1.9), 95, 1.68, present=((1.4, 1e3),))), seed=64),
     "twins": TakeOfPeople(
         (Mover((-1.6, -0.3), 0, 1.74, shirt=3), Mover((0.2, 2.2), -90, 1.74, shirt=3)), seed=65),
     "four2": TakeOfPeople(
         (Mover((0.4, -1.7), 90, 1.7), Mover((-0.5, 0.2), 0, 1.8, stands=lambda t: 0 * t + 0.95,
-                                           lift=between(0.8, 2), crouch=between(2.6, 3.4))),
+                                           lift=hold(0.8, 2), crouch=hold(2.6, 3.4))),
         4, seed=66),
     "trio2": TakeOfPeople(
         (Mover((-1.6, -0.6), 10, 1.58), Mover((1.2, 0.7), 180, 1.78, shirt=2),
-         Mover((0.3, -1.0), 95, 1.7, shirt=2, lift=between(1.5, 3))), 8, seed=67),
+         Mover((0.3, -1.0), 95, 1.7, shirt=2, lift=hold(1.5, 3))), 8, seed=67),
     "ball": TakeOfPeople(
         (Mover((-1.6, 0.2), 0), Mover((1.4, 0.9), 180, 1.7)), seed=68,
         things=(Thing("ball", (1.2, -1.0), (-0.8, 0.3)),)),

@@ -14,12 +14,21 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Readline sets these in the processes that pytest-xdist starts; commands would cut tables to them.
 os.environ.pop("COLUMNS", None)
 os.environ.pop("LINES", None)
+# Else every command that a test starts compiles the packages again, for half a second.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 import cv2
 import numpy as np
 import pytest
 from helpers import footage, parity, scenes
 
+from apf.initialisation.config import (
+    AcceptanceConfig,
+    HeadingConfig,
+    PoseSearchConfig,
+    StartConfig,
+)
+from apf.initialisation.frame_config import FrameChoice
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from cl import Device
@@ -85,12 +94,26 @@ def out(made_out: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
-@pytest.fixture
-def quick_preview(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A black picture in place of a cloud's six shaded views, which take a second."""
+@pytest.fixture(scope="session", autouse=True)
+def _quick_preview() -> Generator[None, None, None]:
+    """Runs have a black picture in place of six shaded views, which take a second; test_commands.py
+    has the views."""
     picture = np.zeros((4, 6, 3), np.uint8)
-    monkeypatch.setattr("psfs.cli.reconstruct.draw_preview", lambda *_: picture)
-    monkeypatch.setattr("psfs.cli.view.draw_preview", lambda *_: picture)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("psfs.cli.reconstruct.draw_preview", lambda *_: picture)
+        yield
+
+
+@pytest.fixture
+def quick_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An automatic start with a small search, where any start will do: 2 s instead of 8."""
+    small = StartConfig().replace(
+        frames=FrameChoice(n_fitted=2, n_searched=1),
+        headings=HeadingConfig(n_headings=4, n_kept=1),
+        search=PoseSearchConfig(n_limb_starts=1),
+        acceptance=AcceptanceConfig(n_attempts=1),
+    )
+    monkeypatch.setattr("apf.initialisation.sequence.StartConfig", lambda: small)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

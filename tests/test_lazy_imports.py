@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -52,10 +54,26 @@ def test_what_needs_no_work_loads_no_heavy_library(
         assert "pydantic" not in modules
 
 
-@pytest.mark.parametrize(
-    ("program", "name"), [(prog, command.name) for prog, found in PROGRAMS for command in found]
-)
-def test_the_help_of_a_command_loads_no_heavy_library(program: str, name: str) -> None:
-    code, modules = loaded_by(program, name, "--help")
-    assert code == 0
-    assert not modules.intersection(HEAVY)
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+@pytest.mark.parametrize(("program", "commands"), PROGRAMS)
+def test_the_help_of_a_command_loads_no_heavy_library(program: str, commands: Any) -> None:
+    """Each in a copy of a process that has loaded the program alone."""
+    names = [command.name for command in commands]
+    code = f"""
+import os, sys
+from {program}.cli import main
+for name in {names}:
+    sys.stdout.flush()
+    if os.fork() == 0:
+        code = main([name, "--help"])
+        print("LOADED", name, code, *sys.modules, file=sys.__stdout__, flush=True)
+        os._exit(0)
+    os.wait()
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    found = [line.split() for line in run.stdout.splitlines() if line.startswith("LOADED ")]
+    assert [line[1] for line in found] == names, run.stderr
+    for _, name, status, *modules in found:
+        assert status == "0", name
+        assert not {*HEAVY}.intersection(modules), name
+        assert f"{program}.cli" in modules

@@ -20,7 +20,8 @@ SMALLER: dict[str, dict[str, str]] = {
         "voxel_size=0.025": "voxel_size=0.05",
     },
     "timings": {
-        "FRAMES = 6": "FRAMES = 4",
+        "FRAMES = 6": "FRAMES = 3",
+        "frames[:3]": "frames[:2]",
         "size=(320, 240)": "size=(160, 120)",
         "0.03, (67, 67, 67)": "0.06, (34, 34, 34)",
         "n_particles=60, n_layers=5": "n_particles=40, n_layers=2",

@@ -66,7 +66,6 @@ def test_types_and_data_files_are_packaged() -> None:
         assert all(list((ROOT / package).glob(pattern)) for pattern in patterns)
 
 
-@pytest.mark.usefixtures("quick_preview")
 def test_reconstruct_gives_the_clouds_of_the_command(walk: Path, tmp_path: Path) -> None:
     assert psfs.cli.main(["reconstruct", str(walk), "-o", str(tmp_path)]) == 0
     clouds = list(psfs.reconstruct(psfs.open_sequence(walk)))  # all kept, none overwritten
@@ -166,6 +165,7 @@ def test_the_parts_fit_together(walk: Path) -> None:
     assert estimates[-1].joints.shape == (len(body.joint_names), 3)
 
 
+@pytest.mark.usefixtures("quick_start")
 def test_readme_example_runs(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From the folder alone: the start is found, too."""
     (tmp_path / "walk").symlink_to(walk)

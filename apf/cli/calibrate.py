@@ -15,11 +15,11 @@ from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cli.commandline import remark
 from psfs.cli.flags.calibrate import CALIBRATION, REPORT
+from psfs.cli.lenses import read_lenses
 from psfs.cli.person import (
     enlarge_rig,
     open_person_footage,
     outline_footage,
-    read_lenses,
     read_person_config,
     write_person_calibration,
 )
@@ -32,6 +32,11 @@ from psfs.sequence import Sequence
 
 
 def run(args: argparse.Namespace) -> None:
+    if args.keypoints is None:
+        raise InputError(
+            "no --keypoints PATH; expected those of a pose network, as apf keypoints finds them; "
+            "without any: psfs calibrate FOLDER --person"
+        )
     inputs = [Path(args.folder), *(p for p in (args.intrinsics,) if p is not None)]
     with output_folder(args.output, args.parser.prog, inputs, (CALIBRATION, REPORT, FILE)):
         _calibrate(args)
@@ -40,8 +45,8 @@ def run(args: argparse.Namespace) -> None:
 def _calibrate(args: argparse.Namespace) -> None:
     config = read_person_config(args)
     views = open_person_footage(args)
-    large = read_lenses(args, views)
-    if args.intrinsics is None:
+    large, kept = read_lenses(args, views)
+    if not kept:
         config = config.replace(
             adjustment=config.adjustment.free_lenses(), points=config.points.free_lenses()
         )
@@ -60,7 +65,7 @@ def _calibrate(args: argparse.Namespace) -> None:
                 f"the silhouettes do not confirm what the keypoints say: {error}; or "
                 "--no-silhouettes, which keeps it unconfirmed"
             ) from None
-    write_person_calibration(args, rig, calibration, config, verdict)
+    write_person_calibration(args, views, rig, calibration, config, verdict)
 
 
 def _adjust(

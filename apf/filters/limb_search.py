@@ -13,7 +13,6 @@ from apf.filters.particle_set import seed_words
 from apf.filters.refinement import Refinement
 from apf.likelihood.base import Likelihood
 from cl import Array, Device, Launch, Stage
-from cl.workgroups import stated_group
 
 #: Work-items of a group of the kernel `choose`.
 _GPU_GROUP, _CPU_GROUP = 256, 64
@@ -146,7 +145,7 @@ class LimbSearch(Stage):
         return self.launch(
             "propose",
             (self.n_dof, n, self._n_runs),
-            stated_group(self.device, 32, 8, 1),
+            (32, 8, 1),
             n=n,
             n_near=count_near(n),
             layer=self.config.search.n_layers,
@@ -187,7 +186,7 @@ class LimbSearch(Stage):
         return self.launch(
             "accept",
             (max(self.n_dof, self.information.shape[1]), self._n_runs),
-            stated_group(self.device, 64, 1),
+            (64, 1),
             margins=(self.config.limb_search.near_margin, self.config.limb_search.far_margin),
             errors=self.errors,
             candidates=self.candidates,

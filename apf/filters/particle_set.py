@@ -11,7 +11,7 @@ from apf.body.model import BodyModel
 from apf.filters.config import SearchConfig
 from apf.filters.layer_noise import layer_sigmas
 from cl import Array, Device, Launch, Stage
-from cl.workgroups import pack_defines, stated_group
+from cl.workgroups import pack_defines
 
 #: Work-items that anneal all particles of a run: a work-group size that devices support.
 _LARGEST_GROUP = 1024
@@ -221,7 +221,7 @@ class ParticleSet(Stage):
         return self.launch(
             "end_frame",
             (report.size,),
-            stated_group(self.device, 64),
+            (64,),
             n_runs=self.n_runs,
             velocity=self.config.velocity,
             n_result=self.result.size,

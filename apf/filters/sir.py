@@ -41,7 +41,7 @@ class SirParticleFilter(DeviceTracker):
         squared = self.device.launch(
             self.device.kernel("tracking/sir", "squared_errors"),
             (n,),
-            None,
+            (64,),
             n=n,
             errors=self.likelihood.errors,
             squared=self._squared,

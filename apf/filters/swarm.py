@@ -40,7 +40,7 @@ class Swarm(ParticleSet):
         return self.device.launch(
             self._swarm_kernel("move"),
             (self.n_dof, self.config.n_particles),
-            None,
+            (32, 8),
             n=self.config.n_particles,
             iteration=iteration,
             inertia=self.swarm.inertia,

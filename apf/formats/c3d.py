@@ -24,6 +24,8 @@ from psfs.common.scratch import temporary_folder
 
 #: The format's header counts frames in 16 bits; ezc3d drops those that follow.
 _MOST_FRAMES = 65535
+#: A parameter has at most so many texts; ezc3d writes a file of more labels that it cannot read.
+_MOST_POINTS = 255
 
 
 @dataclass(frozen=True)
@@ -89,11 +91,16 @@ def _read_convention(path: Path, point: Any) -> str:
 def write_c3d(path: str | Path, series: JointSeries, events: Sequence[C3dEvent] = ()) -> None:
     """Write points and events.
 
-    Raises InputError for no frame, for more than the format can count, and if the file cannot be
-    written.
+    Raises InputError for no frame, for more frames or points than the format can count, and if the
+    file cannot be written.
     """
     import ezc3d  # slow to import
 
+    if len(series.joint_names) > _MOST_POINTS:
+        raise InputError(
+            f"{path}: a C3D of {len(series.joint_names)} points cannot be written; expected at "
+            f"most {_MOST_POINTS}"
+        )
     if not len(series.frames):
         raise InputError(f"{path}: a C3D of no frame cannot be written; expected at least one")
     rate, rows = series.to_constant_rate()

@@ -57,19 +57,21 @@ class JointSeries:
     def resample(self, fps: float, start: float | None = None) -> JointSeries:
         """Resample the points to a sequence with `fps` by linear interpolation.
 
-        NaN next to missing points; the result ends where the points end. start: the row that is the
-        sequence's frame 0, by default as the frame numbers say.
+        NaN next to missing points and frames; the result ends where the points end. start: the row
+        that is the sequence's frame 0, by default as the frame numbers say.
         """
-        ratio = self.fps / fps
-        begin = -float(self.frames[0]) if start is None else start
-        first, last = (math.ceil(-begin / ratio), (len(self.frames) - 1 - begin) / ratio)
+        rate, rows = self.to_constant_rate()
+        points = np.where(rows[:, None, None] < 0, np.nan, self.joints[rows])
+        ratio = rate / fps
+        begin = -float(self.frames[0]) * rate / self.fps if start is None else start
+        first, last = (math.ceil(-begin / ratio), (len(points) - 1 - begin) / ratio)
         frames = np.arange(max(0, first), math.floor(last + 1e-9) + 1)
-        places = np.clip(begin + frames * ratio, 0, len(self.frames) - 1)
+        places = np.clip(begin + frames * ratio, 0, len(points) - 1)
         low = np.floor(places + 1e-9).astype(int)
         share = np.maximum(places - low, 0)[:, None, None]
-        high = np.minimum(low + 1, len(self.frames) - 1)
-        between = (1 - share) * self.joints[low] + share * self.joints[high]
-        joints = np.where(share < 1e-9, self.joints[low], between)
+        high = np.minimum(low + 1, len(points) - 1)
+        between = (1 - share) * points[low] + share * points[high]
+        joints = np.where(share < 1e-9, points[low], between)
         return JointSeries(self.joint_names, joints, fps, frames, note=self.note)
 
     @property

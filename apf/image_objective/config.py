@@ -18,16 +18,14 @@ if TYPE_CHECKING:
     from apf.body.model import BodyModel
     from psfs.cameras.camera import CameraRig
 
-EdgeKind = Literal["sobel", "canny", "outline"]
-ProximityKind = Literal["impulse", "proportional", "exponential"]
-ObjectiveKind = Literal["ws", "sp", "aows", "aosp", "posp"]
 #: Where edges come from: the pictures' gradient, OpenCV's Canny, or the silhouette's outline
 #: where there are no pictures.
-EDGE_KINDS: tuple[str, ...] = get_args(EdgeKind)
+EdgeKind = Literal["sobel", "canny", "outline"]
 #: How the distance to the nearest edge becomes proximity, Rymut 2016 eq. (4.26)-(4.28).
-PROXIMITIES: tuple[str, ...] = get_args(ProximityKind)
+ProximityKind = Literal["impulse", "proportional", "exponential"]
 #: Rymut 2016 eq. (4.46)-(4.50): weighted sum, smoothed product, per-camera averages of either,
 #: and the product over cameras.
+ObjectiveKind = Literal["ws", "sp", "aows", "aosp", "posp"]
 OBJECTIVE_KINDS: tuple[str, ...] = get_args(ObjectiveKind)
 #: The width, px, of the pictures that lengths of these settings are stated for.
 STATED_WIDTH = 640

@@ -45,8 +45,9 @@ def initialise(
 ) -> Start:
     """Find the person in the first of the session's frames; see `find_start`.
 
-    If another hypothesis fits nearly as well, more frames are used: if the person wears a skirt, or
-    holds the arms in front of the trunk, one second of footage hardly shows the heading.
+    If another hypothesis fits nearly as well, more frames are used, where there are more: if the
+    person wears a skirt, or holds the arms in front of the trunk, one second of footage hardly
+    shows the heading.
 
     If the person stoops or crouches there and stands taller in a later frame, the body is fitted
     around that frame, because a visual hull does not show the length of bent limbs.
@@ -60,9 +61,12 @@ def initialise(
         )  # fmt: skip
 
     start = found(config)
-    if start.rival >= config.acceptance.ambiguous:
-        return start
     factor, frames = config.acceptance.longer, config.frames
+    seen_whole = len(session.frames) * abs(session.frames.step) <= (
+        frames.duration * session.sequence.fps
+    )
+    if seen_whole or start.rival >= config.acceptance.ambiguous:
+        return start
     wider = frames.replace(duration=factor * frames.duration, n_fitted=2 * frames.n_fitted)
     try:
         again = found(config.replace(frames=wider))

@@ -15,7 +15,7 @@ from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import find_landmarks
 from apf.keypoints.sides import faces_backward
 from apf.keypoints.timing import describe_lags, find_late_cameras, shift_cameras
-from apf.keypoints.triangulation import reprojection_errors, triangulate
+from apf.keypoints.triangulation import reprojection_errors, triangulate, undistort_points
 from psfs.cameras.camera import CameraRig
 
 
@@ -84,10 +84,7 @@ class _Agreement:
         1 if the others are inconsistent.
         """
         config = self.config
-        straight = seen.copy()
-        for row, camera in zip(straight, self.rig, strict=True):
-            if camera.lens.any():
-                row[:, :2] = camera.undistort(row[:, :2])
+        straight = undistort_points(self.rig, seen)
         others, most = straight.copy(), 1e8
         if len(self.rig) > 2:
             others[view] = np.nan

@@ -17,7 +17,7 @@ from scipy.optimize import linear_sum_assignment
 
 from apf.keypoints.config import AssociationConfig, TriangulationConfig
 from apf.keypoints.persons import person_sizes
-from apf.keypoints.triangulation import reprojection_errors, triangulate
+from apf.keypoints.triangulation import reprojection_errors, triangulate, undistort_points
 from psfs.cameras.camera import CameraRig
 
 
@@ -85,10 +85,7 @@ class _Search:
         config: AssociationConfig,
     ) -> None:
         self.rig, self.fps, self.number, self.config = rig, fps, number, config
-        self.straight = points.astype(np.float64)
-        for view, camera in zip(self.straight, rig, strict=True):
-            if camera.lens.any():
-                view[..., :2] = camera.undistort(view[..., :2])
+        self.straight = undistort_points(rig, points)
         self.sizes = person_sizes(self.straight)
         self.there = np.isfinite(self.straight).all(-1).sum(-1) >= config.least_points
         self.people: list[_Person] = []

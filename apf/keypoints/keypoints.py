@@ -13,6 +13,7 @@ from apf.keypoints.association import associate_people, count_at_once
 from apf.keypoints.config import AssociationConfig
 from apf.keypoints.opening import Cameras, match_keypoints, match_persons, read_raw
 from apf.keypoints.readers.raw import check_view
+from apf.keypoints.triangulation import undistort_points
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
@@ -57,6 +58,7 @@ class Keypoints:
 
     @property
     def n_frames(self) -> int:
+        """Number of frames F."""
         return self.points.shape[1]
 
     @classmethod
@@ -115,8 +117,4 @@ class Keypoints:
                 f"cameras are {join_names(found)}; expected those of the keypoints, "
                 f"{join_names(self.camera_names)}"
             )
-        points = self.points.copy()
-        for view, camera in zip(points, cameras, strict=True):
-            if camera.lens.any():
-                view[..., :2] = camera.undistort(view[..., :2].astype(np.float64))
-        return replace(self, points=points)
+        return replace(self, points=undistort_points(cameras, self.points))

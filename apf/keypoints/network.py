@@ -68,4 +68,5 @@ class PoseNetwork:
         self._pose.reset()
 
     def close(self) -> None:
+        """Release the network."""
         self._pose.close()

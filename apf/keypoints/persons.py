@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from apf.keypoints.config import PersonConfig, TriangulationConfig
-from apf.keypoints.triangulation import reprojection_errors, triangulate
+from apf.keypoints.triangulation import reprojection_errors, triangulate, undistort_points
 from psfs.cameras.camera import CameraRig
 
 
@@ -32,9 +32,7 @@ def choose_person(
         ]
     )
     if rig is not None and len(rig) > 2:
-        straight = points.copy()
-        for view, camera in zip(straight, rig, strict=True):
-            view[..., :2] = camera.undistort(view[..., :2])
+        straight = undistort_points(rig, points)
         for _ in range(config.rounds):
             before = chosen
             away = _distance_from_others(straight, sizes, before, rig, config)

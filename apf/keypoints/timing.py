@@ -13,6 +13,7 @@ from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.triangulation import reprojection_errors, triangulate
 from psfs.cameras.camera import CameraRig
 from psfs.diagnostics.small_views import SmallViews
+from psfs.self_calibration.points.lags import shift_points
 
 
 def find_late_cameras(
@@ -38,7 +39,7 @@ def find_late_cameras(
         if gains[view] < config.camera_gain or not config.least <= abs(lag) < most:
             break
         late[rig.names[view]] = lag
-        points[view] = _shift(points[view], lag)
+        points[view] = shift_points(points[view], lag)
     return late
 
 
@@ -80,7 +81,7 @@ def find_lag_to_footage(
 def shift_cameras(keypoints: Keypoints, late: Mapping[str, int]) -> Keypoints:
     """Return the keypoints, those of late cameras shifted back by `late` frames, by name."""
     shifts = [late.get(name, 0) for name in keypoints.camera_names]
-    rows = [_shift(view, lag) for view, lag in zip(keypoints.points, shifts, strict=True)]
+    rows = [shift_points(view, lag) for view, lag in zip(keypoints.points, shifts, strict=True)]
     return replace(keypoints, points=np.stack(rows))
 
 
@@ -126,14 +127,6 @@ def _gains(costs: np.ndarray, most: int, noise: float) -> np.ndarray:
     least = np.nanmin(np.where(np.isfinite(costs), costs, np.inf), axis=1)
     gains: np.ndarray = np.nan_to_num((costs[:, most] + noise) / (least + noise), nan=1.0)
     return gains
-
-
-def _shift(points: np.ndarray, lag: int) -> np.ndarray:
-    """Return points (F, K, 3) that come `lag` frames earlier; NaN where there are none."""
-    out = np.full_like(points, np.nan)
-    kept = slice(max(0, -lag), len(points) - max(0, lag))
-    out[kept] = points[kept.start + lag : kept.stop + lag]
-    return out
 
 
 def _outline_extents(views: SmallViews, rig: CameraRig) -> np.ndarray:

@@ -7,12 +7,13 @@ keypoint lies far from the others' are excluded one by one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from apf.keypoints.config import TriangulationConfig
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import Camera, CameraRig
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +64,16 @@ def triangulate(
     return Triangulation(
         points.reshape(*shape, 3), errors.reshape(shape), used.reshape(len(rig), *shape)
     )
+
+
+def undistort_points(rig: CameraRig | Sequence[Camera], points: np.ndarray) -> np.ndarray:
+    """Return keypoints (V, ..., 2 or more) px as the same cameras without distortion would see
+    them, float64; NaN where that is not possible."""
+    straight = np.array(points, np.float64)
+    for view, camera in zip(straight, rig, strict=True):
+        if camera.lens.any():
+            view[..., :2] = camera.undistort(view[..., :2])
+    return straight
 
 
 def reprojection_errors(rig: CameraRig, seen: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -44,6 +44,7 @@ class MotionPrior(Term):
             self.launch(
                 "add_motion_errors",
                 (poses.shape[0],),
+                (64,),
                 n=poses.shape[0],
                 weight=weight,
                 factors=self._factors,
@@ -60,6 +61,7 @@ class MotionPrior(Term):
             self.launch(
                 "expect_motion",
                 (self._n_dof,),
+                (64,),
                 velocity=self._velocity,
                 pose=pose,
                 motion=self.motion,

@@ -8,7 +8,7 @@ from apf.body.posing import CONE_DEFINES
 from apf.likelihood.base import PointSubset
 from apf.scene import Scene
 from cl import Array, Kernel, Launch
-from cl.workgroups import pack_defines, stated_group
+from cl.workgroups import pack_defines
 from psfs.common.cones import CONE_FLOATS
 
 #: Items that a GPU takes for a pose: mostly few are judged, each has a multiprocessor to itself.
@@ -43,7 +43,7 @@ class SilhouetteRecall:
         self.observe = device.launch(
             self._kernel("project_points"),
             (-(-self._n_points // self._defines["PACK"]), self._n_views),
-            stated_group(device, 64, 1),
+            (64, 1),
             n_points=self._n_points,
             n_views=self._n_views,
             points=points,

@@ -21,7 +21,7 @@ from apf.scene import Scene
 from cl import Array, InputError, Kernel, Launch
 from cl.signature import Argument
 from cl.staging import Ahead
-from cl.workgroups import pack_defines, pack_size, stated_group
+from cl.workgroups import pack_defines, pack_size
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import join_names
 from psfs.common.cones import CONE_FLOATS
@@ -355,7 +355,7 @@ class VoxelLikelihood(Likelihood):
         return self.device.launch(
             self._kernel("sample_surface"),
             (self.config.samples.n_points,),
-            stated_group(self.device, 64),
+            (64,),
             n_points=self.config.samples.n_points,
             count=voxels.count,
             surface=voxels.surface,

@@ -114,7 +114,7 @@ class Captures:
                     if self._videos:
                         self._write(pictures)
                     self._condition.notify_all()
-        except UserError as error:
+        except (UserError, OSError) as error:  # OSError: the disk is full
             with self._condition:
                 self.ended = str(error)
                 self._condition.notify_all()

@@ -25,6 +25,8 @@ from psfs.sequence import Sequence as Recording
 
 #: The stage that sources perform.
 ACQUISITION = "acquisition"
+#: Greatest size of the pictures of the empty scene that are held, bytes, unless these are so few.
+_EMPTY_BYTES, _LEAST_EMPTY = 2**29, 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +50,7 @@ class Newest(Generic[T]):
         self._dropped = dropped
 
     def put(self, item: T) -> None:
+        """Replace the item that waits, if there is one, by a newer one."""
         with self._condition:
             if self._item is not None:
                 self._dropped(self._item)
@@ -142,6 +145,7 @@ class LiveCamera:
         self._thread.start()
 
     def play(self) -> None:
+        """Play a file from its next picture on; no effect on cameras."""
         with self._condition:
             self._began = time.perf_counter(), self._count
             self._condition.notify_all()
@@ -164,6 +168,7 @@ class LiveCamera:
             return self._count, self._time, self._image if new else None
 
     def close(self) -> None:
+        """End the thread, and release the capture."""
         with self._condition:
             self._stop = True
             self._condition.notify_all()
@@ -200,9 +205,9 @@ class LiveCameras:
     """Cameras of `rig`, in its order, whose newest pictures form a frame.
 
     A frame appears when its oldest picture was grabbed. Its index counts steps of 1 / fps s, and is
-    greater than the frame's before. The
-    background is the one given, or estimated from the first `empty` seconds. Raises InputError if a
-    camera's pictures do not have the size of its calibration.
+    greater than the frame's before. The background is the one given, or estimated from the first
+    `empty` seconds. Raises InputError if a camera's pictures do not have the size of its
+    calibration.
     """
 
     has_images = True
@@ -235,8 +240,7 @@ class LiveCameras:
     def background(self) -> Background:
         """The background; the first access may record it."""
         if self._known is None:
-            count = max(1, round(self._empty * self.fps))
-            frames = [self._first_images() for _ in range(count)]
+            frames = self._record_empty(max(1, round(self._empty * self.fps)))
             moments = [
                 clipped_moments([images[view] for images in frames])
                 for view in range(len(self.rig))
@@ -261,8 +265,21 @@ class LiveCameras:
                 shots.put(shot)
 
     def close(self) -> None:
+        """Release all cameras."""
         for camera in self._cameras:
             camera.close()
+
+    def _record_empty(self, count: int) -> list[np.ndarray]:
+        """Return the pictures (V, H, W, 3) of the next `count` frames, of a part of them, evenly
+        spread, where all would take more than `_EMPTY_BYTES`."""
+        first = self._first_images()
+        every = -(-count // max(_LEAST_EMPTY, _EMPTY_BYTES // first.nbytes))
+        frames = [first]
+        for number in range(1, count):
+            images = self._first_images()
+            if number % every == 0:
+                frames.append(images)
+        return frames
 
     def _first_images(self) -> np.ndarray:
         shot = self._next(0.0)

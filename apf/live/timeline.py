@@ -53,6 +53,7 @@ class Timeline:
         self.add(Span(stage, frame, start, self.now()))
 
     def add(self, span: Span) -> None:
+        """Record a span."""
         with self._lock:
             self._spans.append(span)
 

@@ -139,12 +139,6 @@ class CorrectPanel:
             self._handle.move(position)
             self._preview()
 
-    def turn_handle(self, rotation: np.ndarray) -> None:
-        """Turn the handle that is shown by a rotation (3, 3); the limb follows."""
-        if self._handle is not None:
-            self._handle.turn(rotation)
-            self._preview()
-
     def point(self, view: int, way: np.ndarray) -> None:
         """Take a click on the joint in a camera's picture, as a direction (3,); a handle appears
         where two of them meet."""

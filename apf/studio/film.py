@@ -133,7 +133,7 @@ class FilmView:
                 self._captures.stop_recording()
                 self._write_surroundings(folder, names, cameras)
                 self._open_folder(folder)
-        except UserError as error:
+        except (UserError, OSError) as error:
             self._note = "warning", error
 
     def examine_frame(self, frame: Frame) -> None:

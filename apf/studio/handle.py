@@ -11,6 +11,7 @@ import trimesh
 from apf.tracking.correction import Correction
 from apf.tracking.track import Track
 from cl import InputError
+from psfs.page.nodes import to_quaternion
 
 if TYPE_CHECKING:
     import viser
@@ -70,9 +71,7 @@ class JointHandle:
 
     def turn(self, rotation: np.ndarray) -> None:
         """Turn the limb by a rotation (3, 3) from where it was tracked."""
-        whole = np.eye(4)
-        whole[:3, :3] = rotation
-        self._node.wxyz = trimesh.transformations.quaternion_from_matrix(whole)
+        self._node.wxyz = to_quaternion(rotation)
 
     def remove(self) -> None:
         """Remove the handle from the view."""

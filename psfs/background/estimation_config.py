@@ -57,7 +57,7 @@ class BackgroundModelConfig(Config):
 
 
 class StillConfig(Config):
-    """Settings of the search for people who stay in a place, whom the median shows."""
+    """Settings of the search for people who stay in a place and thus appear in the median."""
 
     SOURCE: ClassVar = "by hand, on Pose2Sim's `Demo_MultiPerson`"
 

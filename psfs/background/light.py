@@ -15,7 +15,7 @@ GRID = (64, 32)
 #: Floats of a view's light: gains (3), offsets (3), the field at the first pixel and its growth per
 #: pixel along x and y (3), 1 / spread^2, 3 log(spread), padding.
 LIGHT_FLOATS = 12
-#: Expected `light_spread` if the noise is the background's, given the weights of the robust fit.
+#: Expected spread^2 if the noise is the background's, given the weights of the robust fit.
 EXPECTED_SPREAD2 = 0.886
 #: Least and greatest gain of a channel.
 GAINS = (0.3, 3.0)

@@ -35,6 +35,9 @@ from psfs.calibration.targets.target import Sighting, Target, group_by_frame, gr
 from psfs.cameras.camera import Camera
 from psfs.cameras.names import join_names
 
+#: Largest skew of known intrinsics, px, which moves pixels by less than a tenth of one.
+_MOST_SKEW = 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
@@ -73,6 +76,7 @@ def calibrate_cameras(
     the sightings do not suffice.
     """
     names = [camera.name for camera in cameras]
+    _check_lenses(cameras)
     if target.known is not None:
         sightings = [s for s in sightings if s.frame in target.known]
     shared = count_shared_frames(sightings, len(cameras))
@@ -89,7 +93,7 @@ def calibrate_cameras(
         scene, target, kept, freedom, names, config
     )
     error = rms(np.minimum(all_reprojection_errors(scene, target, agreeing), 1e3))
-    if error > config.disagreement.failed:
+    if not error <= config.disagreement.failed:  # also NaN, of no sighting at all
         raise InputError(
             f"the sightings of the {target.name} fit no arrangement of the cameras; expected "
             "pictures of the same time, one rigid target of the stated size, cameras that stay"
@@ -106,6 +110,19 @@ def calibrate_cameras(
     return CalibrationResult(
         scene, target, fitting, dict(zip(names, dropped, strict=True)), disagreeing, misfits, shared
     )
+
+
+def _check_lenses(cameras: Sequence[Camera]) -> None:
+    """Raise InputError for lenses that OpenCV's projection, which the bundle adjustment uses,
+    ignores."""
+    for camera in cameras:
+        skew = camera.K[0, 1]
+        if camera.kappa or abs(skew) > _MOST_SKEW:
+            found = "Tsai's distortion" if camera.kappa else f"a skew of {skew:g} px"
+            raise InputError(
+                f"the intrinsics of {camera.name} have {found}; expected k1, k2, p1, p2, k3 and no "
+                "skew, or no --intrinsics"
+            )
 
 
 def _initialise(

@@ -151,7 +151,8 @@ def _test_moved(
             away = np.linalg.norm(before.cameras[view].centre - after.cameras[view].centre)
             turn = before.cameras[view].R @ after.cameras[view].R.T
             angle = np.degrees(np.linalg.norm(cv2.Rodrigues(turn)[0]))
-            text = f"it was moved near frame {parts[1][0].frame}, by {1000 * away:.0f} mm"
+            when = parts[1][0].frame // target.boards
+            text = f"it was moved near frame {when}, by {1000 * away:.0f} mm"
             best = left, f"{text} and {angle:.1f} degrees"
     return best
 
@@ -161,13 +162,14 @@ def _test_late(
 ) -> tuple[float, str]:
     best, most = (np.inf, ""), config.disagreement.delay
     for late in (*range(-most, 0), *range(1, most + 1)):
-        shifted = [replace(s, frame=s.frame - late) for s in sightings]
+        shifted = [replace(s, frame=s.frame - late * target.boards) for s in sightings]
         shifted = [s for s in shifted if s.frame in scene.poses]
         if len(shifted) >= max(4, len(sightings) // 2):
             left = rms(_fit_camera(scene, target, shifted, config)[0])
             if left < best[0]:
-                word = "late" if late > 0 else "early"
-                best = left, f"it comes {abs(late)} frames {word}: state --sync CAMERA={late}"
+                word, name = "late" if late > 0 else "early", scene.cameras[sightings[0].view].name
+                text = f"it comes {abs(late)} frames {word}: state --sync {name}={late}"
+                best = left, f"{text}, or add {late} to its present lag"
     return best
 
 

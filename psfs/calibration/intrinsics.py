@@ -1,9 +1,9 @@
-"""Read intrinsics from a calibration file, or estimate them from each camera's pictures of the
-board."""
+"""Read intrinsics from a calibration file, take them from metadata, or estimate them from each
+camera's pictures of the board."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,8 +15,9 @@ from psfs.calibration.targets.detection import Finder
 from psfs.calibration.targets.target import Sighting
 from psfs.cameras.calibration import find_calibration, read_calibration
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.names import contains_name, match_files_to_cameras
+from psfs.cameras.names import contains_name, join_names, match_files_to_cameras
 from psfs.common.ranges import check_number
+from psfs.footage.lens import StatedLens, read_lens
 from psfs.footage.media import list_media, open_media
 
 #: Most pictures of a camera that are searched, and fewest that must show the board.
@@ -60,13 +61,30 @@ def make_cameras_by_angle(rig: CameraRig, degrees: float) -> list[Camera]:
     """Return the rig's cameras with the angle of view, degrees, of the pictures' longer side, and
     without distortion. Raises InputError for an angle that no such lens has."""
     check_number("--field-of-view, degrees,", degrees, 5, 150)
-    cameras = []
-    for camera in rig:
-        focal = 0.5 * max(camera.size) / np.tan(np.radians(0.5 * degrees))
-        K = np.diag([focal, focal, 1.0])
-        K[:2, 2] = 0.5 * (np.array(camera.size) - 1)
-        cameras.append(Camera(camera.name, K, np.zeros(5), np.eye(3), np.zeros(3), camera.size))
-    return cameras
+    share = 0.5 / np.tan(np.radians(0.5 * degrees))
+    return [_make_camera(camera, share) for camera in rig]
+
+
+def make_cameras_by_metadata(
+    rig: CameraRig, pictures: Mapping[str, Path]
+) -> tuple[list[Camera], dict[str, StatedLens]]:
+    """Return the rig's cameras without distortion, with the focal lengths that a picture or video
+    of each states, by camera, and what these say. Raises InputError naming those that state none.
+    """
+    found = {name: read_lens(path) for name, path in pictures.items()}
+    stated = {name: lens for name, lens in found.items() if lens is not None}
+    silent = [str(pictures[name]) for name in pictures if name not in stated]
+    if silent:
+        raise InputError(f"{join_names(silent)}: no focal length in the metadata")
+    return [_make_camera(camera, stated[camera.name].share) for camera in rig], stated
+
+
+def _make_camera(camera: Camera, share: float) -> Camera:
+    """Return a camera at the origin; share: its focal length as one of the longer side."""
+    focal = share * max(camera.size)
+    K = np.diag([focal, focal, 1.0])
+    K[:2, 2] = 0.5 * (np.array(camera.size) - 1)
+    return Camera(camera.name, K, np.zeros(5), np.eye(3), np.zeros(3), camera.size)
 
 
 def _estimate_from_pictures(folder: Path, camera: Camera, finder: Finder | None) -> Camera:

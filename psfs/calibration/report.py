@@ -38,6 +38,7 @@ class ViewReport:
 
     @property
     def coverage(self) -> float:
+        """Share of the picture's cells that held points."""
         return float(self.cells.mean())
 
     def figures(self) -> dict[str, float]:

@@ -54,12 +54,12 @@ def align_to_cameras(scene: CalibrationScene, target: Target) -> np.ndarray:
 
     The floor is at the target's lowest point, the origin below the mean of its points.
     """
-    up = -np.mean([camera.R[1] for camera in scene.cameras], axis=0)
-    if np.linalg.norm(up) < 0.1:  # the cameras look down from above
-        up = np.mean([camera.centre for camera in scene.cameras], axis=0)
-    up = up / np.linalg.norm(up)
     points = np.concatenate([scene.points(target, frame) for frame in scene.poses])
     middle = points.mean(axis=0)
+    up = -np.mean([camera.R[1] for camera in scene.cameras], axis=0)
+    if np.linalg.norm(up) < 0.1:  # the cameras look down from above
+        up = np.mean([camera.centre for camera in scene.cameras], axis=0) - middle
+    up = up / np.linalg.norm(up)
     lowest = middle + ((points - middle) @ up).min() * up
     first = scene.cameras[0]
     return _align_axes(scene, up, first.R[0], lowest, 0.0, towards_cameras=False)

@@ -4,6 +4,7 @@ cameras corrected by a take."""
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -68,8 +69,14 @@ def run(args: argparse.Namespace) -> None:
     if args.print_board is not None:
         _print_board(args)
         return
-    if args.folder is None or args.output is None:
-        raise InputError("no FOLDER or no -o OUT; expected both, or --print-board FILE.pdf alone")
+    missing = [
+        what for what, of in (("FOLDER", args.folder), ("-o OUT", args.output)) if of is None
+    ]
+    if missing:
+        raise InputError(
+            f"no {' and no '.join(missing)}; expected psfs calibrate FOLDER -o OUT, or "
+            "--print-board FILE.pdf alone: docs/calibration.md"
+        )
     inputs = [Path(args.folder), *(p for p in (args.c3d, args.intrinsics) if p is not None)]
     expected = (CALIBRATION, REPORT, RIG, FILE, f"{PICTURES}/*.png")
     with output_folder(args.output, args.parser.prog, inputs, expected):
@@ -143,7 +150,8 @@ def _calibrate(args: argparse.Namespace) -> None:
             sightings += found
     if not sightings:
         raise InputError(_describe_failure(views, chosen, finder))
-    result = calibrate_cameras(cameras, finder.target, sightings, known, config)
+    target = replace(finder.target, boards=len(finders))
+    result = calibrate_cameras(cameras, target, sightings, known, config)
     floor = [len(finders) * frame + n for frame in floor for n in range(len(finders))]
     result, warnings = _align_to_world(args, result, floor)
     _write(args, views, result, config, warnings)
@@ -157,7 +165,8 @@ def _make_board_finders(
     _apply_board_file(args)
     if args.board is None and args.wand is None and args.c3d is None:
         raise InputError(
-            "no target is stated; expected --board, --wand, --c3d, --person or --refine"
+            "no target is stated; expected --person (somebody who walks about), --board, --wand or "
+            "--c3d, or --refine for given cameras: docs/calibration.md"
         )
     if args.c3d is None:
         refuse_unused(args, _OF_C3D, "applies only to motion capture; expected --c3d with it")
@@ -173,7 +182,10 @@ def _make_board_finders(
         refuse_unused(args, _OF_BOARDS, "applies only to boards; expected --board with it")
         return []
     if args.squares is None or args.square is None:
-        raise InputError("--board needs --squares CxR and --square M")
+        raise InputError(
+            "--board needs --squares CxR and --square M, as printed on it; psfs calibrate "
+            "--print-board FILE.pdf makes one"
+        )
     if args.board == "chessboard":
         return [ChessboardFinder(args.squares, args.square)]
     marker = 0.75 * args.square if args.marker is None else args.marker
@@ -278,7 +290,7 @@ def _write(
     write_toml_tables(out / CALIBRATION, CameraRig(result.scene.cameras))
     write_json(out / REPORT, calibration_summary(result, found, what, warnings))
     write_rig(out / RIG, result, found)
-    _write_pictures(out / PICTURES, views, result, found, args.boards)
+    _write_pictures(out / PICTURES, views, result, found)
     write_settings(out, args, {"calibration": config})
     stdout.print(_table(found))
     for view in found:
@@ -290,11 +302,11 @@ def _write(
 
 
 def _write_pictures(
-    folder: Path, views: Sequence, result: CalibrationResult, found: list[ViewReport], boards: int
+    folder: Path, views: Sequence, result: CalibrationResult, found: list[ViewReport]
 ) -> None:
     """Write a picture per camera: its detected points, drawn over its picture of the frame with the
-    most detections. boards: their number."""
-    frames = [sighting.frame // boards for sighting in result.sightings]
+    most detections."""
+    frames = [sighting.frame // result.target.boards for sighting in result.sightings]
     shown = crop_pictures(views.read(max(set(frames), key=frames.count)), views.rig)
     for view, picture in zip(found, shown, strict=True):
         write_view(folder / f"{view.camera.name}.png", view, picture)

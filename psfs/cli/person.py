@@ -8,12 +8,12 @@ from pathlib import Path
 
 from rich.table import Table
 
-from cl import InputError, select_device
-from psfs.calibration.intrinsics import make_cameras_by_angle, read_intrinsics
+from cl import select_device
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cli.commandline import progress_bar, stdout, warn
+from psfs.cli.commandline import progress_bar, remark, stdout, warn
 from psfs.cli.flags.calibrate import CALIBRATION, REPORT
+from psfs.cli.lenses import read_lenses
 from psfs.cli.settings import write_settings
 from psfs.common.files import write_json
 from psfs.common.ranges import check_number
@@ -34,14 +34,14 @@ def calibrate_from_person(args: argparse.Namespace) -> None:
     """Estimate the cameras of a folder from the person in it, and write them."""
     config = read_person_config(args)
     views = open_person_footage(args)
-    large = read_lenses(args, views)
-    if args.intrinsics is None:
+    large, kept = read_lenses(args, views)
+    if not kept:
         config = config.replace(adjustment=config.adjustment.free_lenses())
     small, outlines = outline_footage(args, views, large, config)
     found = calibrate_by_person(small, outlines, views.fps, config)
     rig = enlarge_rig(large, small, found.rig)
     verdict = f"silhouettes differ by at most {found.misfits.max():.2f} px"
-    write_person_calibration(args, rig, found, config, verdict)
+    write_person_calibration(args, views, rig, found, config, verdict)
 
 
 def read_person_config(args: argparse.Namespace) -> PersonConfig:
@@ -61,22 +61,10 @@ def open_person_footage(args: argparse.Namespace) -> Sequence:
         SequenceSettings.read(folder / "sequence.toml")
     )
     footage = read_uncalibrated(folder, settings, silhouettes=True)
-    return Sequence(folder, LAYOUT, footage, settings)
-
-
-def read_lenses(args: argparse.Namespace, views: Sequence) -> list[Camera]:
-    """Return the cameras with the intrinsics of --intrinsics, or those of --field-of-view."""
-    if args.intrinsics is not None and args.field_of_view is not None:
-        raise InputError("--intrinsics and --field-of-view; expected one of them")
-    if args.intrinsics is not None:
-        return read_intrinsics(args.intrinsics, views.rig, None)
-    if args.field_of_view is not None:
-        return make_cameras_by_angle(views.rig, args.field_of_view)
-    raise InputError(
-        "no lenses are stated; expected --intrinsics PATH, a calibration of which only the lenses "
-        "are taken, as psfs calibrate --board writes; or --field-of-view DEGREES, of the "
-        "pictures' longer side; see docs/from_phones.md"
-    )
+    views = Sequence(folder, LAYOUT, footage, settings)
+    for note in views.timing_notes:
+        remark("note", "cyan", note)
+    return views
 
 
 def outline_footage(
@@ -105,8 +93,8 @@ def enlarge_rig(large: list[Camera], small: list[Camera], found: CameraRig) -> C
 
 
 def write_person_calibration(
-    args: argparse.Namespace, rig: CameraRig, found: PersonCalibration, config: PersonConfig,
-    verdict: str,
+    args: argparse.Namespace, views: Sequence, rig: CameraRig, found: PersonCalibration,
+    config: PersonConfig, verdict: str,
 ) -> None:  # fmt: skip
     """Write the calibration and its report, and print them."""
     out: Path = args.output
@@ -116,11 +104,8 @@ def write_person_calibration(
             f"no --stature is stated: the person is taken to be {config.stature:g} m tall, which "
             "gives the scale"
         )
-    whole = {
-        camera.name: round(float(lag - min(found.lags)))
-        for camera, lag in zip(rig, found.lags, strict=True)
-    }
-    sync = ",".join(f"{name}={late}" for name, late in whole.items())
+    late = views.timing.count_own_frames((found.lags - min(found.lags)).tolist())
+    sync = ",".join(f"{camera.name}={by}" for camera, by in zip(rig, late, strict=True))
     write_toml_tables(out / CALIBRATION, rig)
     report = _summary(args, rig, found, config)
     write_json(out / REPORT, {"verdict": verdict, "sync": sync, **report, "warnings": warnings})

@@ -82,8 +82,8 @@ def _reject_constant(name: str) -> float:
     raise ValueError(f"{name} is not a JSON number")
 
 
-def read_text(path: Path, what: str, most_bytes: int = 16 * 2**20) -> str:
-    """Read a text file (UTF-8) of at most `most_bytes`.
+def read_text(path: Path, what: str, most_bytes: int = 16 * 2**20, encoding: str = "UTF-8") -> str:
+    """Read a text file of at most `most_bytes`.
 
     what: description of the expected file, for errors. Raises InputError, or MissingFileError if
     the file is absent.
@@ -93,9 +93,9 @@ def read_text(path: Path, what: str, most_bytes: int = 16 * 2**20) -> str:
     if len(content) > most_bytes:
         raise InputError(f"{path}: more than {most_bytes // 2**20} MiB; expected {what}")
     try:
-        return content.decode("utf-8-sig")
+        return content.decode(encoding).removeprefix("\ufeff")
     except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file (UTF-8); expected {what}") from None
+        raise InputError(f"{path}: not a text file ({encoding}); expected {what}") from None
 
 
 @contextmanager

@@ -39,7 +39,6 @@ class Table(BaseModel):
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(gt=0, le=LARGEST)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
-Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
 
 
 def flat(*counts: int) -> BeforeValidator:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import field_validator
 
@@ -14,10 +14,6 @@ from psfs.common.config import Config, setting
 from psfs.common.names import check_name
 from psfs.common.toml import read_toml
 
-BackgroundKind = Literal[
-    "gaussian", "frames", "masks", "threshold", "mog", "mog-adaptive", "mog-plain", "chroma"
-]
-Subject = Literal["person", "object"]
 #: How silhouettes are made. "gaussian": background model from pictures of the empty scene
 #: (`background/`); "frames": the same, estimated from the sequence's own frames; "masks": given
 #: masks; "threshold": brighter than `threshold` (0..1), then dilated and eroded; "mog": mixture of
@@ -25,14 +21,16 @@ Subject = Literal["person", "object"]
 #: "mog-adaptive": one that is updated frame by frame; "mog-plain": that without detection of
 #: shadows, which then count as the person; "chroma": a screen of one colour, `key` or
 #: estimated from the empty scene or the frames.
-BACKGROUND_KINDS: tuple[str, ...] = get_args(BackgroundKind)
+BackgroundKind = Literal[
+    "gaussian", "frames", "masks", "threshold", "mog", "mog-adaptive", "mog-plain", "chroma"
+]
 #: Those by a mixture of Gaussians.
 MIXTURES = ("mog", "mog-adaptive", "mog-plain")
 #: Largest coordinate of a corner of the volume, m.
 _MAX_COORDINATE = 10_000.0
 
 #: What is filmed. People stand on the floor and are 0.5 to 2.5 m tall; objects may be anything.
-SUBJECTS: tuple[str, ...] = get_args(Subject)
+Subject = Literal["person", "object"]
 #: Frames by which a camera may come late, or early.
 _MAX_DELAY = 1_000_000
 

@@ -37,6 +37,11 @@ class Timing:
         """Whether frame k of the sequence is frame k of every camera."""
         return len(set(self.rates)) == 1 and not any(self.late)
 
+    def count_own_frames(self, late: Sequence[float]) -> list[int]:
+        """Return by how many whole frames of its own each camera is late; late: (V,) in frames of
+        the sequence."""
+        return [round(by * rate / self.fps) for by, rate in zip(late, self.rates, strict=True)]
+
     def picks(self, counts: Sequence[int]) -> list[list[int]]:
         """Return for each camera the indices of its frames, nearest in time to the sequence's
         frames.

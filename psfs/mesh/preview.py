@@ -35,7 +35,7 @@ def draw_mesh_preview(
 def draw_shaded_mesh(
     scene: RayScene, azimuth: float, elevation: float, size: tuple[int, int]
 ) -> np.ndarray:
-    """Draw an orthographic view (h, w, 3) uint8 BGR, as `shaded_view` does of clouds."""
+    """Draw an orthographic view (h, w, 3) uint8 BGR, as `draw_shaded_view` does of clouds."""
     mesh = scene.mesh
     width, height = size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING
     extent = float(mesh.extents.max())

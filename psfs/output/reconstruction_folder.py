@@ -51,13 +51,21 @@ def sequence_facts(
     return {
         "folder": str(sequence.folder),
         "absolute": folder,
-        "relative": os.path.relpath(folder, os.path.realpath(out)),
+        **_find_relative(folder, out),
         "overrides": dict(overrides),
         "cameras": sequence.rig.names,
         "left_out": dict(left_out),
         "background": sequence.background_kind,
         "fps": sequence.fps,
     }
+
+
+def _find_relative(folder: str, out: Path) -> dict[str, str]:
+    """Return the sequence's folder seen from `out`; nothing where they lie on two drives."""
+    try:
+        return {"relative": os.path.relpath(folder, os.path.realpath(out))}
+    except ValueError:
+        return {}
 
 
 def reopen_sequence(facts: Mapping[str, Any], file: Path, last: int) -> Sequence:

@@ -196,7 +196,8 @@ class StoredClouds:
 
     def choose_colouring(self, colouring: str) -> None:
         """Have colours show something else from now on."""
-        self._kept, self._colouring = KeptPoints(self._most), colouring
+        # In this order: what `get` keeps in the new place is coloured so.
+        self._colouring, self._kept = colouring, KeptPoints(self._most)
 
     def describe(self, frame: int) -> str:
         """Return the size of a frame's cloud."""
@@ -232,7 +233,8 @@ class CarvedClouds:
         self._thread.start()
 
     def get(self, frame: int) -> Points | Surface | None:
-        """Return the voxels of a frame; None as long as they are not carved."""
+        """Return the voxels of a frame; None as long as they are not carved, or if those of later
+        frames took their place."""
         return self._kept.get(frame)
 
     def want(self, wanted: bool) -> None:
@@ -243,10 +245,14 @@ class CarvedClouds:
         """Do nothing: they have only the pictures' colours."""
 
     def describe(self, frame: int) -> str:
-        """Return how many frames are carved; empty if all are."""
-        if self._error or self._n_done == self._n_frames:
+        """Return how many frames are carved; empty if all are, and there is room for this one's."""
+        if self._error:
             return self._error
-        return f"voxels: {self._n_done} of {self._n_frames} frames carved so far"
+        if self._n_done < self._n_frames:
+            return f"voxels: {self._n_done} of {self._n_frames} frames carved so far"
+        if self._kept.get(frame) is not None:
+            return ""
+        return f"no voxels: memory holds those of {len(self._kept)} of {self._n_frames} frames"
 
     def close(self) -> None:
         """End carving, after the frame that is being carved."""

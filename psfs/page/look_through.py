@@ -55,14 +55,13 @@ class LookThrough:
             if view is not None:
                 camera = self._rig[view]
                 place = to_quaternion(camera.R.T), camera.centre, find_fov(camera, client)
-            elif number in self._before:
-                place = self._before[number]
             else:
-                continue
+                client.scene.set_background_image(None)
+                if number not in self._before:  # it came later
+                    continue
+                place = self._before[number]
             with client.atomic():
                 client.camera.wxyz, client.camera.position, client.camera.fov = place
-            if view is None:
-                client.scene.set_background_image(None)
 
     def show(self, frame: Frame) -> None:
         """Show the camera's picture of a frame behind the scene."""

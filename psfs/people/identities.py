@@ -20,7 +20,8 @@ T = TypeVar("T")
 @dataclass(eq=False)
 class Appearance:
     """The appearance of a trajectory in some frames: its colours (BANDS, K) by frame, and the share
-    of its silhouettes that nobody else explains (see `CoarseVoxels.unexplained`) by frame."""
+    of its silhouettes that nobody else explains (see `CoarseVoxels.measure_unexplained`) by
+    frame."""
 
     colours: dict[int, np.ndarray] = field(default_factory=dict)
     unexplained: dict[int, float] = field(default_factory=dict)

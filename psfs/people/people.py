@@ -1,4 +1,4 @@
-"""The stage `find_people`: how many people a take shows, who is who, and where each is."""
+"""The stage `people`: how many people a take shows, who is who, and where each is."""
 
 from __future__ import annotations
 

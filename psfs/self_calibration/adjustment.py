@@ -12,6 +12,7 @@ from copy import copy
 from dataclasses import dataclass
 from itertools import combinations
 
+import cv2
 import numpy as np
 
 from cl import InputError
@@ -24,7 +25,7 @@ from psfs.diagnostics.frontier import (
     epipolar_residuals,
     find_frontier_points,
 )
-from psfs.diagnostics.refinement import RigCorrections, RigFit
+from psfs.diagnostics.refinement import RigCorrections, RigFit, correct_camera
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.config import AdjustmentConfig
 from psfs.self_calibration.hulls import HullRays
@@ -62,12 +63,14 @@ class PersonPoints:
         return own
 
     def find_extremes(
-        self, cameras: Sequence[Camera], shifts: np.ndarray, every: int = 1
+        self, cameras: Sequence[Camera], shifts: np.ndarray, every: int = 1, last: bool = False
     ) -> FrontierPoints:
         """Return the points in which the outermost planes touch both silhouettes, of every
-        `every`-th frame."""
+        `every`-th frame. last: of pairs with the last camera alone."""
         scene, found = intersect_axes_ahead(CameraRig(tuple(cameras))), []
         for pair in combinations(range(len(cameras)), 2):
+            if last and pair[1] != len(cameras) - 1:
+                continue
             axes = _plane_axes(cameras, pair, scene, self.config.nearest)
             if axes is None:
                 continue
@@ -79,23 +82,27 @@ class PersonPoints:
         return _join(found)
 
     def measure_apart(
-        self, cameras: Sequence[Camera], shifts: np.ndarray, scene: np.ndarray,
-        pair: tuple[int, int],
-    ) -> np.ndarray:  # fmt: skip
-        """Return the distances (M,), px, of two cameras' outermost planes in the same frames."""
+        self, cameras: Sequence[Camera], lags: np.ndarray, scene: np.ndarray, pair: tuple[int, int]
+    ) -> np.ndarray:
+        """Return by how much, px, two cameras' outermost planes (M, 2) are apart at the same times;
+        NaN where unknown, no rows if the cameras' line passes too near to the scene."""
         axes = _plane_axes(cameras, pair, scene, self.config.nearest)
         if axes is None:
-            return np.zeros(0)
-        begin, sides = max(-shifts[view] for view in pair), []
-        for view in pair:
-            found = self.hulls[view].extremes(self._measure_angles(cameras[view], view, axes))
-            sides.append(found[begin + shifts[view] :])
-        end = min(len(own) for own in sides)
-        apart = np.abs(sides[0][:end] - sides[1][:end])
+            return np.zeros((0, 2))
+        first, second = (
+            self.hulls[view].extremes(self._measure_angles(cameras[view], view, axes))
+            for view in pair
+        )
+        lag = float(lags[pair[1]] - lags[pair[0]])
+        whole = int(np.floor(lag))
+        begin, end = max(0, -whole), min(len(first), len(second) - 1 - whole)
+        if end - begin < 1:
+            return np.zeros((0, 2))
+        before, after = (second[begin + whole + k : end + whole + k] for k in (0, 1))
+        apart = first[begin:end] - (1 + whole - lag) * before - (lag - whole) * after
         # Either camera's pixel is wrong: the angle between them is that of 1.4 px.
-        apart *= cameras[pair[0]].K[0, 0] / np.sqrt(2)
-        known: np.ndarray = np.isfinite(apart)
-        return apart[known]
+        found: np.ndarray = apart * cameras[pair[0]].K[0, 0] / np.sqrt(2)
+        return found
 
     def _measure_angles(self, camera: Camera, view: int, axes: np.ndarray) -> np.ndarray:
         flat = self.hulls[view].rays @ (camera.R @ axes)
@@ -181,6 +188,48 @@ def adjust_frontier(rig: CameraRig, lags: np.ndarray, points: PersonPoints) -> A
     return _adjust(rig, lags, points.find_all, points.config.narrow, points.config.gates)
 
 
+def adjust_farther(start: Adjusted, points: PersonPoints) -> Adjusted:
+    """Adjust a rig that may be some degrees off to all frontier points until it stays.
+
+    Points are matched again in every round, which moves such a rig by a small share of its error:
+    each pass goes on by a multiple of the last step, and is kept if no fewer points agree then.
+    """
+    config, found, idle = points.config, start, 0
+    for _ in range(config.passes):
+        near = _adjust_to(config.near_gates, found, points) if idle < 2 else None
+        if near is None:
+            break
+        if measure_turn(found.rig.cameras, near.rig.cameras) < config.settled:
+            return near
+        far = _adjust_to(config.far_gates, _go_on(found, near, config.farther), points)
+        before = max(near.last.count, found.last.count)
+        idle = 0 if far is not None and far.last.count > config.more * before else idle + 1
+        found = near if far is None or far.last.count < config.fewer * before else far
+    return found
+
+
+def _adjust_to(gates: Sequence[float], start: Adjusted, points: PersonPoints) -> Adjusted | None:
+    return _adjust(start.rig, start.lags, points.find_all, points.config.narrow, gates)
+
+
+def _go_on(first: Adjusted, second: Adjusted, factor: float) -> Adjusted:
+    """Return the second rig, moved on by `factor` times its difference from the first."""
+    cameras = []
+    for before, after in zip(first.rig, second.rig, strict=True):
+        turn = cv2.Rodrigues(after.R @ before.R.T)[0].ravel()
+        step = np.array([*turn, *(after.centre - before.centre), 0, 0])
+        cameras.append(correct_camera(after, factor * step))
+    lags = second.lags + factor * (second.lags - first.lags)
+    return Adjusted(CameraRig(tuple(cameras)), lags, second.last)
+
+
+def measure_turn(first: Sequence[Camera], second: Sequence[Camera]) -> float:
+    """Return the largest difference, rad, of the cameras' rotations against the first camera's."""
+    one, other = (np.stack([c.R @ of[0].R.T for c in of[1:]]) for of in (first, second))
+    cosines = 0.5 * (np.einsum("vij,vij->v", one, other) - 1)
+    return float(np.arccos(np.clip(cosines, -1, 1)).max())
+
+
 def _adjust(
     rig: CameraRig, lags: np.ndarray, find: _Find, config: AlignmentConfig, gates: Sequence[float]
 ) -> Adjusted | None:
@@ -209,6 +258,31 @@ def _adjust(
     return None if found is None else Adjusted(rig, lags, found)
 
 
+def adjust_last(
+    cameras: Sequence[Camera], lags: np.ndarray, points: PersonPoints, rounds: int
+) -> tuple[tuple[Camera, ...], np.ndarray] | None:
+    """Adjust the last camera and its lag to the outermost planes of the others; None if there are
+    too few."""
+    config, cameras, lags = points.config.wide, tuple(cameras), lags.copy()
+    sigmas = np.array([*3 * [config.turn], *3 * [config.shift], np.inf, config.time])
+    free = np.isfinite(sigmas)
+    for _ in range(rounds):
+        shifts = np.round(lags).astype(int)
+        found = points.find_extremes(cameras, shifts, last=True)
+        if len(found) < config.least_rows * len(sigmas):
+            return None
+        residuals, slopes = epipolar_residuals(cameras, found, shifts - lags)
+        width = max(config.noise, 1.4826 * float(np.median(np.abs(residuals))))
+        weights = config.information / (width * (1 + (residuals / (2.5 * width)) ** 2)) ** 2
+        own = slopes[:, 1, free]
+        normal = (own.T * weights) @ own + np.diag(sigmas[free] ** -2.0)
+        step = np.zeros(len(sigmas))
+        step[free] = -np.linalg.solve(normal, own.T @ (weights * residuals))
+        cameras = (*cameras[:-1], correct_camera(cameras[-1], step))
+        lags[-1] -= step[7]
+    return cameras, lags
+
+
 def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int, cap: float = 8.0) -> float:
     """Return the mean distance, px, at most `cap`, of the outermost points from the epipolar
     lines. Half the cap counts for points that the shorter recording would have and that lags leave
@@ -223,35 +297,53 @@ def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int, cap: fl
 
 
 def measure_last_misfit(
-    cameras: Sequence[Camera], lags: np.ndarray, points: PersonPoints, cap: float = 8.0
-) -> float:
+    cameras: Sequence[Camera], lags: np.ndarray, points: PersonPoints, cap: float = 8.0,
+    steady: float = 1.0,
+) -> float:  # fmt: skip
     """Return the mean distance, px, at most `cap`, of the last camera's outermost planes from those
     of the others. Half the cap counts for what is missing of half of the shorter recording, for
-    all of it if the cameras' line passes too near to the scene."""
-    shifts, last = np.round(lags).astype(int), len(cameras) - 1
-    scene = intersect_axes_ahead(CameraRig(tuple(cameras)))
+    all of it if the cameras' line passes too near to the scene.
+
+    steady: the share to which a pair's usual distance counts, at most twice the cap.
+    """
+    last, scene = len(cameras) - 1, intersect_axes_ahead(CameraRig(tuple(cameras)))
     total = count = 0.0
     for other in range(last):
-        apart = points.measure_apart(cameras, shifts, scene, (other, last))
+        apart = points.measure_apart(cameras, lags, scene, (other, last))
         wanted = points.shortest * (1 if len(apart) else 2)
-        total += np.minimum(apart, cap).sum() + 0.5 * cap * max(0, wanted - len(apart))
-        count += max(wanted, len(apart))
+        known = np.isfinite(apart)
+        number = known.sum()
+        if number and steady < 1:
+            usual = np.nanmedian(apart, axis=0)
+            apart = apart - usual
+            total += steady * np.minimum(np.abs(usual), 2 * cap).sum() * number / 2
+        total += np.minimum(np.abs(apart[known]), cap).sum() + 0.5 * cap * max(0, wanted - number)
+        count += max(wanted, number)
     return total / count
 
 
-def measure_misfits(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
-    """Return by how much the silhouettes of each camera (V,) and of another differ at most, px.
+def measure_pairs(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
+    """Return by how much the silhouettes of every two cameras (V, V) differ, px.
 
     That is the median distance of their outermost points from the epipolar lines, of all of them,
-    whether they agree or not; infinity if the camera shares too few with all others.
+    whether they agree or not; NaN if they share too few.
     """
     cameras, shifts = adjusted.rig.cameras, np.round(adjusted.lags).astype(int)
     found = points.find_extremes(cameras, shifts)
     residuals, _ = epipolar_residuals(cameras, found, shifts - adjusted.lags)
-    medians = np.full((len(cameras), len(cameras)), -np.inf)
+    medians = np.full((len(cameras), len(cameras)), np.nan)
     for a, b in combinations(range(len(cameras)), 2):
         own = np.abs(residuals[(found.views == (a, b)).all(axis=1)])
         if len(own) >= points.config.least_shared:
             medians[a, b] = medians[b, a] = np.median(own)
-    worst = medians.max(axis=1)
-    return np.where(np.isfinite(worst), worst, np.inf)
+    return medians
+
+
+def summarise_pairs(pairs: np.ndarray) -> np.ndarray:
+    """Return by how much the silhouettes of each camera (V,) and of the others differ, px: the
+    median of its `pairs` (V, V), since a shadow that it and another see alike does not count.
+
+    Infinity with fewer than two: one pair alone does not tell how far away a camera is.
+    """
+    known = [of[np.isfinite(of)] for of in pairs]
+    return np.array([np.median(of) if len(of) >= 2 else np.inf for of in known])

@@ -2,8 +2,8 @@
 
 Each camera tells its tilt and height, and the person's places, by itself (`upright`); angles and
 lags are searched in tables of all pairs (`pairing`, `bobbing`, `search`); the best arrangements are
-adjusted, and the best of these is adjusted to all frontier points (`adjustment`). If none fits, the
-rig is grown camera by camera (`growth`).
+adjusted, and the best of these is adjusted to all frontier points (`adjustment`). If none fits, as
+of somebody who stays in place, the rig is grown camera by camera (`growth`).
 """
 
 from __future__ import annotations
@@ -23,11 +23,13 @@ from psfs.self_calibration.adjustment import (
     Adjusted,
     PersonPoints,
     adjust_extremes,
+    adjust_farther,
     adjust_frontier,
     measure_misfit,
-    measure_misfits,
+    measure_pairs,
+    summarise_pairs,
 )
-from psfs.self_calibration.bobbing import compare_bobbing, measure_bobbing
+from psfs.self_calibration.bobbing import compare_bobbing, measure_bobbing, refine_lags
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.growth import grow_rigs
 from psfs.self_calibration.hulls import HullRays
@@ -51,7 +53,7 @@ class PersonCalibration:
 
     rig: small cameras, metres, Z up. lags: (V,) frames: frame t of the first camera shows the time
     of frame t + lags[v] of camera v. residual: median distance of the frontier points that agree
-    from the epipolar lines, px. count: of these points. misfits: (V,) px, see `measure_misfits`.
+    from the epipolar lines, px. count: of these points. misfits: (V,) px, see `summarise_pairs`.
     path: standard deviation of the person's places along the main direction of the walk, m.
 
     Standard deviations are not stated: silhouettes are wrong alike in neighbouring frames, so those
@@ -80,14 +82,20 @@ def calibrate_by_person(
             "tell their arrangement"
         )
     _check_seen(cameras, outlines, config)
-    failures = []
-    for in_place in (False, True):
-        views = _fit_views(cameras, outlines, rate, config, in_place)
-        try:
-            return _calibrate(cameras, outlines, views, rate, config, grow=in_place)
-        except InputError as error:
-            failures.append(error)
-    raise failures[0]
+    step = max(1, round(rate / config.table_rate))
+    points = PersonPoints(cameras, outlines, config.adjustment)
+    views = _fit_views(cameras, outlines, step, config)
+    bobbing = [
+        measure_bobbing(hulls, own[0], rate, config.pairs)
+        for hulls, own in zip(points.hulls, views, strict=True)
+    ]
+    most = int(np.ceil(config.longest_lag * rate / step))
+    starts = _search(cameras, outlines, views, bobbing, (most, step), config)
+    best = _adjust_best(starts, points, step, config)
+    if starts and not _is_sure(best, points, config):
+        lags = refine_lags(bobbing, starts[0][1], step, config.pairs)
+        best = _adjust_grown(best, grow_rigs(cameras, lags, points, config), points)
+    return _check(best, [own[0].axes[2] for own in views], points, config)
 
 
 def adjust_calibration(
@@ -105,11 +113,11 @@ def adjust_calibration(
 
 
 def _fit_views(
-    cameras: Sequence[Camera], outlines: Outlines, rate: float, config: PersonConfig, in_place: bool
+    cameras: Sequence[Camera], outlines: Outlines, step: int, config: PersonConfig
 ) -> list[list[UprightView]]:
-    step = max(1, round(rate / config.table_rate))
+    """Return what each camera tells of its tilt and height in every `step`-th frame."""
     views = [
-        fit_upright(c, own[::step], config.upright, in_place)
+        fit_upright(c, own[::step], config.upright)
         for c, own in zip(cameras, outlines, strict=True)
     ]
     if any(own is None for own in views):
@@ -118,47 +126,36 @@ def _fit_views(
     return [own for own in views if own is not None]
 
 
-def _calibrate(
-    cameras: Sequence[Camera], outlines: Outlines, views: list[list[UprightView]], rate: float,
-    config: PersonConfig, *, grow: bool,
-) -> PersonCalibration:  # fmt: skip
-    """Estimate the cameras from what each of them tells of its tilt and height.
-
-    grow: whether to grow the rig camera by camera if no arrangement from the search fits.
-    """
-    points = PersonPoints(cameras, outlines, config.adjustment)
-    starts = _search(cameras, outlines, views, rate, config)
-    step = max(1, round(rate / config.table_rate))
-    best = _adjust_best(starts, points, step, config)
-    if grow and starts and not _fits(best, points, config):
-        grown = grow_rigs(cameras, views, starts[0][1], points, step, config)
-        best = _adjust_best(grown, points, step, config)
-    return _check(best, [own[0].axes[2] for own in views], points, config)
-
-
 def _check_seen(cameras: Sequence[Camera], outlines: Outlines, config: PersonConfig) -> None:
+    motions = []
     for camera, own in zip(cameras, outlines, strict=True):
-        seen = sum(of is not None and not of.at_border.any() for of in own)
-        if seen < config.least_frames:
+        whole = [of.points for of in own if of is not None and not of.at_border.any()]
+        if len(whole) < config.least_frames:
             raise InputError(
-                f"{camera.name}: the whole person is in {seen} of {len(own)} pictures; expected "
-                f"{config.least_frames} or more; {FILM}"
+                f"{camera.name}: the whole person is in {len(whole)} of {len(own)} pictures; "
+                f"expected {config.least_frames} or more; {FILM}"
             )
+        edges = np.array([[*of.min(axis=0), *of.max(axis=0)] for of in whole])
+        motions.append(edges.std(axis=0).max() / np.median(edges[:, 3] - edges[:, 1]))
+    usual = float(np.median(motions))
+    if usual < config.least_motion:
+        raise InputError(
+            f"the person hardly moves: the silhouettes' edges by {100 * usual:.1f} % of the "
+            f"height, expected {100 * config.least_motion:g} % or more; {FILM}"
+        )
 
 
 def _search(
-    cameras: Sequence[Camera], outlines: Outlines, views: list[list[UprightView]], rate: float,
-    config: PersonConfig,
+    cameras: Sequence[Camera], outlines: Outlines, views: list[list[UprightView]],
+    bobbing: Sequence[np.ndarray], reach: tuple[int, int], config: PersonConfig,
 ) -> list[tuple[CameraRig, np.ndarray]]:  # fmt: skip
-    """Return rigs and lags (V,) frames that may be right, the best first."""
-    step = max(1, round(rate / config.table_rate))
-    most = int(np.ceil(config.longest_lag * rate / step))
+    """Return rigs and lags (V,) frames that may be right, the best first.
+
+    reach: the greatest lag in steps, and the step in frames.
+    """
+    most, step = reach
     hulls = [HullRays(c, own[::step]) for c, own in zip(cameras, outlines, strict=True)]
     walkers = [[Walker.create(v, h) for v in own] for own, h in zip(views, hulls, strict=True)]
-    bobbing = [
-        measure_bobbing(HullRays(c, own), view[0], rate, config.pairs)
-        for c, own, view in zip(cameras, outlines, views, strict=True)
-    ]
     angles = 2 * np.pi * np.arange(config.angles) / config.angles
     tables = {}
     for a, b in combinations(range(len(cameras)), 2):
@@ -200,8 +197,19 @@ def _adjust_best(
     return adjust_frontier(best.rig, best.lags, points)
 
 
-def _fits(best: Adjusted | None, points: PersonPoints, config: PersonConfig) -> bool:
-    return best is not None and measure_misfits(best, points).max() <= config.worst_residual
+def _is_sure(best: Adjusted | None, points: PersonPoints, config: PersonConfig) -> bool:
+    if best is None:
+        return False
+    return bool(summarise_pairs(measure_pairs(best, points)).max() <= config.sure_residual)
+
+
+def _adjust_grown(
+    searched: Adjusted | None, grown: list[tuple[CameraRig, np.ndarray]], points: PersonPoints
+) -> Adjusted | None:
+    """Return the rig, searched or grown, by which most frontier points agree after adjustment."""
+    first = [searched, *(adjust_frontier(rig, lags, points) for rig, lags in grown)]
+    final = [adjust_farther(own, points) for own in first if own is not None]
+    return max(final, key=lambda own: own.last.count, default=None)
 
 
 def _check(
@@ -211,11 +219,6 @@ def _check(
     best, misfits, touched = _check_fit(best, points, config)
     world = align_to_person(best.rig, ups, touched, config)
     path = measure_path(world, touched)
-    if path < config.least_path * config.stature:
-        raise InputError(
-            f"the person walks too little: the places' standard deviation is {path:.2f} m, "
-            f"expected {config.least_path * config.stature:.2f} or more; {FILM}"
-        )
     last = best.last
     return PersonCalibration(world, best.lags, last.residual, last.count, misfits, path)
 
@@ -227,20 +230,28 @@ def _check_fit(
     InputError if the silhouettes do not fit."""
     if best is None:
         raise InputError(f"no arrangement of the cameras fits the silhouettes; {FILM}")
-    rig = best.rig
-    misfits = measure_misfits(best, points)
+    names, pairs = best.rig.names, measure_pairs(best, points)
+    misfits = summarise_pairs(pairs)
     worst = int(np.argmax(misfits))
     if not np.isfinite(misfits[worst]):
         raise InputError(
-            f"{rig[worst].name} shares too few pictures of the whole person with the other "
-            f"cameras; {FILM}"
+            f"{names[worst]} shares too few pictures of the whole person with two other cameras "
+            f"that do not stand opposite to it; {FILM}"
         )
-    if misfits[worst] > config.worst_residual:
+    most = config.worst_residual if len(names) > 3 else config.worst_of_three
+    if misfits[worst] > most:
         raise InputError(
-            f"the silhouettes fit no arrangement of the cameras: those of {rig[worst].name} and "
-            f"another camera differ by {misfits[worst]:.2f} px, expected at most "
-            f"{config.worst_residual:g}; {FILM}"
+            f"the silhouettes fit no arrangement of the cameras: those of {names[worst]} and the "
+            f"other cameras differ by {misfits[worst]:.2f} px, expected at most {most:g} with "
+            f"{len(names)} cameras; {FILM}"
+        )
+    if np.nanmax(pairs) > config.worst_pair:
+        a, b = divmod(int(np.nanargmax(pairs)), len(names))
+        raise InputError(
+            f"the silhouettes fit no arrangement of the cameras: those of {names[a]} and "
+            f"{names[b]} differ by {pairs[a, b]:.2f} px, expected at most {config.worst_pair:g}; "
+            f"{FILM}"
         )
     shifts = np.round(best.lags).astype(int)
-    touched = points.find_all(rig.cameras, shifts, config.adjustment.gates[-1])
+    touched = points.find_all(best.rig.cameras, shifts, config.adjustment.gates[-1])
     return best, misfits, touched

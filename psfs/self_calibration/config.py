@@ -10,6 +10,8 @@ from psfs.self_calibration.points.config import PointsConfig
 
 #: Provenance of what was set while the calibration by a person was developed.
 _BY_HAND = "by hand on `synth_walk_4cam` and `synth_run_6cam`"
+#: The same of what concerns somebody who stays in place.
+_GROWN = "by hand on `synth_pickup_6cam`, `synth_box_4cam` and `synth_jacks_6cam`"
 
 
 class OutlineConfig(Config):
@@ -51,15 +53,6 @@ class UprightConfig(Config):
     turn: float = positive(
         0.105, "Turn of the fitted tilt, upwards and downwards, that is tried too.", unit="rad"
     )
-    slender: float = fraction(
-        0.6,
-        "Share of the silhouette's greatest slenderness above which somebody counts as upright.",
-    )
-    variants: int = natural(6, "Most heights of a camera that are tried.")
-    step: float = positive(0.25, "Step between these heights.", unit="statures")
-    lowest: float = positive(0.2, "Least height of a camera.", unit="statures")
-    highest: float = positive(2.0, "Greatest height of a camera.", unit="statures")
-    worse: float = positive(9.0, "Increase of the sum of squares up to which a height is tried.")
 
 
 class PairConfig(Config):
@@ -101,15 +94,28 @@ class BeamConfig(Config):
 class GrowthConfig(Config):
     """Growth of the rig camera by camera, where the tables of pairs do not tell it."""
 
-    SOURCE: ClassVar = "by hand on `synth_pickup_6cam`; box and jacks watched"
+    SOURCE: ClassVar = _GROWN
 
-    angles: int = setting(18, "Number of angles around the vertical that are tried.", least=8)
-    places: int = natural(6, "Angles of a camera that are adjusted, per rig before it.")
+    angles: int = setting(24, "Number of angles around the person that are tried.", least=8)
+    elevations: tuple[float, ...] = setting(
+        (-0.1, 0.04, 0.18, 0.32, 0.46, 0.6),
+        "Elevations of a camera over the person's horizon that are tried.",
+        unit="rad",
+    )
+    steady: float = fraction(
+        0.1, "Share to which two cameras' usual difference counts where places are compared."
+    )
+    rounds: int = natural(5, "Rounds in which a new camera alone is adjusted.")
+    places: int = natural(12, "Places of a camera that are tried, per rig before it.")
+    tried: int = natural(32, "Rigs of as many cameras that are adjusted.")
     kept: tuple[int, ...] = setting(
-        (40, 30, 20, 15, 12, 10), "Rigs of two, three, ... cameras that are kept."
+        (14, 12, 10, 6, 4, 4), "Rigs of two, three, ... cameras that are kept."
     )
     same: float = positive(0.14, "Turn up to which two rigs are the same.", unit="rad")
-    grown: int = natural(4, "Rigs of all cameras that are adjusted further.")
+    grown: int = natural(3, "Most rigs of all cameras that are adjusted further.")
+    worse: float = setting(
+        1.15, "Multiple of the best rig's misfit up to which a rig is adjusted further.", least=1
+    )
 
 
 class AdjustmentConfig(Config):
@@ -129,6 +135,20 @@ class AdjustmentConfig(Config):
     gates: tuple[float, ...] = setting(
         (16, 8, 6, 4, 4, 2, 2, 2), "Gates of the last rounds.", unit="px"
     )
+    passes: int = natural(6, "Most further passes over a rig that was grown.", _GROWN)
+    near_gates: tuple[float, ...] = setting((4, 2), "Gates of a step of such a pass.", _GROWN, "px")
+    far_gates: tuple[float, ...] = setting(
+        (8, 4, 4, 2), "Gates after the step was prolonged.", _GROWN, "px"
+    )
+    farther: float = positive(5.0, "Multiple of the step by which it is prolonged.", _GROWN)
+    fewer: float = fraction(0.97, "Share of the points that must still agree after it.", _GROWN)
+    more: float = setting(
+        1.01,
+        "Multiple of the points that must agree after it; two passes of less are the last.",
+        _GROWN,
+        least=1,
+    )
+    settled: float = positive(0.0003, "Turn below which a rig stays.", _GROWN, "rad")
     wide: AlignmentConfig = part(
         AlignmentConfig,
         "Steps while the arrangement is uncertain; lenses are kept.",
@@ -213,13 +233,31 @@ class PersonConfig(Config):
     )
     worst_residual: float = positive(
         1.2,
-        "Greatest median distance of the outermost points of two cameras from epipolar lines.",
-        unit="px",
+        "Greatest distance of the outermost points of a camera and of others from epipolar lines, "
+        "the median over the others of medians.",
+        "by hand: up to 0.8 px in right rigs of the laboratory, 2.3 px in the best wrong one",
+        "px",
     )
-    least_path: float = nonnegative(
-        0.05,
-        "Least standard deviation of the person's places along the walk's main direction, as a "
-        "share of the stature.",
+    sure_residual: float = positive(
+        0.7, "The same distance above which other rigs are grown and compared.", _GROWN, "px"
+    )
+    worst_of_three: float = positive(
+        0.6,
+        "The same of three cameras, which agree about wrong arrangements, too.",
+        "by hand: of somebody in place wrong ones differ by 0.76 px, right ones by 0.6",
+        "px",
+    )
+    worst_pair: float = positive(
+        3.5,
+        "Greatest median distance of any two cameras' outermost points from epipolar lines.",
+        "by hand: up to 2.5 px in `synth_jacks_6cam` by a shadow, 4.6 px in the best wrong rig",
+        "px",
+    )
+    least_motion: float = fraction(
+        0.03,
+        "Least standard deviation of a silhouette's edge, as a share of its height; the median "
+        "over the cameras.",
+        "by hand: 0.09 or more in the laboratory",
     )
     outline: OutlineConfig = part(OutlineConfig, "Outline of the person in a silhouette.")
     upright: UprightConfig = part(UprightConfig, "Fit of one camera's tilt, roll and height.")

@@ -1,14 +1,15 @@
 """Rigs grown camera by camera, for takes in which the tables of pairs do not tell the arrangement.
 
 Somebody who stays in place tells tilts and heights badly, so that true angles cost as much in the
-tables as wrong ones. Here each camera is tried at all angles beside those that are placed already
-and adjusted, and every partial rig is adjusted before the next camera.
+tables as wrong ones. Here each camera is tried at all angles and elevations around the person,
+beside those that are placed already and adjusted, and every partial rig is adjusted before the next
+camera. All that is taken from a camera alone is where it sees the person, and how large.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,96 +18,165 @@ from psfs.self_calibration.adjustment import (
     Adjusted,
     PersonPoints,
     adjust_extremes,
+    adjust_last,
     measure_last_misfit,
     measure_misfit,
+    measure_turn,
 )
-from psfs.self_calibration.config import PersonConfig
-from psfs.self_calibration.start import place_cameras
-from psfs.self_calibration.upright import UprightView
+from psfs.self_calibration.config import GrowthConfig, PersonConfig
+from psfs.self_calibration.hulls import HullRays
+from psfs.self_calibration.upright import floor_axes
 
 
 @dataclass(frozen=True, eq=False)
-class _Branch:
-    """The first cameras of a rig, their lags (k,) frames, and the view of the very first."""
+class _Sight:
+    """The person in one camera: the usual direction (3,) of the middle in the camera's axes, and
+    the usual angle, rad, between top and bottom."""
 
-    cameras: tuple[Camera, ...]
-    lags: np.ndarray
-    view: UprightView
+    direction: np.ndarray
+    size: float
+
+    @classmethod
+    def create(cls, hulls: HullRays) -> _Sight:
+        pixel = hulls.rays[:, :2]
+        low, high = hulls.extremes(pixel[:, 1]).T
+        left, right = hulls.extremes(pixel[:, 0]).T
+        middle = np.array([np.nanmedian(left + right), np.nanmedian(low + high), 2.0])
+        size = np.nanmedian(np.arctan(high) - np.arctan(low))
+        return cls(middle / np.linalg.norm(middle), float(size))
+
+
+@dataclass(frozen=True, eq=False)
+class _Person:
+    """The person in a rig's world: middle (3,), up (3,) and stature, in the rig's units."""
+
+    middle: np.ndarray
+    up: np.ndarray
+    stature: float
 
 
 def grow_rigs(
-    cameras: Sequence[Camera], views: Sequence[Sequence[UprightView]], lags: np.ndarray,
-    points: PersonPoints, step: int, config: PersonConfig,
-) -> list[tuple[CameraRig, np.ndarray]]:  # fmt: skip
+    cameras: Sequence[Camera], lags: np.ndarray, points: PersonPoints, config: PersonConfig
+) -> list[tuple[CameraRig, np.ndarray]]:
     """Return rigs and lags (V,) frames that may be right, the best first.
 
-    views: [camera][variant], of every `step`-th frame. lags: (V,) frames, roughly right.
+    lags: (V,) frames, right to about a frame.
     """
-    branches = [
-        _Branch(place_cameras(cameras[:1], [own], np.zeros(1), [0], config.stature).cameras,
-                lags[:1], own)
-        for own in views[0]
-    ]  # fmt: skip
+    sights = [_Sight.create(hulls) for hulls in points.hulls]
+    start = _Person(np.zeros(3), np.array([0, 0, 1.0]), config.stature)
+    branches: list[tuple[tuple[Camera, ...], np.ndarray]] = [
+        ((place_camera(cameras[0], sights[0], start, 0.0, elevation),), lags[:1])
+        for elevation in config.growth.elevations
+    ]
+    found: list[tuple[float, Adjusted]] = []
     for number in range(1, len(cameras)):
-        seen = points.select(number + 1)
-        tried = [
-            found
-            for branch in branches
-            for found in _add_camera(
-                branch, cameras[number], views[number], lags[number], seen, config, step=step
-            )
-        ]
+        seen, tried = points.select(number + 1), []
+        for placed, own in branches:
+            person = start if number == 1 else find_person(placed, sights)
+            tried += _add_camera(
+                placed, np.append(own, lags[number]), cameras[number], sights[number], person,
+                seen, config=config.growth,
+            )  # fmt: skip
+        tried.sort(key=lambda of: of[0])
         wanted = config.growth.kept[min(number, len(config.growth.kept)) - 1]
-        branches = _adjust_branches(tried, seen, wanted, config)
-    return [(CameraRig(own.cameras), own.lags) for own in branches[: config.growth.grown]]
+        rigs = [(rig, own) for _, rig, own in tried[: config.growth.tried]]
+        found = _adjust_branches(rigs, seen, wanted, config)
+        branches = [(own.rig.cameras, own.lags) for _, own in found]
+    near = [own for misfit, own in found if misfit <= config.growth.worse * found[0][0]]
+    return [(own.rig, own.lags) for own in near[: config.growth.grown]]
+
+
+def place_camera(
+    camera: Camera, sight: _Sight, person: _Person, angle: float, elevation: float
+) -> Camera:
+    """Return the camera at an angle around the person's up and an elevation over the horizon, rad,
+    without roll, so that it sees the person where and as large as it does."""
+    across, ahead = sight.direction[1], sight.direction[2]
+    share = np.clip(np.sin(elevation) / np.hypot(across, ahead), -1, 1)
+    axes = floor_axes(np.arctan2(across, ahead) - np.arcsin(share), 0.0)
+    right, forward = (axes @ sight.direction)[:2]
+    azimuth = angle + np.pi - np.arctan2(forward, right)
+    cosine, sine = np.cos(azimuth), np.sin(azimuth)
+    turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
+    R = axes.T @ turn.T @ _level_axes(person.up)
+    distance = person.stature / sight.size
+    return replace(camera, R=R, t=distance * sight.direction - R @ person.middle)
+
+
+def _level_axes(up: np.ndarray) -> np.ndarray:
+    """Return axes (3, 3) whose last is up."""
+    first = np.cross(np.array([0, 1.0, 0]), up)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(up, first), up])
+
+
+def find_person(cameras: Sequence[Camera], sights: Sequence[_Sight]) -> _Person:
+    """Return the person between the cameras: where their directions meet. Up is Z, turned to be
+    across the cameras' right sides."""
+    pairs = list(zip(cameras, sights, strict=False))
+    rays = np.stack([camera.R.T @ sight.direction for camera, sight in pairs])
+    centres = np.stack([camera.centre for camera in cameras])
+    across = np.eye(3) - rays[:, :, None] * rays[:, None]
+    total = across.sum(axis=0) + 1e-6 * np.eye(3)
+    middle = np.linalg.solve(total, np.einsum("vij,vj->i", across, centres))
+    right = np.stack([camera.R[0] for camera in cameras])
+    roll = right.T @ right / 0.05**2 + np.diag([1, 1, 0]) / 0.1**2
+    up = np.linalg.eigh(roll)[1][:, 0]
+    up = up if up[2] > 0 else -up
+    away = centres - middle
+    sizes = np.linalg.norm(away, axis=1) * [sight.size for _, sight in pairs]
+    return _Person(middle, up, float(np.median(sizes)))
 
 
 def _add_camera(
-    branch: _Branch, camera: Camera, views: Sequence[UprightView], lag: float,
-    points: PersonPoints, config: PersonConfig, *, step: int,
-) -> list[_Branch]:  # fmt: skip
-    """Return the branch with the camera at the angles where it fits best."""
-    lags = np.append(branch.lags, lag)
-    n_angles, best = config.growth.angles, []
-    for angle in 2 * np.pi * np.arange(n_angles) / n_angles:
-        tried = []
-        for view in views:
-            pair = place_cameras(
-                (branch.cameras[0], camera), (branch.view, view), np.array([0, angle]),
-                (0, round(lag / step)), config.stature,
-            )  # fmt: skip
-            placed = (*branch.cameras, pair[1])
-            tried.append((measure_last_misfit(placed, lags, points), placed))
-        best.append(min(tried, key=lambda of: of[0]))
-    misfits = np.array([misfit for misfit, _ in best])
-    low = np.nonzero((misfits <= np.roll(misfits, 1)) & (misfits <= np.roll(misfits, -1)))[0]
-    chosen = low[np.argsort(misfits[low])][: config.growth.places]
-    return [_Branch(best[at][1], lags, branch.view) for at in chosen]
+    placed: Sequence[Camera], lags: np.ndarray, camera: Camera, sight: _Sight, person: _Person,
+    points: PersonPoints, *, config: GrowthConfig,
+) -> list[tuple[float, tuple[Camera, ...], np.ndarray]]:  # fmt: skip
+    """Return misfits, cameras and lags with the camera where it fits best."""
+
+    angles = 2 * np.pi * np.arange(config.angles) / config.angles
+    costs = np.empty((len(angles), len(config.elevations)))
+    for at in np.ndindex(*costs.shape):
+        own = place_camera(camera, sight, person, angles[at[0]], config.elevations[at[1]])
+        costs[at] = measure_last_misfit((*placed, own), lags, points, steady=config.steady)
+    wide = np.pad(np.pad(costs, ((1, 1), (0, 0)), mode="wrap"), ((0, 0), (1, 1)), mode="edge")
+    around = np.lib.stride_tricks.sliding_window_view(wide, (3, 3)).min(axis=(2, 3))
+    rows, columns = np.nonzero(costs <= around)
+    order = np.argsort(costs[rows, columns])[: config.places]
+    found = []
+    for row, column in zip(rows[order], columns[order], strict=True):
+        own = place_camera(camera, sight, person, angles[row], config.elevations[column])
+        adjusted = adjust_last((*placed, own), lags, points, config.rounds)
+        if adjusted is not None:
+            found.append((measure_last_misfit(*adjusted, points), *adjusted))
+    return found
 
 
 def _adjust_branches(
-    branches: Sequence[_Branch], points: PersonPoints, wanted: int, config: PersonConfig
-) -> list[_Branch]:
-    """Return the best different branches after adjustment, the best first."""
-    found: list[tuple[float, Adjusted, UprightView]] = []
-    for own in branches:
-        rig = CameraRig(own.cameras)
-        adjusted = adjust_extremes(rig, own.lags, points, config.adjustment.second)
-        if adjusted is not None:
-            found.append((measure_misfit(adjusted, points, 1), adjusted, own.view))
-    found.sort(key=lambda of: of[0])
-    kept: list[_Branch] = []
-    for _, best, view in found:
+    branches: Sequence[tuple[tuple[Camera, ...], np.ndarray]], points: PersonPoints, wanted: int,
+    config: PersonConfig,
+) -> list[tuple[float, Adjusted]]:  # fmt: skip
+    """Return the misfits and the best different branches after adjustment, the best first."""
+    first, second = config.adjustment.first, config.adjustment.second
+    kept = [(CameraRig(cameras), lags) for cameras, lags in branches]
+    found: list[tuple[float, Adjusted]] = []
+    for rounds in (first, second):
+        tried = [adjust_extremes(rig, lags, points, rounds) for rig, lags in kept]
+        found = [(measure_misfit(own, points, 1), own) for own in tried if own is not None]
+        found = _keep_different(found, wanted, config.growth.same)
+        kept = [(own.rig, own.lags) for _, own in found]
+    return found
+
+
+def _keep_different(
+    found: Sequence[tuple[float, Adjusted]], wanted: int, same: float
+) -> list[tuple[float, Adjusted]]:
+    """Return the best rigs, at most `wanted`, that differ by more than `same`, rad."""
+    kept: list[tuple[float, Adjusted]] = []
+    for misfit, best in sorted(found, key=lambda of: of[0]):
         cameras = best.rig.cameras
-        if all(_turn_apart(cameras, other.cameras) > config.growth.same for other in kept):
-            kept.append(_Branch(cameras, best.lags, view))
+        if all(measure_turn(cameras, other.rig.cameras) > same for _, other in kept):
+            kept.append((misfit, best))
         if len(kept) == wanted:
             break
     return kept
-
-
-def _turn_apart(first: Sequence[Camera], second: Sequence[Camera]) -> float:
-    """Return the largest difference, rad, of the cameras' rotations against the first camera's."""
-    one, other = (np.stack([c.R @ of[0].R.T for c in of[1:]]) for of in (first, second))
-    cosines = 0.5 * (np.einsum("vij,vij->v", one, other) - 1)
-    return float(np.arccos(np.clip(cosines, -1, 1)).max())

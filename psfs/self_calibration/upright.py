@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import minimize
 
 from psfs.cameras.camera import Camera
 from psfs.diagnostics.small_views import Outline
@@ -44,21 +44,15 @@ def floor_axes(tilt: float, roll: float) -> np.ndarray:
 
 
 def fit_upright(
-    camera: Camera,
-    outlines: Sequence[Outline | None],
-    config: UprightConfig,
-    in_place: bool = False,
+    camera: Camera, outlines: Sequence[Outline | None], config: UprightConfig
 ) -> list[UprightView] | None:
     """Fit the camera's tilt, roll and height to its outlines [frame].
 
-    Returns the views at the fitted tilt, and at this tilt less and plus `config.turn`. in_place:
-    somebody who bends and stays in place, whose frames upright are used and who tells the tilt by
-    the camera's height only: instead, views at the heights, multiples of `config.step` away, that
-    fit hardly worse. None if too few frames show the whole person.
+    Returns the views at the fitted tilt, and at this tilt less and plus `config.turn`; None if too
+    few frames show the whole person.
     """
     hulls = HullRays(camera, outlines)
-    upright = _find_upright(hulls, config) if in_place else np.ones(hulls.n_frames, bool)
-    ends = _Ends(camera, outlines, config, upright)
+    ends = _Ends(camera, outlines, config)
     values = np.array([config.tilt, 0.0, config.height])
     for _ in range(2):
         seen = _measure(hulls, ends, floor_axes(values[0], values[1]))
@@ -76,61 +70,14 @@ def fit_upright(
             },
         )
         values = found.x
-    best = _describe(hulls, ends, values[0], values[1])
-    if not in_place:
-        turned = [values[0] - config.turn, values[0] + config.turn]
-        return [best, *(_describe(hulls, ends, tilt, values[1]) for tilt in turned)]
-    return [best, *_find_heights(hulls, ends, values, found.fun)]
-
-
-def _find_heights(
-    hulls: HullRays, ends: _Ends, values: np.ndarray, least: float
-) -> list[UprightView]:
-    """Return the views at other heights than the fitted one of `values`, whose cost is `least`."""
-    config, views = ends.config, []
-    for direction in (-1, 1):
-        tilt = values[0]
-        for number in range(1, config.variants):
-            height = values[2] + direction * number * config.step
-            if not config.lowest <= height <= config.highest:
-                break
-            worse, tilt = _fit_tilt(hulls, ends, tilt, values[1], height)
-            if worse - least > config.worse:
-                break
-            views.append((worse - least, _describe(hulls, ends, tilt, values[1])))
-    views.sort(key=lambda of: of[0])
-    return [view for _, view in views[: config.variants - 1]]
-
-
-def _find_upright(hulls: HullRays, config: UprightConfig) -> np.ndarray:
-    """Return in which frames (F,) the silhouette is nearly as slender as it becomes: not those in
-    which somebody bends or crouches."""
-    local = hulls.rays @ floor_axes(config.tilt, 0.0).T
-    low, top = hulls.extremes(np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1]))).T
-    left, right = hulls.extremes(np.arctan2(local[:, 0], local[:, 1])).T
-    slender = (top - low) / (right - left)
-    if not np.isfinite(slender).any():
-        return np.zeros(len(slender), bool)
-    return np.asarray(slender >= config.slender * np.nanpercentile(slender, 90))
-
-
-def _fit_tilt(
-    hulls: HullRays, ends: _Ends, tilt: float, roll: float, height: float
-) -> tuple[float, float]:
-    """Return the cost at a given height, and the tilt near `tilt` that fits it best."""
-    found = minimize_scalar(
-        lambda x: _cost(hulls, ends, np.array([x, roll, height])),
-        bounds=(tilt - 0.25, tilt + 0.25),
-        method="bounded",
-        options={"xatol": 3e-3, "maxiter": 20},
-    )
-    return float(found.fun), float(found.x)
+    turns = (0.0, -config.turn, config.turn)
+    return [_describe(hulls, ends, values[0] + turn, values[1]) for turn in turns]
 
 
 def _cost(hulls: HullRays, ends: _Ends, x: np.ndarray) -> float:
     """Return the robust sum of squares of the misfits and of the deviations from usual cameras."""
     config = ends.config
-    elevation, azimuth = (of[ends.upright] for of in _misfits(hulls, ends, x))
+    elevation, azimuth = _misfits(hulls, ends, x)
     own = np.concatenate([elevation / config.elevation, azimuth / config.azimuth])
     robust = 2 * config.information * (np.sqrt(1 + own[np.isfinite(own)] ** 2) - 1).sum()
     prior = [
@@ -153,14 +100,12 @@ def _describe(hulls: HullRays, ends: _Ends, tilt: float, roll: float) -> Upright
 
 
 class _Ends:
-    """Rays of the contours, thinned out, for the places of head and feet. upright: (F,) bool, the
-    frames by which tilts are fitted."""
+    """Rays of the contours, thinned out, for the places of head and feet."""
 
     def __init__(
-        self, camera: Camera, outlines: Sequence[Outline | None], config: UprightConfig,
-        upright: np.ndarray,
-    ) -> None:  # fmt: skip
-        self.config, self.upright = config, upright
+        self, camera: Camera, outlines: Sequence[Outline | None], config: UprightConfig
+    ) -> None:
+        self.config = config
         found = [(n, of.contour[::4]) for n, of in enumerate(outlines) if of is not None]
         pixels = np.concatenate([of for _, of in found] or [np.zeros((0, 2))])
         self.rays = camera.rays(pixels) @ camera.R.T if len(pixels) else np.zeros((0, 3))

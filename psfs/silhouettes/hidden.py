@@ -20,7 +20,7 @@ def hide_launch(device: Device, hidden: np.ndarray, evidence: Array) -> Launch:
     kernel = device.kernel("reconstruction/hidden", "hide", LOT=_LOT, UNKNOWN=UNKNOWN)
     where = device.to_device(hidden.view(np.uint8), "the hidden pixels")
     return device.launch(
-        kernel, (_lots(hidden.size),), None, n_pixels=hidden.size, hidden=where, evidence=evidence
+        kernel, (_lots(hidden.size),), (64,), n_pixels=hidden.size, hidden=where, evidence=evidence
     )
 
 
@@ -34,7 +34,7 @@ def mark_hidden_launch(device: Device, evidence: Array, maps: Array) -> Launch:
     """
     kernel = device.kernel("reconstruction/hidden", "mark_hidden", LOT=_LOT, UNKNOWN=UNKNOWN)
     return device.launch(
-        kernel, (_lots(evidence.size),), None, n_pixels=evidence.size, evidence=evidence, maps=maps
+        kernel, (_lots(evidence.size),), (64,), n_pixels=evidence.size, evidence=evidence, maps=maps
     )
 
 

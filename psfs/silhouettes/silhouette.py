@@ -15,6 +15,7 @@ from psfs.background.config import BackgroundConfig
 from psfs.background.light import light_launch, sampled_scene, steady_light
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
+from psfs.common.picture_size import check_stack
 from psfs.silhouettes.appearance import BINS, Foreground, ForegroundPrior
 from psfs.silhouettes.config import SPAN, SilhouetteConfig
 from psfs.silhouettes.floor_shadow import floor_points
@@ -51,6 +52,7 @@ class Silhouette:
         *,
         n_parts: int = 0,
     ) -> None:
+        check_stack(len(rig), rig.picture)
         self.device, self._config = device, config or SilhouetteConfig()
         self._n_parts = n_parts
         self.rig, self.background = rig, background

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers import faults
 
@@ -14,8 +15,10 @@ from apf.initialisation import StartError
 
 
 @pytest.fixture(autouse=True)
-def _quick_preview(quick_preview: None) -> None:
+def _quick_view(monkeypatch: pytest.MonkeyPatch) -> None:
     """No fault is in the pictures of clouds."""
+    picture = np.zeros((4, 6, 3), np.uint8)
+    monkeypatch.setattr("psfs.cli.view.draw_preview", lambda *_: picture)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from helpers import footage
 from helpers.faults import changed_npz, refused, run
+from helpers.footage import cut
 
 NAN, INF = float("nan"), float("inf")
 
@@ -46,11 +47,6 @@ def bomb(path: Path) -> None:
     at = data.rfind(b"PK\x01\x02", 0, at)
     data[at + 24 : at + 28] = struct.pack("<I", 0xF0000000)
     path.write_bytes(bytes(data))
-
-
-def cut(path: Path, share: float) -> None:
-    data = path.read_bytes()
-    path.write_bytes(data[: int(len(data) * share)])
 
 
 def flipped(path: Path) -> None:

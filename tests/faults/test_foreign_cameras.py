@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import tomli_w
 from helpers import faults, footage
+from helpers.footage import words
 from helpers.fuzz import CHANGE, FUZZING, MEMORY, SECONDS, changed
 from helpers.memory import limited_memory
 from hypothesis import given
@@ -21,10 +22,6 @@ from hypothesis import strategies as st
 from cl import InputError
 from psfs.cameras.calibration import read_calibration
 from psfs.cameras.camera import CameraRig
-
-
-def words(values: np.ndarray) -> str:
-    return " ".join(repr(float(value)) for value in np.asarray(values).ravel())
 
 
 def middlebury(rig: CameraRig) -> dict[str, str]:

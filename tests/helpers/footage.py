@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import tomli_w
 
 from helpers import scenes
@@ -47,6 +48,17 @@ def tables(cameras: CameraRig) -> dict:
         }
         for camera in cameras
     }
+
+
+def words(values: npt.ArrayLike) -> str:
+    """Return numbers as words of a text, without loss."""
+    return " ".join(repr(float(value)) for value in np.asarray(values).ravel())
+
+
+def cut(path: Path, share: float) -> None:
+    """Shorten a file to a share of its bytes."""
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * share)])
 
 
 def write_toml(path: Path, values: dict) -> None:

@@ -25,6 +25,7 @@ from psfs.background.gaussian import (
 from psfs.footage import memory
 from psfs.footage.media import VideoDecoder, open_media
 from psfs.footage.prefetch import prefetch
+from psfs.output.reconstruction_folder import reopen_sequence, sequence_facts
 from psfs.sequence import Sequence
 
 
@@ -369,3 +370,19 @@ def test_utrecht_stands_upright_in_metres() -> None:
     np.testing.assert_allclose(
         sequence.rig[0].centre, 0.00076 * np.array([3485, -4446, 1803]), atol=2e-3
     )
+
+
+def test_footage_on_another_drive_is_opened_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sequence = Sequence.open(footage.native(tmp_path / "s", frames=2))
+
+    def fail(*_: object) -> str:
+        raise ValueError("path is on mount 'D:', start on mount 'C:'")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.path.relpath", fail)
+        facts = sequence_facts(sequence, tmp_path / "out", {}, {})
+    assert "relative" not in facts
+    again = reopen_sequence(facts, tmp_path / "out" / "summary.json", 1)
+    assert again.rig.names == sequence.rig.names

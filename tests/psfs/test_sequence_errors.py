@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import footage
+from helpers.footage import cut
 
 from cl import InputError
 from psfs.cli import main
@@ -28,11 +29,6 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def walk(original: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(original, tmp_path / "walk"))
-
-
-def cut(path: Path, share: float) -> None:
-    data = path.read_bytes()
-    path.write_bytes(data[: int(len(data) * share)])
 
 
 def cut_after_the_index(path: Path) -> None:

@@ -76,6 +76,7 @@ def command(suite_folder: Path, out: Path, *flags: str) -> list[str]:
     return [*script, *small, *flags]
 
 
+@pytest.mark.usefixtures("quick_start")
 def test_a_suite_from_both_starts(
     folder: Path,
     tmp_path: Path,
@@ -168,7 +169,7 @@ def test_triangulation_voxels_keypoints_and_both_side_by_side(folder: Path, tmp_
 
 def test_an_interrupt_keeps_finished_runs(folder: Path, tmp_path: Path) -> None:
     out, takes = tmp_path / "out", tmp_path / "takes"
-    for number in range(20):
+    for number in range(6):
         without = shutil.ignore_patterns("truth_masks")
         shutil.copytree(folder / "walk", takes / f"walk{number}", ignore=without)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -186,7 +187,7 @@ def test_an_interrupt_keeps_finished_runs(folder: Path, tmp_path: Path) -> None:
     assert process.returncode == 130, error
     assert "Traceback" not in error
     runs = Results.read(out / "results.json").runs
-    assert 1 <= len(runs) < 20 and (out / "suite.md").is_file()
+    assert 1 <= len(runs) < 6 and (out / "suite.md").is_file()
 
 
 def test_folders_with_truth(

@@ -25,12 +25,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", metavar="FOLDER", help="footage of the person")
     add_output_flag(parser, "folder")
     parser.add_argument(
-        "--keypoints", type=path_or_name, required=True, metavar="PATH",
-        help="keypoints in all cameras, of any program that apf track --keypoints reads",
+        "--keypoints", type=path_or_name, metavar="PATH",
+        help="keypoints in all cameras, of any program that apf track --keypoints reads (required)",
     )  # fmt: skip
     parser.add_argument(
         "--intrinsics", type=Path, metavar="PATH",
-        help="intrinsics that are kept: a calibration, of which only the lenses are taken",
+        help="intrinsics that are kept: a calibration, of which only the lenses are taken; or a "
+        "folder with a photo by each camera, whose EXIF states a focal length, which is refined",
     )  # fmt: skip
     add_field_of_view_flag(parser.add_argument_group("lenses"))
     parser.add_argument(

@@ -64,9 +64,8 @@ def read_openpose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
     }
     if not views:
         return None
-    first = min(min(frames) for frames in views.values())
-    base = first if first > 1 else min(first, 1)  # networks count from 0 or 1; cut videos from more
-    people = {parts: _order_frames(folder, frames, base) for parts, frames in views.items()}
+    first = min(min(frames) for frames in views.values())  # 0, 1 or, of a cut video, any number
+    people = {parts: _order_frames(folder, frames, first) for parts, frames in views.items()}
     return _build_raw(folder, people)
 
 
@@ -130,16 +129,16 @@ def _parse_points(path: Path, number: int, person: object) -> np.ndarray:
 
 
 def _order_frames(
-    folder: Path, frames: dict[int, list[np.ndarray]], base: int
+    folder: Path, frames: dict[int, list[np.ndarray]], first: int
 ) -> list[list[np.ndarray]]:
-    """List the persons of every frame from number `base` on; none for frames without a file."""
-    n_frames = max(frames) - base + 1
+    """List the persons of every frame from number `first` on; none for frames without a file."""
+    n_frames = max(frames) - first + 1
     if n_frames > _MOST_GAPS * len(frames):
         raise InputError(
             f"{folder}: {len(frames)} files of a camera have frame numbers {min(frames)} to "
             f"{max(frames)}; expected numbers that follow each other"
         )
-    return [frames.get(base + number, []) for number in range(n_frames)]
+    return [frames.get(first + number, []) for number in range(n_frames)]
 
 
 def _build_raw(path: Path, people: dict[tuple[str, ...], list[list[np.ndarray]]]) -> RawKeypoints:

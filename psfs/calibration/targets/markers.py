@@ -71,7 +71,8 @@ def find_bright_spots(difference: np.ndarray, config: MarkerConfig) -> np.ndarra
         if not config.smallest <= area <= config.largest * mask.size:
             continue
         # The spot's dimmer rim counts, too: the weight is what exceeds the threshold around it.
-        box = np.s_[max(0, y - 2) : y + height + 2, max(0, x - 2) : x + width + 2]
+        bottom, right = min(y + height + 2, mask.shape[0]), min(x + width + 2, mask.shape[1])
+        box = np.s_[max(0, y - 2) : bottom, max(0, x - 2) : right]
         others = (labels[box] != label) & (labels[box] > 0)
         weights = np.where(others, 0, difference[box]).astype(np.float64)
         weights = np.maximum(weights - config.rim * brightest, 0)

@@ -18,7 +18,7 @@ from psfs.common.files import write_atomically
 _MM_PER_INCH = 25.4
 #: White rim around the board, and the room below it for the text and the ruler, mm.
 _RIM, _BELOW = 10.0, 12.0
-#: Length of the ruler, mm, by which the printed size is checked.
+#: Greatest length of the ruler, mm, by which the printed size is checked.
 _RULER = 100.0
 #: Shortest side of a marker, mm: printers draw no finer ones.
 _LEAST = 1.0
@@ -48,9 +48,10 @@ def write_board_pdf(
         )
     count = columns * rows // 2
     markers = _choose_markers(dictionary, boards * count)
+    ruler = min(_RULER, columns * side)
     text = (
         f"--board charuco --squares {columns}x{rows} --square {sides[0]:g} --marker {sides[1]:g} "
-        f"--dictionary {dictionary}      print at 100 %; this line must measure 100 mm:"
+        f"--dictionary {dictionary}      print at 100 %; this line must measure {ruler:g} mm:"
     )
     with write_atomically(path) as temporary, temporary.open("wb") as file, PdfPages(file) as pages:
         for number in range(boards):
@@ -64,7 +65,6 @@ def write_board_pdf(
             bottom = rows * side + _RIM
             own = f"board {number + 1} of {boards}      " if boards > 1 else ""
             axes.text(0, bottom, own + text, fontsize=6, va="center")
-            ruler = min(_RULER, columns * side)
             axes.plot([0, ruler], [bottom + 5] * 2, color="black", linewidth=0.8)
             pages.savefig(figure)
     return width, height

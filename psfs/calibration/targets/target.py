@@ -20,13 +20,16 @@ class Target:
 
     name: for messages. points: (P, 3) m, in its own axes. orders: (S, P), the orders in which a
     detector may return the points, the right one first; a wand with equal ends has two. known:
-    measured positions of the points in the world, (P, 3) m by frame, or None.
+    measured positions of the points in the world, (P, 3) m by frame, or None. boards: number of
+    alike boards, each of which makes a frame of the footage a frame of its own, see
+    `find_sightings`.
     """
 
     name: str
     points: np.ndarray
     orders: np.ndarray
     known: Mapping[int, np.ndarray] | None = None
+    boards: int = 1
 
     @property
     def planar(self) -> bool:
@@ -78,10 +81,15 @@ def check_squares(squares: tuple[int, int], square: float) -> None:
 def make_chessboard(squares: tuple[int, int], square: float) -> Target:
     """Make a chessboard's inner corners, row by row: X along the rows, Y down, Z into the board.
 
-    squares: (columns, rows). square: width, m. Raises InputError for a symmetric board.
+    squares: (columns, rows). square: width, m. Raises InputError for a symmetric board, and for one
+    that OpenCV does not search for.
     """
     check_squares(squares, square)
     columns, rows = squares[0] - 1, squares[1] - 1
+    if min(columns, rows) < 3:
+        raise InputError(
+            f"a chessboard of {squares[0]}x{squares[1]} squares; expected 4 or more each way"
+        )
     if columns == rows:
         raise InputError(
             f"a chessboard of {squares[0]}x{squares[1]} squares looks alike from four sides; "

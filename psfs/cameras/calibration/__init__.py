@@ -18,6 +18,8 @@ from psfs.cameras.calibration.handedness import (
 from psfs.cameras.calibration.humaneva import read_humaneva
 from psfs.cameras.calibration.matlab import read_matlab
 from psfs.cameras.calibration.middlebury import read_middlebury
+from psfs.cameras.calibration.optitrack import SUFFIX as OPTITRACK
+from psfs.cameras.calibration.optitrack import read_optitrack
 from psfs.cameras.calibration.panoptic import looks_like_panoptic, read_panoptic
 from psfs.cameras.calibration.projections import read_projections
 from psfs.cameras.calibration.qualisys import SUFFIX as QUALISYS
@@ -46,6 +48,7 @@ __all__ = [
     "read_humaneva",
     "read_matlab",
     "read_middlebury",
+    "read_optitrack",
     "read_panoptic",
     "read_projections",
     "read_qualisys",
@@ -72,6 +75,7 @@ _PATTERNS = (
     "[Cc]alib*.y*ml",
     "[Cc]alib*.json",
     "*.xcp",
+    "*.mcal",
     "*_par.txt",
     "*projection*.txt",
     "[Cc]alib*.txt",
@@ -143,6 +147,8 @@ def _read(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         return read_panoptic(path, unit, sizes)
     if suffix == VICON:
         return read_vicon(path, unit, sizes)
+    if suffix == OPTITRACK:
+        return read_optitrack(path, unit, sizes)
     if suffix == ".mat":
         return read_matlab(path, unit, sizes)
     if suffix in _STORAGE:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -44,9 +45,9 @@ class Calibration(CameraRig):
     notes: tuple[str, ...] = ()
 
 
-def read_text(path: Path) -> str:
+def read_text(path: Path, encoding: str = "UTF-8") -> str:
     """Read the text of a file. Raises InputError naming it, MissingFileError if it is absent."""
-    text: str = files.read_text(path, "a calibration", MOST_BYTES)
+    text: str = files.read_text(path, "a calibration", MOST_BYTES, encoding)
     return text
 
 
@@ -139,6 +140,18 @@ def build_rig(
     """Build a rig in metres from the cameras that `camera(name, size)` returns for each name."""
     pairs = zip(names, find_sizes(names, sizes), strict=True)
     return convert_to_metres(CameraRig(tuple(camera(*pair) for pair in pairs)), unit, default)
+
+
+def read_attributes(
+    camera: ElementTree.Element, tag: str, names: Sequence[str], name: str
+) -> np.ndarray:
+    """Return the numbers of an element inside a camera's. Raises InputError naming camera, element
+    and attribute."""
+    element = camera.find(tag)
+    missing = [key for key in names if element is None or key not in element.attrib]
+    if element is None or missing:
+        raise InputError(f"camera {name}: {tag} lacks {', '.join(missing)}")
+    return parse_numbers([element.attrib[key] for key in names], f"camera {name}: {tag}")
 
 
 def convert_to_metres(rig: CameraRig, unit: Unit | None, default: Unit) -> Calibration:

@@ -20,8 +20,8 @@ from psfs.cameras.calibration.common import (
     check_whole_size,
     convert_to_metres,
     name_file_in_errors,
-    parse_numbers,
     parse_rotation,
+    read_attributes,
     read_text,
 )
 from psfs.cameras.camera import Camera, CameraRig
@@ -62,12 +62,17 @@ def read_qualisys(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> 
 
 def _camera(element: ElementTree.Element, index: int) -> Camera:
     name = element.get("serial") or f"cam{index:02d}"
+    if element.find("fov_video") is None and element.find("intrinsic") is not None:
+        raise InputError(
+            f"camera {name}: no fov_video; expected Qualisys' own file. That of Theia3D is not "
+            "read: see docs/formats.md"
+        )
     if element.get("viewrotation", "0") != "0":
         turned = element.get("viewrotation")
         raise InputError(f"camera {name}: viewrotation is {turned}; expected 0")
-    rotation = _attributes(element, "transform", _TRANSFORM, name)
-    fu, fv, cu, cv, k1, k2, p1, p2 = _attributes(element, "intrinsic", _INTRINSIC, name)
-    left, top, right, bottom = _attributes(element, "fov_video", _FIELD, name)
+    rotation = read_attributes(element, "transform", _TRANSFORM, name)
+    fu, fv, cu, cv, k1, k2, p1, p2 = read_attributes(element, "intrinsic", _INTRINSIC, name)
+    left, top, right, bottom = read_attributes(element, "fov_video", _FIELD, name)
     turn = _TO_OPENCV @ rotation[:9].reshape(3, 3)
     K = np.array([[fu, 0, cu], [0, fv, cv], [0, 0, _SUBPIXELS]]) / _SUBPIXELS
     K[:2, 2] -= left, top
@@ -79,14 +84,3 @@ def _camera(element: ElementTree.Element, index: int) -> Camera:
         t=-turn @ rotation[9:],
         size=check_whole_size(right - left + 1, bottom - top + 1, f"camera {name}: fov_video"),
     )
-
-
-def _attributes(
-    camera: ElementTree.Element, tag: str, names: tuple[str, ...], name: str
-) -> np.ndarray:
-    """Return the numbers of an element inside a camera's."""
-    element = camera.find(tag)
-    missing = [key for key in names if element is None or key not in element.attrib]
-    if element is None or missing:
-        raise InputError(f"camera {name}: {tag} lacks {', '.join(missing)}")
-    return parse_numbers([element.attrib[key] for key in names], f"camera {name}: {tag}")

@@ -41,7 +41,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--intrinsics", type=Path, metavar="PATH",
         help="intrinsics that are kept: a calibration, or a folder with a video or pictures of the "
-        "board per camera (default: found, too)",
+        "board per camera (default: found, too); of --person also a folder with a photo by each "
+        "camera, whose EXIF states a focal length, which is refined",
     )  # fmt: skip
     add_field_of_view_flag(group)
     group.add_argument(
@@ -69,7 +70,8 @@ def add_field_of_view_flag(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--field-of-view", type=float, metavar="DEG",
         help="of --person without --intrinsics: the angle of view of the pictures' longer side, "
-        "degrees, from which the focal lengths are refined",
+        "degrees, from which the focal lengths are refined (default: by the metadata of the "
+        "footage, such as iPhones write, refined likewise)",
     )  # fmt: skip
 
 
@@ -101,7 +103,7 @@ def _add_target_flags(parser: argparse.ArgumentParser) -> None:
     kind.add_argument(
         "--person", action="store_true",
         help="no target: cameras and times from the silhouettes of somebody who walks about; "
-        "needs --intrinsics or --field-of-view",
+        "needs --intrinsics or --field-of-view, unless metadata state the lenses",
     )  # fmt: skip
     group.add_argument(
         "--stature", type=float, metavar="M",

@@ -40,7 +40,13 @@ def list_pictures(folder: Path) -> Found:
             found = {name: paths for name, paths in found.items() if name not in _OTHERS}
             if found:
                 return found
-    raise InputError(f"{folder}: no pictures; {wanted}")
+    inside = [
+        path.name
+        for path in sorted(folder.iterdir())
+        if any((path / place).is_dir() for place in _PLACES[:-1])
+    ]
+    hint = f", as its folder {inside[0]} has" if inside else ""
+    raise InputError(f"{folder}: no pictures; {wanted}{hint}")
 
 
 def read_uncalibrated(

@@ -320,7 +320,7 @@ def test_starting_poses_are_checked(device: Device, kind: str) -> None:
 @pytest.mark.parametrize("n_layers", [1, 3])
 def test_the_other_kind_of_work_groups_finds_the_same(device: Device, n_layers: int) -> None:
     """GPUs take a work-group per particle, CPUs an item per pack of them; all devices can both."""
-    config = FilterConfig.create(n_particles=64, n_layers=n_layers)
+    config = FilterConfig.create(n_particles=64, n_layers=n_layers, n_points=300)
     with skipped_without_room(device):
         one, two = (list(run(World(place), config, 2)) for place in (device, other_kind(device)))
     for a, b in zip(one, two, strict=True):

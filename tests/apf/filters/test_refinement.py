@@ -201,20 +201,17 @@ def test_finds_the_way_back_by_what_cameras_see() -> None:
     assert after.mean() < 0.1 * before.mean()
 
 
-@pytest.mark.parity(
-    "tracking/refinement.refine_system",
-    "tracking/refinement.refine_step",
-    "tracking/refinement.refine_on",
-    "tracking/refinement.refine_end",
-)
+@pytest.mark.parity("tracking/refinement.refine_system", "tracking/refinement.refine_end")
 @pytest.mark.parametrize("name", ["song31", "stick"])
 @pytest.mark.parametrize("n_voxels", [0, 300])
 @pytest.mark.parametrize("n_points", [0, 1, 70])
 def test_kernels_and_twin_on_observed_points(
     device: Device, name: str, n_voxels: int, n_points: int
 ) -> None:
-    """Some of them behind a camera, wrong, or the other side's."""
+    """Some of them behind a camera, wrong, or the other side's. Without voxels, the other kind of
+    work-groups is left to one body: their kernels take 5 s to compile."""
     body, random = bodies.named(name), np.random.default_rng(n_points)
+    kinds = [device] if name == "stick" and not n_voxels else [device, other_kind(device)]
     config = CONFIG.with_changes(
         refinement_steps=3, refinement_width=4.0, n_points=max(1, n_voxels)
     )
@@ -233,7 +230,7 @@ def test_kernels_and_twin_on_observed_points(
     scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
     lower = np.tril_indices(body.n_dof)
     with skipped_without_room(device):
-        for place in (device, other_kind(device)):
+        for place in kinds:
             found, information = on_points(place, body, mean, voxels, seen, config)
             np.testing.assert_allclose(found, expected, atol=5e-4)
             np.testing.assert_allclose(

@@ -85,6 +85,9 @@ def test_c3d_of_as_many_frames_as_its_header_counts(tmp_path: Path) -> None:
     later = JointSeries(("a",), points[:9], 100.0, np.arange(most - 8, most + 1))
     with pytest.raises(InputError, match="counts frames up to 65535, there are 9 from frame 65527"):
         write_c3d(tmp_path / "b.c3d", later)
+    names = tuple(f"p{number}" for number in range(256))
+    with pytest.raises(InputError, match="256 points cannot be written; expected at most 255"):
+        write_c3d(tmp_path / "c.c3d", JointSeries(names, np.zeros((2, 256, 3)), 9.0, np.arange(2)))
 
 
 def test_c3d_under_a_name_that_is_no_text(tmp_path: Path) -> None:

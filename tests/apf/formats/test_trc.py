@@ -40,12 +40,16 @@ def test_layout_is_what_opensim_reads(tmp_path: Path) -> None:
 
 
 def test_every_other_frame_has_half_the_rate(tmp_path: Path) -> None:
-    series = JointSeries(("a",), np.zeros((3, 1, 3)), 60.0, np.array([4, 6, 8]))
+    points = np.arange(9.0).reshape(3, 1, 3)
+    series = JointSeries(("a",), points, 60.0, np.array([4, 6, 8]))
     write_trc(tmp_path / "a.trc", series)
     assert (tmp_path / "a.trc").read_text().split("\n")[2].startswith("30\t60\t3")
     again = read_trc(tmp_path / "a.trc")
     assert again.fps == 60
     np.testing.assert_array_equal(again.frames, [4, 6, 8])
+    resampled = again.resample(30.0)
+    np.testing.assert_array_equal(resampled.frames, [2, 3, 4])
+    np.testing.assert_allclose(resampled.joints, points, atol=1e-7)
 
 
 def trc(rows: str, unit: str = "m", blank: str = "\n", first: str = "PathFileType\t4") -> str:

@@ -25,7 +25,7 @@ def start(heading: float, rival: float) -> Start:
 
 
 def decided(
-    monkeypatch: pytest.MonkeyPatch, first: Start, again: Start | None
+    monkeypatch: pytest.MonkeyPatch, first: Start, again: Start | None, n_frames: int = 61
 ) -> tuple[Start, int]:
     """The start that is chosen, and how many were looked for."""
     looks: list[StartConfig] = []
@@ -39,7 +39,8 @@ def decided(
         return again
 
     monkeypatch.setattr(sequence, "_find", found)
-    session: Any = SimpleNamespace(sequence=SimpleNamespace(name="skirt"))
+    skirt = SimpleNamespace(name="skirt", fps=60.0)
+    session: Any = SimpleNamespace(sequence=skirt, frames=range(0, 2 * n_frames, 2))
     chosen = sequence.initialise(session, SONG)
     if len(looks) > 1:
         assert looks[1].frames.duration == pytest.approx(2.5 * looks[0].frames.duration)
@@ -69,3 +70,10 @@ def test_a_longer_look_that_agrees_or_knows_less_changes_nothing(
     for again in (start(0.3, 1.2), start(np.pi, 1.01), None):
         assert decided(monkeypatch, first, again) == (first, 2)
     assert decided(monkeypatch, replace(first, rival=1.0), start(2.5, 1.1))[0].rival == 1.1
+
+
+def test_a_take_that_was_seen_whole_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One second of it: 30 of every second frame of 60 in a second."""
+    first, again = start(0.0, 1.04), start(np.pi, 1.2)
+    assert decided(monkeypatch, first, again, 30) == (first, 1)
+    assert decided(monkeypatch, first, again, 31) == (again, 2)

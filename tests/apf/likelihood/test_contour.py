@@ -108,7 +108,7 @@ def test_contours_are_those_of_the_twin(device: Device) -> None:
 def test_the_term_agrees_with_the_twin(device: Device, kind: str, name: str) -> None:
     """Outlines in a direction between two normals may take either's: blurred maps, most alike."""
     device = device if kind == "own" else other_kind(device)
-    body, rig, grid = bodies.named(name), scenes.ring(2, (161, 121)), scenes.small_grid(0.1)
+    body, rig, grid = bodies.named(name), scenes.ring(3, (161, 121)), scenes.small_grid(0.1)
     poses = bodies.random_poses(body, 37)
     config = only("none").with_changes(part_colour_weight=0.0, contour_weight=1.5)
     setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)

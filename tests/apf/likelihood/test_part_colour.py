@@ -179,7 +179,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, kind: str) -> No
     """A sample that rounding moves to the next pixel may find another code there: blobs of codes,
     and little weight on one."""
     device = device if kind == "own" else other_kind(device)
-    body, rig, grid = bodies.named(name), scenes.ring(2, (161, 121)), scenes.small_grid(0.1)
+    body, rig, grid = bodies.named(name), scenes.ring(3, (161, 121)), scenes.small_grid(0.1)
     poses = bodies.random_poses(body, 37)
     config = only("none").with_changes(part_colour_weight=1.5)
     setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
@@ -234,7 +234,7 @@ def test_codes_say_where_the_silhouettes_are(device: Device, kind: str) -> None:
     """Bit by bit what the maps say: colours of which nothing is known, and those that are hidden,
     change no error."""
     device = device if kind == "own" else other_kind(device)
-    rig = scenes.ring(2, (161, 121))
+    rig = scenes.ring(3, (161, 121))
     maps = smooth_maps(rig)
     maps[..., 0] = np.where(maps[..., 0] > 128, 255, 0)
     setup = Setup(device, SONG, rig, bodies.random_poses(SONG, 37), maps, only("silhouette"))

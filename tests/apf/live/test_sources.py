@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import threading
 import time
 from pathlib import Path
@@ -12,10 +13,12 @@ from helpers import footage
 
 from apf.live.captures import open_cameras
 from apf.live.pictures import Smaller, fitting_factor
+from apf.live.recording import Captures
 from apf.live.sources import ACQUISITION, Newest, Replay, Shot
 from apf.live.timeline import Timeline
 from apf.synthetic.scene import SceneConfig, make_rig
 from cl import InputError
+from psfs.output.video import Video
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupied_box import finest_pixel
@@ -132,12 +135,33 @@ def test_pictures_that_come_unevenly(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert [shot.frame.index for shot in shots] == [0, 1, 2, 3, 4]
 
 
-def test_a_background_filmed_first(tmp_path: Path) -> None:
+def test_a_full_disk_ends_a_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = footage.native(tmp_path / "s", views=2)
+
+    def write(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Video, "write", write)
+    captures = Captures([str(folder / f"videos/cam0{k}.mp4") for k in (1, 2)])
+    captures.record(tmp_path / "out", ["a", "b"])
+    assert captures.wait(10**6, 10.0) is None and "No space left" in captures.ended
+    with pytest.raises(InputError, match="0 of 0 pictures"):
+        captures.stop_recording()
+    captures.close()
+
+
+def test_a_background_filmed_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = footage.native(tmp_path / "s", frames=8)
     videos = [str(path) for path in sorted((folder / "videos").iterdir())]
     cameras = open_cameras(folder / "calibration.toml", {}, videos, 0.12)  # three frames of 25/s
     levels = np.mean([footage.grey(frame, 0) for frame in range(3)])
     assert abs(cameras.background.mean[0].mean() - levels) < footage.LOSS
+    assert abs(int(cameras.first().images[0, 9, 9, 0]) - footage.grey(3, 0)) < footage.LOSS
+    cameras.close()
+    monkeypatch.setattr("apf.live.sources._EMPTY_BYTES", 0)
+    monkeypatch.setattr("apf.live.sources._LEAST_EMPTY", 1)  # there is room for one of them
+    cameras = open_cameras(folder / "calibration.toml", {}, videos, 0.12)
+    assert abs(cameras.background.mean[0].mean() - footage.grey(0, 0)) < footage.LOSS
     assert abs(int(cameras.first().images[0, 9, 9, 0]) - footage.grey(3, 0)) < footage.LOSS
     cameras.close()
 

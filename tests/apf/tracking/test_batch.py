@@ -163,12 +163,12 @@ def test_closing_ends_the_work() -> None:
 # Takes --------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")  # workers come back to this file
 def walks(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Takes of different people in rigs of different size."""
     folder = tmp_path_factory.mktemp("walks")
     for seed, cameras in ((4, 4), (5, 3), (6, 4)):
-        size = (240, 180) if cameras == 4 else (200, 150)
+        size = (160, 120) if cameras == 4 else (128, 96)
         config = SceneConfig(
             cameras=cameras, frames=FRAMES, fps=60, size=size, seed=seed, height=1.5 + seed / 20
         )

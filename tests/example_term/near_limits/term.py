@@ -40,6 +40,7 @@ class NearLimits(Term):
             self.launch(
                 "add_limit_errors",
                 (n,),
+                (64,),
                 n=n,
                 weight=weight,
                 free=self._free,

@@ -48,7 +48,6 @@ def test_a_moving_person_is_found(walk: Path, tmp_path: Path) -> None:
     assert (with_plate & without).sum() > 0.7 * (with_plate | without).sum()
 
 
-@pytest.mark.usefixtures("quick_preview")
 def test_a_still_person_is_background(
     walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -53,6 +53,8 @@ def test_a_chessboards_corners_are_found_in_their_order(turned: int) -> None:
     other = ChessboardFinder((5, 8), SQUARE)
     picture = pictured(render, pose)
     assert other(0, picture) is None and other.hint(picture) == "a chessboard of 6x5 squares"
+    with pytest.raises(InputError, match="4x3 squares; expected 4 or more each way"):
+        ChessboardFinder((4, 3), SQUARE)
 
 
 @pytest.mark.parametrize("inverted", [False, True])
@@ -149,6 +151,9 @@ def test_spots_are_found_to_a_fraction_of_a_pixel() -> None:
     found = find_bright_spots(np.rint(image).astype(np.uint8), MarkerConfig())
     np.testing.assert_allclose(found[found[:, 0].argsort()], spots, atol=0.05)
     assert len(find_bright_spots(np.full((60, 80), 20, np.uint8), MarkerConfig())) == 0
+    corners = np.zeros((60, 80), np.uint8)
+    corners[:3, :3] = corners[-3:, -3:] = 200
+    np.testing.assert_allclose(find_bright_spots(corners, MarkerConfig()), [[1, 1], [78, 58]])
 
 
 def test_lenses_come_from_pictures_of_a_board_alone(tmp_path: Path) -> None:

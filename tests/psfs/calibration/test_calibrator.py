@@ -15,7 +15,7 @@ from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.report import judge_calibration, summarise_views
 from psfs.calibration.scene import CalibrationScene, all_reprojection_errors, rms
 from psfs.calibration.targets.target import Sighting, Target, make_chessboard, make_wand
-from psfs.calibration.world import align_to_floor
+from psfs.calibration.world import align_to_cameras, align_to_floor
 from psfs.cameras.camera import Camera
 
 CONFIG = CalibrationConfig()
@@ -89,6 +89,8 @@ def test_a_camera_that_was_moved_is_named() -> None:
 
 
 def test_a_camera_that_is_late_is_named() -> None:
+    """With two boards, of which one is seen: each frame of the footage counts as two."""
+
     def pose(k: int) -> np.ndarray:
         axis = np.array(
             [1 + 0.8 * np.sin(k * 0.11), 0.9 * np.cos(k * 0.13), 1.5 * np.sin(k * 0.07)]
@@ -97,9 +99,10 @@ def test_a_camera_that_is_late_is_named() -> None:
         return made.rigid(made.cv2.Rodrigues(axis)[0], place)
 
     sightings = made.sighted(WAND, CAMERAS, [pose(k) for k in range(60)])
-    sightings = [replace(s, frame=s.frame + 2 * (s.view == 4)) for s in sightings]
-    result = calibration_of(WAND, sightings)
-    assert "2 frames late: state --sync CAMERA=2" in result.disagreeing["cam05"]
+    sightings = [replace(s, frame=2 * (s.frame + 2 * (s.view == 4))) for s in sightings]
+    result = calibration_of(replace(WAND, boards=2), sightings)
+    said = "2 frames late: state --sync cam05=2, or add 2 to its present lag ("
+    assert said in result.disagreeing["cam05"]
 
 
 def test_intrinsics_of_another_picture_size_are_named() -> None:
@@ -111,6 +114,15 @@ def test_intrinsics_of_another_picture_size_are_named() -> None:
     given[1] = replace(CAMERAS[1], K=K)
     result = calibration_of(BOARD, made.sighted(BOARD, CAMERAS, poses(BOARD, 60)), given)
     assert list(result.misfits) == ["cam02"] and not result.disagreeing
+
+
+def test_lenses_that_opencv_ignores_are_refused() -> None:
+    K = CAMERAS[1].K.copy()
+    K[0, 1] = 2
+    tsai = replace(CAMERAS[1], distortion=np.zeros(5), kappa=-0.1)
+    for camera, found in ((replace(CAMERAS[1], K=K), "a skew of 2 px"), (tsai, "Tsai's dist")):
+        with pytest.raises(InputError, match=f"intrinsics of cam02 have {found}"):
+            calibration_of(WAND, [], [CAMERAS[0], camera, *CAMERAS[2:]])
 
 
 def test_the_jacobian_is_that_of_the_residuals() -> None:
@@ -159,3 +171,19 @@ def test_floors_must_be_flat_and_broad() -> None:
         align_to_floor(scene, WAND, [0, 1, 2], 0)
     with pytest.raises(InputError, match="not seen"):
         align_to_floor(scene, WAND, [9], 0)
+
+
+def test_up_is_towards_cameras_that_look_down() -> None:
+    """Four under the ceiling, turned about by quarters, in axes of the first one."""
+    scene = CalibrationScene((), dict(enumerate(poses(WAND, 5))))
+    cameras = []
+    for k, (x, y) in enumerate([(1, 1), (-1, 1), (-1, -1), (1, -1)]):
+        c, s = np.cos(k * np.pi / 2), np.sin(k * np.pi / 2)
+        R = np.array([[c, s, 0], [s, -c, 0], [0, 0, -1.0]])
+        cameras.append(replace(CAMERAS[k], R=R, t=-R @ np.array([x, y, 3.0])))
+    first = made.rigid(cameras[0].R, cameras[0].t)
+    seen = replace(scene, cameras=tuple(cameras)).transform(first)
+    turned = seen.transform(align_to_cameras(seen, WAND))
+    for camera in turned.cameras:
+        np.testing.assert_allclose(camera.R[2], [0, 0, -1], atol=0.2)
+    assert min(turned.points(WAND, k)[:, 2].min() for k in range(5)) == pytest.approx(0, abs=1e-9)

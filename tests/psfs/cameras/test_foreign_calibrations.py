@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import footage
+from helpers.footage import words
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
@@ -39,10 +40,6 @@ def plain_rig() -> CameraRig:
 
 def projection(camera: Camera) -> np.ndarray:
     return camera.K @ np.column_stack([camera.R, camera.t])
-
-
-def words(values) -> str:
-    return " ".join(repr(float(value)) for value in np.asarray(values).ravel())
 
 
 def rows(matrix: np.ndarray) -> str:
@@ -244,7 +241,38 @@ def vicon(folder: Path, rig: CameraRig) -> None:
     (folder / "take.xcp").write_text(f'<?xml version="1.0"?><Cameras>{text}</Cameras>')
 
 
+def optitrack(folder: Path, rig: CameraRig) -> None:
+    """Motive's XML, in UTF-16: camera to world, camera axes x right, y up, z backward, metres; a
+    camera for markers beside those for colour."""
+    elements = ['<Camera Serial="M7"><Attributes ImagerPixelWidth="9" ImagerPixelHeight="9"/>']
+    poses = [np.linalg.inv(np.diag([1.0, -1, -1]) @ c.R) for c in rig]
+    for c, turn in zip(rig, poses, strict=True):
+        number = dict(zip([f"OrientMatrix{k}" for k in range(9)], turn.ravel(), strict=True))
+        place = dict(zip("XYZ", -np.linalg.inv(c.R) @ c.t, strict=True))
+        lens = {
+            "LensCenterX": c.K[0, 2], "LensCenterY": c.K[1, 2], "k1": 0, "k2": 0, "k3": 0,
+            "HorizontalFocalLength": c.K[0, 0], "VerticalFocalLength": c.K[1, 1],
+            "TangentialX": 0, "TangentialY": 0,
+        }  # fmt: skip
+        size = {"ImagerPixelWidth": c.size[0], "ImagerPixelHeight": c.size[1]}
+        parts = {
+            "Attributes": size, "Intrinsic": {"k1": 1}, "IntrinsicStandardCameraModel": lens,
+            "Extrinsic": number | place,
+        }  # fmt: skip
+        inner = "".join(
+            f"<{tag} {' '.join(f'{key}={str(float(v))!r}' for key, v in values.items())}/>"
+            for tag, values in parts.items()
+        )
+        elements.append(f'<Camera Serial="{c.name}">{inner}')
+    elements[0] += elements[1].split(">", 2)[-1]  # a camera for markers, with a lens of its own
+    text = "".join(f"{element}</Camera>" for element in elements)
+    head = '<?xml version="1.0" encoding="UTF-16LE"?><calibrationProfile><Calibration><Cameras>'
+    whole = f"{head}{text}</Cameras></Calibration></calibrationProfile>"
+    (folder / "take.mcal").write_bytes(whole.encode("utf-16-le"))
+
+
 FORMATS: list[Write] = [
+    optitrack,
     vicon,
     panoptic,
     middlebury,
@@ -355,6 +383,13 @@ def test_worlds_of_both_hands_are_refused(tmp_path: Path) -> None:
         ("c.qca.txt", b'<!DOCTYPE a [<!ENTITY b "c">]><calibration/>', "document type"),
         ("cameras.bin", b"\1\0\0\0\0\0\0\0\1\0", "ends in the middle"),
         ("cameras.bin", b"\xff" * 8, "expected at most 1000"),
+        (
+            "theia.txt",
+            b"<calibration><cameras><camera><intrinsic/></camera></cameras></calibration>",
+            "Theia3D is not read",
+        ),
+        ("a.mcal", b"<a/>", "no elements Camera"),
+        ("b.mcal", b"<a><Camera Serial='M1'/></a>", "camera M1: .* Motive 3.2"),
         ("a.xcp", b"<Cameras><Camera/></Cameras>", "1 cameras, none with a KeyFrame"),
         (
             "b.xcp",

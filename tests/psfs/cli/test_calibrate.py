@@ -10,6 +10,7 @@ import ezc3d
 import numpy as np
 import pytest
 from helpers import calibration as made
+from PIL import Image
 
 from psfs.cameras.calibration import read_calibration
 from psfs.cameras.calibration.toml_tables import write_toml_tables
@@ -145,9 +146,23 @@ def test_what_cannot_be_is_one_line(
     assert "no such file" in line(
         wands, "--wand", "0.5", "--intrinsics", str(tmp_path / "none.toml")
     )
-    assert "no lenses are stated" in line(wands, "--person")
+    (tmp_path / "day" / "walk" / "videos").mkdir(parents=True)
+    assert "as its folder walk has" in line(tmp_path / "day", "--person")
+    silent = line(wands, "--person")
+    assert "no lenses are stated" in silent and "no focal length in the metadata" in silent
     assert "expected none with --person" in line(wands, "--person", "--sync", "cam01=1")
     assert "expected --person with it" in line(wands, "--wand", "0.5", "--stature", "1.8")
     lenses = ("--intrinsics", str(wands / "lens.toml"))
     seldom = line(wands, "--person", *lenses, "--cameras", "cam01,cam02,cam03")
     assert "the whole person is in" in seldom and "film one person" in seldom
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    assert "no calibration and no photos" in line(wands, "--person", "--intrinsics", str(photos))
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA405] = 26
+    for name in ("cam01", "cam02", "cam03"):
+        Image.new("RGB", (40, 30)).save(photos / f"{name}.jpg", exif=exif)
+    stated = ("--intrinsics", str(photos), "--cameras", "cam01,cam02,cam03")
+    assert "the whole person is in" in line(wands, "--person", *stated)
+    photo = str(photos / "cam01.jpg")
+    assert "a folder with a photo" in line(wands, "--person", "--intrinsics", photo)

@@ -14,6 +14,7 @@ from helpers import scenes
 import psfs.cli.reconstruct as command
 from psfs.cli import main
 from psfs.diagnostics.reprojection_iou import remove_speckle, volume_region
+from psfs.output.preview import draw_preview
 from psfs.voxels.clouds import read_cloud
 from psfs.voxels.grid import VoxelGrid
 
@@ -53,8 +54,12 @@ def reconstruct(folder: Path, out: Path, *flags: str) -> int:
 
 
 def test_reconstruct_then_check_then_view(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    monkeypatch.setattr(command, "draw_preview", draw_preview)
     out = tmp_path / "out"
     assert reconstruct(folder, out) == 0
     assert "warning" not in capsys.readouterr().err

@@ -18,7 +18,6 @@ from psfs.cli import main
 from psfs.output.reconstruction_folder import ReconstructionFolder
 
 HEIGHT = 1.8
-pytestmark = pytest.mark.usefixtures("quick_preview")
 
 
 @pytest.fixture(scope="module")

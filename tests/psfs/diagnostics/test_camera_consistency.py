@@ -120,7 +120,6 @@ def test_good_cameras_are_not_named(device, name: str) -> None:
     assert find_inconsistent_cameras(Session(Sequence.open(shared_data(name)), device)) == []
 
 
-@pytest.mark.usefixtures("quick_preview")
 def test_a_late_camera_is_left_out_and_named(
     late_walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -124,7 +124,6 @@ def test_late_cameras_are_named_and_mended(tmp_path: Path, masks: np.ndarray, la
     np.testing.assert_array_equal(shown > 0, masks[first] > 0)
 
 
-@pytest.mark.usefixtures("quick_preview")
 def test_sync_auto_is_applied_and_remembered(
     tmp_path: Path, masks: np.ndarray, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -80,13 +80,15 @@ def test_voxels_are_carved_only_while_wanted() -> None:
         if frame == 2:
             third.set()
 
-    clouds = CarvedClouds(GRID, 3, carve, note)
+    clouds = CarvedClouds(GRID, 3, carve, note, most=9 * 5)  # has room for the last two
     assert clouds.get(0) is None and "0 of 3" in clouds.describe(0) and known == []
     clouds.want(True)
     assert third.wait(10)
     clouds.close()
     found = clouds.get(2)
-    assert found is not None and len(found.positions) == 3 and clouds.describe(0) == ""
+    assert found is not None and len(found.positions) == 3 and clouds.describe(2) == ""
+    assert clouds.get(0) is None
+    assert clouds.describe(0) == "no voxels: memory holds those of 2 of 3 frames"
 
 
 def test_error_of_carving_is_described() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from helpers import scenes
 from cl import Device, InputError
 from psfs.background.config import BackgroundConfig, EvidenceConfig
 from psfs.background.gaussian import Background
+from psfs.cameras.camera import CameraRig
 from psfs.reference.silhouette import (
     background_ratio,
     floor_light,
@@ -111,6 +114,13 @@ def test_masks_agree_with_the_twin(device: Device) -> None:
         outside = np.ones((rig.height, rig.width), bool)
         outside[: camera.size[1], : camera.size[0]] = False
         assert not counts[view, outside].any()
+
+
+def test_more_pictures_than_places_of_32_bits_are_refused(device: Device) -> None:
+    rig = CameraRig(tuple(replace(scenes.ring(1)[0], name=f"c{k}", size=(3840, 2160))
+                          for k in range(87)))  # fmt: skip
+    with pytest.raises(InputError, match=r"87 cameras .* 3840 x 2160 px; expected at most 86"):
+        Silhouette(device, rig, None)
 
 
 def test_evidence_is_songs(device: Device) -> None:
