@@ -37,19 +37,33 @@ class Commands(Protocol):
 
 
 class Array:
-    """A C-ordered array in device memory: a buffer that knows its shape and type.
+    """A C-ordered array in device memory: a part of a buffer that knows its shape and type.
 
-    `set` and `get` are the doors between host and device, beside those of `staging`; all are
-    counted in `device.transfers`.
+    whole: the buffer that it lies in, from byte `start` on. `set` and `get` are the doors between
+    host and device, beside those of `staging`; all are counted in `device.transfers`.
     """
 
     def __init__(
-        self, device: Commands, buffer: Any, shape: tuple[int, ...], dtype: npt.DTypeLike
+        self,
+        device: Commands,
+        whole: Any,
+        shape: tuple[int, ...],
+        dtype: npt.DTypeLike,
+        start: int = 0,
     ) -> None:
         self.device = device
-        self.buffer = buffer
+        self._buffer = None if start else whole  # released before `whole`, as it is named before it
+        self.whole, self.start = whole, start
         self.shape = shape
         self.dtype = np.dtype(dtype)
+
+    @property
+    def buffer(self) -> Any:
+        """The buffer that a kernel takes: of an array within another buffer a sub-buffer, which is
+        made when it is first asked for. Launches of several objects at once take `whole`."""
+        if self._buffer is None:
+            self._buffer = self.whole.get_sub_region(self.start, max(1, self.nbytes))
+        return self._buffer
 
     @property
     def size(self) -> int:
@@ -64,21 +78,13 @@ class Array:
     def view(self, dtype: npt.DTypeLike) -> Array:
         """Return the same memory, flat, as numbers of another type."""
         dtype = np.dtype(dtype)
-        return Array(self.device, self.buffer, (self.nbytes // dtype.itemsize,), dtype)
-
-    @property
-    def place(self) -> tuple[Any, int]:
-        """The whole buffer that the array lies in, and where in it the array begins, bytes."""
-        whole = self.buffer.associated_memobject
-        return (self.buffer, 0) if whole is None else (whole, self.buffer.offset)
+        shape = (self.nbytes // dtype.itemsize,)
+        return Array(self.device, self.whole, shape, dtype, self.start)
 
     def region(self, start: int, shape: Sequence[int], dtype: npt.DTypeLike) -> Array:
         """Return an array of the memory from byte `start` on, a multiple of the device's
         alignment."""
-        whole, offset = self.place
-        nbytes = max(1, math.prod(shape) * np.dtype(dtype).itemsize)
-        buffer = whole.get_sub_region(offset + start, nbytes)
-        return Array(self.device, buffer, tuple(shape), dtype)
+        return Array(self.device, self.whole, tuple(shape), dtype, self.start + start)
 
     def set(self, host: np.ndarray) -> None:
         """Copy `host` (same number of elements and type) to the device, without waiting."""
@@ -86,7 +92,9 @@ class Array:
         if host.dtype != self.dtype or host.size != self.size:
             raise ValueError(f"expected {self.shape} {self.dtype}, got {host.shape} {host.dtype}")
         with raise_device_errors(self.device.name, "an upload"):
-            event = pyopencl.enqueue_copy(self.device.queue, self.buffer, host, is_blocking=False)
+            event = pyopencl.enqueue_copy(
+                self.device.queue, self.whole, host, dst_offset=self.start, is_blocking=False
+            )
         # The event keeps `host` alive until the copy is done.
         self.device.record("upload", event, upload=self.nbytes)
 
@@ -96,7 +104,9 @@ class Array:
         host = np.empty(shape, self.dtype)
         if host.size:
             with raise_device_errors(self.device.name, "a download"):
-                event = pyopencl.enqueue_copy(self.device.queue, host, self.buffer)
+                event = pyopencl.enqueue_copy(
+                    self.device.queue, host, self.whole, src_offset=self.start
+                )
             self.device.record("download", event, download=host.nbytes)
         return host
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from functools import cache
 from re import Match
 from typing import Any, TypeVar
@@ -22,9 +22,11 @@ _SMALL = 2**16
 #: What the additional arguments of a joined kernel begin with: the places of arrays, and the
 #: numbers in which objects differ.
 _PLACE, _VALUES = "place_of_", "values_of_"
-#: What a joined program begins with: its third dimension counts the objects, too.
+#: What a joined program begins with: its third dimension counts the objects, too. Where work-groups
+#: are stated, PLACE is get_group_id, the same for all items of a group: with 256 items a pose,
+#: score_poses then needs 64 registers, and an H100 has room for all poses of two people at once.
 _HEAD = """
-static inline int batch_member(void) { return get_global_id(2) / DEPTH; }
+static inline int batch_member(void) { return PLACE(2) / DEPTH; }
 #define get_global_id(d) ((d) == 2 ? get_global_id(2) % DEPTH : get_global_id(d))
 #define get_group_id(d) ((d) == 2 ? get_group_id(2) % DEPTH : get_group_id(d))
 #define get_global_size(d) ((d) == 2 ? DEPTH : get_global_size(d))
@@ -60,7 +62,7 @@ class Batch:
         commands: list[list[Step]] = []
         for member, action in enumerate(actions):
             allocate = self._memory.allocator(member)
-            with self._device.use_allocator(allocate), self._device.collect() as own:
+            with self._device.share(len(actions), allocate), self._device.collect() as own:
                 results.append(action())
             commands.append(own)
         self._enqueue(commands)
@@ -106,10 +108,11 @@ class _Memory:
         self._wholes: list[tuple[Any, int]] = []
         self._next = [0] * n
 
-    def allocator(self, member: int) -> Callable[[int], Any]:
-        """Return the function that allocates a buffer, of so many bytes, for an object."""
+    def allocator(self, member: int) -> Callable[[int], tuple[Any, int]]:
+        """Return the function that allocates so many bytes for an object: it returns a buffer, and
+        where in it they begin."""
 
-        def allocate(nbytes: int) -> Any:
+        def allocate(nbytes: int) -> tuple[Any, int]:
             at, self._next[member] = self._next[member], self._next[member] + 1
             if at == len(self._wholes):
                 room = nbytes if nbytes > _SMALL else 2 * nbytes
@@ -117,8 +120,8 @@ class _Memory:
                 self._wholes.append((self._device.new_buffer(self._n * apart), apart))
             whole, apart = self._wholes[at]
             if nbytes > apart:
-                return self._device.new_buffer(nbytes)
-            return whole.get_sub_region(member * apart, nbytes)
+                return self._device.new_buffer(nbytes), 0
+            return whole, member * apart
 
         return allocate
 
@@ -128,12 +131,15 @@ class _JoinedLaunch:
 
     def __init__(self, device: Device, members: Sequence[Launch]) -> None:
         self._device, self._members = device, members
-        self._is_current = False
+        self._parameters = members[0].kernel.parameters
+        self._alike = _are_alike(members)
+        self._changed = set(self._parameters)  # names of arguments
+        self._arguments: dict[str, dict[str, Argument]] = {}  # of the joined kernel, for each name
         self._launches: dict[tuple[str, ...], Launch] = {}
         self._values: dict[str, Array] = {}  # each object's own numbers
         self._launch: Launch | None = None
         for member in members:
-            member.on_change.append(self._expire)
+            member.on_change.append(self._changed.update)
 
     @property
     def joins(self) -> bool:
@@ -141,67 +147,71 @@ class _JoinedLaunch:
         return self._launch is not None
 
     def __call__(self) -> None:
-        if not self._is_current:
-            self._is_current = True
-            self._update()
+        if self._changed:
+            self._update(self._changed)
+            self._changed.clear()
         if self._launch is not None:
             self._launch()
             return
         for member in self._members:
             member()
 
-    def _expire(self) -> None:
-        self._is_current = False
-
-    def _update(self) -> None:
-        arguments = self._join_arguments()
-        if arguments is None:
+    def _update(self, changed: Iterable[str]) -> None:
+        """Take over arguments that the members set."""
+        if not self._alike or not self._join_arguments(changed):
             self._launch = None
             return
-        values = tuple(name for name in arguments if name.startswith(_VALUES))
-        if values not in self._launches:
-            self._launches[values] = self._make_launch(arguments)
+        each = self._arguments
+        given = tuple(name for name in self._parameters if _VALUES + name in each[name])
+        launch = self._launches.get(given)
+        if launch is None:
+            launch = self._launches[given] = self._make_launch(given)
+        elif launch is self._launch:
+            launch.set(**{k: v for name in changed for k, v in each[name].items()})
         else:
-            self._launches[values].set(**arguments)
-        self._launch = self._launches[values]
+            launch.set(**{k: v for joined in each.values() for k, v in joined.items()})
+        self._launch = launch
 
-    def _join_arguments(self) -> dict[str, Argument] | None:
-        """Return the arguments of the joined kernel; None if the launches differ in more than their
-        arrays and numbers."""
-        first = self._members[0]
-        shape = first.kernel, first.global_size, first.local_size
-        if any((m.kernel, m.global_size, m.local_size) != shape for m in self._members):
-            return None
-        if (*(first.local_size or ()), 1, 1, 1)[2] != 1:
-            return None
-        arguments: dict[str, Argument] = {}
-        for name, parameter in first.kernel.parameters.items():
+    def _join_arguments(self, changed: Iterable[str]) -> bool:
+        """Join the members' arguments of these names; return whether those of all names are."""
+        for name in changed:
             values = [member.arguments[name] for member in self._members]
-            joined = _join_values(parameter, values)
+            joined = _join_values(self._parameters[name], values)
             if joined is None:
-                return None
+                self._arguments.pop(name, None)
+                continue
             if isinstance(each := joined.get(_VALUES + name), np.ndarray):
                 if name not in self._values:
                     self._values[name] = self._device.empty(each.shape, each.dtype)
                 self._values[name].set(each)
                 joined[_VALUES + name] = self._values[name]
-            arguments |= joined
-        return arguments
+            self._arguments[name] = joined
+        return len(self._arguments) == len(self._parameters)
 
-    def _make_launch(self, arguments: dict[str, Argument]) -> Launch:
-        """Return the launch of the joined kernel, whose third dimension counts the objects."""
+    def _make_launch(self, given: tuple[str, ...]) -> Launch:
+        """Return the launch of the joined kernel, whose third dimension counts the objects. given:
+        names of numbers of which each object has its own."""
         device, first = self._device, self._members[0]
         width, height, depth = (*first.global_size, 1, 1)[:3]
         local = None if first.local_size is None else (*first.local_size, 1, 1)[:3]
         source, options = first.kernel.text
-        given = tuple(n[len(_VALUES) :] for n in arguments if n.startswith(_VALUES))
         name, file = first.kernel.name, first.kernel.file
         text = join_source(source, file, given)
-        kernel = device.programs.kernel(text, name, file, f"{options} -D DEPTH={depth}")
+        options += f" -D DEPTH={depth} -D PLACE=get_{'global' if local is None else 'group'}_id"
+        kernel = device.programs.kernel(text, name, file, options)
+        arguments = {k: v for joined in self._arguments.values() for k, v in joined.items()}
         size = width, height, depth * len(self._members)
         launch = device.launch(kernel, size, local, **arguments)
         launch.name = first.name
         return launch
+
+
+def _are_alike(launches: Sequence[Launch]) -> bool:
+    """Return whether launches differ in no more than their arguments, and may be joined."""
+    first = launches[0]
+    shape = first.kernel, first.global_size, first.local_size
+    same = all((each.kernel, each.global_size, each.local_size) == shape for each in launches)
+    return same and (*(first.local_size or ()), 1, 1, 1)[2] == 1
 
 
 def _join_values(parameter: Parameter, values: Sequence[Any]) -> dict[str, Argument] | None:
@@ -229,13 +239,15 @@ def _find_place(values: Sequence[Any]) -> tuple[Argument, tuple[int, int]] | Non
         return first, (0, 0)
     if any(value is None for value in values):
         return None
-    wholes, starts = zip(*(value.place for value in values), strict=True)
+    starts = [value.start for value in values]
     apart = starts[1] - starts[0]
-    if any(whole != wholes[0] for whole in wholes) or starts[0] % _UNIT or apart % _UNIT:
+    if any(value.whole is not first.whole for value in values):
+        return None
+    if starts[0] % _UNIT or apart % _UNIT:
         return None
     if any(start != starts[0] + k * apart for k, start in enumerate(starts)):
         return None
-    whole = Array(first.device, wholes[0], first.shape, first.dtype)
+    whole = Array(first.device, first.whole, first.shape, first.dtype)
     return whole, (starts[0] // _UNIT, apart // _UNIT)
 
 

@@ -120,7 +120,8 @@ class Device:
             raise DeviceError(f"the device {self.name} cannot be used: {error}") from error
         self.profiler = Profile() if self.profile else None
         self._allocated = [0]  # bytes; shared by siblings, as a list is
-        self._allocate: Callable[[int], Any] | None = None
+        self._allocate: Callable[[int], tuple[Any, int]] | None = None
+        self.n_sharing = 1
         self._fills = Fills()
 
     @classmethod
@@ -231,12 +232,13 @@ class Device:
         nbytes = max(1, math.prod(shape) * np.dtype(dtype).itemsize)
         self.require_memory(nbytes, what)
         try:
-            buffer = (self._allocate or self.new_buffer)(nbytes)
+            allocate = self._allocate
+            whole, start = allocate(nbytes) if allocate else (self.new_buffer(nbytes), 0)
         except pyopencl.Error as error:
             raise DeviceError(
                 f"{self.name} could not allocate {_megabytes(nbytes)} for {what}: {error}"
             ) from error
-        array = Array(self, buffer, shape, dtype)
+        array = Array(self, whole, shape, dtype, start)
         self._allocated[0] += nbytes
         weakref.finalize(array, self._release, nbytes)
         return array
@@ -246,13 +248,15 @@ class Device:
         return pyopencl.Buffer(self.context, pyopencl.mem_flags.READ_WRITE, nbytes)
 
     @contextmanager
-    def use_allocator(self, allocate: Callable[[int], Any]) -> Iterator[None]:
-        """Let `allocate(nbytes)` make the buffers of the arrays of the `with` block."""
-        self._allocate = allocate
+    def share(self, n: int, allocate: Callable[[int], tuple[Any, int]]) -> Iterator[None]:
+        """Make what the `with` block makes for launches that serve `n` objects at once, as
+        `n_sharing` says in it. `allocate(nbytes)` returns the buffer that an array lies in, and
+        where in it."""
+        self._allocate, self.n_sharing = allocate, n
         try:
             yield
         finally:
-            self._allocate = None
+            self._allocate, self.n_sharing = None, 1
 
     def zeros(
         self, shape: int | Sequence[int], dtype: npt.DTypeLike, what: str = "an array"

@@ -56,7 +56,7 @@ class Fills:
             return
         with raise_device_errors(device.name, "a fill"):
             event = pyopencl.enqueue_fill_buffer(
-                device.queue, array.buffer, pattern, done, array.nbytes - done
+                device.queue, array.whole, pattern, array.start + done, array.nbytes - done
             )
         device.record("fill", event)
 
@@ -66,7 +66,7 @@ class Fills:
         word = np.tile(pattern, 4 // array.dtype.itemsize).view(np.uint32)[0]
         if array not in self._launches:
             # Not `array`, which the launch would keep alive.
-            words = Array(device, array.buffer, (4 * n,), np.uint32)
+            words = Array(device, array.whole, (4 * n,), np.uint32, array.start)
             arguments = {"n": n, "word": word, "words": words}
             kernel = device.kernel("common/fill", "fill_words")
             launch = Launch(device, kernel, (n,), (_FILL_GROUP,), arguments)

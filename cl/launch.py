@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import pyopencl
 import pyopencl._cl
 
-from cl.array import Commands
+from cl.array import Array, Commands
 from cl.errors import DeviceError, device_failure
 from cl.signature import Argument, Signatures
 
@@ -76,7 +76,7 @@ class Launch:
     event.
 
     name: label of its timings, by default the kernel's name. arguments: current values by name:
-    arrays, numbers, None. on_change: what is called after they are set.
+    arrays, numbers, None. on_change: what is called, with their names, after they are set.
     """
 
     def __init__(
@@ -96,11 +96,13 @@ class Launch:
             raise TypeError(f"{kernel}: missing {', '.join(missing)}")
         self.kernel = kernel
         self._places = {name: place for place, name in enumerate(kernel.parameters)}
-        self._bound = kernel.fresh()
-        self._sizes = _raw_sizes(self._bound, self.global_size, self.local_size)
+        # Made and bound when it is first enqueued, which launches that are joined never are.
+        self._bound: Any = None
+        self._sizes: tuple[Any, ...] = ()
+        self._unbound: dict[str, Any] = {}  # arguments that are not bound yet
         # Keeps arrays alive as long as the kernel refers to them.
         self.arguments: dict[str, Argument] = {}
-        self.on_change: list[Step] = []
+        self.on_change: list[Callable[[Iterable[str]], None]] = []
         self.set(**arguments)
 
     def set(self, **arguments: Argument) -> None:
@@ -117,19 +119,20 @@ class Launch:
                 known = ", ".join(self.kernel.parameters)
                 raise TypeError(f"{self.kernel}: no argument {name}; expected {known}")
             try:
-                bound = parameter.convert(value)
+                self._unbound[name] = parameter.convert(value)
             except (TypeError, ValueError) as error:
                 raise type(error)(f"{self.kernel}, argument {name}: {error}") from None
-            self._bound.set_arg(self._places[name], bound)
             self.arguments[name] = value
         for call in self.on_change:
-            call()
+            call(arguments)
 
     def __call__(self) -> None:
         device, profiler = self.device, self.device.profiler
         if device.collected is not None:
             device.collected.append(self)
             return
+        if self._unbound or self._bound is None:
+            self._bind()
         raw = _ENQUEUE if profiler is None else None
         if raw is not None and raw(device.raw_queue, *self._sizes) == 0:
             return
@@ -142,6 +145,15 @@ class Launch:
             raise device_failure(device.name, f"kernel {self.name}", error) from error
         if profiler is not None:
             profiler.add(self.name, event)
+
+    def _bind(self) -> None:
+        if self._bound is None:
+            self._bound = self.kernel.fresh()
+            self._sizes = _raw_sizes(self._bound, self.global_size, self.local_size)
+        for name, value in self._unbound.items():
+            bound = value.buffer if isinstance(value, Array) else value
+            self._bound.set_arg(self._places[name], bound)
+        self._unbound.clear()
 
 
 def _raw_sizes(

@@ -53,8 +53,8 @@ class Parameter:
     width: int
 
     def convert(self, value: Argument) -> Any:
-        """Return `value` as pyopencl takes it. Raises TypeError or ValueError, whose text says
-        what was expected and found, for a value that the kernel would misread."""
+        """Return `value` as pyopencl takes it, arrays as they are. Raises TypeError or ValueError,
+        whose text says what was expected and found, for a value that the kernel would misread."""
         if self.space == "local":
             if not isinstance(value, pyopencl.LocalMemory):
                 raise TypeError(f"expected pyopencl.LocalMemory, got {_describe(value)}")
@@ -71,7 +71,7 @@ class Parameter:
             raise TypeError(f"expected an Array {expected}, got {_describe(value)}")
         if self.width != 3 and value.size % self.width:
             raise TypeError(f"expected an Array of {self.type}, got {_describe(value)}")
-        return value.buffer
+        return value
 
     def _number(self, value: Any) -> Any:
         if self.dtype is None:

@@ -44,7 +44,7 @@ class Uploads:
         with raise_device_errors(self._device.name, "an upload"):
             self._uploaded = pyopencl.enqueue_copy(
                 self._queue,
-                self._buffers[self._next].buffer,
+                self._buffers[self._next].whole,
                 host,
                 is_blocking=False,
                 wait_for=[before] if before is not None else None,
@@ -57,9 +57,10 @@ class Uploads:
         with raise_device_errors(self._device.name, "a copy"):
             self._taken[self._next] = pyopencl.enqueue_copy(
                 self._device.queue,
-                self._target.buffer,
-                self._buffers[self._next].buffer,
+                self._target.whole,
+                self._buffers[self._next].whole,
                 byte_count=self._target.nbytes,
+                dst_offset=self._target.start,
                 wait_for=[self._uploaded],
             )
         self._device.record("copy", self._taken[self._next])
@@ -80,7 +81,9 @@ class Download:
         source, device, host = self._source, self._source.device, self._hosts[self._next]
         self._next = 1 - self._next
         with raise_device_errors(device.name, "a download"):
-            event = pyopencl.enqueue_copy(device.queue, host, source.buffer, is_blocking=False)
+            event = pyopencl.enqueue_copy(
+                device.queue, host, source.whole, src_offset=source.start, is_blocking=False
+            )
         device.record("download", event, download=host.nbytes)
 
         def fetched() -> np.ndarray:
@@ -118,7 +121,11 @@ class Upload:
         device, host = self._target.device, self._hosts[self._next][:n]
         with raise_device_errors(device.name, "an upload"):
             event = pyopencl.enqueue_copy(
-                device.queue, self._target.buffer, host, is_blocking=False
+                device.queue,
+                self._target.whole,
+                host,
+                dst_offset=self._target.start,
+                is_blocking=False,
             )
         device.record("upload", event, upload=host.nbytes)
         self._done[self._next] = event
@@ -147,10 +154,10 @@ class Ahead:
         self._whole = [device.zeros((int(places[-1]),), np.uint8, what) for _ in range(2)]
         self.written, self.read = (
             [
-                whole.region(int(place), *each)
+                part.region(int(place), *each)
                 for place, each in zip(places[:-1], shapes, strict=True)
             ]
-            for whole in self._whole
+            for part in self._whole
         )
 
     def show(self) -> None:
@@ -160,8 +167,9 @@ class Ahead:
         source, target = self._whole
         with raise_device_errors(self._device.name, "a copy"):
             event = pyopencl.enqueue_copy(
-                self._device.queue, target.buffer, source.buffer, byte_count=source.nbytes
-            )
+                self._device.queue, target.whole, source.whole, byte_count=source.nbytes,
+                src_offset=source.start, dst_offset=target.start,
+            )  # fmt: skip
         self._device.record("copy", event)
 
 

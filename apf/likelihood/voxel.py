@@ -29,8 +29,10 @@ from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection
 
-#: Largest number of work-items per pose on a GPU: most wait for memory most of the time.
-_GROUP = 512
+#: Work-items per pose on a GPU, of which most wait for memory most of the time: of one person, and
+#: of several whose launches are joined. That kernel needs 78 registers instead of 64, so that a
+#: multiprocessor of an H100 has room for four groups of 256, but for one of 512.
+_GROUP, _SHARED_GROUP = 512, 256
 #: Floats of a cone's outline in a picture: x and y of its corners.
 _OUTLINE_FLOATS = 8
 #: Fewest rows and columns of samples on a cone: the shortest one, too, shows its outline.
@@ -331,7 +333,8 @@ class VoxelLikelihood(Likelihood):
 
         Raises InputError if the body is too large even for one.
         """
-        defines = body_defines(body) | pack_defines(self.device, _GROUP)
+        group = _GROUP if self.device.n_sharing == 1 else _SHARED_GROUP
+        defines = body_defines(body) | pack_defines(self.device, group)
         if not self.rig.distorted:
             defines["NO_DISTORTION"] = 1
         defines |= {"OUTLINE_FLOATS": _OUTLINE_FLOATS, **self.rig.defines}

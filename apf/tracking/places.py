@@ -28,23 +28,11 @@ class Places:
     """
 
     def __init__(self, device: Device, bodies: Sequence[BodyModel], spheres: Array) -> None:
-        self._device, self.bodies = device, list(bodies)
+        self._device, self.bodies, self._spheres = device, list(bodies), spheres
         n_cones = len(bodies[0].cones)
         self._cones = Parts(device, SLOTS * len(bodies), (n_cones, CONE_FLOATS), np.float32)
-        defines = {
-            **{"PEOPLE": len(bodies), "N_CONES": n_cones, "CONE_FLOATS": CONE_FLOATS},
-            **{"STEP": self._cones.step, "ALONG": ALONG},
-        }
-        self._expect = device.launch(
-            device.kernel("tracking/people", "expect_spheres", **defines),
-            (len(bodies) * count_spheres(bodies[0]),),
-            None,
-            newest=0,
-            before=0,
-            ahead=0.0,
-            cones=self._cones.whole,
-            spheres=spheres,
-        )
+        # By the newest slot and the frames ahead: to set an argument takes longer than a launch.
+        self._expect: dict[tuple[int, int], Launch] = {}
 
     def start(self, person: int, pose: np.ndarray) -> None:
         """Put a person at a pose (D,), at rest."""
@@ -74,6 +62,24 @@ class Places:
     def expect(self, newest: int, ahead: int) -> None:
         """Enqueue the prediction `ahead` frames after frame `newest`, from it and the one before;
         frames before the first are as it started."""
-        slots = {"newest": newest % SLOTS, "before": (newest - 1) % SLOTS}
-        self._expect.set(**slots, ahead=float(ahead))
-        self._expect()
+        key = newest % SLOTS, ahead
+        if key not in self._expect:
+            self._expect[key] = self._expect_launch(*key)
+        self._expect[key]()
+
+    def _expect_launch(self, newest: int, ahead: int) -> Launch:
+        body = self.bodies[0]
+        defines = {
+            **{"PEOPLE": len(self.bodies), "N_CONES": len(body.cones), "CONE_FLOATS": CONE_FLOATS},
+            **{"STEP": self._cones.step, "ALONG": ALONG},
+        }
+        return self._device.launch(
+            self._device.kernel("tracking/people", "expect_spheres", **defines),
+            (len(self.bodies) * count_spheres(body),),
+            (64,),
+            newest=newest,
+            before=(newest - 1) % SLOTS,
+            ahead=float(ahead),
+            cones=self._cones.whole,
+            spheres=self._spheres,
+        )

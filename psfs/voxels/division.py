@@ -95,7 +95,7 @@ class Division:
         owners = device.empty(voxels.surface.shape, np.uint8, "the owners of voxels")
         listed = {"indices": voxels.surface, "n_surface": voxels.count, "owners": owners}
         self._assign = self._launch(
-            "assign_voxels", (65536 if device.is_gpu else 256,),
+            "assign_voxels", (65536 if device.is_gpu else 256,), (64 if device.is_gpu else 4,),
             spheres=self.spheres, geometry=self._geometry(), reach=config.reach**2, **listed,
         )  # fmt: skip
         list_voxels = self._launch(
@@ -119,11 +119,11 @@ class Division:
         packs = -(-rig.width * rig.height // self._defines["PACK"])
         return [
             self._launch(
-                "project_spheres", (n_people, len(rig)),
+                "project_spheres", (n_people, len(rig)), (1, 1),
                 cameras=cameras, reach=config.beside, **images,
             ),
             self._launch(
-                "divide_evidence", (packs, len(rig)),
+                "divide_evidence", (packs, len(rig)), (64, 1),
                 beside=config.beside**2, before=config.before, step=maps.step, evidence=evidence,
                 own=maps.whole, **images,
             ),
@@ -133,7 +133,7 @@ class Division:
         self,
         name: str,
         size: tuple[int, ...],
-        group: tuple[int, ...] | None = None,
+        group: tuple[int, ...],
         /,
         **arguments: Argument,
     ) -> Launch:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pyopencl
@@ -77,6 +78,25 @@ def test_joined_launches_compute_what_single_ones_do(
     assert np.unique(found[0][0][0]).size > 10
 
 
+def test_joined_launches_need_no_sub_buffers(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """NVIDIA's driver (580) crashed when those of two people's trackers were released."""
+    made: list[int] = []
+    make = pyopencl.Buffer.get_sub_region
+    monkeypatch.setattr(
+        pyopencl.Buffer, "get_sub_region", lambda *a: (made.append(a[2]), make(*a))[1]
+    )
+    batch = Batch(device, 2, joins=True)
+    things = batch.run(make_actions(device, (2.0, 3.0), (8, 8)))
+    batch.run([partial(thing.run, 1.0) for thing in things])
+    results = [thing.out.get() for thing in things]
+    assert batch.n_joined == 1 and not made
+    things[1].launch()  # a launch of one alone does need one, and gives the same
+    np.testing.assert_array_equal(results[1], things[1].out.get())
+    assert made
+
+
 def test_a_change_is_seen_by_all_joined_launches_of_which_a_launch_is_a_part(
     device: Device,
 ) -> None:
@@ -94,6 +114,26 @@ def test_a_change_is_seen_by_all_joined_launches_of_which_a_launch_is_a_part(
     joined = first.out.get()
     first.run()
     np.testing.assert_array_equal(joined, first.out.get())
+
+
+def test_a_change_sets_no_other_arguments_of_the_joined_launch(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in every frame of a live run, which widens the noise of each person's particles."""
+    batch = Batch(device, 2, joins=True)
+    things = batch.run(make_actions(device, (2.0, 3.0), (8, 8)))
+    batch.run([thing.run for thing in things])
+    given: list[set[str]] = []
+    set_arguments = Launch.set
+
+    def record(launch: Launch, **arguments: Any) -> None:
+        given.append(set(arguments))
+        set_arguments(launch, **arguments)
+
+    monkeypatch.setattr(Launch, "set", record)
+    things[0].launch.set(factor=7.0)
+    batch.run([thing.run for thing in things])
+    assert given == [{"factor"}, {"factor", "values_of_factor"}]
 
 
 def test_what_waits_for_the_device_gets_what_was_collected_before_it(device: Device) -> None:

@@ -85,7 +85,7 @@ def test_the_command(walk: Path, tmp_path: Path, client: Any, capfd: Any) -> Non
         particles = 40
         layers = 3
         voxel-size = 0.06
-        frames = "0:3"
+        frames = "0:2"
         all-cameras = true
         no_overlay = true
         init = "{walk / "truth.npz"}"
@@ -94,7 +94,7 @@ def test_the_command(walk: Path, tmp_path: Path, client: Any, capfd: Any) -> Non
         [[take]]
         folder = "{walk}"
         name = "second"
-        frames = "0:2"
+        frames = "0:1"
         seed = 4
         [[take]]
         folder = "bad"
@@ -108,11 +108,11 @@ def test_the_command(walk: Path, tmp_path: Path, client: Any, capfd: Any) -> Non
     assert (out / "logs" / "bad.log").read_text().count("error: ") == 3
 
     flags = ["--particles", "40", "--layers", "3", "--voxel-size", "0.06", "--all-cameras"]
-    flags += ["--frames", "0:3", "--init", str(walk / "truth.npz"), "--no-overlay"]
+    flags += ["--frames", "0:2", "--init", str(walk / "truth.npz"), "--no-overlay"]
     assert main(["track", str(walk), "-o", str(tmp_path / "alone"), *flags]) == 0
     alone, mine = Track.open(tmp_path / "alone"), Track.open(out / walk.name)
     assert mine.poses.tobytes() == alone.poses.tobytes()
-    assert Track.open(out / "second").frames.tolist() == [0, 1]
+    assert Track.open(out / "second").frames.tolist() == [0]
 
     stamp = (out / walk.name / "track.npz").stat().st_mtime_ns
     (out / "second" / "joints.trc").unlink()

@@ -100,6 +100,7 @@ def test_in_a_browser(page_file: Path) -> None:
     request leaves the page; nothing in a name is run."""
     with browser() as chromium:
         page = chromium.new_page(viewport={"width": 1400, "height": 900})
+        page.set_default_timeout(120_000)  # a machine under load
         asked: list[str] = []
         wrong: list[str] = []
         page.on("request", lambda request: asked.append(request.url))
@@ -107,22 +108,22 @@ def test_in_a_browser(page_file: Path) -> None:
         page.on("dialog", lambda dialog: wrong.append(dialog.message))
         page.goto(page_file.as_uri())
         shown = "document.getElementById('player').dataset.row === '{}'"
-        page.wait_for_function(shown.format(0), timeout=120_000)
+        page.wait_for_function(shown.format(0))
         first = page.evaluate("[0, 2].map((i) => document.getElementById('player').data[i].x[0])")
         slider = page.locator("#slider")
         assert slider.get_attribute("max") == str(FRAMES - 1)
         slider.fill("120")
-        page.wait_for_function(shown.format(120), timeout=60_000)
+        page.wait_for_function(shown.format(120))
         moved = page.evaluate("[0, 2].map((i) => document.getElementById('player').data[i].x[0])")
         assert np.all(np.array(moved) != first)
         assert page.locator("#frame").inner_text().startswith("frame 120, 2.00 s")
-        page.wait_for_function("document.querySelector('video').readyState >= 2", timeout=60_000)
+        page.wait_for_function("document.querySelector('video').readyState >= 2")
         assert page.evaluate("document.querySelector('video').videoWidth") == 640
         assert page.evaluate("document.querySelector('video').currentTime") == pytest.approx(
             120.5 / 60, abs=0.01
         )
         page.locator("#lines a").nth(1).click()
-        page.wait_for_function(shown.format(3), timeout=60_000)
+        page.wait_for_function(shown.format(3))
         assert "left arm" in page.locator("#lines").inner_text()
         joints = page.locator("#joint option").all_inner_texts()
         assert {"hip", "knee", "shoulder"} <= set(joints)
@@ -132,7 +133,7 @@ def test_in_a_browser(page_file: Path) -> None:
         assert page.locator("#warnings").inner_text() == "left out: cam09 <b>disagrees</b>"
         page.locator("#slider").focus()
         page.keyboard.press("ArrowRight")
-        page.wait_for_function(shown.format(4), timeout=60_000)
+        page.wait_for_function(shown.format(4))
     assert not wrong
     assert [url for url in asked if not url.startswith(("file:", "blob:", "data:"))] == []
 
@@ -142,6 +143,7 @@ def test_without_webgl_the_player_is_painted(page_file: Path) -> None:
     seen = "document.querySelector('#player canvas').toDataURL()"
     with browser("--disable-3d-apis") as chromium:
         page = chromium.new_page(viewport={"width": 900, "height": 700})
+        page.set_default_timeout(120_000)
         page.goto(page_file.as_uri())
         page.wait_for_function("document.getElementById('player').dataset.row === '0'")
         pictures = [page.evaluate(seen)]

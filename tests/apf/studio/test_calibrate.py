@@ -104,7 +104,7 @@ def test_board_is_found_live(day: Path, tmp_path: Path) -> None:
     page = Page(Roots(day), no_device, results=tmp_path / "results", captures=captures)
     try:
         page.open_cameras()
-        film, until = page.film, time.monotonic() + 30
+        film, until = page.film, time.monotonic() + 120
         assert film is not None
         while not captures.ended and time.monotonic() < until:
             time.sleep(0.05)

@@ -148,14 +148,15 @@ def test_page_in_a_browser(tmp_path: Path, open_page: Callable[[Path], Page]) ->
     assert watch is not None
     with browser() as chromium:
         tab = chromium.new_page(viewport={"width": 400, "height": 300})
+        tab.set_default_timeout(120_000)  # a machine under load
         asked: list[str] = []
         alerts: list[Any] = []
         tab.on("request", lambda request: asked.append(request.url))
         tab.on("dialog", lambda dialog: (alerts.append(dialog), dialog.dismiss()))
         tab.goto(page.address)
-        tab.get_by_text("frame 0 ·").wait_for(timeout=60_000)
+        tab.get_by_text("frame 0 ·").wait_for()
         tab.keyboard.press("l")
-        tab.get_by_text("frame 1 ·").wait_for(timeout=60_000)
+        tab.get_by_text("frame 1 ·").wait_for()
         assert tab.get_by_text(NAME).count() > 0  # as text
         assert alerts == []
     own = page.address.rpartition("/")[0]
