@@ -119,7 +119,9 @@ class Device:
         except pyopencl.Error as error:
             raise DeviceError(f"the device {self.name} cannot be used: {error}") from error
         self.profiler = Profile() if self.profile else None
-        self._allocated = [0]  # bytes; shared by siblings, as a list is
+        # Bytes; shared by siblings, as a list is. Threads change it without a lock: CPython
+        # switches them at calls and jumps, of which `+=` on an item of a list has none.
+        self._allocated = [0]
         self._allocate: Callable[[int], tuple[Any, int]] | None = None
         self.n_sharing = 1
         self._fills = Fills()

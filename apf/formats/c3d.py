@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from apf.formats.trc import CONVENTIONS, METRES, JointSeries
+from apf.formats.trc import CONVENTIONS, JointSeries
 from cl import InputError
+from psfs.common.c3d import read_c3d_points
 from psfs.common.files import write_atomically
-from psfs.common.reading import open_input, parsing
 from psfs.common.scratch import temporary_folder
 
 #: The format's header counts frames in 16 bits; ezc3d drops those that follow.
@@ -47,44 +47,21 @@ def read_c3d(path: str | Path, convention: str | None = None) -> JointSeries:
     Rate and frame numbers are the file's, from 0 on. convention: of its axes, one of `CONVENTIONS`;
     by default what the file states. Raises InputError naming the file.
     """
-    import ezc3d  # slow to import
-
     path = Path(path)
-    with parsing(path, "a C3D with points"):
-        with open_input(path, "a C3D") as opened, temporary_folder() as folder:
-            plain = folder / "motion.c3d"  # ezc3d accepts only paths in UTF-8
-            with plain.open("wb") as copy:
-                shutil.copyfileobj(opened, copy)
-            file: Any = ezc3d.c3d(str(plain))
-        point, points = file["parameters"]["POINT"], file["data"]["points"]
-        residuals = file["data"]["meta_points"]["residuals"]
-        names = tuple(str(name) for name in point["LABELS"]["value"])
-        unit = str(point["UNITS"]["value"][0]) if point["UNITS"]["value"] else "mm"
-        rate = float(point["RATE"]["value"][0])
-        first = int(file["header"]["points"]["first_frame"])
-    if unit.strip().lower() not in METRES:
-        raise InputError(f"{path}: POINT:UNITS is {unit!r}; expected {', '.join(METRES)}")
-    n_points = points.shape[1]
-    if not n_points or len(names) < n_points or not 1e-3 < rate < 1e5:
-        raise InputError(
-            f"{path}: {n_points} points with {len(names)} labels at {rate:g} frames/s; "
-            "expected a label for each, and a rate"
-        )
-    joints = METRES[unit.strip().lower()] * points[:3].transpose(2, 1, 0)
-    missing = (residuals[0].T < 0) | ~np.isfinite(joints).all(-1)
-    joints[missing] = np.nan
-    matrix = CONVENTIONS[convention or _read_convention(path, point)]
-    frames = first + np.arange(len(joints))
-    return JointSeries(names[:n_points], joints @ matrix.T, rate, frames)
+    found = read_c3d_points(path)
+    matrix = CONVENTIONS[convention or _convention(path, found.up)]
+    frames = found.first + np.arange(len(found.positions))
+    return JointSeries(found.names, found.positions @ matrix.T, found.rate, frames)
 
 
-def _read_convention(path: Path, point: Any) -> str:
-    """Return the up axis that the file states. Raises InputError for an unknown one."""
-    stated = point["Y_SCREEN"]["value"] if "Y_SCREEN" in point else []
-    up = str(stated[0]).strip().upper() if stated else "+Z"
-    found = {"+Z": "z-up", "Z": "z-up", "+Y": "y-up", "Y": "y-up"}.get(up)
+def _convention(path: Path, up: str | None) -> str:
+    """Return the convention of a file's up axis. Raises InputError for an unknown one."""
+    stated = "+Z" if up is None else up.strip().upper()
+    found = {"+Z": "z-up", "Z": "z-up", "+Y": "y-up", "Y": "y-up"}.get(stated)
     if found is None:
-        raise InputError(f"{path}: POINT:Y_SCREEN is {up!r}; expected +Z or +Y, or --convention")
+        raise InputError(
+            f"{path}: POINT:Y_SCREEN is {stated!r}; expected +Z or +Y, or --convention"
+        )
     return found
 
 

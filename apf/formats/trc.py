@@ -16,6 +16,7 @@ import numpy as np
 from apf.formats.axes import AXES
 from cl import InputError
 from psfs.common.files import open_text, read_text
+from psfs.common.numbers import METRES
 
 #: Rotations from TRC axes to the world's (Z up): world = trc @ matrix.T
 CONVENTIONS: dict[str, np.ndarray] = dict(
@@ -31,7 +32,6 @@ CONVENTIONS: dict[str, np.ndarray] = dict(
 )
 #: Largest distance of a marker from the origin, m; most frames; most bytes of a file.
 FARTHEST, _MOST_FRAMES, _MOST_BYTES = 1e5, 1e9, 2**29
-METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 #: Most frames of a file without times: nine hours at 30 frames/s.
 _MOST_BEATS = 1_000_000
 _KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units",

@@ -56,13 +56,13 @@ class _Agreement:
         self.heights = np.array([camera.size[1] for camera in rig], float)
 
     def report(self) -> list[str]:
-        away = np.array([self.away(self.seen, view) for view in range(len(self.rig))])
+        away = np.array([self.measure_distance(self.seen, view) for view in range(len(self.rig))])
         wrong = [int(view) for view in np.flatnonzero(away > self.config.away)]
         if not wrong:
             return []
         order = [*wrong, *(view for view in range(len(self.rig)) if view not in wrong)]
-        for text, seen in self.guesses(wrong) if len(self.rig) > 2 else ():
-            if all(self.away(seen, view) <= self.config.away for view in order):
+        for text, seen in self.guess_causes(wrong) if len(self.rig) > 2 else ():
+            if all(self.measure_distance(seen, view) <= self.config.away for view in order):
                 return [text]
         if 2 * len(wrong) > len(self.rig):
             pixels = float(np.median(away * self.heights))
@@ -77,7 +77,7 @@ class _Agreement:
             for view in wrong
         ]
 
-    def away(self, seen: np.ndarray, view: int) -> float:
+    def measure_distance(self, seen: np.ndarray, view: int) -> float:
         """Return the median distance of a camera's keypoints from where the others place them.
 
         seen: (V, N, 3). The distance is a share of the picture's height; 0 if none can be compared,
@@ -99,7 +99,7 @@ class _Agreement:
             return 1.0
         return float(np.median(errors[known]) / self.heights[view]) if known.any() else 0.0
 
-    def guesses(self, wrong: list[int]) -> Iterator[tuple[str, np.ndarray]]:
+    def guess_causes(self, wrong: list[int]) -> Iterator[tuple[str, np.ndarray]]:
         """Yield possible causes, each with the keypoints corrected for it."""
         if len(wrong) == len(self.rig):
             yield from self._guess_for_all()

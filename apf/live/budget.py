@@ -37,7 +37,7 @@ def list_sizes(method: Method, config: SizeConfig | None = None) -> list[Method]
     return [resize_search(method, count, config) for count in counts]
 
 
-def evaluations(method: Method) -> int:
+def count_evaluations(method: Method) -> int:
     """Return how many poses the search of one frame evaluates."""
     return method.filter.search.n_particles * method.filter.search.n_layers
 

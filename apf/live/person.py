@@ -39,7 +39,7 @@ class LivePerson:
         self.tracker = self.trackers[0]
         self._uses_voxels, self._config = searches[0].uses_voxels, config
         self._judge = Judge(config.recovery.for_body(self.body))
-        self._translation = translation(self.body)
+        self._translation = make_translation_matrix(self.body)
         self._moved = np.zeros(self.body.n_dof)
         # time and centre of the voxels of the last good pose
         self._seen: tuple[float, np.ndarray | None] = 0.0, None
@@ -93,7 +93,7 @@ class LivePerson:
         return np.asarray(posed_joints(self.body, pose[None])[0].mean(0))
 
 
-def translation(body: BodyModel) -> np.ndarray:
+def make_translation_matrix(body: BodyModel) -> np.ndarray:
     """Return (D, 3): the change of a pose of `body` if the whole body moves by a vector, m."""
     matrix = np.zeros((body.n_dof, 3))
     for axis in body.bones[0].axes:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 
-import cv2
 import numpy as np
 
 from apf.backend import FrameSource
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.scaling import scale_pictures
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupied_box import finest_pixel
@@ -20,7 +20,7 @@ class Smaller:
 
     def __init__(self, footage: FrameSource, factor: float) -> None:
         self.has_images = footage.has_images
-        self._whole = footage.rig
+        self._whole, self._factor = footage.rig, factor
         self.rig = footage.rig.scaled(factor) if factor < 1 else footage.rig
         self.background = self._scene(footage.background)
 
@@ -40,15 +40,7 @@ class Smaller:
         return replace(background, **{name: self._resize(a) for name, a in pixels.items()})
 
     def _resize(self, pictures: np.ndarray) -> np.ndarray:
-        """Return images (V, H, W, ...) in the size of the smaller rig, averaged over each pixel's
-        area."""
-        shape = (len(self.rig), self.rig.height, self.rig.width, *pictures.shape[3:])
-        resized = np.zeros(shape, pictures.dtype)
-        for view, (camera, small) in enumerate(zip(self._whole, self.rig, strict=True)):
-            whole = np.ascontiguousarray(pictures[view, : camera.size[1], : camera.size[0]])
-            picture = cv2.resize(whole, small.size, interpolation=cv2.INTER_AREA)
-            resized[view, : small.size[1], : small.size[0]] = picture
-        return resized
+        return scale_pictures(pictures, self._whole, self.rig, self._factor)
 
 
 def fitting_factor(rig: CameraRig, grid: VoxelGrid) -> float:

@@ -16,6 +16,7 @@ from apf.body.model import BodyModel, find_side
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.scaling import scale_picture
 from psfs.common.cones import CONE_FLOATS
 from psfs.output.preview import crop_view
 from psfs.output.video import write_video
@@ -123,12 +124,11 @@ def compose_mosaic(
     mosaic = np.zeros((rows * height, columns * width, 3), np.uint8)
     for tile, view in enumerate(chosen):
         camera = rig[view].scaled(scale)
-        size = (min(camera.size[0], width), min(camera.size[1], height))
-        picture = cv2.resize(crop_view(frame, view, rig[view]), size, interpolation=cv2.INTER_AREA)
-        picture = draw(picture, camera)
+        picture = scale_picture(crop_view(frame, view, rig[view]), scale)[:height, :width]
+        picture = draw(np.ascontiguousarray(picture), camera)
         _label(picture, f"{camera.name}   frame {frame.index}{note}")
         y, x = height * (tile // columns), width * (tile % columns)
-        mosaic[y : y + size[1], x : x + size[0]] = picture
+        mosaic[y : y + len(picture), x : x + picture.shape[1]] = picture
     return mosaic
 
 

@@ -32,7 +32,7 @@ class PersonCheck:
     ) -> None:
         moments = [clipped_moments([images[view] for images in empty]) for view in range(len(rig))]
         mean, std = (np.stack(parts) for parts in zip(*moments, strict=True))
-        self._shrink = Shrink(rig, FaultConfig().longest_side)
+        self._shrink = Shrink(rig, rig.factor_within(FaultConfig().longest_side))
         small = self._shrink.small
         self._evidence_of = make_evidence_function(
             device, small, self._shrink.background(Background(mean, std)), SILHOUETTES

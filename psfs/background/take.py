@@ -22,6 +22,7 @@ from psfs.background.person_search import (
     person_colours,
 )
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.scaling import scale_picture
 from psfs.footage.media import Media
 
 _VIEWS_AT_ONCE = 4  # estimated in parallel at most; more need more memory for frames
@@ -56,10 +57,10 @@ def estimate_background_from_take(
     than the foreground's.
     """
     model, config = model or BackgroundModelConfig(), config or TakeConfig()
-    small = rig.scaled(min(1.0, config.longest_side / max(rig.width, rig.height)))
+    factor = rig.factor_within(config.longest_side)
+    small = rig.scaled(factor)
     with ThreadPoolExecutor(min(_VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
-        sizes = [camera.size for camera in small]
-        views = list(pool.map(lambda own, size: _read_samples(own, size, model), media, sizes))
+        views = list(pool.map(lambda own: _read_samples(own, factor, model), media))
         hidden, unseen = _find_hidden(small, views, pool, model, config)
         shape = (len(rig), rig.height, rig.width, 3)
         mean, std = np.zeros(shape, np.float32), np.full(shape, model.std_floor, np.float32)
@@ -75,13 +76,13 @@ def estimate_background_from_take(
     return Background(mean, std)
 
 
-def _read_samples(media: Media, size: tuple[int, int], model: BackgroundModelConfig) -> _View:
+def _read_samples(media: Media, factor: float, model: BackgroundModelConfig) -> _View:
     numbers = media.spread(model.samples)
     frames = np.stack(list(media.frames(numbers)))
     median, _ = median_moments(frames, model)
     light = np.stack([_estimate_frame_light(frame, median) for frame in frames])
     own = [relight_picture(frame, of) for frame, of in zip(frames, light, strict=True)]
-    small = [cv2.resize(picture, size, interpolation=cv2.INTER_AREA) for picture in own]
+    small = [scale_picture(picture, factor) for picture in own]
     return _View(numbers, light, np.stack(small))
 
 

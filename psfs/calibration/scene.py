@@ -60,14 +60,6 @@ def place_camera(camera: Camera, pose: np.ndarray) -> Camera:
     return replace(camera, R=left @ right, t=pose[:3, 3])
 
 
-def normalise_pixels(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """Return the undistorted intersections (N, 2) of pixels' rays (N, 2) with the plane at depth
-    1."""
-    pixels = np.ascontiguousarray(pixels, np.float64).reshape(-1, 1, 2)
-    plane: np.ndarray = cv2.undistortPoints(pixels, camera.K, camera.distortion)
-    return plane.reshape(-1, 2)
-
-
 def reprojection_errors(scene: CalibrationScene, target: Target, sighting: Sighting) -> np.ndarray:
     """Return the reprojection errors (N,) px of a sighting."""
     points = scene.points(target, sighting.frame)[sighting.ids]

@@ -183,23 +183,34 @@ class Camera:
         x, y = undistort(self.lens, x, y)
         return np.stack([K[0, 0] * x + K[0, 1] * y + K[0, 2], K[1, 1] * y + K[1, 2]], -1)
 
-    def rays(self, pixels: np.ndarray) -> np.ndarray:
-        """Return the world directions (N, 3), of depth 1, of the rays through pixels (N, 2)."""
-        if self.kappa:
-            there = np.column_stack([self.undistort(pixels), np.ones(len(pixels))])
-            tsai: np.ndarray = np.linalg.solve(self.K, there.T).T @ self.R
-            return tsai
-        distorted = np.array(pixels, np.float64).reshape(-1, 1, 2)
-        # cv2.undistortPoints ignores the skew.
-        distorted[..., 0] -= self.K[0, 1] * (distorted[..., 1] - self.K[1, 2]) / self.K[1, 1]
-        import cv2  # takes a while to load
+    def normalise(self, pixels: np.ndarray) -> np.ndarray:
+        """Return the undistorted intersections (N, 2) of the rays through pixels (N, 2) with the
+        plane at depth 1. Pixels that the lens does not show get NaN with Tsai's distortion, else
+        the approximation of cv2.undistortPoints."""
+        K, focal = self.K, self.K[[0, 1], [0, 1]]
+        pinhole = np.array(pixels, np.float64).reshape(-1, 2)
+        pinhole[:, 0] -= K[0, 1] * (pinhole[:, 1] - K[1, 2]) / K[1, 1]
+        pinhole = (pinhole - K[:2, 2]) * (1 / focal)
+        if not self.lens.any():
+            return pinhole
+        plane = np.stack(undistort(self.lens, *pinhole.T), -1)
+        lost = np.isnan(plane[:, 0]) & (self.kappa == 0)
+        if lost.any():
+            import cv2  # takes a while to load
 
-        plane = cv2.undistortPoints(distorted, self.K, self.distortion).reshape(-1, 2)
-        rays: np.ndarray = np.column_stack([plane, np.ones(len(plane))]) @ self.R
+            known = pinhole[lost, None], np.eye(3), self.distortion
+            plane[lost] = cv2.undistortPoints(*known).reshape(-1, 2)
+        return plane
+
+    def rays(self, pixels: np.ndarray) -> np.ndarray:
+        """Return the world directions (N, 3), of depth 1, of the rays through pixels (N, 2), see
+        `normalise`."""
+        rays: np.ndarray = np.column_stack([self.normalise(pixels), np.ones(len(pixels))]) @ self.R
         return rays
 
     def scaled(self, factor: float) -> Camera:
-        """Return the camera for a picture resized by `factor` (pixel centres stay at integers)."""
+        """Return the camera for a picture that `scale_picture` resizes by `factor` (pixel centres
+        stay at integers)."""
         K = self.K.copy()
         K[0, 2], K[1, 2] = K[0, 2] + 0.5, K[1, 2] + 0.5
         K[:2] *= factor
@@ -279,6 +290,10 @@ class CameraRig:
 
     def scaled(self, factor: float) -> CameraRig:
         return CameraRig(tuple(camera.scaled(factor) for camera in self.cameras))
+
+    def factor_within(self, longest: int) -> float:
+        """Return the factor, at most 1, at which no picture is longer than `longest` px."""
+        return min(1.0, longest / max(self.width, self.height))
 
     def subset(self, names: Sequence[str]) -> CameraRig:
         by_name = {camera.name: camera for camera in self.cameras}

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-#: Newton steps to undistort, and the largest residual accepted, in focal lengths.
-_STEPS, _MAX_RESIDUAL = 12, 1e-6
+#: Newton steps to undistort at most, the largest step after which none follows, and the largest
+#: residual accepted, in focal lengths. The error is about the square of the last step.
+_STEPS, _LAST_STEP, _MAX_RESIDUAL = 12, 1e-9, 1e-6
 
 #: Normalised radius up to which a polynomial is searched (84 degrees), and the share of a root's
 #: size up to which its imaginary part is rounding.
@@ -95,8 +96,10 @@ def undistort(
             xd, yd = distort(coefficients, found_x, found_y)
             (a, b), (c, d) = distortion_jacobian(coefficients, found_x, found_y)
             off_x, off_y, det = xd - x, yd - y, a * d - b * c
-            found_x = found_x - (d * off_x - b * off_y) / det
-            found_y = found_y - (a * off_y - c * off_x) / det
+            step_x, step_y = (d * off_x - b * off_y) / det, (a * off_y - c * off_x) / det
+            found_x, found_y = found_x - step_x, found_y - step_y
+            if not (np.abs(step_x) + np.abs(step_y) > _LAST_STEP).any():
+                break
         xd, yd = distort(coefficients, found_x, found_y)
         good = np.hypot(xd - x, yd - y) < _MAX_RESIDUAL
         good &= found_x * found_x + found_y * found_y < largest_radius2(coefficients)

@@ -9,11 +9,10 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.camera import CameraRig
+from psfs.common.numbers import METRES
 
 #: A unit of length: "m", "cm", "mm", with a factor ("0.76mm"), or metres per unit as a number.
 Unit = str | float
-
-_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 #: For each up axis the proper rotation that takes it to +Z; the rows are the new X, Y and Z.
 _Z_UP = {
@@ -32,7 +31,7 @@ def metres_per_unit(unit: Unit) -> float:
     try:
         if isinstance(unit, bool) or not match or not (match[1] or match[2]):
             raise ValueError
-        metres = float(match[1] or 1) * _METRES[match[2] or "m"]
+        metres = float(match[1] or 1) * METRES[match[2] or "m"]
         if not 1e-9 <= metres <= 1e6:
             raise ValueError
     except ValueError:

@@ -73,12 +73,12 @@ def outline_footage(
     """Return the cameras, scaled to small pictures, and the person's outlines in these
     [view][frame]."""
     device = select_device(args.device)
-    factor = min(1.0, config.longest_side / max(views.rig.width, views.rig.height))
+    factor = views.rig.factor_within(config.longest_side)
     small = [camera.scaled(factor) for camera in large]
     outlines = []
     with progress_bar() as bar:
         for view in bar.track(range(len(small)), len(small), description="silhouettes"):
-            outlines.append(extract_outlines(views.footage, view, small[view], device, config))
+            outlines.append(extract_outlines(views.footage, view, factor, device, config))
     return small, outlines
 
 

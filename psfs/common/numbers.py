@@ -1,13 +1,23 @@
-"""Even samples of a series, and numbers for JSON."""
+"""Even samples of a series, units of length, and numbers for JSON."""
 
 from __future__ import annotations
 
 import numpy as np
 
+#: Metres per unit of length.
+METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+
 
 def pick_evenly(n: int, most: int) -> np.ndarray:
     """Return at most `most` of n indices, evenly spaced from the first to the last."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
+
+
+def select_span(frames: np.ndarray | range, step: int) -> slice:
+    """Return the slice that selects, in steps of `step`, from the first to the last of some frames
+    (F,), or back from the last to the first."""
+    low, high = int(min(frames)), int(max(frames))
+    return slice(low, high + 1, step) if step > 0 else slice(high, low - 1 if low else None, step)
 
 
 def json_number(value: float, digits: int = 5) -> float | None:

@@ -40,7 +40,7 @@ def find_hidden_pixels(session: Session, config: OccluderConfig | None = None) -
     rig, sequence = session.rig, session.sequence
     if not config.on or len(rig) <= config.agreeing:
         return None
-    shrink = Shrink(rig, config.longest_side)
+    shrink = Shrink(rig, rig.factor_within(config.longest_side))
     background = shrink.background(session.background)
     evidence_of = make_evidence_function(
         session.device, shrink.small, background, SilhouetteConfig().without_memory()

@@ -15,6 +15,7 @@ from psfs.backend import make_evidence_pipeline
 from psfs.background.chroma_key import ChromaKey
 from psfs.background.gaussian import Background, stack_median
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.scaling import scale_pictures
 from psfs.common.numbers import pick_evenly
 from psfs.diagnostics.config import FaultConfig
 from psfs.sequence import Frame, Sequence
@@ -77,7 +78,7 @@ def small_views(
 ) -> SmallViews:
     """Compute the views of the middle of `sequence`, of as many frames as `FaultConfig` allows."""
     config = config or FaultConfig()
-    shrink = Shrink(sequence.rig, config.longest_side)
+    shrink = Shrink(sequence.rig, sequence.rig.factor_within(config.longest_side))
     background = shrink.background(sequence.background)
     begin = make_evidence_pipeline(device, shrink.small, background, SILHOUETTES)
     frames = _select_frames(sequence, config)
@@ -173,28 +174,16 @@ def extract_outline(mask: np.ndarray, least: int = 40) -> Outline | None:
 
 
 class Shrink:
-    """Scaling of a sequence's pictures, rig and background so that no picture is longer than
-    `longest` px."""
+    """Scaling of a sequence's pictures, rig and background by a factor, at most 1."""
 
-    def __init__(self, rig: CameraRig, longest: int) -> None:
-        factor = min(1.0, longest / max(rig.width, rig.height))
-        self.rig, self.small = rig, rig.scaled(factor)
+    def __init__(self, rig: CameraRig, factor: float) -> None:
+        self.rig, self.small, self._factor = rig, rig.scaled(factor), factor
 
     def __call__(self, pictures: np.ndarray) -> np.ndarray:
         """Return small pictures (V, h, w, ...) of pictures (V, H, W, ...): means over areas."""
-        if self.small.width == self.rig.width:
+        if self._factor == 1:
             return pictures
-        shape = (len(self.rig), self.small.height, self.small.width, *pictures.shape[3:])
-        out = np.empty(shape, pictures.dtype)
-        for view, (large, small) in enumerate(zip(self.rig, self.small, strict=True)):
-            picture = pictures[view, : large.size[1], : large.size[0]]
-            if small.size == (self.small.width, self.small.height):  # written in place
-                cv2.resize(picture, small.size, out[view], interpolation=cv2.INTER_AREA)
-                continue
-            out[view] = 0
-            resized = cv2.resize(picture, small.size, interpolation=cv2.INTER_AREA)
-            out[view, : small.size[1], : small.size[0]] = resized
-        return out
+        return scale_pictures(pictures, self.rig, self.small, self._factor)
 
     def frame(self, frame: Frame) -> Frame:
         images = None if frame.images is None else self(frame.images)

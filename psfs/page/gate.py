@@ -71,12 +71,15 @@ def start_server(port: int, gate: Gate) -> viser.ViserServer:
     # viser prints the address without the token.
     with _ONE_AT_A_TIME, _serve_with_checks(gate), redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=HOST, port=port, verbose=False)
-    if _status(server.get_port(), "/") != http.client.FORBIDDEN:
+    try:
+        if _status(server.get_port(), "/") != http.client.FORBIDDEN:
+            raise InputError(
+                f"viser {viser.__version__} serves without the check of the token; expected a "
+                "version that `pip install psfs-apf[studio]` chooses"
+            )
+    except BaseException:
         stop_server(server)
-        raise InputError(
-            f"viser {viser.__version__} serves without the check of the token; expected a version "
-            "that `pip install psfs-apf[studio]` chooses"
-        )
+        raise
     return server
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from psfs.backend import make_evidence_function
+from psfs.common.numbers import select_span
 from psfs.diagnostics.small_views import Shrink
 from psfs.people.coarse_voxels import CoarseFrame, CoarseVoxels
 from psfs.people.config import PeopleConfig
@@ -57,7 +58,8 @@ class People:
     @property
     def counts(self) -> np.ndarray:
         """Number (F,) of people in each of `frames`."""
-        return np.sum([np.isin(self.frames, person.frames) for person in self.persons], axis=0)
+        seen = [np.isin(self.frames, person.frames) for person in self.persons]
+        return np.sum([np.zeros(len(self.frames), int), *seen], axis=0)
 
     def during(self, frames: range) -> People:
         """Return those who are seen in `frames`, there alone."""
@@ -138,7 +140,7 @@ class _Search:
         self.session, self.number = session, number
         self.frames = check_frames(session)[::every]
         self.rate = session.rate / every
-        shrink = Shrink(session.rig, config.longest_side)
+        shrink = Shrink(session.rig, session.rig.factor_within(config.longest_side))
         self._shrink = shrink
         self._evidence_of = make_evidence_function(
             session.device, shrink.small, shrink.background(session.background),
@@ -186,9 +188,7 @@ class _Search:
 
     def _read_frames(self, indices: range) -> Iterator[Frame]:
         """Yield the frames in small pictures."""
-        stop = indices[-1] + (1 if indices.step > 0 else -1)
-        wanted = slice(indices.start, stop if stop >= 0 else None, indices.step)
-        for frame in self.session.sequence.frames(wanted):
+        for frame in self.session.sequence.frames(select_span(indices, indices.step)):
             yield self._shrink.frame(frame)
 
     def _carve(self, frame: Frame) -> CoarseFrame:

@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
+from psfs.common.numbers import select_span
 from psfs.people.config import SeparationConfig
 from psfs.people.people import People
 from psfs.session import Session, SessionSettings
@@ -59,11 +60,12 @@ def separate(
             store.add(number, frame.index, own)
         if progress is not None:
             progress()
-    volumes = [
-        Volume(np.min([low for low, _ in box], 0) - config.margin,
-               np.max([high for _, high in box], 0) + config.margin)
-        for box in boxes
-    ]  # fmt: skip
+    volumes = []
+    for person, box in zip(people, boxes, strict=True):
+        coarse = np.stack(replace(people, persons=(person,)).box())
+        ends = np.array(box or [coarse])  # (N, 2, 3) m
+        low, high = ends[:, 0].min(0), ends[:, 1].max(0)
+        volumes.append(Volume(low - config.margin, high + config.margin))
     return [
         _person_session(session, people, number, box, store) for number, box in enumerate(volumes)
     ]
@@ -82,7 +84,7 @@ def _person_session(
     session: Session, people: People, number: int, volume: Volume, store: MaskStore
 ) -> Session:
     """Return the session of one person."""
-    frames, step = people.persons[number].frames, session.frames.step
+    selection = select_span(people.persons[number].frames, session.frames.step)
     sequence = session.sequence.with_masks(lambda index: store.get(number, index))
     sequence.rig = with_hidden_maps(session.rig)
     changes = {
@@ -91,7 +93,7 @@ def _person_session(
     }
     settings = SessionSettings(
         session.reconstruction.overlay(changes),
-        slice(int(frames[0]), int(frames[-1]) + 1, step),
+        selection,
         session.settings.voxel_size,
     )
     own = Session(sequence, session.device, settings)

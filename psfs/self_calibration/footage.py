@@ -12,7 +12,8 @@ from cl import Device, NumpyDevice
 from psfs.backend import make_evidence_function
 from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.background.gaussian import Background, estimate_background, median_moments
-from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.scaling import scale_picture
 from psfs.diagnostics.small_views import Outline, Shrink, extract_outline
 from psfs.footage.layouts.common import Footage
 from psfs.self_calibration.config import OutlineConfig, PersonConfig
@@ -26,28 +27,28 @@ _SILHOUETTES = SilhouetteConfig(
 
 
 def extract_outlines(
-    footage: Footage, view: int, small: Camera, device: Device | NumpyDevice, config: PersonConfig
+    footage: Footage, view: int, factor: float, device: Device | NumpyDevice, config: PersonConfig
 ) -> list[Outline | None]:
     """Return the outlines of the person in the first pictures of a camera, each silhouette by
-    itself. small: the camera, scaled to the pictures that are used."""
-    masks = _silhouettes(footage, view, small, device, config.most_frames)
+    itself. factor: of the pictures that are used, at most 1."""
+    masks = _silhouettes(footage, view, factor, device, config.most_frames)
     return [outline_person(mask, config.outline) for mask in masks]
 
 
 def _silhouettes(
-    footage: Footage, view: int, small: Camera, device: Device | NumpyDevice, most: int
+    footage: Footage, view: int, factor: float, device: Device | NumpyDevice, most: int
 ) -> Iterator[np.ndarray]:
     """Yield the silhouettes (h, w) bool of a camera."""
     if footage.masks is not None:
         masks = footage.masks[view]
         for mask in masks.frames(range(min(most, masks.count))):
             grey = mask.max(axis=-1)
-            yield cv2.resize(grey, small.size, interpolation=cv2.INTER_AREA) > 127
+            yield scale_picture(grey, factor) > 127
         return
     assert footage.images is not None
     media = footage.images[view]
     rig = CameraRig((footage.rig[view],))
-    shrink = Shrink(rig, max(small.size))
+    shrink = Shrink(rig, factor)
     background = shrink.background(_empty_scene(footage, view, rig))
     evidence_of = make_evidence_function(device, shrink.small, background, _SILHOUETTES)
     for index, picture in enumerate(media.frames(range(min(most, media.count)))):

@@ -21,6 +21,7 @@ from apf.live.sources import Replay, Source
 from cl import Device, InputError
 from psfs.cli.commandline import stderr, warn
 from psfs.cli.sequence_flags import collect_overrides, open_sequence, select_common_frames
+from psfs.common.numbers import select_span
 from psfs.people.config import PeopleConfig
 from psfs.people.people import People, count_people
 from psfs.people.separation import join_session, separate
@@ -127,7 +128,7 @@ def _find_starts(
         : max(_FEWEST_FRAMES, round(_START_SECONDS * session.sequence.fps / frames.step))
     ]
     settings = SessionSettings(
-        session.reconstruction, slice(first.start, first.stop, first.step), args.voxel_size
+        session.reconstruction, select_span(first, first.step), args.voxel_size
     )
     begun = Session(session.sequence, session.device, settings)
     beginning = people.during(first)

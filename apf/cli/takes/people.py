@@ -27,6 +27,7 @@ from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cli.commandline import stderr, stdout, warn
+from psfs.common.numbers import select_span
 from psfs.people.people import count_people, follow_several
 from psfs.people.separation import separate
 from psfs.sequence import Sequence
@@ -140,8 +141,7 @@ def _find_by_keypoints(job: TrackJob, session: Session, number: int | None) -> P
     persons = [(own, keypoints) for own, keypoints in zip(seen, everybody, strict=True) if len(own)]
     if len(persons) < 2:
         return None
-    step = session.frames.step
-    selections = [slice(int(own[0]), int(own[-1]) + 1, step) for own, _ in persons]
+    selections = [select_span(own, session.frames.step) for own, _ in persons]
     sessions = [
         Session(session.sequence, session.device, replace(session.settings, selection=selection))
         for selection in selections

@@ -26,8 +26,9 @@ _PROPOSALS = 24
 _GOOD_ENOUGH_PX = 1.0
 
 
-def estimate_board_pose(camera: Camera, target: Target, sighting: Sighting) -> np.ndarray:
-    """Estimate the board's pose (4, 4), board to camera.
+def estimate_board_pose(camera: Camera, target: Target, sighting: Sighting) -> np.ndarray | None:
+    """Estimate the board's pose (4, 4), board to camera; None if there is none, as for points that
+    coincide in the picture.
 
     The better of a plane's two solutions (cv2.SOLVEPNP_IPPE), refined.
     """
@@ -35,6 +36,8 @@ def estimate_board_pose(camera: Camera, target: Target, sighting: Sighting) -> n
     pixels = np.ascontiguousarray(sighting.pixels)
     known = points, pixels, camera.K, camera.distortion
     _, turns, shifts, _ = cv2.solvePnPGeneric(*known, flags=cv2.SOLVEPNP_IPPE)
+    if not turns:
+        return None
     turn, shift = cv2.solvePnPRefineLM(*known, turns[0], shifts[0])
     return rigid_transform(turn, shift)
 
@@ -47,10 +50,14 @@ def place_cameras_by_board(
 ) -> tuple[CalibrationScene, list[Sighting]]:
     """Place the cameras along the `pairs` and estimate the board's poses.
 
-    Returns them with the sightings, their points in the order that fits.
+    Returns them with the sightings that have a pose, their points in the order that fits.
     """
+    estimated = {
+        (s.frame, s.view): estimate_board_pose(cameras[s.view], target, s) for s in sightings
+    }
+    poses = {key: pose for key, pose in estimated.items() if pose is not None}
+    sightings = [s for s in sightings if (s.frame, s.view) in poses]
     seen = {(s.frame, s.view): s for s in sightings}
-    poses = {key: estimate_board_pose(cameras[s.view], target, s) for key, s in seen.items()}
     relative = {pair: _estimate_relative_pose(pair, cameras, target, seen, poses) for pair in pairs}
     places = chain_poses(pairs, relative)
     rig = tuple(place_camera(camera, places[view]) for view, camera in enumerate(cameras))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,8 +15,7 @@ from psfs.calibration.start.board import choose_best_pose
 from psfs.calibration.targets.target import Sighting, Target, group_by_view, make_wand
 from psfs.cameras.camera import Camera
 from psfs.cameras.names import join_names
-from psfs.cameras.units import metres_per_unit
-from psfs.common.reading import open_input, parsing
+from psfs.common.c3d import read_c3d_points
 
 #: Focal lengths to try for an unknown lens, in longer sides of the picture.
 _FOCALS = np.geomspace(0.5, 3.0, 25)
@@ -36,8 +34,9 @@ def read_measured_wand(
     second of the pictures. begins: time of the file's start after the first picture, s. Raises
     InputError if the file is not C3D or lacks these markers.
     """
-    names, points, rate, unit = _read_c3d(path)
-    chosen = list(markers) if markers is not None else names
+    found = read_c3d_points(path)
+    names, rate = found.names, found.rate
+    chosen = list(markers if markers is not None else names)
     missing = [name for name in chosen if name not in names]
     if missing or not 2 <= len(chosen) <= 3:
         wrong = f"no marker {join_names(missing)}" if missing else f"{len(chosen)} markers"
@@ -46,7 +45,7 @@ def read_measured_wand(
             "or three markers"
         )
     rows = [names.index(name) for name in chosen]
-    places = metres_per_unit(unit) * points[:, rows]
+    places = found.positions[:, rows]
     known = {}
     for frame in frames:
         at = (frame / fps - begins) * rate
@@ -59,29 +58,11 @@ def read_measured_wand(
             known[frame] = here
     if not known:
         raise InputError(
-            f"{path}: {len(points)} frames at {rate:g} per second hold the markers "
+            f"{path}: {len(places)} frames at {rate:g} per second hold the markers "
             f"{join_names(chosen)} at the time of no picture; expected some"
         )
     lengths = np.linalg.norm(np.diff(np.stack(list(known.values())), axis=1), axis=-1)
     return replace(make_wand([float(length) for length in np.median(lengths, axis=0)]), known=known)
-
-
-def _read_c3d(path: Path) -> tuple[list[str], np.ndarray, float, str]:
-    """Read names, points (F, P, 3) with NaN where missing, rate and unit from a C3D file."""
-    import ezc3d  # slow to import
-
-    with parsing(path, "a C3D file"):
-        open_input(path, "a C3D file").close()
-        file: Any = ezc3d.c3d(str(path))
-        group = file["parameters"]["POINT"]
-        names = [str(name) for name in group["LABELS"]["value"]]
-        rate, unit = float(group["RATE"]["value"][0]), str(group["UNITS"]["value"][0])
-        points = np.asarray(file["data"]["points"])[:3].transpose(2, 1, 0).astype(float)
-        residuals = np.asarray(file["data"]["meta_points"]["residuals"])[0].T
-    if rate <= 0 or points.shape[1] < len(names):
-        raise InputError(f"{path}: {points.shape[1]} markers at {rate:g} Hz; expected a C3D file")
-    points[residuals < 0] = np.nan
-    return names, points, rate, unit
 
 
 def place_cameras_by_markers(

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from cl import InputError
-from psfs.calibration.scene import CalibrationScene, normalise_pixels, place_camera, rigid_transform
+from psfs.calibration.scene import CalibrationScene, place_camera, rigid_transform
 from psfs.calibration.start.board import choose_best_pose
 from psfs.calibration.start.placing import chain_poses
 from psfs.calibration.targets.target import Sighting, Target, group_by_frame
@@ -114,8 +114,8 @@ def _estimate_relative_pose(
     a, b = pair
     seen = {(s.frame, s.view): s for s in sightings if s.view in pair}
     frames = [frame for frame, view in seen if view == a and (frame, b) in seen]
-    one = np.stack([normalise_pixels(cameras[a], seen[f, a].pixels) for f in frames])
-    two = np.stack([normalise_pixels(cameras[b], seen[f, b].pixels) for f in frames])
+    one = np.stack([cameras[a].normalise(seen[f, a].pixels) for f in frames])
+    two = np.stack([cameras[b].normalise(seen[f, b].pixels) for f in frames])
     orders = target.orders
     first = np.repeat(one, len(orders), axis=0).reshape(-1, 2)
     second = two[:, orders].reshape(-1, 2)
@@ -185,7 +185,7 @@ def _pose_along(target: Target, points: np.ndarray) -> np.ndarray:
 def _triangulate(a: Camera, b: Camera, one: np.ndarray, two: np.ndarray) -> np.ndarray:
     """Triangulate the points (N, 3) that two cameras see at pixels (N, 2)."""
     P, Q = (np.hstack([camera.R, camera.t[:, None]]) for camera in (a, b))
-    points = cv2.triangulatePoints(P, Q, normalise_pixels(a, one).T, normalise_pixels(b, two).T)
+    points = cv2.triangulatePoints(P, Q, a.normalise(one).T, b.normalise(two).T)
     with np.errstate(divide="ignore", invalid="ignore"):
         found: np.ndarray = (points[:3] / points[3]).T
     return np.nan_to_num(found, nan=0.0, posinf=1e6, neginf=-1e6)

@@ -99,7 +99,7 @@ class ChessboardFinder:
             "counts squares)"
         )
 
-    def hint(self, picture: np.ndarray) -> str | None:
+    def describe_other_board(self, picture: np.ndarray) -> str | None:
         """Return which other chessboard the picture shows, None for none."""
         flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
         found, _, meta = cv2.findChessboardCornersSBWithMeta(to_grey(picture), (3, 3), flags)
@@ -183,7 +183,7 @@ class CharucoFinder:
             "pattern and the new one (--squares counts squares, columns first)"
         )
 
-    def hint(self, picture: np.ndarray) -> str | None:
+    def describe_other_board(self, picture: np.ndarray) -> str | None:
         """Describe the markers of another board in the picture, None for none."""
         grey = to_grey(picture)
         best: tuple[int, str] | None = None

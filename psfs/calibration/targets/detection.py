@@ -99,7 +99,7 @@ def find_hint(
 ) -> str | None:
     """Return the most frequent hint of `look` over some of the pictures; None without any.
 
-    look: the `hint` of a finder whose board is in none of the pictures.
+    look: `describe_other_board` of a finder whose board is in none of the pictures.
     """
     picked = pick_evenly(len(chosen), _HINTS)
     seen: dict[str, int] = {}

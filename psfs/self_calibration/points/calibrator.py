@@ -98,10 +98,7 @@ def _undistort(camera: Camera, points: np.ndarray, config: PointsConfig) -> np.n
     """Return sure keypoints (F, K, 3) as pixels (F, K, 2) of the camera without distortion."""
     sure = np.isfinite(points).all(axis=-1) & (np.nan_to_num(points[..., 2]) >= config.confidence)
     out = np.full((*points.shape[:2], 2), np.nan)
-    at = replace(camera, R=np.eye(3), t=np.zeros(3))
-    rays = at.rays(points[sure][:, :2].astype(np.float64))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        flat = rays[:, :2] / rays[:, 2:]
+    flat = camera.normalise(points[sure][:, :2])
     out[sure] = flat * camera.K[[0, 1], [0, 1]] + camera.K[:2, 2]
     return out
 

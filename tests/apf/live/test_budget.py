@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from apf.filters.method import Method
-from apf.live.budget import Governor, evaluations, list_sizes, resize_search
+from apf.live.budget import Governor, count_evaluations, list_sizes, resize_search
 from apf.live.config import SizeConfig
 
 SIZES = SizeConfig()
@@ -15,7 +15,7 @@ def test_a_search_of_any_size() -> None:
     method = Method.create("pso", "sp")
     for count in (SIZES.fewest, 900, 3000, SIZES.most):
         chosen = resize_search(method, count)
-        assert abs(evaluations(chosen) - count) < 0.15 * count
+        assert abs(count_evaluations(chosen) - count) < 0.15 * count
         assert 6 <= chosen.filter.search.n_layers <= 15
     assert resize_search(Method.create("sir", "sp"), 2000).filter.search.n_layers == 1
     assert (
@@ -25,7 +25,7 @@ def test_a_search_of_any_size() -> None:
 
 
 def test_sizes_to_choose_from() -> None:
-    counts = [evaluations(method) for method in list_sizes(Method())]
+    counts = [count_evaluations(method) for method in list_sizes(Method())]
     assert counts == sorted(counts)
     assert counts[0] == pytest.approx(SIZES.fewest, rel=0.1) and counts[-1] == pytest.approx(
         SIZES.most, 0.1

@@ -22,7 +22,7 @@ from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.pose import read_pose, write_pose
 from apf.live.config import LiveConfig, SizeConfig
-from apf.live.person import translation
+from apf.live.person import make_translation_matrix
 from apf.live.session import Live, LiveResult, LiveStart, ObservedFrame
 from apf.live.sources import ACQUISITION, Newest, Replay, Shot
 from apf.live.timeline import Timeline
@@ -42,7 +42,9 @@ STAGES = (ACQUISITION, "processing", "tracking")
 def test_a_translation_moves_all_joints_alike() -> None:
     for body in (load_body("song31"), load_body("rymut31")):
         move = np.array([0.3, -0.2, 0.1])
-        poses = body.rest_pose + np.stack([np.zeros(body.n_dof), translation(body) @ move])
+        poses = body.rest_pose + np.stack(
+            [np.zeros(body.n_dof), make_translation_matrix(body) @ move]
+        )
         before, after = posed_joints(body, poses)
         np.testing.assert_allclose(after - before, np.tile(move, (len(before), 1)), atol=1e-9)
 
@@ -245,7 +247,7 @@ def test_a_lost_pose_is_not_kept(filmed: Path, objective: str) -> None:
     assert [estimate.lost for estimate in run.result.estimates] == [False, True]
     # It moves with the voxels, where there are some.
     moved = run.result.estimates[1].pose - good.pose
-    expected = translation(run.body) @ [0.1 if objective == "voxel" else 0.0, 0.0, 0.0]
+    expected = make_translation_matrix(run.body) @ [0.1 if objective == "voxel" else 0.0, 0.0, 0.0]
     np.testing.assert_allclose(moved, expected, atol=0.02)
     again = tracked(run, seen(run, 2))
     assert np.abs(again.pose - good.pose).max() < 0.5
@@ -269,7 +271,7 @@ def test_the_pose_moves_with_the_voxels(filmed: Path) -> None:
     assert before is not None and after is not None
     step = after - before  # with what a second look at the frame changes
     np.testing.assert_allclose(step, [0.2, 0.0, 0.0], atol=0.02)
-    expected = at + translation(run.body) @ step
+    expected = at + make_translation_matrix(run.body) @ step
     np.testing.assert_allclose(particles.sets[1].get()[0], expected, atol=2e-3)
 
 
@@ -297,7 +299,7 @@ def test_two_people_have_a_tracker_each(filmed: Path) -> None:
     run = prepared(filmed)
     alone = seen(run, 0).seen[0]
     body, pose = run.body, run.persons[0].pose
-    aside = pose + translation(body) @ [1.2, 0.0, 0.0]
+    aside = pose + make_translation_matrix(body) @ [1.2, 0.0, 0.0]
     start = LiveStart(find_grid(filmed), body, pose, ((body, aside),))
     search = Method.create("apf", "voxel", n_particles=48, n_layers=6)
     both = Live(run.device, run.source, start, [search])

@@ -52,7 +52,10 @@ def test_a_chessboards_corners_are_found_in_their_order(turned: int) -> None:
     assert np.linalg.norm(found[1] - true, axis=1).max() < 0.5
     other = ChessboardFinder((5, 8), SQUARE)
     picture = pictured(render, pose)
-    assert other(0, picture) is None and other.hint(picture) == "a chessboard of 6x5 squares"
+    assert (
+        other(0, picture) is None
+        and other.describe_other_board(picture) == "a chessboard of 6x5 squares"
+    )
     with pytest.raises(InputError, match="4x3 squares; expected 4 or more each way"):
         ChessboardFinder((4, 3), SQUARE)
 

@@ -14,6 +14,7 @@ from psfs.calibration.calibrator import CalibrationResult, calibrate_cameras
 from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.report import judge_calibration, summarise_views
 from psfs.calibration.scene import CalibrationScene, all_reprojection_errors, rms
+from psfs.calibration.start.board import estimate_board_pose, place_cameras_by_board
 from psfs.calibration.targets.target import Sighting, Target, make_chessboard, make_wand
 from psfs.calibration.world import align_to_cameras, align_to_floor
 from psfs.cameras.camera import Camera
@@ -65,6 +66,17 @@ def test_false_detections_are_left_out() -> None:
     away, _ = made.differences(list(result.scene.cameras), CAMERAS)
     assert away.max() < 5 and 5 <= sum(result.dropped.values()) <= 10
     assert not result.disagreeing
+
+
+def test_a_sighting_without_a_pose_is_left_out() -> None:
+    """All points in one pixel, as of a false detection."""
+    sightings = made.sighted(BOARD, CAMERAS[:2], poses(BOARD, 12))
+    rig = made.unplaced(CAMERAS[:2])
+    one = np.full_like(sightings[0].pixels, 100.0)
+    wrong = replace(sightings[0], frame=99, pixels=one)
+    assert estimate_board_pose(rig[wrong.view], BOARD, wrong) is None
+    scene, kept = place_cameras_by_board(rig, BOARD, [wrong, *sightings], [(0, 1)])
+    assert {s.frame for s in kept} == set(scene.poses) == {s.frame for s in sightings}
 
 
 def test_a_camera_that_was_moved_is_named() -> None:

@@ -13,6 +13,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
+from psfs.page import gate as module
 from psfs.page.gate import HOST, Gate, page_address, start_server, stop_server
 
 
@@ -81,3 +82,17 @@ def test_address_holds_the_token() -> None:
         assert page_address(server, gate) == f"http://{HOST}:{server.get_port()}/{gate.token}/"
     finally:
         stop_server(server)
+
+
+def test_a_server_that_cannot_be_checked_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    ports: list[int] = []
+
+    def fail(port: int, path: str) -> int:
+        ports.append(port)
+        raise ConnectionResetError
+
+    monkeypatch.setattr(module, "_status", fail)
+    with pytest.raises(ConnectionResetError):
+        start_server(0, Gate())
+    with pytest.raises(ConnectionRefusedError):
+        status(ports[0], "/")

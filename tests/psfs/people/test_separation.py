@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-import numpy as np
-from helpers import scenes
+from pathlib import Path
 
+import numpy as np
+from helpers import footage, scenes
+
+from cl import NumpyDevice
 from psfs.background.config import UNKNOWN, EvidenceConfig
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.people.config import SeparationConfig
 from psfs.people.people import People, Person
-from psfs.people.separation import FAR, Attribution, MaskStore, draw, split_cloud
+from psfs.people.separation import FAR, Attribution, MaskStore, draw, separate, split_cloud
+from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
+from psfs.volume import find_volume
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
@@ -85,3 +91,25 @@ def test_stored_masks_come_back() -> None:
     assert (store.get(0, 3) == masks).all()
     assert (store.get(1, 3) == masks[::-1]).all()
     assert not store.get(0, 4).any()
+
+
+def test_sessions_of_frames_from_the_last_to_the_first(tmp_path: Path) -> None:
+    """The footage shows nobody: without surface voxels the coarse ones are what is known."""
+    sequence = Sequence.open(footage.native(tmp_path / "s", frames=4))
+    settings = SessionSettings(selection=slice(None, None, -1), voxel_size=0.2)
+    session = Session(sequence, NumpyDevice(), settings)
+    persons = [
+        Person(np.array(seen), {index: block(x) for index in seen})
+        for x, seen in ((-0.5, [0, 1, 2]), (0.5, [1, 3]))
+    ]
+    people = People(session.frames, GRID, tuple(persons))
+    assert people.counts.tolist() == [1, 1, 2, 1]
+    nobody = People(session.frames, GRID, ())
+    assert nobody.counts.tolist() == [0, 0, 0, 0]
+    margin = SeparationConfig().margin
+    for own, person in zip(separate(session, people), persons, strict=True):
+        first, last = person.frames[[0, -1]]
+        assert list(own.frames) == list(range(last, first - 1, -1))
+        low, high = People(session.frames, GRID, (person,)).box(margin)
+        box = find_volume(own)
+        np.testing.assert_allclose([box.low, box.high], [low, high])
