@@ -62,7 +62,7 @@ def open_person_footage(args: argparse.Namespace) -> Sequence:
     )
     footage = read_uncalibrated(folder, settings, silhouettes=True)
     views = Sequence(folder, LAYOUT, footage, settings)
-    for note in views.timing_notes:
+    for note in views.notes:
         remark("note", "cyan", note)
     return views
 

@@ -1,7 +1,8 @@
 """Focal lengths that pictures and videos state in their metadata.
 
 Pictures: EXIF. Videos: QuickTime's keys as iPhones write them, of the file or of its video track,
-which FFmpeg does not read. Other phones' videos state none.
+which FFmpeg does not read. Other phones' videos state none; GoPro's GPMF describes a fisheye lens,
+which a focal length does not.
 """
 
 from __future__ import annotations
