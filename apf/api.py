@@ -14,6 +14,7 @@ from apf.evaluation.evaluate import load_truth
 from apf.evaluation.joint_names import match_joints
 from apf.filters.method import Method
 from apf.formats.pose import check_pose, read_pose
+from apf.initialisation import StartError
 from apf.initialisation.from_joints import fit_to_joints
 from apf.keypoints.agreement import find_disagreements
 from apf.keypoints.keypoints import Keypoints
@@ -30,7 +31,7 @@ from cl import UserError as UserError
 from cl import select_device as select_device
 from psfs.api import check_sequence, exclude_inconsistent_cameras, resolve_device
 from psfs.common.ranges import check_kind, check_number
-from psfs.people.people import count_people, follow_people
+from psfs.people.people import follow_several
 from psfs.people.separation import separate
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
@@ -137,14 +138,22 @@ def track_people(
     def tracked(own: Session) -> Track:
         return _whole_track(track_take(own, take_settings, progress))
 
-    several = number != 1 and (number is not None or len(count_people(session)) > 1)
-    people = follow_people(session, number) if several else None
-    if people is None or len(people) < 2:
+    people = follow_several(session, number)
+    if people is None:
         indices = np.array(session.frames)
         return PeopleTracks((tracked(session),), indices, (indices,))
-    tracks = tuple(tracked(own) for own in separate(session, people))
-    seen = tuple(person.frames for person in people)
-    return PeopleTracks(tracks, np.array(people.frames), seen, people.objects)
+    tracks: list[Track] = []
+    seen: list[np.ndarray] = []
+    objects = people.objects
+    for person, own in zip(people, separate(session, people), strict=True):
+        try:
+            tracks.append(tracked(own))
+            seen.append(person.frames)
+        except StartError:
+            objects += 1
+            if number is not None or objects == people.objects + len(people):
+                raise
+    return PeopleTracks(tuple(tracks), np.array(people.frames), tuple(seen), objects)
 
 
 def _select_cameras(session: Session, method: Method | None, all_cameras: bool) -> Session:

@@ -11,7 +11,6 @@ import numpy as np
 from apf.api import load_template
 from apf.body import BodyModel
 from apf.initialisation import Start, StartError, initialise
-from cl import InputError
 from psfs.cli.commandline import warn
 from psfs.cli.settings import refuse_unused
 from psfs.common.ranges import check_number
@@ -53,7 +52,7 @@ def explain_failed_start(sequence: Sequence) -> Iterator[None]:
     try:
         yield
     except StartError as error:
-        raise InputError(
+        raise StartError(
             f"{sequence.name}: {error}; --frames a: begins at another frame, --init gives a first "
             "pose instead"
         ) from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -21,11 +21,18 @@ from apf.cli.method_flags import METHOD_FLAGS, select_method
 from apf.cli.takes.corrected import CorrectedTrack, read_corrections_flag, track_with_corrections
 from apf.cli.takes.job import TrackJob, list_seeds, take_names
 from apf.cli.takes.kept_parts import Keeper, remove_parts
-from apf.cli.takes.people import find_persons, read_people_flag, write_together
-from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport, was_interrupted
-from apf.evaluation.evaluate import evaluate, load_truth
+from apf.cli.takes.people import Persons, find_persons, read_people_flag, write_together
+from apf.cli.takes.take_report import (
+    Judgement,
+    Line,
+    TakeLine,
+    TakeReport,
+    describe_spread,
+    was_interrupted,
+)
 from apf.filters.method import Method
 from apf.formats.pose import write_pose
+from apf.initialisation import StartError
 from apf.report.judged import (
     FILES,
     compare_with_keypoints,
@@ -43,7 +50,7 @@ from apf.tracking.settings import TakeSettings
 from apf.tracking.take import Take, check_cameras, track_take
 from apf.tracking.track import PARTS, PEOPLE, Track, spans
 from cl import Device, InputError, NumpyDevice, UserError, select_device
-from psfs.cli.commandline import progress_bar, stderr, stdout
+from psfs.cli.commandline import progress_bar, stderr, stdout, warn
 from psfs.cli.sequence_flags import (
     collect_overrides,
     examine_footage,
@@ -201,16 +208,35 @@ def _track_and_judge(out: OutputFolder, job: TrackJob, line: Line) -> list[Finis
     persons = find_persons(job, session, given, line) if line.n_frames else None
     if persons is None:
         return [_track_person(job, examination, given, line)]
-    done = []
-    for own_job, own in persons.jobs(job):
-        line.n_frames = len(own.frames)
-        done.append(_track_person(own_job, replace(examination, session=own), None, line))
+    return _track_people(job, examination, persons, line)
+
+
+def _track_people(
+    job: TrackJob, examination: Examination, persons: Persons, line: Line
+) -> list[FinishedTake]:
+    """Track each person and write their files. Who cannot be started is taken for an object,
+    unless --people says how many there are."""
+    done: list[FinishedTake] = []
+    while len(done) < len(persons.sessions):
+        number = len(done) + 1
+        own_job, session = persons.job(job, number), persons.sessions[number - 1]
+        line.n_frames = len(session.frames)
+        try:
+            own = replace(examination, session=session)
+            done.append(_track_person(own_job, own, None, line))
+        except StartError as error:
+            if job.args.people != "auto" or len(persons.sessions) == 1:
+                raise
+            warn(f"{error}; something that moves is no person")
+            persons = persons.without(number)
+            continue
         if done[-1].interrupted or done[-1].take.error is not None:
             break
-    verdicts = [one.judgements[0].quality.verdict for one in done]
-    whole = len(done) == len(persons.sessions) and not done[-1].interrupted
-    tracks = persons.gather([one.take.tracks[0] for one in done], verdicts)
-    write_together(job, tracks, session.sequence, line if whole else None)
+    if done[0].folder != job.args.output:
+        verdicts = [one.judgements[0].quality.verdict for one in done]
+        whole = len(done) == len(persons.sessions) and not done[-1].interrupted
+        tracks = persons.gather([one.take.tracks[0] for one in done], verdicts)
+        write_together(job, tracks, examination.session.sequence, line if whole else None)
     return done
 
 
@@ -361,23 +387,6 @@ def print_outcome(judgement: Judgement, n_frames: int) -> None:
     for line in judgement.quality.lines():
         stdout.print(line, soft_wrap=True)
     stdout.print(f"wrote {', '.join(judgement.files)}", soft_wrap=True)
-
-
-def describe_spread(take: Take) -> list[str]:
-    """Describe the differences between several runs and, if the truth is known, their errors."""
-    tracks = take.tracks
-    if len(tracks) == 1:
-        return []
-    joints = np.stack([track.joints for track in tracks])
-    away = 1000 * np.linalg.norm(joints - joints.mean(0), axis=-1)
-    lines = [f"{len(tracks)} runs: joints lie {away.mean():.1f} mm from the runs' mean"]
-    path = take.sequence.folder / "truth.npz"
-    with suppress(InputError):  # there is none, or it applies only to several people
-        truth = load_truth(path)
-        errors = [1000 * evaluate(track, truth).mean_error for track in tracks]
-        spread = f"{np.mean(errors):.1f} ± {np.std(errors, ddof=1):.1f} mm"
-        lines.append(f"mean error: {spread}, {min(errors):.1f} to {max(errors):.1f}")
-    return lines
 
 
 def write_files(folder: Path, track: Track, body: BodyModel) -> None:

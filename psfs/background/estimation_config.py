@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from psfs.common.config import Config, fraction, natural, nonnegative, positive, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
 
 
 class BackgroundModelConfig(Config):
@@ -53,6 +53,44 @@ class BackgroundModelConfig(Config):
         "component as background once it is a tenth of the mixture, so a person may stand "
         "still for 210 frames.",
         "by hand; Rymut does not state his",
+    )
+
+
+class StillConfig(Config):
+    """Settings of the search for people who stay in a place and thus appear in the median."""
+
+    SOURCE: ClassVar = "by hand, on Pose2Sim's `Demo_MultiPerson`"
+
+    room: float = fraction(
+        0.3,
+        "Share of the unknown background's density that has the colours of the picture around the "
+        "moving region; the rest has those of the nearest pixels there.",
+    )
+    least_evidence: float = setting(
+        -3.0,
+        "Mean log ratio over 3 x 3 pixels, person over background, above which a pixel that hardly "
+        "changes may belong to somebody who keeps still.",
+        unit="nats",
+    )
+    proof: float = nonnegative(
+        2.0,
+        "Change of a pixel, as a multiple of the least change that is motion, above which its "
+        "background was seen; below it, it may be a person who hardly moves.",
+    )
+    hidden_share: float = fraction(
+        0.9,
+        "Share of the frames in which a pixel is hidden above which, if it changes, those with the "
+        "least evidence show its background.",
+    )
+    contrast: float = nonnegative(
+        3.5, "Least change of such a pixel, as a multiple of the least change that is motion."
+    )
+    extremes: float = setting(
+        0.08, "Share of the frames at either end of a pixel's evidence that is left out.",
+        least=0, below=0.5,
+    )  # fmt: skip
+    least_range: float = nonnegative(
+        1.5, "Least range of a pixel's evidence for that, without the extremes.", unit="nats"
     )
 
 
@@ -144,6 +182,7 @@ class TakeConfig(Config):
     free_share: float = fraction(
         0.1, "Least share of the frames in which a background pixel must be visible."
     )
+    still: StillConfig = part(StillConfig, "People who stay in a place.")
     hidden_prior: float = nonnegative(
         1.0,
         "Prior log-odds of a person at pixels whose background is never visible and not "

@@ -15,6 +15,8 @@ from psfs.background.estimation_config import TakeConfig
 
 #: Colour bins per channel.
 _BINS = 16
+#: Pixels around one that looks like the person, which may belong to the person, too.
+_NEAR = np.ones((3, 3), np.uint8)
 #: Number of colour bins.
 N_COLOURS = _BINS**3
 
@@ -22,13 +24,8 @@ N_COLOURS = _BINS**3
 def moving_region(frames: np.ndarray, config: TakeConfig) -> np.ndarray:
     """Return (h, w) bool: the pixels where frames (n, h, w, 3) uint8 of a static camera change,
     with holes filled. A person who moves a little at times is inside the region."""
-    smooth = np.stack([cv2.GaussianBlur(frame, (0, 0), 1.0) for frame in frames])
-    ordered = np.sort(smooth, axis=0)
-    outliers = 1 if len(frames) > 3 else 0  # at either end
-    change = (ordered[-1 - outliers] - ordered[outliers]).max(-1).astype(np.float32)
-    noise = float(np.median(change))
-    moving = (change > max(config.moving, 3 * noise)).astype(np.uint8)
-    moving = cv2.morphologyEx(moving, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    changes = (measure_changes(frames, config) > 1).view(np.uint8)
+    moving = cv2.morphologyEx(changes, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     gap = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (config.gap, config.gap))
     closed = cv2.morphologyEx(moving, cv2.MORPH_CLOSE, gap)
     outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -36,6 +33,18 @@ def moving_region(frames: np.ndarray, config: TakeConfig) -> np.ndarray:
     large = [outline for outline in outlines if cv2.contourArea(outline) > config.least_area]
     cv2.drawContours(filled, large, -1, 1, cv2.FILLED)
     return cv2.dilate(filled, np.ones((3, 3), np.uint8)) > 0
+
+
+def measure_changes(frames: np.ndarray, config: TakeConfig) -> np.ndarray:
+    """Return (h, w) float32: by how much, in the channel that does most, the pixels of frames (n,
+    h, w, 3) uint8 of a static camera change; as a multiple of the least change that is motion."""
+    smooth = np.stack([cv2.GaussianBlur(frame, (0, 0), 1.0) for frame in frames])
+    ordered = np.sort(smooth, axis=0)
+    outliers = 1 if len(frames) > 3 else 0  # at either end
+    change = (ordered[-1 - outliers] - ordered[outliers]).max(-1).astype(np.float32)
+    noise = float(np.median(change))
+    changed: np.ndarray = change / max(config.moving, 3 * noise)
+    return changed
 
 
 class PersonSearch:
@@ -64,7 +73,22 @@ class PersonSearch:
         self._around = _find_surroundings(cv2.blur(mean, (3, 3)), region)
         self._unseen = self._surrounding_density(self._shown)
         self._median = mean[region], std[region]
+        self._room = colour_bins(mean[~cv2.dilate(region.view(np.uint8), _NEAR).astype(bool)])
+        self._change = measure_changes(frames, config)
+        self._proven = np.ones_like(region)
         self.learn(mean, std, np.ones_like(region))
+
+    def expect_room(self) -> None:
+        """Expect the colours of the picture around the region behind all pixels that change.
+
+        What looks the same in all frames proves no background: somebody may keep still there.
+        """
+        proven = self._change > self._config.still.proof
+        self._proven = cv2.dilate(proven.view(np.uint8), _NEAR) > 0
+        seen = np.bincount(self._room, minlength=N_COLOURS).astype(float)
+        density = person_colours([seen], self._config.unexplained)[self._colours]
+        share = np.float32(self._config.still.room) * self._proven[self.region]
+        self._unseen = np.asarray((1 - share) * self._unseen + share * density, np.float32)
 
     def count_unexplained(self, person: np.ndarray) -> np.ndarray:
         """Return the histogram (N_COLOURS,) of the pixels that the colours `person` (N_COLOURS,)
@@ -86,6 +110,7 @@ class PersonSearch:
         share = self._picture((unseen / (unseen + person[colour_bins(mean)]))[None], 0.0)[0]
         share = cv2.GaussianBlur(share, (0, 0), self._config.median_blur)[self.region]
         trust = (1 - self._config.unsure) * np.clip(4 * share - 1.5, 0, 1)
+        trust *= self._proven[self.region]
         estimated = self._density(self._shown, mean, std)
         self._background = trust * estimated + (1 - trust) * self._unseen
 
@@ -94,7 +119,7 @@ class PersonSearch:
         where = self.region
         estimated = self._density(self._shown, mean[where], std[where])
         mixed = (1 - self._config.unsure) * estimated + self._config.unsure * self._unseen
-        self._background = np.where(known[where], mixed, self._unseen)
+        self._background = np.where((known & self._proven)[where], mixed, self._unseen)
 
     def evidence(self, person: np.ndarray) -> np.ndarray:
         """Return (n, h, w) float32: the log ratio for the person's colours (N_COLOURS,), the mean
@@ -104,6 +129,23 @@ class PersonSearch:
         pictures = self._picture(np.clip(ratios, -limit, limit), -limit)
         return np.stack([cv2.blur(picture, (3, 3)) for picture in pictures])
 
+    def find_possible(self, evidence: np.ndarray) -> np.ndarray:
+        """Return (n, h, w) bool: where the `evidence` (n, h, w) lets somebody be seen; with less
+        evidence in pixels that never change, whose background nothing proves."""
+        config = self._config
+        person = (evidence > config.least_evidence).view(np.uint8)
+        near = np.stack([cv2.dilate(own, _NEAR) for own in person]) > 0
+        return near | ((evidence > config.still.least_evidence) & ~self._proven)
+
+    def find_free(self, evidence: np.ndarray, hidden: np.ndarray) -> np.ndarray:
+        """Return (n, h, w) bool: the frames with least `evidence` (n, h, w) of the pixels that
+        change, yet are `hidden` (n, h, w) nearly always: they show their background at times."""
+        config = self._config.still
+        low, high = np.quantile(evidence, (config.extremes, 1 - config.extremes), axis=0)
+        always = hidden.mean(0) > config.hidden_share
+        two = always & (self._change > config.contrast) & (high - low > config.least_range)
+        return two & (evidence < (low + high) / 2)
+
     def extrapolate(self, person: np.ndarray) -> np.ndarray:
         """Return the extrapolated background's mean and standard deviation (h, w, 4) float32, NaN
         outside of the region and where it may look like the person's colours (N_COLOURS,)."""
@@ -112,7 +154,8 @@ class PersonSearch:
         variance = np.einsum("kp,kpc->p", shares, (colours - mean) ** 2) / 3
         std = np.sqrt(variance + self._config.extrapolated_std**2)
         ratio = np.log(person[colour_bins(mean)] / self._surrounding_density(mean[None])[0])
-        std[ratio > self._config.least_extrapolated_evidence] = np.nan
+        limits = self._config.still.least_evidence, self._config.least_extrapolated_evidence
+        std[ratio > np.where(self._proven[self.region], limits[1], limits[0])] = np.nan
         picture = np.full((*self._shape[1:], 4), np.nan, np.float32)
         picture[self.region] = np.concatenate([mean, std[:, None]], -1)
         return picture

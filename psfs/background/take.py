@@ -29,8 +29,6 @@ _VIEWS_AT_ONCE = 4  # estimated in parallel at most; more need more memory for f
 #: Standard deviation, grey levels, with which a channel's normal density peaks at the uniform
 #: foreground's, 1/256.
 _UNIFORM_STD = 256 / np.sqrt(2 * np.pi)
-#: Pixels around one that looks like the person, which may belong to the person, too.
-_NEAR = np.ones((3, 3), np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +122,10 @@ def _find_hidden(
 
     searches = list(pool.map(search, frames, regions))
     colours = np.ones(N_COLOURS)
-    if _measure_explained(hull, searches, config) < config.explained:
+    still = _measure_explained(hull, searches, config) < config.explained
+    if still:
+        for of in searches:
+            of.expect_room()
         for _ in range(config.rounds):
             counts = [of.count_unexplained(colours) for of in searches]
             colours = person_colours(counts, config.unexplained)
@@ -132,7 +133,11 @@ def _find_hidden(
             of.trust_median(colours)
     for _ in range(config.rounds):
         before = hidden
-        hidden = _cover_with_hull(hull, [of.evidence(colours) for of in searches], config)
+        evidence = [of.evidence(colours) for of in searches]
+        hidden = _cover_with_hull(hull, searches, evidence, config)
+        if still:
+            free = [of.find_free(*own) for of, *own in zip(searches, evidence, hidden, strict=True)]
+            hidden &= ~np.stack(free)
         if (hidden != before).mean() < config.converged_share:
             break
 
@@ -156,17 +161,20 @@ def _measure_explained(hull: CoarseHull, searches: list[PersonSearch], config: T
 
 
 def _cover_with_hull(
-    hull: CoarseHull, evidence: list[np.ndarray], config: TakeConfig
+    hull: CoarseHull,
+    searches: list[PersonSearch],
+    evidence: list[np.ndarray],
+    config: TakeConfig,
 ) -> np.ndarray:
     """Return (V, n, h, w) bool: the pixels where the common hull of the evidence (n, h, w) of each
     view appears and which do not look like background themselves."""
     shown = []
-    for maps in zip(*evidence, strict=True):
+    possible = [of.find_possible(own) for of, own in zip(searches, evidence, strict=True)]
+    for maps, near in zip(zip(*evidence, strict=True), np.stack(possible, 1), strict=True):
         person = np.stack(maps) > config.least_evidence
         occupied = hull.find_occupied(person, config.contradicting_cameras) & (
             hull.sum_maps(maps) > 0
         )
-        near = np.stack([cv2.dilate(own, _NEAR) for own in person.view(np.uint8)]) > 0
         shown.append(hull.reproject(occupied, config.margin) & near)
     return np.stack(shown, axis=1)
 

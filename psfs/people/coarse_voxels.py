@@ -27,11 +27,18 @@ _RAISED = 128
 @dataclass(frozen=True, eq=False)
 class CoarseFrame:
     """The occupied coarse voxels (N,) of one frame, as flat indices, with the `regions` (N,) that
-    they belong to, from 0 on."""
+    they belong to, from 0 on; `ghosts`: the regions that nothing fills, as the rest explains their
+    silhouettes."""
 
     index: int
     voxels: np.ndarray
     regions: np.ndarray
+    ghosts: frozenset[int] = frozenset()
+
+
+def large(config: PeopleConfig) -> int:
+    """Return the least number of voxels of what is followed."""
+    return max(config.following.debris, round(config.least_volume / config.voxel**3))
 
 
 class CoarseVoxels:
@@ -86,7 +93,23 @@ class CoarseVoxels:
         occupied[self.used[votes > 0]] = True
         labels, _ = ndimage.label(occupied.reshape(self.grid.shape), np.ones((3, 3, 3)))
         voxels = np.flatnonzero(occupied)
-        return CoarseFrame(index, voxels, labels.ravel()[voxels] - 1)
+        regions = labels.ravel()[voxels] - 1
+        return CoarseFrame(index, voxels, regions, self._find_ghosts(evidence, voxels, regions))
+
+    def _find_ghosts(
+        self, evidence: np.ndarray, voxels: np.ndarray, regions: np.ndarray
+    ) -> frozenset[int]:
+        """Return the large regions whose silhouettes the other ones explain; the smallest first."""
+        sizes = np.bincount(regions)
+        found: set[int] = set()
+        numbers = np.flatnonzero(sizes >= large(self.config))
+        for region in numbers[np.argsort(sizes[numbers])] if len(numbers) > 1 else ():
+            own = regions == region
+            rest = voxels[~own & ~np.isin(regions, list(found))]
+            share = self.measure_unexplained(evidence, voxels[own], rest)
+            if share < self.config.following.ghost:
+                found.add(int(region))
+        return frozenset(found)
 
     def measure_unexplained(
         self, evidence: np.ndarray, voxels: np.ndarray, others: np.ndarray

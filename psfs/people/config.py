@@ -32,6 +32,12 @@ class FollowingConfig(Config):
     newest: float = setting(
         0.5, "Weight of the last step in the running mean of a velocity.", above=0, most=1
     )
+    ghost: float = fraction(
+        0.25,
+        "Least share of a region's silhouettes, in some camera, that the other regions of the "
+        "frame do not explain; what is below it is a ghost, with which nobody begins.",
+        "by hand: two people before four cameras, ghosts 0.02 to 0.18, people from 0.3 on",
+    )
     debris: int = natural(8, "Number of voxels below which a region is debris.")
     detached: float = nonnegative(
         0.4, "Distance from a trajectory's voxels up to which a region belongs to it.", unit="m"
@@ -43,7 +49,14 @@ class FollowingConfig(Config):
         0.35, "Least share of the usual volume that a frame must show for the person to be in it."
     )
     contact: float = fraction(
-        0.9, "Share of frames with contact above which a trajectory is part of another person."
+        0.9,
+        "Share of frames with contact above which a trajectory may be part of another person.",
+    )
+    apart: float = nonnegative(
+        0.45,
+        "Least distance, on the floor, of two people who touch in nearly all frames; what is "
+        "nearer is a part.",
+        unit="m",
     )
 
 
@@ -109,6 +122,11 @@ class PeopleConfig(Config):
     )
     least_height: float = positive(
         0.9, "Least height of a second person; what is lower is an object.", unit="m"
+    )
+    tall: float = positive(
+        1.2,
+        "Height that a person reaches in a fifth of the frames; what never does is an object.",
+        unit="m",
     )
     least_share: float = fraction(
         0.35, "Least volume of a second person, as share of the largest one's."

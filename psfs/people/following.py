@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
-from psfs.people.coarse_voxels import CoarseFrame
+from psfs.people.coarse_voxels import CoarseFrame, large
 from psfs.people.config import PeopleConfig
 from psfs.voxels.grid import VoxelGrid
 
@@ -48,11 +48,6 @@ class _ActiveTrajectory:
         the velocity."""
         step = np.clip(_middle(points) - _middle(self.points), -reach, reach)
         return _ActiveTrajectory(self.one, points, (1 - newest) * self.speed + newest * step)
-
-
-def large(config: PeopleConfig) -> int:
-    """Return the least number of voxels of what is followed."""
-    return max(config.following.debris, round(config.least_volume / config.voxel**3))
 
 
 def stands(points: np.ndarray, config: PeopleConfig) -> bool:
@@ -101,7 +96,7 @@ class PeopleFollower:
                 rows[k] = own[part]
                 if len(who) > 1:
                     self._going[k].one.touching.add(frame.index)
-        new = self._rest(points, frame.regions, sizes, owners, rows)
+        new = self._rest(points, frame, sizes, owners, rows)
         going = []
         for k, own in enumerate(rows):
             if len(own) >= self._limits.debris:
@@ -115,15 +110,15 @@ class PeopleFollower:
     def _rest(
         self,
         points: np.ndarray,
-        regions: np.ndarray,
+        frame: CoarseFrame,
         sizes: np.ndarray,
         owners: list[int],
         rows: list[np.ndarray],
     ) -> list[np.ndarray]:
         """Give each region without an owner to the nearest trajectory, by adding to its `rows`, or
-        return the rows of those that begin; those that stand first."""
-        owned = [own for own in range(len(sizes)) if own not in owners]
-        free = [np.flatnonzero(regions == region) for region in owned]
+        return the rows of those that begin; those that stand first. Ghosts do neither."""
+        owned = [own for own in range(len(sizes)) if own not in owners and own not in frame.ghosts]
+        free = [np.flatnonzero(frame.regions == region) for region in owned]
         standing = [
             len(own) >= large(self._config) and stands(points[own], self._config) for own in free
         ]
@@ -248,7 +243,8 @@ def _split_widest(
         widest: tuple[float, np.ndarray] = 0.0, np.zeros(0, int)
         for region in range(int(regions.max()) + 1):
             own = np.flatnonzero(regions == region)
-            if len(own) >= large(config) and stands(points[own], config):
+            own_stands = len(own) >= large(config) and stands(points[own], config)
+            if own_stands and region not in frame.ghosts:
                 ratio, second = _halve(points[own, :2])
                 widest = max(widest, (ratio, own[second]), key=lambda found: found[0])
         regions[widest[1]] = regions.max() + 1
@@ -276,7 +272,7 @@ def _halve(floor: np.ndarray) -> tuple[float, np.ndarray]:
 def _count_standing(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -> tuple[int, int]:
     """Return the numbers of large regions that stand, and of all large ones."""
     sizes = np.bincount(frame.regions) if len(frame.regions) else np.zeros(0, int)
-    regions = np.flatnonzero(sizes >= large(config))
+    regions = [r for r in np.flatnonzero(sizes >= large(config)) if r not in frame.ghosts]
     points = grid.centres(frame.voxels)
     return sum(stands(points[frame.regions == r], config) for r in regions), min(1, len(regions))
 

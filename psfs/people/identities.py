@@ -137,15 +137,43 @@ def is_person(
     """Return whether a trajectory is a second person beside one of `largest` volume."""
     if volume(one) < config.least_share * largest:
         return False
-    if len(one.touching) > config.following.contact * len(one.voxels):
-        return False  # a part of somebody
-    picked = one.frames[np.linspace(0, len(one.frames) - 1, 15).round().astype(int)]
-    heights = [grid.centres(one.voxels[int(index)])[:, 2] for index in picked]
-    low, high = (np.median([float(end(of)) for of in heights]) for end in (np.min, np.max))
+    low, high = np.median(_ends(one, grid), axis=0)
     if high - low + config.voxel < config.least_height or low > config.lowest:
         return False
     shares = list(looks.unexplained.values())
-    return not shares or float(np.median(shares)) >= config.unexplained
+    explained = bool(shares) and float(np.median(shares)) < config.unexplained
+    return is_tall(one, grid, config) and not explained
+
+
+def is_part(
+    one: Trajectory, others: Iterable[Trajectory], grid: VoxelGrid, config: FollowingConfig
+) -> bool:
+    """Return whether a trajectory is a part of one of the `others`: it touches somebody in nearly
+    all frames, and is nearer to them than two people can be."""
+    if len(one.touching) <= config.contact * len(one.voxels):
+        return False
+    apart = []
+    for index in sorted(one.touching):
+        floor = grid.centres(one.voxels[index])[:, :2] if index in one.voxels else np.zeros((0, 2))
+        rest = [of.voxels[index] for of in others if index in of.touching and index in of.voxels]
+        if len(floor) and rest:
+            middles = [np.median(grid.centres(own)[:, :2], axis=0) for own in rest]
+            apart.append(np.linalg.norm(np.median(floor, axis=0) - middles, axis=1).min())
+    return not apart or float(np.median(apart)) < config.apart
+
+
+def is_tall(one: Trajectory, grid: VoxelGrid, config: PeopleConfig) -> bool:
+    """Return whether a trajectory is as high as a person in a fifth of its frames: a trolley, a
+    ball or a dog never are, and people who crouch stand up at some time."""
+    low, high = _ends(one, grid).T
+    return bool(np.quantile(high - low, 0.8) + config.voxel >= config.tall)
+
+
+def _ends(one: Trajectory, grid: VoxelGrid) -> np.ndarray:
+    """Return the lowest and highest voxel (15, 2), m, in frames all over a trajectory."""
+    picked = one.frames[np.linspace(0, len(one.frames) - 1, 15).round().astype(int)]
+    heights = [grid.centres(one.voxels[int(index)])[:, 2] for index in picked]
+    return np.array([(of.min(), of.max()) for of in heights])
 
 
 def present(one: Trajectory, config: FollowingConfig) -> np.ndarray:

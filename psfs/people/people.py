@@ -12,11 +12,13 @@ from psfs.common.numbers import select_span
 from psfs.diagnostics.small_views import Shrink
 from psfs.people.coarse_voxels import CoarseFrame, CoarseVoxels
 from psfs.people.config import PeopleConfig
-from psfs.people.following import follow
+from psfs.people.following import Trajectory, follow
 from psfs.people.identities import (
     Appearance,
     Seen,
+    is_part,
     is_person,
+    is_tall,
     join_returning,
     present,
     undo_swaps,
@@ -117,6 +119,18 @@ def follow_people(
     )
 
 
+def follow_several(session: Session, number: int | None = None) -> People | None:
+    """Return the people in all of the session's frames, also a single person beside an object that
+    moves; None if there is one person alone, or `number`, of `follow_people`, is 1."""
+    if number == 1:
+        return None
+    counted = count_people(session) if number is None else None
+    if counted is not None and len(counted) + counted.objects < 2:
+        return None
+    people = follow_people(session, number)
+    return people if len(people) and len(people) + people.objects > 1 else None
+
+
 class _Search:
     """The search for people in every `every`-th frame of a session."""
 
@@ -155,11 +169,9 @@ class _Search:
         undo_swaps(seen, 2 * fps, self.config.following)
         seen = join_returning(seen, grid, self.config.identity, fps)
         ranked = sorted(seen, key=lambda one: volume(one) * len(one.voxels), reverse=True)
-        largest = ranked[0]
-        rest = [one for one in ranked[1:] if len(one.voxels) >= lasting]
-        chosen = [
-            one for one in rest if is_person(one, seen[one], grid, volume(largest), self.config)
-        ]
+        largest = next((one for one in ranked if is_tall(one, grid, self.config)), ranked[0])
+        rest = [one for one in ranked if one is not largest and len(one.voxels) >= lasting]
+        chosen = [one for one in rest if self._is_person(one, largest, seen)]
         if self.number is not None:
             others = [one for one in rest if one not in chosen]
             chosen = [*chosen, *others][: self.number - 1]
@@ -167,6 +179,12 @@ class _Search:
             Person(present(one, self.config.following), one.voxels) for one in (largest, *chosen)
         )
         return People(self.frames, grid, persons, len(rest) - len(chosen))
+
+    def _is_person(self, one: Trajectory, largest: Trajectory, seen: Seen) -> bool:
+        grid, others = self.space.grid, [other for other in seen if other is not one]
+        return is_person(one, seen[one], grid, volume(largest), self.config) and not is_part(
+            one, others, grid, self.config.following
+        )
 
     def _read_frames(self, indices: range) -> Iterator[Frame]:
         """Yield the frames in small pictures."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -28,17 +28,19 @@ from apf.tracking.track import Track
 from cl import InputError
 from psfs.cli.commandline import stderr, stdout, warn
 from psfs.common.numbers import select_span
-from psfs.people.people import count_people, follow_people
+from psfs.people.people import count_people, follow_several
 from psfs.people.separation import separate
 from psfs.sequence import Sequence
 from psfs.session import Session
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True, eq=False)
 class Persons:
-    """Several people: the frames (F,) that show each, the session of each, and the keypoints of
-    each if there are some. frames: that were searched. objects: number of other things that
-    move."""
+    """Several people, or one beside an object that moves: the frames (F,) that show each, the
+    session of each, and the keypoints of each if there are some. frames: that were searched.
+    objects: number of other things that move."""
 
     frames: range
     seen: list[np.ndarray]
@@ -46,11 +48,24 @@ class Persons:
     keypoints: list[Keypoints] | None = None
     objects: int = 0
 
-    def jobs(self, job: TrackJob) -> Iterator[tuple[TrackJob, Session]]:
-        """Yield the job and the session of each person."""
-        for number, session in enumerate(self.sessions, start=1):
-            own = self.keypoints[number - 1] if self.keypoints is not None else None
-            yield job.person(number, len(self.sessions), self.seen[number - 1], own), session
+    def job(self, job: TrackJob, number: int) -> TrackJob:
+        """Return the job of a person, counted from 1; the only one has all files of the take."""
+        seen = self.seen[number - 1]
+        if len(self.sessions) == 1:
+            return replace(job, seen=seen)
+        own = self.keypoints[number - 1] if self.keypoints is not None else None
+        return job.person(number, len(self.sessions), seen, own)
+
+    def without(self, number: int) -> Persons:
+        """Return the others, where a person, counted from 1, is an object."""
+
+        def rest(items: list[T]) -> list[T]:
+            return [item for k, item in enumerate(items, start=1) if k != number]
+
+        keypoints = None if self.keypoints is None else rest(self.keypoints)
+        return Persons(
+            self.frames, rest(self.seen), rest(self.sessions), keypoints, self.objects + 1
+        )
 
     def gather(self, tracks: list[Track], verdicts: list[str]) -> PeopleTracks:
         """Return the tracks of the first people, or of all, with the frames that show them."""
@@ -86,8 +101,8 @@ def _explain_one_person(args: argparse.Namespace, method: Method) -> str | None:
 def find_persons(
     job: TrackJob, session: Session, given: tuple[BodyModel, np.ndarray] | None, line: Line
 ) -> Persons | None:
-    """Return the people of a session, None if one person is to be tracked as if alone: one is seen,
-    --people says so, or a flag applies only to one person."""
+    """Return the people of a session, None if one person is to be tracked as if alone: nothing
+    else moves, --people says so, or a flag applies only to one person."""
     args, sequence = job.args, session.sequence
     wanted = read_people_flag(args, job.method)
     why = _explain_one_person(args, job.method)
@@ -102,18 +117,17 @@ def find_persons(
     if not job.method.uses_voxels:
         return _find_by_keypoints(job, session, wanted)
     line("people")
-    if wanted is None and len(count_people(session)) < 2:
+    found = follow_several(session, wanted)
+    counted = found or count_people(session, wanted)
+    if wanted is not None and len(counted) != wanted:
+        warn(f"{sequence.name}: --people is {wanted}; {counted.describe()}")
+    if found is None:
         return None
-    people = follow_people(session, wanted)
-    if wanted is not None and len(people) != wanted:
-        warn(f"{sequence.name}: --people is {wanted}; {people.describe()}")
-    if len(people) < 2:
-        return None
-    stderr.print(f"{sequence.name}: {people.describe()}", soft_wrap=True, markup=False)
-    keypoints = read_people_keypoints(args, session, people)
-    sessions = separate(session, people, lambda: line("people"))
-    seen = [person.frames for person in people]
-    return Persons(people.frames, seen, sessions, keypoints, people.objects)
+    stderr.print(f"{sequence.name}: {found.describe()}", soft_wrap=True, markup=False)
+    keypoints = read_people_keypoints(args, session, found)
+    sessions = separate(session, found, lambda: line("people"))
+    seen = [person.frames for person in found]
+    return Persons(found.frames, seen, sessions, keypoints, found.objects)
 
 
 def _find_by_keypoints(job: TrackJob, session: Session, number: int | None) -> Persons | None:

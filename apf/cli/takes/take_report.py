@@ -5,17 +5,21 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
 from rich.progress import Progress
 from rich.table import Table
 
+from apf.evaluation.evaluate import evaluate, load_truth
 from apf.report.agreement import choose_rows
 from apf.report.quality import Quality
 from apf.tracking.take import Take
 from apf.tracking.track import Track
+from cl import InputError
 from psfs.cli.commandline import stdout
 
 #: Stages that report after every frame; the others report once.
@@ -164,3 +168,20 @@ class TakeReport:
         spreads = [f"{name}: {text}" for name, texts in self.spreads.items() for text in texts]
         for text in (*spreads, *self.errors.values()):
             stdout.print(text, soft_wrap=True)
+
+
+def describe_spread(take: Take) -> list[str]:
+    """Describe the differences between several runs and, if the truth is known, their errors."""
+    tracks = take.tracks
+    if len(tracks) == 1:
+        return []
+    joints = np.stack([track.joints for track in tracks])
+    away = 1000 * np.linalg.norm(joints - joints.mean(0), axis=-1)
+    lines = [f"{len(tracks)} runs: joints lie {away.mean():.1f} mm from the runs' mean"]
+    path = take.sequence.folder / "truth.npz"
+    with suppress(InputError):  # there is none, or it applies only to several people
+        truth = load_truth(path)
+        errors = [1000 * evaluate(track, truth).mean_error for track in tracks]
+        spread = f"{np.mean(errors):.1f} ± {np.std(errors, ddof=1):.1f} mm"
+        lines.append(f"mean error: {spread}, {min(errors):.1f} to {max(errors):.1f}")
+    return lines

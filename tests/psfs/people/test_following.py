@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -11,7 +13,9 @@ from psfs.people.config import PeopleConfig
 from psfs.people.following import Trajectory, follow
 from psfs.people.identities import (
     Appearance,
+    is_part,
     is_person,
+    is_tall,
     join_returning,
     present,
     undo_swaps,
@@ -92,6 +96,34 @@ def test_a_low_thing_is_followed_but_no_person() -> None:
     assert len(found) == 2
     largest = max(volume(one) for one in found)
     assert [is_person(one, Appearance(), GRID, largest, CONFIG) for one in found].count(True) == 1
+
+
+def test_a_trolley_is_no_person_though_it_stands_beside_somebody_all_the_time() -> None:
+    frames = [frame(n, column(0, 0), column(0.6, 0, high=1.0)) for n in range(6)]
+    person, trolley = follow(frames, GRID, CONFIG, FPS)
+    assert is_tall(person, GRID, CONFIG) and not is_tall(trolley, GRID, CONFIG)
+    assert not is_person(trolley, Appearance(), GRID, volume(person), CONFIG)
+
+
+@pytest.mark.parametrize(("apart", "part"), [(0.3, True), (0.6, False)])
+def test_who_always_touches_is_a_part_only_if_two_people_cannot_be_so_near(
+    apart: float, part: bool
+) -> None:
+    ones = [
+        Trajectory({n: np.flatnonzero(column(x, 0)) for n in range(5)}, set(range(5)))
+        for x in (0.0, apart)
+    ]
+    assert is_part(ones[1], ones[:1], GRID, CONFIG.following) == part
+    ones[1].touching.clear()
+    assert not is_part(ones[1], ones[:1], GRID, CONFIG.following)
+
+
+def test_nobody_begins_in_a_ghost() -> None:
+    first = frame(0, column(0, 0), column(1.2, 0))
+    ghost = int(first.regions[np.isin(first.voxels, np.flatnonzero(column(1.2, 0)))][0])
+    frames = [replace(first, ghosts=frozenset({ghost})), *[frame(n, column(0, 0)) for n in (1, 2)]]
+    (one,) = follow(frames, GRID, CONFIG, FPS)
+    assert where(one, 0) == pytest.approx([0, 0], abs=0.05) and len(one.voxels) == 3
 
 
 def test_a_hull_that_nobody_fills_is_no_person() -> None:
