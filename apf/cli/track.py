@@ -227,7 +227,7 @@ def _track_people(
         except StartError as error:
             if job.args.people != "auto" or len(persons.sessions) == 1:
                 raise
-            warn(f"{error}; something that moves is no person")
+            warn(f"{error}; without a first pose it is left out, as an object")
             persons = persons.without(number)
             continue
         if done[-1].interrupted or done[-1].take.error is not None:
