@@ -36,7 +36,7 @@ class CoarseFrame:
     ghosts: frozenset[int] = frozenset()
 
 
-def large(config: PeopleConfig) -> int:
+def count_least_voxels(config: PeopleConfig) -> int:
     """Return the least number of voxels of what is followed."""
     return max(config.following.debris, round(config.least_volume / config.voxel**3))
 
@@ -102,7 +102,7 @@ class CoarseVoxels:
         """Return the large regions whose silhouettes the other ones explain; the smallest first."""
         sizes = np.bincount(regions)
         found: set[int] = set()
-        numbers = np.flatnonzero(sizes >= large(self.config))
+        numbers = np.flatnonzero(sizes >= count_least_voxels(self.config))
         for region in numbers[np.argsort(sizes[numbers])] if len(numbers) > 1 else ():
             own = regions == region
             rest = voxels[~own & ~np.isin(regions, list(found))]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
-from psfs.people.coarse_voxels import CoarseFrame, large
+from psfs.people.coarse_voxels import CoarseFrame, count_least_voxels
 from psfs.people.config import PeopleConfig
 from psfs.voxels.grid import VoxelGrid
 
@@ -120,7 +120,8 @@ class PeopleFollower:
         owned = [own for own in range(len(sizes)) if own not in owners and own not in frame.ghosts]
         free = [np.flatnonzero(frame.regions == region) for region in owned]
         standing = [
-            len(own) >= large(self._config) and stands(points[own], self._config) for own in free
+            len(own) >= count_least_voxels(self._config) and stands(points[own], self._config)
+            for own in free
         ]
         parts = list(rows)
         for k in sorted(range(len(free)), key=lambda k: (standing[k], len(free[k])), reverse=True):
@@ -131,7 +132,7 @@ class PeopleFollower:
             ]
             nearest = int(np.argmin(apart)) if apart else -1
             if standing[k] or (nearest < 0 or apart[nearest] > self._limits.detached):
-                if len(own) >= large(self._config):
+                if len(own) >= count_least_voxels(self._config):
                     parts.append(own)
             else:
                 parts[nearest] = np.concatenate([parts[nearest], own])
@@ -243,7 +244,7 @@ def _split_widest(
         widest: tuple[float, np.ndarray] = 0.0, np.zeros(0, int)
         for region in range(int(regions.max()) + 1):
             own = np.flatnonzero(regions == region)
-            own_stands = len(own) >= large(config) and stands(points[own], config)
+            own_stands = len(own) >= count_least_voxels(config) and stands(points[own], config)
             if own_stands and region not in frame.ghosts:
                 ratio, second = _halve(points[own, :2])
                 widest = max(widest, (ratio, own[second]), key=lambda found: found[0])
@@ -272,7 +273,9 @@ def _halve(floor: np.ndarray) -> tuple[float, np.ndarray]:
 def _count_standing(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -> tuple[int, int]:
     """Return the numbers of large regions that stand, and of all large ones."""
     sizes = np.bincount(frame.regions) if len(frame.regions) else np.zeros(0, int)
-    regions = [r for r in np.flatnonzero(sizes >= large(config)) if r not in frame.ghosts]
+    regions = [
+        r for r in np.flatnonzero(sizes >= count_least_voxels(config)) if r not in frame.ghosts
+    ]
     points = grid.centres(frame.voxels)
     return sum(stands(points[frame.regions == r], config) for r in regions), min(1, len(regions))
 

@@ -71,7 +71,7 @@ def fit_upright(
         )
         values = found.x
     turns = (0.0, -config.turn, config.turn)
-    return [_describe(hulls, ends, values[0] + turn, values[1]) for turn in turns]
+    return [_make_view(hulls, ends, values[0] + turn, values[1]) for turn in turns]
 
 
 def _cost(hulls: HullRays, ends: _Ends, x: np.ndarray) -> float:
@@ -88,7 +88,7 @@ def _cost(hulls: HullRays, ends: _Ends, x: np.ndarray) -> float:
     return float(robust + np.square(prior).sum())
 
 
-def _describe(hulls: HullRays, ends: _Ends, tilt: float, roll: float) -> UprightView:
+def _make_view(hulls: HullRays, ends: _Ends, tilt: float, roll: float) -> UprightView:
     """Return the view at a given tilt and roll."""
     axes = floor_axes(tilt, roll)
     top, bottom, head, feet = _measure(hulls, ends, axes).T

@@ -22,6 +22,8 @@ Size = tuple[int, int]
 #: or a function from all names to their sizes.
 Sizes = Size | Mapping[str, Size] | Callable[[Sequence[str]], Sequence[Size]] | None
 
+#: Half a turn about x: from a camera's axes with y up and z backward to OpenCV's, and back.
+TO_OPENCV = np.diag([1.0, -1.0, -1.0])
 #: Largest calibration file that is read; one of 64 cameras takes less than 100 kB.
 MOST_BYTES = 4 * 2**20
 #: Most numbers in one value; the longest value is the distortion.

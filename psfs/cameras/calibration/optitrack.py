@@ -15,6 +15,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
+    TO_OPENCV,
     Calibration,
     Sizes,
     check_whole_size,
@@ -31,8 +32,6 @@ from psfs.common.reading import open_input
 from psfs.common.xml import parse_xml
 
 SUFFIX = ".mcal"
-#: Half a turn about x: from the camera's axes to OpenCV's, y down and z forward.
-_TO_OPENCV = np.diag([1.0, -1.0, -1.0])
 _POSITION = ("X", "Y", "Z")
 _ROTATION = tuple(f"OrientMatrix{number}" for number in range(9))
 _LENS = ("HorizontalFocalLength", "VerticalFocalLength", "LensCenterX", "LensCenterY")
@@ -76,7 +75,7 @@ def _camera(element: ElementTree.Element, index: int) -> Camera:
         )
     width, height = read_attributes(element, "Attributes", _SIZE, name)
     lens = read_attributes(element, "IntrinsicStandardCameraModel", (*_LENS, *_DISTORTION), name)
-    turn = _TO_OPENCV @ read_attributes(element, "Extrinsic", _ROTATION, name).reshape(3, 3).T
+    turn = TO_OPENCV @ read_attributes(element, "Extrinsic", _ROTATION, name).reshape(3, 3).T
     fx, fy, cx, cy = lens[:4]
     return Camera(
         name=name,

@@ -15,6 +15,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
+    TO_OPENCV,
     Calibration,
     Sizes,
     check_whole_size,
@@ -31,8 +32,6 @@ from psfs.common.xml import parse_xml
 SUFFIX = ".qca.txt"
 #: Units of the sensor per pixel.
 _SUBPIXELS = 64
-#: Half a turn about x: from the camera's axes to OpenCV's, y down and z forward.
-_TO_OPENCV = np.diag([1.0, -1.0, -1.0])
 _TRANSFORM = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33", "x", "y", "z")
 _INTRINSIC = (
     *("focalLengthU", "focalLengthV", "centerPointU", "centerPointV"),
@@ -73,7 +72,7 @@ def _camera(element: ElementTree.Element, index: int) -> Camera:
     rotation = read_attributes(element, "transform", _TRANSFORM, name)
     fu, fv, cu, cv, k1, k2, p1, p2 = read_attributes(element, "intrinsic", _INTRINSIC, name)
     left, top, right, bottom = read_attributes(element, "fov_video", _FIELD, name)
-    turn = _TO_OPENCV @ rotation[:9].reshape(3, 3)
+    turn = TO_OPENCV @ rotation[:9].reshape(3, 3)
     K = np.array([[fu, 0, cu], [0, fv, cv], [0, 0, _SUBPIXELS]]) / _SUBPIXELS
     K[:2, 2] -= left, top
     return Camera(

@@ -10,16 +10,16 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import cv2
-import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cl import InputError
+from psfs.cameras.calibration.common import TO_OPENCV
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.files import write_json, write_text
 from psfs.common.toml import write_toml
 
-#: Qualisys' units per pixel, and half a turn about x to its axes (x right, y up, z backward).
-_SUBPIXELS, _TURN = 64, np.diag([1.0, -1.0, -1.0])
+#: Qualisys' units per pixel; its axes are x right, y up, z backward.
+_SUBPIXELS = 64
 
 
 def write_caliscope(folder: Path, rig: CameraRig) -> Path:
@@ -129,7 +129,7 @@ def write_qualisys(folder: Path, rig: CameraRig) -> Path:
         field = {"left": 0, "top": 0, "right": width - 1, "bottom": height - 1}
         for tag in ("fov_marker", "fov_video"):
             ElementTree.SubElement(element, tag, {key: str(n) for key, n in field.items()})
-        turn = _TURN @ camera.R
+        turn = TO_OPENCV @ camera.R
         names = [f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)]
         placed = [*turn.ravel(), *(1000 * camera.centre)]
         _add_numbers(element, "transform", dict(zip([*names, *"xyz"], placed, strict=True)))
