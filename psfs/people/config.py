@@ -101,6 +101,24 @@ class SeparationConfig(Config):
     before: float = nonnegative(
         0.05, "Depth by which another one must be nearer to the camera to hide a person.", unit="m"
     )
+    reach: float = nonnegative(
+        0.35,
+        "Distance from a person's coarse voxels up to which voxels of somebody they touch may "
+        "be their arm.",
+        unit="m",
+    )
+    core: float = nonnegative(
+        0.28, "Distance from a person's axis within which voxels are no arm of others.", unit="m"
+    )
+    arms: float = fraction(
+        0.4, "Height above which voxels may be others' arms, as share of a person's height."
+    )
+    apart: float = nonnegative(
+        0.63,
+        "Least distance of the axes of people whose arms are looked for on both sides: between "
+        "those who walk abreast more nearly, each one's own arms hang.",
+        unit="m",
+    )
     margin: float = nonnegative(
         0.2, "Room around the coarse voxels of all people, and of one.", unit="m"
     )

@@ -3,7 +3,8 @@
 All people are reconstructed together. Each surface voxel belongs to the person whose coarse voxels
 are nearest, and a pixel of the foreground to the people whose voxels cover it, or to the nearest. A
 person's masks are the evidence in their own pixels, nothing ("unknown") where somebody else stands
-before them, and background in the pixels of the others.
+before them, and background in the pixels of the others. If two people touch, what lies between
+their trunks may be an arm of either and belongs to both.
 """
 
 from __future__ import annotations
@@ -16,18 +17,17 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.numbers import select_span
 from psfs.people.config import SeparationConfig
+from psfs.people.contact import SplitCloud, split_cloud
 from psfs.people.people import People
 from psfs.session import Session, SessionSettings
 from psfs.silhouettes.hidden import UNKNOWN
 from psfs.volume import Volume, automatic_grid, find_volume
 from psfs.voxels.config import ReconstructionConfig
-from psfs.voxels.grid import VoxelCloud
 
 #: Value of masks that says nothing.
 _UNKNOWN_MASK = 128
@@ -51,11 +51,11 @@ def separate(
     boxes: list[list[np.ndarray]] = [[] for _ in people]
     for frame in everybody.sequence.frames(everybody.settings.selection):
         cloud = reconstruct(frame).cloud()
-        clouds = split_cloud(cloud, people, frame.index, config.near)
-        for box, points in zip(boxes, clouds, strict=False):
+        split = split_cloud(cloud, people, frame.index, config)
+        for box, points in zip(boxes, split.clouds, strict=False):
             if len(points):
                 box.append(np.stack([points.min(0), points.max(0)]))
-        masks = attribution(reconstruct.evidence(), clouds, footprints, len(people))
+        masks = attribution(reconstruct.evidence(), split, footprints)
         for number, own in enumerate(masks):
             store.add(number, frame.index, own)
         if progress is not None:
@@ -113,20 +113,6 @@ def with_hidden_maps(rig: CameraRig) -> CameraRig:
     )  # fmt: skip
 
 
-def split_cloud(cloud: VoxelCloud, people: People, index: int, near: float) -> list[np.ndarray]:
-    """Return the centres (N, 3) of the surface voxels of each person in frame `index`, and at the
-    end those of nobody, farther than `near` m from all coarse voxels."""
-    points = cloud.centres
-    nearest = np.full((len(people) + 1, len(points)), np.inf)
-    nearest[-1] = near
-    for number, person in enumerate(people):
-        if index in person.voxels:
-            tree = cKDTree(people.grid.centres(person.voxels[index]))
-            nearest[number] = tree.query(points, distance_upper_bound=2 * near)[0]
-    owner = nearest.argmin(0)
-    return [points[owner == number] for number in range(len(people) + 1)]
-
-
 @dataclass(frozen=True, eq=False)
 class Attribution:
     """Assignment of evidence maps (V, H, W) to people."""
@@ -136,25 +122,37 @@ class Attribution:
     limits: SeparationConfig
 
     def __call__(
-        self, evidence: np.ndarray, clouds: list[np.ndarray], footprints: np.ndarray, n_people: int
+        self, evidence: np.ndarray, split: SplitCloud, footprints: np.ndarray
     ) -> np.ndarray:
-        """Return masks (P, V, H, W) uint8 of the people, whose voxels are the first `clouds`."""
+        """Return masks (P, V, H, W) uint8 of the people."""
         of_counts = self._masks_of_counts()
-        masks = np.zeros((n_people, *evidence.shape), np.uint8)
-        for view, (camera, counts) in enumerate(zip(self.rig, evidence, strict=True)):
-            drawn = [draw(camera, points, footprints[view], counts.shape) for points in clouds]
-            depths = np.stack([depth for depth, _ in drawn])
-            beside = np.stack([distance for _, distance in drawn])
+        masks = np.zeros((len(split.near), *evidence.shape), np.uint8)
+        for view, counts in enumerate(evidence):
+            depths, beside = self._draw(view, split.clouds, footprints, counts.shape)
+            sole_depths, sole_beside = depths, beside
+            if split.sole is not split.clouds:
+                sole_depths, sole_beside = self._draw(view, split.sole, footprints, counts.shape)
             plain = of_counts[counts.view(np.uint8)]
-            for number in range(n_people):
-                if not len(clouds[number]):
+            for number, near in enumerate(split.near):
+                if not len(split.clouds[number]):
                     continue
-                rest = [k for k in range(len(clouds)) if k != number]
-                masks[number, view] = self._person_mask(
-                    plain, counts, depths[number], depths[rest].min(0), beside[number],
-                    beside[rest].min(0),
+                rest = [k for k in range(len(split.clouds)) if k != number]
+                mask = self._person_mask(
+                    plain, counts, depths[number], sole_depths[rest].min(0), beside[number],
+                    sole_beside[rest].min(0),
                 )  # fmt: skip
+                if len(near):
+                    _, (away,) = self._draw(view, [near], footprints, counts.shape)
+                    mask[(away == 0) & (mask == 0) & (counts > 0)] = _UNKNOWN_MASK
+                masks[number, view] = mask
         return masks
+
+    def _draw(
+        self, view: int, clouds: list[np.ndarray], footprints: np.ndarray, shape: tuple[int, ...]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return depths and distances (C, H, W) m of clouds in a camera, see `draw`."""
+        drawn = [draw(self.rig[view], points, footprints[view], shape) for points in clouds]
+        return np.stack([depth for depth, _ in drawn]), np.stack([away for _, away in drawn])
 
     def _person_mask(
         self,

@@ -12,8 +12,9 @@ from psfs.background.config import UNKNOWN, EvidenceConfig
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.people.config import SeparationConfig
+from psfs.people.contact import SplitCloud, split_cloud
 from psfs.people.people import People, Person
-from psfs.people.separation import FAR, Attribution, MaskStore, draw, separate, split_cloud
+from psfs.people.separation import FAR, Attribution, MaskStore, draw, separate
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import find_volume
@@ -43,7 +44,9 @@ def test_voxels_belong_to_the_nearest_and_far_ones_to_nobody() -> None:
     voxels = np.sort(np.concatenate([left, right, far]))
     cloud = VoxelCloud(GRID, voxels.astype(np.int32), np.ones(len(voxels), np.float32))
     both = (Person(np.array([7]), {7: left}), Person(np.array([7]), {7: right}))
-    clouds = split_cloud(cloud, People(range(8), GRID, both), 7, SeparationConfig().near)
+    split = split_cloud(cloud, People(range(8), GRID, both), 7, SeparationConfig())
+    clouds = split.clouds
+    assert split.sole is clouds and not any(map(len, split.near))  # they do not touch
     assert [len(points) for points in clouds] == [len(left), len(right), 1]
     assert clouds[0][:, 0].max() < 0 < clouds[1][:, 0].min()
 
@@ -59,7 +62,8 @@ def test_pixels_of_the_other_are_background_or_unknown() -> None:
         covered.append(np.array(depths) < FAR)
         evidence[view][covered[-1].any(0)] = 12
     attribute = Attribution(cameras, config, SeparationConfig())
-    first, second = attribute(evidence, clouds, footprints, 2)
+    empty = clouds[0][:0]
+    first, second = attribute(evidence, SplitCloud(clouds, clouds, [empty, empty]), footprints)
     table = config.silhouette.evidence.replace(unknown_mask=128)
     counts = [table.mask_counts(masks) for masks in (first, second)]
     own, other = covered[0]
@@ -72,6 +76,30 @@ def test_pixels_of_the_other_are_background_or_unknown() -> None:
     assert hidden.sum() > 500
     assert (counts[0][1][hidden] == UNKNOWN).all()
     assert (counts[0][1][behind & ~before] != UNKNOWN).all()
+
+
+def test_arms_of_people_who_touch_are_foreground_of_both() -> None:
+    """Both reach out and touch in the middle; the first one's trunk says nothing to the second."""
+    cameras, config, centres = rig(), SeparationConfig(), GRID.centres()
+    arms = (np.abs(centres[:, 1]) < 0.06) & (np.abs(centres[:, 2] - 1.1) < 0.06)
+    left, right = (np.abs(centres[:, 0] - x) < 0.3 for x in (-0.3, 0.3))
+    first = np.union1d(block(-0.4), np.flatnonzero(arms & left))
+    second = np.union1d(block(0.4), np.flatnonzero(arms & right & ~left))
+    voxels = np.union1d(first, second)
+    cloud = VoxelCloud(GRID, voxels.astype(np.int32), np.ones(len(voxels), np.float32))
+    both = (Person(np.array([7]), {7: first}), Person(np.array([7]), {7: second}))
+    split = split_cloud(cloud, People(range(8), GRID, both), 7, config)
+    assert split.clouds[0][:, 0].max() > 0.05 and split.clouds[1][:, 0].min() < -0.05
+    assert split.sole[0][:, 0].max() < 0 < split.sole[1][:, 0].min()
+    assert all(len(near) and near[:, 2].min() > 0.6 for near in split.near)
+    footprints, camera = voxel_footprints(cameras, SIZE), cameras[0]
+    evidence = np.full((2, 120, 120), -60, np.int8)
+    evidence[0][draw(camera, cloud.centres, footprints[0], (120, 120))[0] < FAR] = 12
+    masks = Attribution(cameras, ReconstructionConfig(), config)(evidence, split, footprints)[:, 0]
+    pixels, _ = camera.project(np.array([[-0.05, 0, 1.1], [0.05, 0, 1.1], [-0.25, 0, 1.1]]))
+    column, row = pixels.round().astype(int).T
+    assert (masks[:, row[:2], column[:2]] > 200).all()
+    assert masks[0, row[2], column[2]] > 200 and masks[1, row[2], column[2]] == 128
 
 
 def test_masks_say_nothing_at_one_value_only_if_it_is_stated() -> None:

@@ -1,0 +1,80 @@
+"""Division of a frame's surface voxels among people, those who touch included."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from psfs.people.config import SeparationConfig
+from psfs.people.people import People
+from psfs.voxels.grid import VoxelCloud
+
+#: Least distance of coarse voxels, in edges, that do not touch: beyond the diagonal of a cube.
+_TOUCH = 1.8
+
+
+@dataclass(frozen=True, eq=False)
+class SplitCloud:
+    """Centres (N, 3) m of surface voxels.
+
+    clouds: of each person, with what may be their arm, and at the end of nobody. sole: of these, in
+    the same order, what can only be theirs. near: for each person, what lies so near to them in
+    the trunk of somebody they touch that their hand may be before it.
+    """
+
+    clouds: list[np.ndarray]
+    sole: list[np.ndarray]
+    near: list[np.ndarray]
+
+
+def split_cloud(
+    cloud: VoxelCloud, people: People, index: int, config: SeparationConfig
+) -> SplitCloud:
+    """Give each surface voxel of frame `index` to the person with the nearest coarse voxels, or to
+    nobody if it is farther than `config.near` m from all, and to those, too, who touch the person
+    and whose arm it may be."""
+    points = cloud.centres
+    nearest = np.full((len(people) + 1, len(points)), np.inf)
+    nearest[-1] = config.near
+    trees: dict[int, cKDTree] = {}
+    for number, person in enumerate(people):
+        if index in person.voxels:
+            trees[number] = cKDTree(people.grid.centres(person.voxels[index]))
+            bound = max(2 * config.near, config.reach)
+            nearest[number] = trees[number].query(points, distance_upper_bound=bound)[0]
+    owned = nearest.argmin(0) == np.arange(len(nearest))[:, None]
+    shared, near = np.zeros_like(owned), np.zeros_like(owned)
+    for one, other in _find_pairs(trees, _TOUCH * people.grid.voxel_size, config.apart):
+        coarse = trees[one].data
+        high = points[:, 2] > config.arms * coarse[:, 2].max()
+        reached = owned[one] & high & (nearest[other] < config.reach)
+        outside = np.linalg.norm(points[:, :2] - _axis(coarse), axis=1) > config.core
+        shared[other] |= reached & outside
+        near[other] |= reached & ~outside
+    if not (shared.any() or near.any()):
+        clouds = [points[row] for row in owned]
+        return SplitCloud(clouds, clouds, [points[:0]] * len(people))
+    sole = owned & ~shared.any(0)
+    return SplitCloud(
+        *([points[row] for row in rows] for rows in (owned | shared, sole, near[:-1]))
+    )
+
+
+def _find_pairs(trees: dict[int, cKDTree], touch: float, apart: float) -> list[tuple[int, int]]:
+    """Return the pairs of people, in both orders, with coarse voxels within `touch` m of each other
+    and axes at least `apart` m from each other."""
+    return [
+        (one, other)
+        for one in trees
+        for other in trees
+        if one != other
+        and np.linalg.norm(_axis(trees[one].data) - _axis(trees[other].data)) >= apart
+        and trees[one].query(trees[other].data, distance_upper_bound=touch)[0].min() < touch
+    ]
+
+
+def _axis(coarse: np.ndarray) -> np.ndarray:
+    """Return where on the floor (2,) most of the coarse voxels (N, 3) are."""
+    return np.asarray(np.median(coarse[:, :2], axis=0))
