@@ -119,6 +119,11 @@ class SeparationConfig(Config):
         "those who walk abreast more nearly, each one's own arms hang.",
         unit="m",
     )
+    lasting: float = nonnegative(
+        0.2,
+        "Time for which people touch on end before arms are looked for on both sides.",
+        unit="s",
+    )
     margin: float = nonnegative(
         0.2, "Room around the coarse voxels of all people, and of one.", unit="m"
     )

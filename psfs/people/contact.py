@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -29,12 +31,36 @@ class SplitCloud:
     near: list[np.ndarray]
 
 
+#: Two people by their numbers: the voxels of the first may be the second one's arm.
+Pair = tuple[int, int]
+
+
+def find_contacts(people: People, fps: float, config: SeparationConfig) -> dict[int, list[Pair]]:
+    """Return the pairs who touch, by frame, `fps` per second, for `config.lasting` s on end."""
+    n_least = max(1, round(config.lasting * fps))
+    running: dict[Pair, list[int]] = {}
+    found: dict[int, list[Pair]] = {index: [] for index in people.frames}
+    for index in [*people.frames, None]:
+        pairs = [] if index is None else _find_pairs(people, index, config.apart)
+        for pair in [pair for pair in running if pair not in pairs]:
+            frames = running.pop(pair)
+            for frame in frames if len(frames) >= n_least else ():
+                found[frame].append(pair)
+        for pair in pairs if index is not None else ():
+            running.setdefault(pair, []).append(index)
+    return found
+
+
 def split_cloud(
-    cloud: VoxelCloud, people: People, index: int, config: SeparationConfig
+    cloud: VoxelCloud,
+    people: People,
+    index: int,
+    config: SeparationConfig,
+    pairs: Sequence[Pair] = (),
 ) -> SplitCloud:
     """Give each surface voxel of frame `index` to the person with the nearest coarse voxels, or to
-    nobody if it is farther than `config.near` m from all, and to those, too, who touch the person
-    and whose arm it may be."""
+    nobody if it is farther than `config.near` m from all, and of `pairs` who touch also to those
+    whose arm it may be."""
     points = cloud.centres
     nearest = np.full((len(people) + 1, len(points)), np.inf)
     nearest[-1] = config.near
@@ -46,7 +72,7 @@ def split_cloud(
             nearest[number] = trees[number].query(points, distance_upper_bound=bound)[0]
     owned = nearest.argmin(0) == np.arange(len(nearest))[:, None]
     shared, near = np.zeros_like(owned), np.zeros_like(owned)
-    for one, other in _find_pairs(trees, _TOUCH * people.grid.voxel_size, config.apart):
+    for one, other in pairs:
         coarse = trees[one].data
         high = points[:, 2] > config.arms * coarse[:, 2].max()
         reached = owned[one] & high & (nearest[other] < config.reach)
@@ -62,15 +88,19 @@ def split_cloud(
     )
 
 
-def _find_pairs(trees: dict[int, cKDTree], touch: float, apart: float) -> list[tuple[int, int]]:
-    """Return the pairs of people, in both orders, with coarse voxels within `touch` m of each other
-    and axes at least `apart` m from each other."""
+def _find_pairs(people: People, index: int, apart: float) -> list[Pair]:
+    """Return the pairs of people, in both orders, with coarse voxels that touch in a frame and axes
+    at least `apart` m from each other."""
+    touch = _TOUCH * people.grid.voxel_size
+    trees = {
+        number: cKDTree(people.grid.centres(person.voxels[index]))
+        for number, person in enumerate(people)
+        if index in person.voxels
+    }
     return [
         (one, other)
-        for one in trees
-        for other in trees
-        if one != other
-        and np.linalg.norm(_axis(trees[one].data) - _axis(trees[other].data)) >= apart
+        for one, other in permutations(trees, 2)
+        if np.linalg.norm(_axis(trees[one].data) - _axis(trees[other].data)) >= apart
         and trees[one].query(trees[other].data, distance_upper_bound=touch)[0].min() < touch
     ]
 

@@ -22,7 +22,7 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.numbers import select_span
 from psfs.people.config import SeparationConfig
-from psfs.people.contact import SplitCloud, split_cloud
+from psfs.people.contact import SplitCloud, find_contacts, split_cloud
 from psfs.people.people import People
 from psfs.session import Session, SessionSettings
 from psfs.silhouettes.hidden import UNKNOWN
@@ -49,9 +49,10 @@ def separate(
     footprints = voxel_footprints(session.rig, grid.voxel_size)
     reconstruct = everybody.reconstructor(grid)
     boxes: list[list[np.ndarray]] = [[] for _ in people]
+    contacts = find_contacts(people, session.rate, config)
     for frame in everybody.sequence.frames(everybody.settings.selection):
         cloud = reconstruct(frame).cloud()
-        split = split_cloud(cloud, people, frame.index, config)
+        split = split_cloud(cloud, people, frame.index, config, contacts[frame.index])
         for box, points in zip(boxes, split.clouds, strict=False):
             if len(points):
                 box.append(np.stack([points.min(0), points.max(0)]))

@@ -12,7 +12,7 @@ from psfs.background.config import UNKNOWN, EvidenceConfig
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.people.config import SeparationConfig
-from psfs.people.contact import SplitCloud, split_cloud
+from psfs.people.contact import SplitCloud, find_contacts, split_cloud
 from psfs.people.people import People, Person
 from psfs.people.separation import FAR, Attribution, MaskStore, draw, separate
 from psfs.sequence import Sequence
@@ -88,7 +88,9 @@ def test_arms_of_people_who_touch_are_foreground_of_both() -> None:
     voxels = np.union1d(first, second)
     cloud = VoxelCloud(GRID, voxels.astype(np.int32), np.ones(len(voxels), np.float32))
     both = (Person(np.array([7]), {7: first}), Person(np.array([7]), {7: second}))
-    split = split_cloud(cloud, People(range(8), GRID, both), 7, config)
+    people = People(range(8), GRID, both)
+    assert not any(find_contacts(people, 10, config).values())  # a frame of two is too short
+    split = split_cloud(cloud, people, 7, config, find_contacts(people, 5, config)[7])
     assert split.clouds[0][:, 0].max() > 0.05 and split.clouds[1][:, 0].min() < -0.05
     assert split.sole[0][:, 0].max() < 0 < split.sole[1][:, 0].min()
     assert all(len(near) and near[:, 2].min() > 0.6 for near in split.near)
