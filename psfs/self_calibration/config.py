@@ -227,6 +227,14 @@ class PersonConfig(Config):
     )
     angles: int = setting(36, "Number of angles around the vertical that are tried.", least=8)
     candidates: int = natural(40, "Number of arrangements from the search that are adjusted.")
+    core: int = setting(
+        8,
+        "Most cameras that are searched together; of more, these see the whole person in most "
+        "pictures, and the others are added to them one by one.",
+        "by hand: the laboratory has up to eight cameras",
+        least=3,
+    )
+    anchors: int = natural(4, "Number of these cameras with which another is compared.", "by hand")
     finalists: int = natural(3, "Number of these that are adjusted to frontier points.")
     least_frames: int = setting(
         40, "Fewest frames of a camera that must show the whole person.", least=8
