@@ -28,6 +28,7 @@ from psfs.self_calibration.adjustment import (
     adjust_frontier,
     measure_misfit,
     measure_pairs,
+    measure_turn,
     summarise_pairs,
 )
 from psfs.self_calibration.bobbing import compare_bobbing, refine_lags
@@ -97,7 +98,9 @@ def adjust_calibration(
     check_seen(start.cameras, outlines, config)
     points = PersonPoints(start.cameras, outlines, config.adjustment)
     step = max(1, round(rate / config.table_rate))
-    best = _adjust_best([(start, lags)], points, step, config, track_silently)
+    best = _adjust_first(
+        _rank_starts([(start, lags)], points, step, config, track_silently), points
+    )
     best, misfits, touched = _check_fit(best, points, config)
     last, path = best.last, measure_path(best.rig, touched)
     return PersonCalibration(best.rig, best.lags, last.residual, last.count, misfits, path)
@@ -106,8 +109,11 @@ def adjust_calibration(
 def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted | None:
     """Return the rig that fits best, searched or grown."""
     starts = _search(take, config, track)
-    best = _adjust_best(starts, take.points, take.step, config, track)
-    if starts and not _is_sure(best, take.points, config):
+    ranked = _rank_starts(starts, take.points, take.step, config, track)
+    best = _adjust_first(ranked, take.points)
+    if best is not None and _is_sure(best, take.points, config):
+        _check_unambiguous(best, ranked, take.points, config)
+    elif starts:
         lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
         grown = grow_rigs(take.cameras, lags, take.points, config, track)
         best = _adjust_grown(best, grown, take.points, track)
@@ -156,32 +162,66 @@ def _search(
     return starts
 
 
-def _adjust_best(
+def _rank_starts(
     starts: list[tuple[CameraRig, np.ndarray]], points: PersonPoints, step: int,
     config: PersonConfig, track: Track,
-) -> Adjusted | None:  # fmt: skip
-    """Return the start that fits best after adjustment."""
+) -> list[tuple[float, Adjusted]]:  # fmt: skip
+    """Return the misfits and rigs of the start that fits best after adjustment, and of the best
+    other one."""
     first = [
         adjust_extremes(rig, lags, points, config.adjustment.first, step)
         for rig, lags in track(starts, len(starts), "arrangements")
     ]
     found = [(measure_misfit(own, points, step), own) for own in first if own is not None]
     found.sort(key=lambda of: of[0])
-    best = found[: config.finalists]
-    second = [
-        adjust_extremes(own.rig, own.lags, points, config.adjustment.second, step)
-        for _, own in track(best, len(best), "best arrangements")
-    ]
-    final = [own for own in second if own is not None]
-    if not final:
-        return None
-    chosen = min(final, key=lambda own: measure_misfit(own, points, step))
-    return adjust_frontier(chosen.rig, chosen.lags, points)
+
+    def finish(started: Sequence[tuple[float, Adjusted]]) -> list[tuple[float, Adjusted]]:
+        rounds = config.adjustment.second
+        second = [adjust_extremes(own.rig, own.lags, points, rounds, step) for _, own in started]
+        return [(measure_misfit(own, points, step), own) for own in second if own is not None]
+
+    ranked = sorted(finish(found[: config.finalists]), key=lambda of: of[0])
+    if not ranked:
+        return []
+    others = [of for of in found if _differ(of[1], ranked[0][1], step, config)]
+    rivals = [of for of in ranked if _differ(of[1], ranked[0][1], step, config)]
+    return [ranked[0], *sorted([*rivals, *finish(others[:1])], key=lambda of: of[0])[:1]]
 
 
-def _is_sure(best: Adjusted | None, points: PersonPoints, config: PersonConfig) -> bool:
-    if best is None:
-        return False
+def _differ(first: Adjusted, second: Adjusted, step: int, config: PersonConfig) -> bool:
+    """Return whether two rigs are different arrangements."""
+    turn = measure_turn(first.rig.cameras, second.rig.cameras)
+    late = float(np.abs(first.lags - second.lags).max())
+    return turn > config.growth.same or late > config.search.same_lag * step
+
+
+def _check_unambiguous(
+    best: Adjusted, ranked: list[tuple[float, Adjusted]], points: PersonPoints, config: PersonConfig
+) -> None:
+    """Raise InputError if another arrangement fits about as well as the best."""
+    if len(ranked) < 2 or ranked[1][0] > config.distinct * ranked[0][0]:
+        return
+    rival = adjust_frontier(ranked[1][1].rig, ranked[1][1].lags, points)
+    if rival is None:
+        return
+    own, other = (summarise_pairs(measure_pairs(of, points)).max() for of in (best, rival))
+    if other > config.distinct * own:
+        return
+    late = float(np.abs(rival.lags - best.lags).max())
+    turn = np.degrees(measure_turn(best.rig.cameras, rival.rig.cameras))
+    raise InputError(
+        f"two arrangements of the cameras fit alike, to {own:.2f} and {other:.2f} px: times "
+        f"differ by up to {late:.0f} frames, directions by {turn:.0f} degrees, as of somebody who "
+        "walks on a circle; film one person who walks straight lines to and fro, turns and stops"
+    )
+
+
+def _adjust_first(ranked: list[tuple[float, Adjusted]], points: PersonPoints) -> Adjusted | None:
+    """Return the first rig after adjustment to all frontier points."""
+    return adjust_frontier(ranked[0][1].rig, ranked[0][1].lags, points) if ranked else None
+
+
+def _is_sure(best: Adjusted, points: PersonPoints, config: PersonConfig) -> bool:
     return bool(summarise_pairs(measure_pairs(best, points)).max() <= config.sure_residual)
 
 

@@ -255,6 +255,13 @@ class PersonConfig(Config):
         "by hand: of somebody in place wrong ones differ by 0.76 px, right ones by 0.6",
         "px",
     )
+    distinct: float = setting(
+        1.4,
+        "Multiple of the best arrangement's misfit that another one must exceed.",
+        "by hand: 1.0 to 1.1 of somebody on a circle, 1.8 or more in `synth_walk_4cam` and "
+        "`synth_run_6cam`",
+        least=1,
+    )
     worst_pair: float = positive(
         3.5,
         "Greatest median distance of any two cameras' outermost points from epipolar lines.",
