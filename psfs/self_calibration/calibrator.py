@@ -112,7 +112,7 @@ def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted 
     ranked = _rank_starts(starts, take.points, take.step, config, track)
     best = _adjust_first(ranked, take.points)
     if best is not None and _is_sure(best, take.points, config):
-        _check_unambiguous(best, ranked, take.points, config)
+        check_unambiguous(best, ranked, take.points, config)
     elif starts:
         lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
         grown = grow_rigs(take.cameras, lags, take.points, config, track)
@@ -195,7 +195,7 @@ def _differ(first: Adjusted, second: Adjusted, step: int, config: PersonConfig) 
     return turn > config.growth.same or late > config.search.same_lag * step
 
 
-def _check_unambiguous(
+def check_unambiguous(
     best: Adjusted, ranked: list[tuple[float, Adjusted]], points: PersonPoints, config: PersonConfig
 ) -> None:
     """Raise InputError if another arrangement fits about as well as the best."""

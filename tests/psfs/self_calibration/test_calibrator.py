@@ -167,9 +167,9 @@ def test_somebody_on_a_circle_is_refused():
     ]
     points = PersonPoints(CAMERAS, outlines(), CONFIG.adjustment)
     with pytest.raises(InputError, match=r"two arrangements .* up to 30 frames, .* by 29 degrees"):
-        calibrator._check_unambiguous(ranked[0][1], ranked, points, CONFIG)
+        calibrator.check_unambiguous(ranked[0][1], ranked, points, CONFIG)
     ranked[1] = (0.15, ranked[1][1])
-    calibrator._check_unambiguous(ranked[0][1], ranked, points, CONFIG)
+    calibrator.check_unambiguous(ranked[0][1], ranked, points, CONFIG)
 
 
 def test_a_given_start_is_adjusted_in_its_own_world():
