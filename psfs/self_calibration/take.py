@@ -27,7 +27,7 @@ FILM = (
 
 @dataclass(frozen=True, eq=False)
 class PersonTake:
-    """What each of V cameras tells by itself.
+    """Silhouettes of V cameras, and what each tells by itself.
 
     cameras: small, with the intrinsics that are kept. outlines: [view][frame]. points: their
     tangent points. views: of every camera its tilt and height at several tilts, in every `step`-th
