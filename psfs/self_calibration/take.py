@@ -61,12 +61,15 @@ class PersonTake:
 
     def select(self, views: Sequence[int]) -> PersonTake:
         """Return what some of the cameras tell."""
-        cameras, outlines, fitted, bobbing = (
-            [of[view] for view in views]
-            for of in (self.cameras, self.outlines, self.views, self.bobbing)
+        return PersonTake(
+            [self.cameras[view] for view in views],
+            [self.outlines[view] for view in views],
+            self.points.select(views),
+            [self.views[view] for view in views],
+            [self.bobbing[view] for view in views],
+            self.step,
+            self.most,
         )
-        points = self.points.select(views)
-        return PersonTake(cameras, outlines, points, fitted, bobbing, self.step, self.most)
 
     def trace_hulls(self) -> list[HullRays]:
         """Return the cameras' hulls in every `step`-th frame."""
