@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 
 from rich.table import Table
 
@@ -16,12 +17,17 @@ from psfs.cli.flags.calibrate import CALIBRATION, REPORT
 from psfs.cli.lenses import read_lenses
 from psfs.cli.settings import write_settings
 from psfs.common.files import write_json
+from psfs.common.progress import map_in_threads
 from psfs.common.ranges import check_number
 from psfs.common.versions import versions
 from psfs.diagnostics.small_views import Outline
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
 from psfs.footage.settings import SequenceSettings
-from psfs.self_calibration.calibrator import PersonCalibration, calibrate_by_person
+from psfs.self_calibration.calibrator import (
+    PersonCalibration,
+    calibrate_by_person,
+    check_number_of_cameras,
+)
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.footage import extract_outlines
 from psfs.sequence import Sequence
@@ -34,11 +40,16 @@ def calibrate_from_person(args: argparse.Namespace) -> None:
     """Estimate the cameras of a folder from the person in it, and write them."""
     config = read_person_config(args)
     views = open_person_footage(args)
+    check_number_of_cameras(len(views.rig))
     large, kept = read_lenses(args, views)
     if not kept:
         config = config.replace(adjustment=config.adjustment.free_lenses())
     small, outlines = outline_footage(args, views, large, config)
-    found = calibrate_by_person(small, outlines, views.fps, config)
+    with progress_bar() as bar:
+        found = calibrate_by_person(
+            small, outlines, views.fps, config,
+            lambda items, total, name: bar.track(items, total, description=name),
+        )  # fmt: skip
     rig = enlarge_rig(large, small, found.rig)
     verdict = f"silhouettes differ by at most {found.misfits.max():.2f} px"
     write_person_calibration(args, views, rig, found, config, verdict)
@@ -75,11 +86,25 @@ def outline_footage(
     device = select_device(args.device)
     factor = views.rig.factor_within(config.longest_side)
     small = [camera.scaled(factor) for camera in large]
-    outlines = []
+    most = config.most_frames
+    media = views.footage.masks or views.footage.images or ()
+    stopped = Event()
     with progress_bar() as bar:
-        for view in bar.track(range(len(small)), len(small), description="silhouettes"):
-            outlines.append(extract_outlines(views.footage, view, factor, device, config))
-    return small, outlines
+        task = bar.add_task("silhouettes", total=sum(min(most, own.count) for own in media))
+
+        def extract(view: int) -> list[Outline | None]:
+            found = []
+            for outline in extract_outlines(views.footage, view, factor, device, config):
+                if stopped.is_set():
+                    break
+                found.append(outline)
+                bar.advance(task)
+            return found
+
+        try:
+            return small, list(map_in_threads(extract, range(len(small))))
+        finally:
+            stopped.set()
 
 
 def enlarge_rig(large: list[Camera], small: list[Camera], found: CameraRig) -> CameraRig:

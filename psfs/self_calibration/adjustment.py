@@ -56,10 +56,11 @@ class PersonPoints:
         self._contours = [SilhouetteContours(own) for own in outlines]
         self.shortest = min(len(own) for own in outlines)
 
-    def select(self, count: int) -> PersonPoints:
-        """Return those of the first `count` cameras."""
+    def select(self, views: Sequence[int]) -> PersonPoints:
+        """Return those of some cameras."""
         own = copy(self)
-        own.hulls, own._contours = self.hulls[:count], self._contours[:count]
+        own.hulls = [self.hulls[view] for view in views]
+        own._contours = [self._contours[view] for view in views]
         return own
 
     def find_extremes(
@@ -183,9 +184,12 @@ def adjust_extremes(
     )  # fmt: skip
 
 
-def adjust_frontier(rig: CameraRig, lags: np.ndarray, points: PersonPoints) -> Adjusted | None:
-    """Adjust the rig to all frontier points, in a round per gate; None if there are too few."""
-    return _adjust(rig, lags, points.find_all, points.config.narrow, points.config.gates)
+def adjust_frontier(
+    rig: CameraRig, lags: np.ndarray, points: PersonPoints, gates: Sequence[float] | None = None
+) -> Adjusted | None:
+    """Adjust the rig to all frontier points, in a round per gate, by default those of the settings;
+    None if there are too few."""
+    return _adjust(rig, lags, points.find_all, points.config.narrow, gates or points.config.gates)
 
 
 def adjust_farther(start: Adjusted, points: PersonPoints) -> Adjusted:

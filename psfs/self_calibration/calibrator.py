@@ -3,7 +3,8 @@
 Each camera tells its tilt and height, and the person's places, by itself (`upright`); angles and
 lags are searched in tables of all pairs (`pairing`, `bobbing`, `search`); the best arrangements are
 adjusted, and the best of these is adjusted to all frontier points (`adjustment`). If none fits, as
-of somebody who stays in place, the rig is grown camera by camera (`growth`).
+of somebody who stays in place, the rig is grown camera by camera (`growth`). Of a large rig some
+cameras are found so, and the others are added to these (`addition`).
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.names import join_names
+from psfs.common.progress import Track, map_in_threads, track_silently
 from psfs.diagnostics.frontier import FrontierPoints
-from psfs.diagnostics.small_views import Outline
+from psfs.self_calibration.addition import CameraAddition, choose_core
 from psfs.self_calibration.adjustment import (
     Adjusted,
     PersonPoints,
@@ -27,24 +28,17 @@ from psfs.self_calibration.adjustment import (
     adjust_frontier,
     measure_misfit,
     measure_pairs,
+    measure_turn,
     summarise_pairs,
 )
-from psfs.self_calibration.bobbing import compare_bobbing, measure_bobbing, refine_lags
+from psfs.self_calibration.bobbing import compare_bobbing, refine_lags
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.growth import grow_rigs
-from psfs.self_calibration.hulls import HullRays
 from psfs.self_calibration.pairing import Walker, compare_pair
 from psfs.self_calibration.search import ArrangementSearch
 from psfs.self_calibration.start import place_cameras
-from psfs.self_calibration.upright import UprightView, fit_upright
+from psfs.self_calibration.take import FILM, Outlines, PersonTake, check_seen
 from psfs.self_calibration.world import align_to_person, measure_path
-
-Outlines = Sequence[Sequence[Outline | None]]
-#: What to film if the cameras cannot be found.
-FILM = (
-    "film one person who walks about for ten seconds or more, towards and past all cameras, wholly "
-    "seen by all of them, with a second of the empty room in background/"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,33 +63,30 @@ class PersonCalibration:
 
 
 def calibrate_by_person(
-    cameras: Sequence[Camera], outlines: Outlines, rate: float, config: PersonConfig
-) -> PersonCalibration:
+    cameras: Sequence[Camera], outlines: Outlines, rate: float, config: PersonConfig,
+    track: Track = track_silently,
+) -> PersonCalibration:  # fmt: skip
     """Estimate the cameras' poses and lags from outlines [view][frame] at `rate` per second.
 
     cameras: small, with the intrinsics that are kept. Raises InputError, which says what to film,
     if they cannot be found.
     """
-    if len(cameras) < 3:
+    check_number_of_cameras(len(cameras))
+    take = PersonTake.create(cameras, outlines, rate, config)
+    core = choose_core(outlines, config.core)
+    best = _find_rig(take.select(core), config, track)
+    if best is not None and len(core) < len(cameras):
+        best = _add_others(best, core, take, config, track)
+    return _check(best, [own[0].axes[2] for own in take.views], take.points, config)
+
+
+def check_number_of_cameras(count: int) -> None:
+    """Raise InputError if there are too few cameras."""
+    if count < 3:
         raise InputError(
-            f"{len(cameras)} cameras; expected three or more, for two cameras' silhouettes do not "
-            "tell their arrangement"
+            f"{count} cameras; expected three or more, for two cameras' silhouettes do not tell "
+            "their arrangement"
         )
-    _check_seen(cameras, outlines, config)
-    step = max(1, round(rate / config.table_rate))
-    points = PersonPoints(cameras, outlines, config.adjustment)
-    views = _fit_views(cameras, outlines, step, config)
-    bobbing = [
-        measure_bobbing(hulls, own[0], rate, config.pairs)
-        for hulls, own in zip(points.hulls, views, strict=True)
-    ]
-    most = int(np.ceil(config.longest_lag * rate / step))
-    starts = _search(cameras, outlines, views, bobbing, (most, step), config)
-    best = _adjust_best(starts, points, step, config)
-    if starts and not _is_sure(best, points, config):
-        lags = refine_lags(bobbing, starts[0][1], step, config.pairs)
-        best = _adjust_grown(best, grow_rigs(cameras, lags, points, config), points)
-    return _check(best, [own[0].axes[2] for own in views], points, config)
 
 
 def adjust_calibration(
@@ -104,111 +95,144 @@ def adjust_calibration(
     """Adjust small cameras in metres with Z up, and their lags, to outlines [view][frame] at `rate`
     per second. What silhouettes do not tell, world and scale, stays as given. Raises InputError
     if the silhouettes do not fit."""
-    _check_seen(start.cameras, outlines, config)
+    check_seen(start.cameras, outlines, config)
     points = PersonPoints(start.cameras, outlines, config.adjustment)
-    best = _adjust_best([(start, lags)], points, max(1, round(rate / config.table_rate)), config)
+    step = max(1, round(rate / config.table_rate))
+    best = _adjust_first(
+        _rank_starts([(start, lags)], points, step, config, track_silently), points
+    )
     best, misfits, touched = _check_fit(best, points, config)
     last, path = best.last, measure_path(best.rig, touched)
     return PersonCalibration(best.rig, best.lags, last.residual, last.count, misfits, path)
 
 
-def _fit_views(
-    cameras: Sequence[Camera], outlines: Outlines, step: int, config: PersonConfig
-) -> list[list[UprightView]]:
-    """Return what each camera tells of its tilt and height in every `step`-th frame."""
-    views = [
-        fit_upright(c, own[::step], config.upright)
-        for c, own in zip(cameras, outlines, strict=True)
-    ]
-    if any(own is None for own in views):
-        unseen = [c.name for c, own in zip(cameras, views, strict=True) if own is None]
-        raise InputError(f"{join_names(unseen)}: the person is seldom seen wholly; {FILM}")
-    return [own for own in views if own is not None]
+def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted | None:
+    """Return the rig that fits best, searched or grown."""
+    starts = _search(take, config, track)
+    ranked = _rank_starts(starts, take.points, take.step, config, track)
+    best = _adjust_first(ranked, take.points)
+    if best is not None and _is_sure(best, take.points, config):
+        check_unambiguous(best, ranked, take.points, config)
+    elif starts:
+        lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
+        grown = grow_rigs(take.cameras, lags, take.points, config, track)
+        best = _adjust_grown(best, grown, take.points, track)
+    return best
 
 
-def _check_seen(cameras: Sequence[Camera], outlines: Outlines, config: PersonConfig) -> None:
-    motions = []
-    for camera, own in zip(cameras, outlines, strict=True):
-        whole = [of.points for of in own if of is not None and not of.at_border.any()]
-        if len(whole) < config.least_frames:
-            raise InputError(
-                f"{camera.name}: the whole person is in {len(whole)} of {len(own)} pictures; "
-                f"expected {config.least_frames} or more; {FILM}"
-            )
-        edges = np.array([[*of.min(axis=0), *of.max(axis=0)] for of in whole])
-        motions.append(edges.std(axis=0).max() / np.median(edges[:, 3] - edges[:, 1]))
-    usual = float(np.median(motions))
-    if usual < config.least_motion:
-        raise InputError(
-            f"the person hardly moves: the silhouettes' edges by {100 * usual:.1f} % of the "
-            f"height, expected {100 * config.least_motion:g} % or more; {FILM}"
-        )
+def _add_others(
+    found: Adjusted, core: Sequence[int], take: PersonTake, config: PersonConfig, track: Track
+) -> Adjusted | None:
+    """Return the rig with the take's other cameras, too."""
+    addition = CameraAddition(found, core, take, config)
+    placed = dict(zip(core, zip(addition.rig, addition.lags, strict=True), strict=True))
+    others = [view for view in range(len(take.cameras)) if view not in placed]
+    added = track(map_in_threads(addition.add, others), len(others), "further cameras")
+    placed |= dict(zip(others, added, strict=True))
+    cameras, lags = zip(*(placed[view] for view in sorted(placed)), strict=True)
+    gates = config.adjustment.far_gates
+    return adjust_frontier(CameraRig(cameras), np.array(lags), take.points, gates)
 
 
 def _search(
-    cameras: Sequence[Camera], outlines: Outlines, views: list[list[UprightView]],
-    bobbing: Sequence[np.ndarray], reach: tuple[int, int], config: PersonConfig,
-) -> list[tuple[CameraRig, np.ndarray]]:  # fmt: skip
-    """Return rigs and lags (V,) frames that may be right, the best first.
-
-    reach: the greatest lag in steps, and the step in frames.
-    """
-    most, step = reach
-    hulls = [HullRays(c, own[::step]) for c, own in zip(cameras, outlines, strict=True)]
-    walkers = [[Walker.create(v, h) for v in own] for own, h in zip(views, hulls, strict=True)]
+    take: PersonTake, config: PersonConfig, track: Track
+) -> list[tuple[CameraRig, np.ndarray]]:
+    """Return rigs and lags (V,) frames that may be right, the best first."""
+    hulls, count = take.trace_hulls(), len(take.cameras)
+    walkers = [[Walker.create(v, h) for v in own] for own, h in zip(take.views, hulls, strict=True)]
     angles = 2 * np.pi * np.arange(config.angles) / config.angles
-    tables = {}
-    for a, b in combinations(range(len(cameras)), 2):
-        pair = [
-            [compare_pair(x, y, angles, most, config.pairs) for y in walkers[b]] for x in walkers[a]
+    pairs = list(combinations(range(count), 2))
+
+    def compare(pair: tuple[int, int]) -> np.ndarray:
+        a, b = pair
+        costs = [
+            [compare_pair(x, y, angles, take.most, config.pairs) for y in walkers[b]]
+            for x in walkers[a]
         ]
-        tables[a, b] = np.array(pair) + compare_bobbing(
-            bobbing[a], bobbing[b], most, step, config.pairs
-        )
-    found = []
-    for arrangement in ArrangementSearch(tables, len(cameras), config.search).find(
-        config.candidates
-    ):
-        chosen = [own[variant] for own, variant in zip(views, arrangement.variants, strict=True)]
+        bobbing = take.bobbing[a], take.bobbing[b]
+        return np.array(costs) + compare_bobbing(*bobbing, take.most, take.step, config.pairs)
+
+    found = track(map_in_threads(compare, pairs), len(pairs), "pairs of cameras")
+    tables, starts = dict(zip(pairs, found, strict=True)), []
+    for arrangement in ArrangementSearch(tables, count, config.search).find(config.candidates):
+        chosen = [own[k] for own, k in zip(take.views, arrangement.variants, strict=True)]
         turned = angles[list(arrangement.angles)]
-        rig = place_cameras(cameras, chosen, turned, arrangement.lags, config.stature)
-        found.append((rig, step * np.array(arrangement.lags, float)))
-    return found
+        rig = place_cameras(take.cameras, chosen, turned, arrangement.lags, config.stature)
+        starts.append((rig, take.step * np.array(arrangement.lags, float)))
+    return starts
 
 
-def _adjust_best(
+def _rank_starts(
     starts: list[tuple[CameraRig, np.ndarray]], points: PersonPoints, step: int,
-    config: PersonConfig,
-) -> Adjusted | None:  # fmt: skip
-    """Return the start that fits best after adjustment."""
+    config: PersonConfig, track: Track,
+) -> list[tuple[float, Adjusted]]:  # fmt: skip
+    """Return the misfits and rigs of the start that fits best after adjustment, and of the best
+    other one."""
     first = [
-        adjust_extremes(rig, lags, points, config.adjustment.first, step) for rig, lags in starts
+        adjust_extremes(rig, lags, points, config.adjustment.first, step)
+        for rig, lags in track(starts, len(starts), "arrangements")
     ]
     found = [(measure_misfit(own, points, step), own) for own in first if own is not None]
     found.sort(key=lambda of: of[0])
-    second = [
-        adjust_extremes(own.rig, own.lags, points, config.adjustment.second, step)
-        for _, own in found[: config.finalists]
-    ]
-    final = [own for own in second if own is not None]
-    if not final:
-        return None
-    best = min(final, key=lambda own: measure_misfit(own, points, step))
-    return adjust_frontier(best.rig, best.lags, points)
+
+    def finish(started: Sequence[tuple[float, Adjusted]]) -> list[tuple[float, Adjusted]]:
+        rounds = config.adjustment.second
+        second = [adjust_extremes(own.rig, own.lags, points, rounds, step) for _, own in started]
+        return [(measure_misfit(own, points, step), own) for own in second if own is not None]
+
+    ranked = sorted(finish(found[: config.finalists]), key=lambda of: of[0])
+    if not ranked:
+        return []
+    others = [of for of in found if _differ(of[1], ranked[0][1], step, config)]
+    rivals = [of for of in ranked if _differ(of[1], ranked[0][1], step, config)]
+    return [ranked[0], *sorted([*rivals, *finish(others[:1])], key=lambda of: of[0])[:1]]
 
 
-def _is_sure(best: Adjusted | None, points: PersonPoints, config: PersonConfig) -> bool:
-    if best is None:
-        return False
+def _differ(first: Adjusted, second: Adjusted, step: int, config: PersonConfig) -> bool:
+    """Return whether two rigs are different arrangements."""
+    turn = measure_turn(first.rig.cameras, second.rig.cameras)
+    late = float(np.abs(first.lags - second.lags).max())
+    return turn > config.growth.same or late > config.search.same_lag * step
+
+
+def check_unambiguous(
+    best: Adjusted, ranked: list[tuple[float, Adjusted]], points: PersonPoints, config: PersonConfig
+) -> None:
+    """Raise InputError if another arrangement fits about as well as the best."""
+    if len(ranked) < 2 or ranked[1][0] > config.distinct * ranked[0][0]:
+        return
+    rival = adjust_frontier(ranked[1][1].rig, ranked[1][1].lags, points)
+    if rival is None:
+        return
+    own, other = (summarise_pairs(measure_pairs(of, points)).max() for of in (best, rival))
+    if other > config.distinct * own:
+        return
+    late = float(np.abs(rival.lags - best.lags).max())
+    turn = np.degrees(measure_turn(best.rig.cameras, rival.rig.cameras))
+    raise InputError(
+        f"two arrangements of the cameras fit alike, to {own:.2f} and {other:.2f} px: times "
+        f"differ by up to {late:.0f} frames, directions by {turn:.0f} degrees, as of somebody who "
+        "walks on a circle; film one person who walks straight lines to and fro, turns and stops"
+    )
+
+
+def _adjust_first(ranked: list[tuple[float, Adjusted]], points: PersonPoints) -> Adjusted | None:
+    """Return the first rig after adjustment to all frontier points."""
+    return adjust_frontier(ranked[0][1].rig, ranked[0][1].lags, points) if ranked else None
+
+
+def _is_sure(best: Adjusted, points: PersonPoints, config: PersonConfig) -> bool:
     return bool(summarise_pairs(measure_pairs(best, points)).max() <= config.sure_residual)
 
 
 def _adjust_grown(
-    searched: Adjusted | None, grown: list[tuple[CameraRig, np.ndarray]], points: PersonPoints
-) -> Adjusted | None:
+    searched: Adjusted | None, grown: list[tuple[CameraRig, np.ndarray]], points: PersonPoints,
+    track: Track,
+) -> Adjusted | None:  # fmt: skip
     """Return the rig, searched or grown, by which most frontier points agree after adjustment."""
     first = [searched, *(adjust_frontier(rig, lags, points) for rig, lags in grown)]
-    final = [adjust_farther(own, points) for own in first if own is not None]
+    found = [own for own in first if own is not None]
+    final = [adjust_farther(own, points) for own in track(found, len(found), "best rigs")]
     return max(final, key=lambda own: own.last.count, default=None)
 
 

@@ -227,6 +227,14 @@ class PersonConfig(Config):
     )
     angles: int = setting(36, "Number of angles around the vertical that are tried.", least=8)
     candidates: int = natural(40, "Number of arrangements from the search that are adjusted.")
+    core: int = setting(
+        8,
+        "Most cameras that are searched together; of more, these see the whole person in most "
+        "pictures, and the others are added to them one by one.",
+        "by hand: the laboratory has up to eight cameras",
+        least=3,
+    )
+    anchors: int = natural(4, "Number of these cameras with which another is compared.", "by hand")
     finalists: int = natural(3, "Number of these that are adjusted to frontier points.")
     least_frames: int = setting(
         40, "Fewest frames of a camera that must show the whole person.", least=8
@@ -246,6 +254,13 @@ class PersonConfig(Config):
         "The same of three cameras, which agree about wrong arrangements, too.",
         "by hand: of somebody in place wrong ones differ by 0.76 px, right ones by 0.6",
         "px",
+    )
+    distinct: float = setting(
+        1.4,
+        "Multiple of the best arrangement's misfit that another one must exceed.",
+        "by hand: 1.0 to 1.1 of somebody on a circle, 1.8 or more in `synth_walk_4cam` and "
+        "`synth_run_6cam`",
+        least=1,
     )
     worst_pair: float = positive(
         3.5,

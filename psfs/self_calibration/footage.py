@@ -28,11 +28,11 @@ _SILHOUETTES = SilhouetteConfig(
 
 def extract_outlines(
     footage: Footage, view: int, factor: float, device: Device | NumpyDevice, config: PersonConfig
-) -> list[Outline | None]:
-    """Return the outlines of the person in the first pictures of a camera, each silhouette by
+) -> Iterator[Outline | None]:
+    """Yield the outlines of the person in the first pictures of a camera, each silhouette by
     itself. factor: of the pictures that are used, at most 1."""
-    masks = _silhouettes(footage, view, factor, device, config.most_frames)
-    return [outline_person(mask, config.outline) for mask in masks]
+    for mask in _silhouettes(footage, view, factor, device, config.most_frames):
+        yield outline_person(mask, config.outline)
 
 
 def _silhouettes(

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.common.progress import Track, track_silently
 from psfs.self_calibration.adjustment import (
     Adjusted,
     PersonPoints,
@@ -56,8 +57,9 @@ class _Person:
 
 
 def grow_rigs(
-    cameras: Sequence[Camera], lags: np.ndarray, points: PersonPoints, config: PersonConfig
-) -> list[tuple[CameraRig, np.ndarray]]:
+    cameras: Sequence[Camera], lags: np.ndarray, points: PersonPoints, config: PersonConfig,
+    track: Track = track_silently,
+) -> list[tuple[CameraRig, np.ndarray]]:  # fmt: skip
     """Return rigs and lags (V,) frames that may be right, the best first.
 
     lags: (V,) frames, right to about a frame.
@@ -69,8 +71,8 @@ def grow_rigs(
         for elevation in config.growth.elevations
     ]
     found: list[tuple[float, Adjusted]] = []
-    for number in range(1, len(cameras)):
-        seen, tried = points.select(number + 1), []
+    for number in track(range(1, len(cameras)), len(cameras) - 1, "grown rigs"):
+        seen, tried = points.select(range(number + 1)), []
         for placed, own in branches:
             person = start if number == 1 else find_person(placed, sights)
             tried += _add_camera(

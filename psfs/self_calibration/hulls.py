@@ -47,6 +47,12 @@ class HullRays:
         out[..., self.frames, :] = np.stack([least, greatest], -1)
         return out
 
+    def find_extreme_angles(self, forward: np.ndarray, across: np.ndarray) -> np.ndarray:
+        """Return `extremes` of the angles, rad, of directions whose parts (..., N) are given."""
+        if forward.min(initial=1.0) > 0:  # the tangent rises with the angle and is quicker
+            return np.arctan(self.extremes(across / forward))
+        return self.extremes(np.arctan2(across, forward))
+
     def extreme_points(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return `extremes` and the pixels (F, 2, 2) of their corners."""
         found = self.extremes(values)

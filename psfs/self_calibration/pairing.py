@@ -130,7 +130,7 @@ def _planes(
     turned[:, :2] = turns[rows].swapaxes(1, 2) @ axes[:, :2]
     found = []
     for walker, own in ((first, axes), (second, turned)):
-        flat = np.moveaxis(np.tensordot(walker.rays, own, (1, 1)), 0, 1)
-        angles = np.arctan2(flat[..., 1], flat[..., 0])
-        found.append(distances[..., None] * walker.hulls.extremes(angles))
+        forward, across = (own[..., side] @ walker.rays.T for side in range(2))
+        extremes = walker.hulls.find_extreme_angles(forward, across)
+        found.append(distances[..., None] * extremes)
     return rows, (found[0], found[1])

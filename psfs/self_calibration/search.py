@@ -59,7 +59,7 @@ class ArrangementSearch:
             view = self._choose_next(beam)
             grown = []
             for cost, places in beam:
-                for more, place in self._best_places(view, places):
+                for more, place in self.best_places(view, places):
                     grown.append((cost + more, {**places, view: place}))
             grown.sort(key=lambda of: of[0])
             beam = self._keep_different(grown)
@@ -83,7 +83,7 @@ class ArrangementSearch:
             total += shifted
         return total
 
-    def _best_places(self, view: int, places: Mapping[int, Place]) -> list[tuple[float, Place]]:
+    def best_places(self, view: int, places: Mapping[int, Place]) -> list[tuple[float, Place]]:
         """Return the costs and places of the best local minima of `_costs`."""
         costs = self._costs(view, places)
         best = costs.min(axis=0)

@@ -74,6 +74,14 @@ def fit_upright(
     return [_make_view(hulls, ends, values[0] + turn, values[1]) for turn in turns]
 
 
+def view_from_up(
+    camera: Camera, outlines: Sequence[Outline | None], up: np.ndarray, config: UprightConfig
+) -> UprightView:
+    """Return the camera's view of its outlines [frame], with `up` (3,) in its axes given."""
+    tilt, roll = np.arctan2(up[2], -up[1]), np.arcsin(np.clip(up[0], -1, 1))
+    return _make_view(HullRays(camera, outlines), _Ends(camera, outlines, config), tilt, roll)
+
+
 def _cost(hulls: HullRays, ends: _Ends, x: np.ndarray) -> float:
     """Return the robust sum of squares of the misfits and of the deviations from usual cameras."""
     config = ends.config

@@ -72,14 +72,19 @@ def fit_floor(low: np.ndarray, config: FloorFitConfig) -> np.ndarray:
     return values[:2]
 
 
+def measure_places(rig: CameraRig, points: FrontierPoints) -> tuple[np.ndarray, np.ndarray]:
+    """Return the frames (F,) in which points are seen and the person's places (F, 2) on the floor
+    in these, m."""
+    places, frames = triangulate_points(rig, points)[:, :2], np.unique(points.frames)
+    found = [np.median(places[points.frames == frame], axis=0) for frame in frames]
+    return frames, np.array(found).reshape(-1, 2)
+
+
 def measure_path(rig: CameraRig, points: FrontierPoints) -> float:
     """Return the standard deviation of the person's places on the floor along the direction in
     which it is greatest, m."""
-    places = triangulate_points(rig, points)[:, :2]
-    own = [np.median(places[points.frames == frame], axis=0) for frame in np.unique(points.frames)]
-    if len(own) < 2:
-        return 0.0
-    return float(np.sqrt(np.linalg.eigvalsh(np.cov(np.array(own).T))[-1]))
+    _, places = measure_places(rig, points)
+    return float(np.sqrt(np.linalg.eigvalsh(np.cov(places.T))[-1])) if len(places) > 1 else 0.0
 
 
 def turn_to_up(up: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -10,7 +10,8 @@ import pytest
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.self_calibration import calibrator
-from psfs.self_calibration.adjustment import summarise_pairs
+from psfs.self_calibration.addition import CameraAddition, choose_core
+from psfs.self_calibration.adjustment import Adjusted, PersonPoints, summarise_pairs
 from psfs.self_calibration.calibrator import adjust_calibration, calibrate_by_person
 from psfs.self_calibration.config import (
     AdjustmentConfig,
@@ -20,6 +21,7 @@ from psfs.self_calibration.config import (
     UprightConfig,
 )
 from psfs.self_calibration.footage import outline_person
+from psfs.self_calibration.take import PersonTake
 from psfs.self_calibration.upright import fit_upright
 
 RATE, FRAMES, STATURE = 30.0, 100, 1.77
@@ -138,6 +140,38 @@ def test_the_rig_is_grown_camera_by_camera_if_no_arrangement_fits(monkeypatch):
         assert np.degrees(np.linalg.norm(cv2.Rodrigues(turn)[0])) < 1
 
 
+def test_a_further_camera_is_placed_beside_a_rig_that_is_found():
+    """Of the first three cameras the rig is known, of the last one only the lens."""
+    take = PersonTake.create(uncalibrated(), outlines(), RATE, CONFIG)
+    found = Adjusted(CameraRig(tuple(CAMERAS[:3])), np.array(LAGS[:3], float), None)
+    addition = CameraAddition(found, [0, 1, 2], take, CONFIG)
+    camera, lag = addition.add(3)
+    assert abs(lag - LAGS[3]) < 0.05
+    turn = camera.R @ addition.rig[0].R.T @ CAMERAS[0].R @ CAMERAS[3].R.T
+    assert np.degrees(np.linalg.norm(cv2.Rodrigues(turn)[0])) < 0.5
+    apart = np.linalg.norm(camera.centre - addition.rig[0].centre)
+    assert abs(apart - np.linalg.norm(CAMERAS[3].centre - CAMERAS[0].centre)) < 0.15
+
+
+def test_somebody_on_a_circle_is_refused():
+    """A second later the walker is where it would be seen from half a radian around the circle."""
+    turn = np.array([[np.cos(0.5), -np.sin(0.5), 0], [np.sin(0.5), np.cos(0.5), 0], [0, 0, 1]])
+    middle, own = np.array([-1.0, 1.0, 0]), CAMERAS[1]
+    R = own.R @ turn.T
+    moved = replace(own, R=R, t=-R @ (middle + turn @ (own.centre - middle)))
+    rigs = CAMERAS, [CAMERAS[0], moved, *CAMERAS[2:]]
+    lags = np.add(LAGS, [[0, 0, 0, 0], [0, -30, 0, 0]]).astype(float)
+    ranked = [
+        (0.1, Adjusted(CameraRig(tuple(rig)), own, None))
+        for rig, own in zip(rigs, lags, strict=True)
+    ]
+    points = PersonPoints(CAMERAS, outlines(), CONFIG.adjustment)
+    with pytest.raises(InputError, match=r"two arrangements .* up to 30 frames, .* by 29 degrees"):
+        calibrator.check_unambiguous(ranked[0][1], ranked, points, CONFIG)
+    ranked[1] = (0.15, ranked[1][1])
+    calibrator.check_unambiguous(ranked[0][1], ranked, points, CONFIG)
+
+
 def test_a_given_start_is_adjusted_in_its_own_world():
     """Cameras turned by two degrees and lags half a frame off; nobody searches."""
     rng, start = np.random.default_rng(5), []
@@ -153,6 +187,12 @@ def test_a_given_start_is_adjusted_in_its_own_world():
     np.testing.assert_allclose(own, true, atol=0.25)  # the world is the start's
     own, true = (np.linalg.norm(of[:, None] - of[None], axis=-1) for of in (own, true))
     np.testing.assert_allclose(own / own.sum(), true / true.sum(), atol=0.003 / own.size)
+
+
+def test_the_cameras_that_see_most_are_searched_first():
+    own = [outlines()[0][:50], *outlines()[1:3], outlines()[3][:50]]
+    assert choose_core(own, 2) == [1, 2]
+    assert choose_core(own, 8) == [0, 1, 2, 3]
 
 
 def test_a_person_seldom_seen_is_refused_with_what_to_film():

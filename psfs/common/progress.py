@@ -1,0 +1,34 @@
+"""Long work: what it reports while it runs, and threads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+#: Yield items, of which there is a number, and show under a name how many have come.
+Track = Callable[[Iterable[Any], int, str], Iterable[Any]]
+
+
+def track_silently(items: Iterable[Any], total: int, name: str) -> Iterable[Any]:
+    """Yield the items and show nothing."""
+    return items
+
+
+def map_in_threads(
+    function: Callable[[Item], Result], items: Sequence[Item], most: int = 8
+) -> Iterator[Result]:
+    """Yield the results of a function for all items, in their order, from up to `most` threads.
+
+    Pays where the function leaves Python's lock, as NumPy and OpenCV do on large arrays. After an
+    error or an interrupt no further call begins; those that have begun are not waited for.
+    """
+    pool = ThreadPoolExecutor(min(most, os.cpu_count() or 1, max(1, len(items))))
+    try:
+        yield from pool.map(function, items)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)

@@ -1,0 +1,111 @@
+"""A take of somebody who walks about, as the calibration uses it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cl import InputError
+from psfs.cameras.camera import Camera
+from psfs.cameras.names import join_names
+from psfs.diagnostics.small_views import Outline
+from psfs.self_calibration.adjustment import PersonPoints
+from psfs.self_calibration.bobbing import measure_bobbing
+from psfs.self_calibration.config import PersonConfig
+from psfs.self_calibration.hulls import HullRays
+from psfs.self_calibration.upright import UprightView, fit_upright
+
+Outlines = Sequence[Sequence[Outline | None]]
+#: What to film if the cameras cannot be found.
+FILM = (
+    "film one person who walks about for ten seconds or more, towards and past all cameras, wholly "
+    "seen by all of them, with a second of the empty room in background/"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PersonTake:
+    """Silhouettes of V cameras, and what each tells by itself.
+
+    cameras: small, with the intrinsics that are kept. outlines: [view][frame]. points: their
+    tangent points. views: of every camera its tilt and height at several tilts, in every `step`-th
+    frame. bobbing: (V, F) the head's ups and downs. most: the greatest lag in steps.
+    """
+
+    cameras: Sequence[Camera]
+    outlines: Outlines
+    points: PersonPoints
+    views: Sequence[list[UprightView]]
+    bobbing: Sequence[np.ndarray]
+    step: int
+    most: int
+
+    @classmethod
+    def create(
+        cls, cameras: Sequence[Camera], outlines: Outlines, rate: float, config: PersonConfig
+    ) -> PersonTake:
+        """Measure what each camera tells from outlines at `rate` per second. Raises InputError if
+        one seldom sees the whole person."""
+        check_seen(cameras, outlines, config)
+        step = max(1, round(rate / config.table_rate))
+        points = PersonPoints(cameras, outlines, config.adjustment)
+        views = _fit_views(cameras, outlines, step, config)
+        bobbing = [
+            measure_bobbing(hulls, own[0], rate, config.pairs)
+            for hulls, own in zip(points.hulls, views, strict=True)
+        ]
+        most = int(np.ceil(config.longest_lag * rate / step))
+        return cls(cameras, outlines, points, views, bobbing, step, most)
+
+    def select(self, views: Sequence[int]) -> PersonTake:
+        """Return what some of the cameras tell."""
+        return PersonTake(
+            [self.cameras[view] for view in views],
+            [self.outlines[view] for view in views],
+            self.points.select(views),
+            [self.views[view] for view in views],
+            [self.bobbing[view] for view in views],
+            self.step,
+            self.most,
+        )
+
+    def trace_hulls(self) -> list[HullRays]:
+        """Return the cameras' hulls in every `step`-th frame."""
+        pairs = zip(self.cameras, self.outlines, strict=True)
+        return [HullRays(camera, own[:: self.step]) for camera, own in pairs]
+
+
+def check_seen(cameras: Sequence[Camera], outlines: Outlines, config: PersonConfig) -> None:
+    """Raise InputError if the person is seldom seen wholly, or hardly moves."""
+    motions = []
+    for camera, own in zip(cameras, outlines, strict=True):
+        whole = [of.points for of in own if of is not None and not of.at_border.any()]
+        if len(whole) < config.least_frames:
+            raise InputError(
+                f"{camera.name}: the whole person is in {len(whole)} of {len(own)} pictures; "
+                f"expected {config.least_frames} or more; {FILM}"
+            )
+        edges = np.array([[*of.min(axis=0), *of.max(axis=0)] for of in whole])
+        motions.append(edges.std(axis=0).max() / np.median(edges[:, 3] - edges[:, 1]))
+    usual = float(np.median(motions))
+    if usual < config.least_motion:
+        raise InputError(
+            f"the person hardly moves: the silhouettes' edges by {100 * usual:.1f} % of the "
+            f"height, expected {100 * config.least_motion:g} % or more; {FILM}"
+        )
+
+
+def _fit_views(
+    cameras: Sequence[Camera], outlines: Outlines, step: int, config: PersonConfig
+) -> list[list[UprightView]]:
+    """Return what each camera tells of its tilt and height in every `step`-th frame."""
+    views = [
+        fit_upright(c, own[::step], config.upright)
+        for c, own in zip(cameras, outlines, strict=True)
+    ]
+    if any(own is None for own in views):
+        unseen = [c.name for c, own in zip(cameras, views, strict=True) if own is None]
+        raise InputError(f"{join_names(unseen)}: the person is seldom seen wholly; {FILM}")
+    return [own for own in views if own is not None]
