@@ -213,7 +213,7 @@ def adjust_farther(start: Adjusted, points: PersonPoints) -> Adjusted:
 
 
 def settle(start: Adjusted, points: PersonPoints) -> Adjusted:
-    """Adjust a rig to all frontier points, matched anew in every pass, until it stays."""
+    """Adjust a rig to all frontier points, matched again in every pass, until it stays."""
     config, found = points.config, start
     for _ in range(config.last):
         near = _adjust_to(config.near_gates, found, points)

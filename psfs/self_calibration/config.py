@@ -263,7 +263,7 @@ class PersonConfig(Config):
     distinct: float = setting(
         1.4,
         "Multiple of the best arrangement's misfit that another one must exceed in some camera.",
-        "by hand: up to 1.0 of a drawn walker on a circle, 1.6 to 1.9 in `synth_walk_4cam` and "
+        "by hand: 0.6 of a drawn walker on a circle, 1.6 to 1.9 in `synth_walk_4cam` and "
         "`synth_walk_8cam`",
         least=1,
     )
