@@ -165,6 +165,7 @@ def distance_launch(
         (count_tiles(defines, (width, height)) * group, views),
         (group, 1),
         picture=(width, height),
+        reach=reach,
         evidence=evidence,
         edges=edges,
         regions=roi,
