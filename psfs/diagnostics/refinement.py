@@ -69,12 +69,15 @@ def correct_camera(camera: Camera, correction: np.ndarray) -> Camera:
 
 #: Find the points of given cameras that agree to a number of pixels.
 Find = Callable[[Sequence[Camera], float], FrontierPoints]
+#: Return the normal matrix (8 V, 8 V) and the gradient (8 V,) of further measurements at given
+#: cameras and offsets (V,) in time, frames.
+Measure = Callable[[Sequence[Camera], np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 class RigFit:
     """Corrections of a rig to outlines [frame][view] in pictures of its size.
 
-    find: finds the points instead, without outlines.
+    find: finds the points instead, without outlines. measure: further measurements.
     """
 
     def __init__(
@@ -83,7 +86,9 @@ class RigFit:
         outlines: Sequence[Sequence[Outline | None]],
         config: AlignmentConfig | None = None,
         find: Find | None = None,
+        measure: Measure | None = None,
     ) -> None:
+        self._measure = measure
         self.rig, self.config = rig, config or AlignmentConfig()
         contours = [SilhouetteContours([row[v] for row in outlines]) for v in range(len(rig))]
         self.scene = scene = intersect_axes_ahead(rig)
@@ -142,7 +147,8 @@ class RigFit:
         long as the times are not yet known: `late` rounds before the last.
         """
         config, n = self.config, values.size
-        residuals, slopes = epipolar_residuals(self._correct(values), points, values[:, 7])
+        cameras = self._correct(values)
+        residuals, slopes = epipolar_residuals(cameras, points, values[:, 7])
         by_camera = np.zeros((len(residuals), len(values), N_PARAMETERS))
         rows = np.arange(len(residuals))
         for side in range(2):
@@ -158,6 +164,9 @@ class RigFit:
         normal += self._held.T @ self._held
         gradient = jacobian.T @ (weights * residuals) + values.ravel() / sigmas**2
         gradient += self._held.T @ (self._held @ values.ravel())
+        if self._measure is not None:
+            further, pull = self._measure(cameras, values[:, 7])
+            normal, gradient = normal + further, gradient + pull
         covariance = np.linalg.inv(normal)
         return -(covariance @ gradient).reshape(values.shape), covariance, residuals
 
