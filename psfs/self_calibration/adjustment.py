@@ -292,8 +292,12 @@ def _adjust(
             assert head is not None
             return head(cameras, shifts - offsets)
 
-        further = None if head is None else measure
-        fit = RigFit(rig, [], config.replace(gate=gate), search, further)
+        def group(points: FrontierPoints, shifts: np.ndarray = shifts) -> np.ndarray:
+            assert head is not None
+            return head.group(points, shifts)
+
+        more = (None, None) if head is None else (measure, group)
+        fit = RigFit(rig, [], config.replace(gate=gate), search, *more)
         start = np.zeros((len(rig), 8))
         start[:, 7] = shifts - lags
         # Cameras without common points have no variances; they are refused later.

@@ -134,7 +134,8 @@ class HeadConfig(Config):
     noise: float = positive(0.25, "Least standard deviation of a middle.", unit="px")
     along: float = positive(4.0, "Multiple of it along the head.")
     information: float = positive(
-        0.01, "Independent measurements per middle; with 0.02 `synth_box_4cam` diverges."
+        0.02,
+        "Independent measurements per middle; of 0.04 and 0.02 four cameras of a boxer diverge.",
     )
     farthest: float = positive(
         0.0175, "Turn of a camera by the middles from which on they are not used.", unit="rad"

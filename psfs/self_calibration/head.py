@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from psfs.cameras.camera import Camera
-from psfs.diagnostics.frontier import SilhouetteContours
+from psfs.diagnostics.frontier import FrontierPoints, SilhouetteContours
 from psfs.diagnostics.refinement import N_PARAMETERS
 from psfs.self_calibration.config import HeadConfig
 
@@ -44,7 +44,7 @@ class HeadSections:
         self, cameras: Sequence[Camera], lags: np.ndarray, contours: Sequence[SilhouetteContours],
         up: np.ndarray, config: HeadConfig,
     ) -> None:  # fmt: skip
-        self.config = config
+        self.config, self._up = config, up
         rays = [c.rays(own.points) for c, own in zip(cameras, contours, strict=True)]
         tops = [_find_tops(own, of, up) for own, of in zip(contours, rays, strict=True)]
         self._times = np.arange(
@@ -57,13 +57,43 @@ class HeadSections:
             known = (frames >= 0) & (frames < len(top))
             seen[known, view] = top[frames[known]]
         places = _intersect(seen, np.stack([camera.centre for camera in cameras]))
+        self._waists = [_find_waists(own) for own in contours]
         self._middles = []
         for view, camera in enumerate(cameras):
             at = np.round(np.arange(len(tops[view])) - lags[view]).astype(int) - self._times[0]
             depths = (places[at] - camera.centre) @ camera.R[2]
             self._middles.append(
-                _measure_middles(camera, contours[view], rays[view], tops[view], depths, up, config)
+                self._measure_middles(camera, contours[view], rays[view], tops[view], depths)
             )
+
+    def _measure_middles(
+        self, camera: Camera, contours: SilhouetteContours, rays: np.ndarray, tops: np.ndarray,
+        depths: np.ndarray,
+    ) -> _Middles:  # fmt: skip
+        """Return the head's middles below the rays to its tops (F, 3) at depths (F,) m."""
+        focal, count = camera.K[0, 0], len(tops)
+        local, vertical = tops @ camera.R.T, camera.R @ self._up
+        top = focal * local[:, :2] / local[:, 2:]
+        upward = vertical[:2] - top / focal * vertical[2]
+        upward /= np.linalg.norm(upward, axis=1, keepdims=True)
+        across = np.stack([-upward[:, 1], upward[:, 0]], -1)
+        own, frames = rays @ camera.R.T, contours.frames
+        away = focal * own[:, :2] / own[:, 2:] - top[frames]
+        down, aside = -(away * upward[frames]).sum(axis=1), (away * across[frames]).sum(axis=1)
+        places = np.full((count, len(self.config.below), 2), np.nan)
+        sound = np.isfinite(depths)
+        for number, below in enumerate(self.config.below):
+            wanted = focal * below / depths
+            near = np.abs(down - wanted[frames]) < self.config.band
+            edges = _measure_edges(frames[near], aside[near], contours.at_border[near] > 0, count)
+            width = (edges[:, 1] - edges[:, 0]) * depths / focal
+            # Where an arm or the shoulders join the head, what is below does not count.
+            narrow, wide = width <= self.config.narrowest, width >= self.config.widest
+            sound &= ~(narrow | wide)
+            middle = edges.mean(axis=1)[:, None]
+            places[:, number] = top - wanted[:, None] * upward + middle * across
+            places[~(sound & np.isfinite(width)), number] = np.nan
+        return _Middles(places, across)
 
     def __call__(
         self, cameras: Sequence[Camera], lags: np.ndarray
@@ -92,6 +122,18 @@ class HeadSections:
         moved = np.einsum("nki,nk->ni", points, values).reshape(-1)
         normal = flat.T @ flat - mixed.transpose(0, 2, 1).reshape(-1, size).T @ solved
         return normal, flat.T @ values.ravel() - solved.T @ moved
+
+    def group(self, points: FrontierPoints, shifts: np.ndarray) -> np.ndarray:
+        """Return numbers (M,) of frontier points of shifted frames: apart by pair of cameras, and
+        the person's upper and lower half, for shadows of the floor spoil the feet."""
+        first, second = points.views.T
+        low = np.zeros(len(points), int)
+        for view, waists in enumerate(self._waists):
+            mine = first == view
+            heights = waists[points.frames[mine] + int(shifts[view])]
+            low[mine] = points.pixels[mine, 0, 1] > heights
+        numbers: np.ndarray = 2 * (first * len(self._waists) + second) + low
+        return numbers
 
     def _interpolate(
         self, lags: np.ndarray
@@ -168,6 +210,15 @@ def _find_tops(contours: SilhouetteContours, rays: np.ndarray, up: np.ndarray) -
     return tops
 
 
+def _find_waists(contours: SilhouetteContours) -> np.ndarray:
+    """Return the rows (F,) px halfway between top and bottom of the contours."""
+    low, high = np.full((2, int(contours.frames.max(initial=-1)) + 1), np.nan)
+    np.fmin.at(low, contours.frames, contours.points[:, 1])
+    np.fmax.at(high, contours.frames, contours.points[:, 1])
+    waists: np.ndarray = 0.5 * (low + high)
+    return waists
+
+
 def _intersect(rays: np.ndarray, centres: np.ndarray) -> np.ndarray:
     """Return the places (N, 3) nearest to the known ones of the rays (N, V, 3); NaN for one."""
     rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
@@ -178,34 +229,6 @@ def _intersect(rays: np.ndarray, centres: np.ndarray) -> np.ndarray:
     pulls = np.einsum("nvij,vj->ni", across, centres)
     found = np.linalg.solve(across.sum(axis=1) + 1e-9 * np.eye(3), pulls[..., None])[..., 0]
     return np.where(known.sum(axis=1)[:, None] >= 2, found, np.nan)
-
-
-def _measure_middles(
-    camera: Camera, contours: SilhouetteContours, rays: np.ndarray, tops: np.ndarray,
-    depths: np.ndarray, up: np.ndarray, config: HeadConfig,
-) -> _Middles:  # fmt: skip
-    """Return the head's middles below the rays to its tops (F, 3) at depths (F,) m."""
-    focal, count = camera.K[0, 0], len(tops)
-    local, vertical = tops @ camera.R.T, camera.R @ up
-    top = focal * local[:, :2] / local[:, 2:]
-    upward = vertical[:2] - top / focal * vertical[2]
-    upward /= np.linalg.norm(upward, axis=1, keepdims=True)
-    across = np.stack([-upward[:, 1], upward[:, 0]], -1)
-    own, frames = rays @ camera.R.T, contours.frames
-    away = focal * own[:, :2] / own[:, 2:] - top[frames]
-    down, aside = -(away * upward[frames]).sum(axis=1), (away * across[frames]).sum(axis=1)
-    places = np.full((count, len(config.below), 2), np.nan)
-    sound = np.isfinite(depths)
-    for number, below in enumerate(config.below):
-        wanted = focal * below / depths
-        near = np.abs(down - wanted[frames]) < config.band
-        edges = _measure_edges(frames[near], aside[near], contours.at_border[near] > 0, count)
-        width = (edges[:, 1] - edges[:, 0]) * depths / focal
-        # Where an arm or the shoulders join the head, what is below does not count.
-        sound &= ~(np.isfinite(width) & ~((width > config.narrowest) & (width < config.widest)))
-        places[:, number] = top - wanted[:, None] * upward + edges.mean(axis=1)[:, None] * across
-        places[~(sound & np.isfinite(width)), number] = np.nan
-    return _Middles(places, across)
 
 
 def _measure_edges(
