@@ -11,7 +11,13 @@ from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.self_calibration import calibrator
 from psfs.self_calibration.addition import CameraAddition, choose_core
-from psfs.self_calibration.adjustment import Adjusted, PersonPoints, summarise_pairs
+from psfs.self_calibration.adjustment import (
+    Adjusted,
+    PersonPoints,
+    measure_turn,
+    settle,
+    summarise_pairs,
+)
 from psfs.self_calibration.calibrator import adjust_calibration, calibrate_by_person
 from psfs.self_calibration.config import (
     AdjustmentConfig,
@@ -31,7 +37,7 @@ CONFIG = PersonConfig(
     growth=GrowthConfig(
         angles=12, elevations=(0.05, 0.25), tried=6, kept=(4, 3, 2), places=4, grown=1,
     ),
-    adjustment=AdjustmentConfig(passes=1),
+    adjustment=AdjustmentConfig(passes=1, last=2),
 )  # fmt: skip
 
 
@@ -172,6 +178,37 @@ def test_somebody_on_a_circle_is_refused():
         calibrator.check_unambiguous(ranked[0][1], ranked, points, CONFIG)
     ranked[1] = (0.15, ranked[1][1])
     calibrator.check_unambiguous(ranked[0][1], ranked, points, CONFIG)
+
+
+def test_another_place_of_one_camera_is_compared_by_that_camera(monkeypatch):
+    """The worst camera of both arrangements, the last one, stands the same in both."""
+    rig = CameraRig(tuple(CAMERAS))
+    best, rival = (Adjusted(rig, np.array([0.0, 0, late, 0]), None) for late in (0, 60))
+    misfits = {0: [0.3, 0.3, 0.3, 0.7], 60: [0.3, 0.4, 0.6, 0.65]}
+    monkeypatch.setattr(calibrator, "adjust_frontier", lambda *_: rival)
+    monkeypatch.setattr(calibrator, "measure_pairs", lambda of, _: misfits[int(of.lags[2])])
+    monkeypatch.setattr(calibrator, "summarise_pairs", np.array)
+    calibrator.check_unambiguous(best, [(0.1, best), (0.11, rival)], None, CONFIG)
+    misfits[60][2] = 0.4
+    with pytest.raises(InputError, match=r"to 0\.70 and 0\.65 px: times differ by up to 60 frames"):
+        calibrator.check_unambiguous(best, [(0.1, best), (0.11, rival)], None, CONFIG)
+
+
+def test_a_rig_is_adjusted_until_it_stays():
+    """One camera is turned by a degree."""
+    config = CONFIG.adjustment.replace(last=1)
+    points = PersonPoints(CAMERAS, [own[:50] for own in outlines()], config)
+    turned = replace(CAMERAS[1], R=cv2.Rodrigues(np.array([0, 0.0175, 0]))[0] @ CAMERAS[1].R)
+    turned = replace(turned, t=-turned.R @ CAMERAS[1].centre)
+    found = Adjusted(CameraRig((CAMERAS[0], turned, *CAMERAS[2:])), np.array(LAGS, float), None)
+    once = settle(found, points)
+    points.config = config.replace(last=8)
+    last = settle(found, points)
+    before, first, settled = (measure_turn(own.rig.cameras, CAMERAS) for own in (found, once, last))
+    assert first < 0.4 * before
+    assert settled < 0.85 * first
+    again = settle(last, points)
+    assert measure_turn(again.rig.cameras, last.rig.cameras) < 2 * config.settled
 
 
 def test_a_given_start_is_adjusted_in_its_own_world():
