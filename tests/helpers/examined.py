@@ -64,6 +64,7 @@ def footage_key(session: Session) -> tuple[Hashable, ...]:
     for path in sorted(path for path in sequence.folder.rglob("*") if path.is_file()):
         digest.update(str(path.relative_to(sequence.folder)).encode() + path.read_bytes())
     for camera in sequence.rig:
+        digest.update(repr((camera.size, camera.kappa)).encode())
         for array in (camera.K, camera.distortion, camera.R, camera.t, camera.hidden):
             digest.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
     stated = repr(sequence.settings), repr(session.settings)
