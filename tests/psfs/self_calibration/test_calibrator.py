@@ -84,12 +84,13 @@ def capsules(time):
 def draw(camera, time):
     """The silhouette (h, w) bool: discs along every capsule."""
     ends, radii = capsules(time)
+    shares = np.linspace(0, 1, 25)[:, None, None]
+    points = ends[:, 0] + shares * (ends[:, 1] - ends[:, 0])
+    pixels, depth = camera.project(points.reshape(-1, 3))
+    sizes = camera.K[0, 0] * np.tile(radii, len(points)) / depth
     mask = np.zeros(camera.size[::-1], np.uint8)
-    for share in np.linspace(0, 1, 25):
-        pixels, depth = camera.project(ends[:, 0] + share * (ends[:, 1] - ends[:, 0]))
-        for (x, y), size in zip(pixels, camera.K[0, 0] * radii / depth, strict=True):
-            centre = round(16 * x), round(16 * y)
-            cv2.circle(mask, centre, round(16 * size), 1, cv2.FILLED, cv2.LINE_8, 4)
+    for (x, y), size in zip(np.rint(16 * pixels).astype(int), sizes, strict=True):
+        cv2.circle(mask, (x, y), round(16 * size), 1, cv2.FILLED, cv2.LINE_8, 4)
     return mask > 0
 
 
@@ -139,7 +140,8 @@ def test_the_rig_is_grown_camera_by_camera_if_no_arrangement_fits(monkeypatch):
     wrong = CameraRig((CAMERAS[0], CAMERAS[2], CAMERAS[1], CAMERAS[3]))
     start = [(wrong, np.array(LAGS) + np.array([0.0, 1, -1, 1]))]
     monkeypatch.setattr(calibrator, "_search", lambda *_: start)
-    found = calibrate_by_person(uncalibrated(), outlines(), RATE, CONFIG)
+    few = CONFIG.replace(growth=CONFIG.growth.replace(tried=4, kept=(3, 2, 1)))
+    found = calibrate_by_person(uncalibrated(), [own[:80] for own in outlines()], RATE, few)
     np.testing.assert_allclose(found.lags, LAGS, atol=0.05)
     for camera, true in zip(found.rig, CAMERAS, strict=True):
         turn = camera.R @ found.rig[0].R.T @ CAMERAS[0].R @ true.R.T
@@ -244,10 +246,12 @@ def test_two_cameras_are_refused():
 
 
 def test_unrelated_films_are_refused():
-    """Of one camera the film runs backwards."""
-    own = [*outlines()[:3], outlines()[3][::-1]]
-    with pytest.raises(InputError, match="film one person"):
-        calibrate_by_person(uncalibrated(), own, RATE, CONFIG)
+    """Of one camera of three the film runs backwards."""
+    own = [*outlines()[:2], outlines()[3][::-1]]
+    cameras = [*uncalibrated()[:2], uncalibrated()[3]]
+    growth = CONFIG.growth.replace(tried=2, kept=(2, 1), places=2)
+    with pytest.raises(InputError, match=r"those of d and .* film one person"):
+        calibrate_by_person(cameras, own, RATE, CONFIG.replace(candidates=3, growth=growth))
 
 
 def test_a_camera_that_shares_nothing_is_refused(monkeypatch):
