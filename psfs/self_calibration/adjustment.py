@@ -286,17 +286,7 @@ def _adjust(
         ) -> FrontierPoints:
             return find(cameras, shifts, gate)
 
-        def measure(
-            cameras: Sequence[Camera], offsets: np.ndarray, shifts: np.ndarray = shifts
-        ) -> tuple[np.ndarray, np.ndarray]:
-            assert head is not None
-            return head(cameras, shifts - offsets)
-
-        def group(points: FrontierPoints, shifts: np.ndarray = shifts) -> np.ndarray:
-            assert head is not None
-            return head.group(points, shifts)
-
-        more = (None, None) if head is None else (measure, group)
+        more = (None, None) if head is None else head.bind(shifts)
         fit = RigFit(rig, [], config.replace(gate=gate), search, *more)
         start = np.zeros((len(rig), 8))
         start[:, 7] = shifts - lags

@@ -8,14 +8,14 @@ are points common to all cameras; their places are eliminated from the normal eq
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from psfs.cameras.camera import Camera
 from psfs.diagnostics.frontier import FrontierPoints, SilhouetteContours
-from psfs.diagnostics.refinement import N_PARAMETERS
+from psfs.diagnostics.refinement import N_PARAMETERS, Measure
 from psfs.self_calibration.config import HeadConfig
 
 #: Widths of Geman & McClure's weights, in standard deviations of the residuals.
@@ -122,6 +122,13 @@ class HeadSections:
         moved = np.einsum("nki,nk->ni", points, values).reshape(-1)
         normal = flat.T @ flat - mixed.transpose(0, 2, 1).reshape(-1, size).T @ solved
         return normal, flat.T @ values.ravel() - solved.T @ moved
+
+    def bind(self, shifts: np.ndarray) -> tuple[Measure, Callable[[FrontierPoints], np.ndarray]]:
+        """Return the measurements and groups of frontier points in shifted frames, for `RigFit`."""
+        return (
+            lambda cameras, offsets: self(cameras, shifts - offsets),
+            lambda points: self.group(points, shifts),
+        )
 
     def group(self, points: FrontierPoints, shifts: np.ndarray) -> np.ndarray:
         """Return numbers (M,) of frontier points of shifted frames: apart by pair of cameras, and

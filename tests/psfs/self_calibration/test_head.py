@@ -6,10 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from psfs.cameras.camera import Camera
+from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.frontier import SilhouetteContours
 from psfs.diagnostics.small_views import Outline
-from psfs.self_calibration.config import HeadConfig
+from psfs.self_calibration import adjustment
+from psfs.self_calibration.adjustment import Adjusted, PersonPoints
+from psfs.self_calibration.config import AdjustmentConfig, HeadConfig
 from psfs.self_calibration.head import HeadSections
 
 UP, FRAMES = np.array([0, 0, 1.0]), 20
@@ -92,3 +94,15 @@ def test_shoulders_are_no_head():
     normal, gradient = head(CAMERAS, LAGS)
     assert not normal.any()
     assert not gradient.any()
+
+
+@pytest.mark.parametrize(("degrees", "used"), [(0.5, True), (2.0, False)])
+def test_a_pass_that_turns_a_camera_far_is_undone(monkeypatch, degrees, used):
+    near = Adjusted(CameraRig(tuple(CAMERAS)), LAGS, None)
+    turned = turn(CAMERAS[2], [0, np.radians(degrees), 0])
+    moved = Adjusted(CameraRig((*CAMERAS[:2], turned, CAMERAS[3])), LAGS, None)
+    monkeypatch.setattr(
+        adjustment, "settle", lambda start, points, ups=None: near if ups is None else moved
+    )
+    points = PersonPoints(CAMERAS, [[None]] * 4, AdjustmentConfig())
+    assert adjustment.settle_by_head(near, points, [UP] * 4) is (moved if used else near)
