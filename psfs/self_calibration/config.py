@@ -138,7 +138,7 @@ class HeadConfig(Config):
         "Independent measurements per middle; of 0.04 and 0.02 four cameras of a boxer diverge.",
     )
     farthest: float = positive(
-        0.0175, "Turn of a camera by the middles from which on they are not used.", unit="rad"
+        0.026, "Turn of a camera by the middles from which on they are not used.", unit="rad"
     )
 
 
