@@ -88,10 +88,24 @@ def test_a_rig_that_is_off_is_corrected_and_its_times_found(
     # What is left is a motion of the whole scene, which silhouettes cannot tell.
     assert pixels_apart(found.rig, EXACT) < 0.5 * pixels_apart(rig, EXACT)
     assert found.after < 0.4 * found.before
-    np.testing.assert_allclose(found.corrections.offsets, OFFSETS - OFFSETS.mean(), atol=0.12)
+    np.testing.assert_allclose(found.corrections.offsets, OFFSETS - OFFSETS.mean(), atol=0.025)
     away = (found.corrections.offsets - OFFSETS + OFFSETS.mean()) / found.corrections.sigmas[:, 7]
     assert np.abs(away).max() < 4
     assert "the calibration is off by" in str(found)
+
+
+def test_tips_are_matched_at_the_nominal_time(outlines: list[list[Outline | None]]) -> None:
+    fit = RigFit(EXACT, outlines)
+    known = np.zeros((len(EXACT), 8))
+    known[:, 7] = OFFSETS
+    first, second = (fit._find(of, 1.0, None) for of in (np.zeros_like(known), known))
+    assert len(second) > 1.15 * len(first)  # fast tips are beyond the gate otherwise
+    assert np.abs(second.rates).mean() > 1.5 * np.abs(first.rates).mean()
+
+
+def test_fast_tips_count_more() -> None:
+    information = RigFit(EXACT, [[None] * len(EXACT)])._measure_information(np.array([0.0, 1, 99]))
+    np.testing.assert_allclose(information, [0.1, 0.55, 0.991])
 
 
 def test_small_pictures_tell_the_large_rig() -> None:
