@@ -91,6 +91,12 @@ class AlignmentConfig(Config):
         "with 1 half as many tips count, and few fast ones",
         "px/frame",
     )
+    judged_bend: float = positive(
+        1.0,
+        "The same of the tips by which a correction is judged.",
+        "with 2 that of `hard_skirt_4cam`, spoilt, every second frame, is rejected",
+        "px/frame",
+    )
     information: float = setting(
         0.1,
         "Number of independent measurements per measurement of a tip that rests; below 1, because "

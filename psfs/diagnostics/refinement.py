@@ -67,9 +67,9 @@ def correct_camera(camera: Camera, correction: np.ndarray) -> Camera:
     return replace(camera, K=K, R=R, t=-R @ (camera.centre + correction[3:6]))
 
 
-#: Find the points of given cameras that agree to a number of pixels. The last argument: (V,) frames
-#: by which each camera takes its pictures late.
-Find = Callable[[Sequence[Camera], float, np.ndarray], FrontierPoints]
+#: Find the points of given cameras that agree to a number of pixels, of tips whose speed changes by
+#: less than another; the last argument: (V,) frames by which each camera takes its pictures late.
+Find = Callable[[Sequence[Camera], float, float, np.ndarray], FrontierPoints]
 
 
 class RigFit:
@@ -89,8 +89,8 @@ class RigFit:
         contours = [SilhouetteContours([row[v] for row in outlines]) for v in range(len(rig))]
         self.scene = scene = intersect_axes_ahead(rig)
         self._search = find or (
-            lambda rig, gate, late: find_frontier_points(
-                rig, contours, scene, gate, self.config.bend, late
+            lambda rig, gate, bend, late: find_frontier_points(
+                rig, contours, scene, gate, bend, late
             )
         )
         self._held = self.scene_moves() / _HELD
@@ -98,7 +98,7 @@ class RigFit:
     def measure(self, values: np.ndarray, frames: np.ndarray | None = None) -> float:
         """Return the median residual, px, under corrections (V, 8); NaN without points."""
         cameras = self._correct(values)
-        points = self._find(values, self.config.gate, frames)
+        points = self._find(values, self.config.gate, self.config.judged_bend, frames)
         if not len(points):
             return float("nan")
         return float(np.median(np.abs(epipolar_residuals(cameras, points, values[:, 7])[0])))
@@ -115,7 +115,7 @@ class RigFit:
         config, rounds = self.config, rounds or self.config.n_rounds
         for number in range(rounds):
             late = rounds - 1 - number
-            points = self._find(values, config.gate * 2.0 ** min(late, 2), frames)
+            points = self._find(values, config.gate * 2.0 ** min(late, 2), config.bend, frames)
             if len(points) < config.least_rows * values.size:
                 return None
             for _ in range(config.n_steps):
@@ -127,8 +127,10 @@ class RigFit:
     def _correct(self, values: np.ndarray) -> list[Camera]:
         return [correct_camera(camera, own) for camera, own in zip(self.rig, values, strict=True)]
 
-    def _find(self, values: np.ndarray, gate: float, frames: np.ndarray | None) -> FrontierPoints:
-        points = self._search(self._correct(values), gate, values[:, 7])
+    def _find(
+        self, values: np.ndarray, gate: float, bend: float, frames: np.ndarray | None
+    ) -> FrontierPoints:
+        points = self._search(self._correct(values), gate, bend, values[:, 7])
         if frames is None:
             return points
         kept = frames[points.frames]

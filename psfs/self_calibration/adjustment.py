@@ -242,7 +242,7 @@ def _adjust(
         shifts = np.round(lags).astype(int)
 
         def search(
-            cameras: Sequence[Camera], gate: float, _: np.ndarray, shifts: np.ndarray = shifts
+            cameras: Sequence[Camera], gate: float, *_: object, shifts: np.ndarray = shifts
         ) -> FrontierPoints:
             return find(cameras, shifts, gate)
 

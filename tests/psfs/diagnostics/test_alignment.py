@@ -10,9 +10,15 @@ import pytest
 from helpers import scenes
 
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.alignment import estimate_alignment, mark_hidden_points
 from psfs.diagnostics.config import AlignmentConfig
-from psfs.diagnostics.frontier import FrontierPoints, epipolar_residuals
+from psfs.diagnostics.frontier import (
+    FrontierPoints,
+    SilhouetteContours,
+    epipolar_residuals,
+    find_frontier_points,
+)
 from psfs.diagnostics.refinement import RigFit, correct_camera
 from psfs.diagnostics.small_views import Outline, extract_outline
 
@@ -95,17 +101,14 @@ def test_a_rig_that_is_off_is_corrected_and_its_times_found(
 
 
 def test_tips_are_matched_at_the_nominal_time(outlines: list[list[Outline | None]]) -> None:
-    fit = RigFit(EXACT, outlines)
-    known = np.zeros((len(EXACT), 8))
-    known[:, 7] = OFFSETS
-    first, second = (fit._find(of, 1.0, None) for of in (np.zeros_like(known), known))
-    assert len(second) > 1.15 * len(first)  # fast tips are beyond the gate otherwise
-    assert np.abs(second.rates).mean() > 1.5 * np.abs(first.rates).mean()
-
-
-def test_fast_tips_count_more() -> None:
-    information = RigFit(EXACT, [[None] * len(EXACT)])._measure_information(np.array([0.0, 1, 99]))
-    np.testing.assert_allclose(information, [0.1, 0.55, 0.991])
+    contours = [SilhouetteContours([row[view] for row in outlines]) for view in range(3)]
+    scene = intersect_axes_ahead(EXACT)
+    first, second = (
+        find_frontier_points(list(EXACT)[:3], contours, scene, 1.0, CONFIG.bend, late)
+        for late in (None, OFFSETS[:3])
+    )
+    assert len(second) > 1.1 * len(first)  # fast tips are beyond the gate otherwise
+    assert np.abs(second.rates).mean() > 1.3 * np.abs(first.rates).mean()
 
 
 def test_small_pictures_tell_the_large_rig() -> None:
