@@ -20,7 +20,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 import cv2
 import numpy as np
 import pytest
-from helpers import footage, parity, scenes
+from helpers import examined, footage, parity, scenes
 
 from apf.initialisation.config import (
     AcceptanceConfig,
@@ -101,6 +101,13 @@ def _quick_preview() -> Generator[None, None, None]:
     picture = np.zeros((4, 6, 3), np.uint8)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("psfs.cli.reconstruct.draw_preview", lambda *_: picture)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _examined_once() -> Generator[None, None, None]:
+    """The same footage is examined once, and the body fitted to the same joints once."""
+    with examined.remembered():
         yield
 
 

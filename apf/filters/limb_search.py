@@ -69,10 +69,10 @@ class LimbSearch(Stage):
         self._n_limbs = len(limbs) if is_used else 0
         self._per_run = 1 + 2 * self._n_limbs
         self._group = _GPU_GROUP if device.is_gpu else _CPU_GROUP
-        super().__init__(
-            device, N_DOF=n, N_LIMBS=max(1, self._n_limbs), CANDIDATES=self._per_run,
-            GROUP=self._group,
-        )  # fmt: skip
+        n_limbs = max(1, self._n_limbs)
+        known = {"N_LIMBS": n_limbs, "CANDIDATES": self._per_run} if device.is_gpu else {}
+        super().__init__(device, N_DOF=n, GROUP=self._group, **known)
+        self._sizes = {"n_limbs": n_limbs, "n_candidates": self._per_run}
         seeds = tuple(seeds or [config.search.seed])
         self._n_runs = n_runs = len(seeds)
         n_candidates = n_runs * self._per_run
@@ -146,6 +146,7 @@ class LimbSearch(Stage):
             "propose",
             (self.n_dof, n, self._n_runs),
             (32, 8, 1),
+            n_limbs=self._sizes["n_limbs"],
             n=n,
             n_near=count_near(n),
             layer=self.config.search.n_layers,
@@ -168,6 +169,7 @@ class LimbSearch(Stage):
             "choose",
             (self._group * self._per_run, self._n_runs),
             (self._group, 1),
+            **self._sizes,
             n=self._n_particles,
             n_near=count_near(self._n_particles),
             layer=self.config.search.n_layers + following,
@@ -187,6 +189,7 @@ class LimbSearch(Stage):
             "accept",
             (max(self.n_dof, self.information.shape[1]), self._n_runs),
             (64, 1),
+            **self._sizes,
             margins=(self.config.limb_search.near_margin, self.config.limb_search.far_margin),
             errors=self.errors,
             candidates=self.candidates,

@@ -50,13 +50,11 @@ class Refinement:
         n = body.n_dof
         block = _GPU_BLOCK if device.is_gpu else _CPU_BLOCK
         self._defines = body_defines(body) | pack_defines(device, _GROUP) | {"BLOCK": block}
-        self._defines["VOXEL_FLOATS"] = _VOXEL_FLOATS
+        self._defines |= {"VOXEL_FLOATS": _VOXEL_FLOATS, "CAMERA_FLOATS": CAMERA_FLOATS}
         pack = self._defines["PACK"]
         row = (n // pack + 1) * pack
-        n_voxel_parts = -(-self._n_points // block)
-        self._defines |= {"VOXEL_PARTS": n_voxel_parts, "CAMERA_FLOATS": CAMERA_FLOATS}
         room = observed.room if observed is not None else 0
-        self._n_parts = n_voxel_parts + -(-room // (block // 2))
+        self._n_parts = -(-self._n_points // block) + -(-room // (block // 2))
         self.information = device.zeros((n_poses, n * (n + 1) // 2), np.float32)
         self._body = device.to_device(pack_body(body), "the body model")
         self._check_room(row)

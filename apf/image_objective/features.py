@@ -11,7 +11,8 @@ import numpy as np
 from apf.image_objective.config import FeatureConfig
 from cl import Array, Device, InputError, Launch
 from cl.launch import Kernel
-from cl.workgroups import row_group
+from cl.signature import Argument
+from cl.workgroups import row_group, size_defines
 from psfs.cameras.camera import CameraRig
 from psfs.common.edge_distance import count_tiles, distance_defines
 from psfs.sequence import frame_input
@@ -56,7 +57,8 @@ class Features:
         self._edges = device.empty(shape, np.uint8, "the edges")
         self._pictures: Array | None = None  # what edges are made of beside the silhouette's input
         sizes = device.to_device(np.array([c.size for c in rig], np.int32), "picture sizes")
-        self._where = {"sizes": sizes, "regions": self.roi}
+        self._where: dict[str, Argument] = {"picture": rig.picture, "sizes": sizes}
+        self._where["regions"] = self.roi
         self._evidence = self._silhouette.evidence
         self._launches = [self._region_launch(), *self._edge_launches(), self._distance_launch()]
 
@@ -80,8 +82,9 @@ class Features:
             cells = [-(-size // self.config.cell) for size in (self.rig.height, self.rig.width)]
             found["blobs"] = device.empty((views, *cells), np.int32, "the silhouette's blobs")
             found["pixels"] = device.empty((views, 2, *cells), np.int32, "the blobs' pixels")
-        size = (views * _GROUP,)
-        return device.launch(self._kernel(name), size, (_GROUP,), **self._where, **found)
+        size, margin = (views * _GROUP,), self.config.pixels(self.config.margin, self.rig)
+        where = self._where | {"margin": margin}
+        return device.launch(self._kernel(name), size, (_GROUP,), **where, **found)
 
     def _edge_launches(self) -> list[Launch]:
         """Return the launches that find the edges."""
@@ -89,9 +92,10 @@ class Features:
         found = {"evidence": self._evidence, "edges": self._edges}
         if self.config.edges == "outline":
             return [self._launch("outline_edges", 0, **found)]
+        near = {"dilation": self.config.pixels(self.config.dilation, self.rig)}
         if self.config.edges == "canny":
             self._pictures = device.empty(shape, np.uint8, "the edges")
-            return [self._launch("masked_edges", 0, candidates=self._pictures, **found)]
+            return [self._launch("masked_edges", 0, candidates=self._pictures, **near, **found)]
         images = self._silhouette.input
         if self._background is None:
             images = self._pictures = device.empty((*shape, 3), np.uint8, "the pictures")
@@ -99,10 +103,10 @@ class Features:
             name: device.empty((*shape[:2], self.rig.width + _STRIP), np.int16, "the gradients")
             for name in ("derivatives", "smooth")
         }
-        above_below = 4
+        above_below, threshold2 = 4, min(self.config.squared_threshold, 2**31 - 1)
         return [
             self._launch("gradient_rows", above_below, images=images, **planes),
-            self._launch("gradient_edges", 0, **planes, **found),
+            self._launch("gradient_edges", 0, **planes, **near, **found, threshold2=threshold2),
         ]
 
     def _distance_launch(self) -> Launch:
@@ -111,30 +115,25 @@ class Features:
         found = (self._evidence, self._edges, self.roi, proximity.table(self.rig), self.maps)
         return distance_launch(self.device, *found, metric=proximity.metric)
 
-    def _launch(self, name: str, more_rows: int, /, **arrays: Array) -> Launch:
+    def _launch(self, name: str, more_rows: int, /, **arguments: Argument) -> Launch:
         """Return the launch of a kernel over all pixels, and `more_rows` beside them."""
         strips = name.startswith("gradient")
         width = -(-self.rig.width // _STRIP) if strips else self.rig.width
         size = (width, self.rig.height + more_rows, len(self.rig))
         group = row_group(self.device)
-        return self.device.launch(self._kernel(name), size, group, **self._where, **arrays)
+        return self.device.launch(self._kernel(name), size, group, **self._where, **arguments)
 
     def _kernel(self, name: str) -> Kernel:
-        config, rig = self.config, self.rig
+        config = self.config
         return self.device.kernel(
             "image/features",
             name,
-            WIDTH=rig.width,
-            HEIGHT=rig.height,
+            **size_defines(self.device, self.rig.picture),
             GROUP=_GROUP,
-            PITCH=rig.width + _STRIP,
             STRIP=_STRIP,
-            THRESHOLD2=config.squared_threshold,
             CELL=config.cell,
             BLOBS=config.blobs,
             FILLED=config.cell_pixels,
-            MARGIN=config.pixels(config.margin, rig),
-            DILATION=config.pixels(config.dilation, rig),
         )
 
 
@@ -166,6 +165,7 @@ def distance_launch(
         (count_tiles(defines, (width, height)) * group, views),
         (group, 1),
         picture=(width, height),
+        reach=reach,
         evidence=evidence,
         edges=edges,
         regions=roi,

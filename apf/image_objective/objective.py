@@ -12,7 +12,7 @@ from apf.likelihood.observations import FeatureMaps
 from apf.scene import Scene
 from cl import Array, Launch
 from cl.launch import Kernel
-from cl.workgroups import row_group
+from cl.workgroups import row_group, size_defines
 
 _GROUP = 256
 
@@ -71,6 +71,7 @@ class ImageObjective(Likelihood):
             self._kernel("score_counts"),
             (n,),
             (_GROUP,),
+            kind=OBJECTIVE_KINDS.index(config.kind),
             n_particles=n,
             n_views=len(self.rig),
             weights=weights,
@@ -89,7 +90,7 @@ class ImageObjective(Likelihood):
                 self._kernel("pack_maps"),
                 (pitch, words, views),
                 row_group(self.device),
-                height=self.rig.height,
+                picture=self.rig.picture,
                 pitch=pitch,
                 maps=maps,
                 roi=roi,
@@ -111,7 +112,6 @@ class ImageObjective(Likelihood):
         return self.device.kernel(
             "image/objective",
             name,
-            WIDTH=self.rig.width,
-            KIND=OBJECTIVE_KINDS.index(self.config.kind),
+            **size_defines(self.device, self.rig.picture),
             GROUP=_GROUP,
         )

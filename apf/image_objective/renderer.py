@@ -12,6 +12,7 @@ from apf.body.model import BodyModel, Cone
 from apf.body.posing import CONE_DEFINES, Kinematics
 from apf.scene import Scene
 from cl import Array, InputError, Launch
+from cl.workgroups import size_defines
 from psfs.cameras.camera import CameraRig
 from psfs.common.cones import cone_distances
 
@@ -67,7 +68,7 @@ class Renderer:
             stage,
             "count_pixels",
             N_PARTS=self.n_parts,
-            WIDTH=self.rig.width,
+            **size_defines(self.device, self.rig.picture),
             GROUP=rows,
             PACK=pack,
             **({} if pictures is None else {"DRAW": 1}),
@@ -80,7 +81,7 @@ class Renderer:
             (rows, 1),
             n_particles=self.n_hypotheses,
             **shapes,
-            height=self.rig.height,
+            picture=self.rig.picture,
             pitch=silhouettes.shape[-1],
             roi=roi,
             silhouettes=silhouettes,

@@ -66,6 +66,7 @@ class Adaptation:
                 size,
                 row_group(device),
                 picture=rig.picture,
+                rates=config.rates(),
                 **vars(arrays),
             )
         )
@@ -93,12 +94,11 @@ def _defines(
     device: Device, rig: CameraRig, config: AdaptationConfig, background: BackgroundConfig
 ) -> dict[str, int | float]:
     """Return the definitions of adaptation.cl except the border of its marks."""
-    mean_rate, variance_rate = config.rates()
     return {
         **size_defines(device, rig.picture),
         "CELL": CELL,
         **{"PARTS": _parts(device), "PACK": pixel_pack(device, rig.width)},
-        **{"PERIOD": config.period, "MEAN_RATE": mean_rate, "VARIANCE_RATE": variance_rate},
+        "PERIOD": config.period,
         "NEAREST": float(config.nearest),
         "LEAST_VARIANCE": float(background.sigma_floor**2),
         "WIDTH_GREY": float(background.shadow_width_grey),

@@ -13,6 +13,8 @@ TILE = 32
 _FEW_ROWS = 8
 #: Longest distance, px, whose square, and that of a neighbouring column, fits into two bytes.
 _SHORT = 180
+#: Distances up to here, px, share a CPU's program.
+_SHARED = 64
 #: Bytes that a CPU processes together.
 LOT = 16
 
@@ -20,9 +22,10 @@ LOT = 16
 def distance_defines(device: Device, reach: int) -> dict[str, int]:
     """Return the compile-time definitions of distance.h.
 
-    reach: largest distance, px. Raises InputError if the
-    device's local memory is too small for it.
+    reach: largest distance, px. Raises InputError if the device's local memory is too small for it.
     """
+    known = {"REACH": reach} if device.is_gpu else {}
+    reach = reach if device.is_gpu else max(reach, _SHARED)
     rows = TILE if reach <= _SHORT else _FEW_ROWS
     span = TILE + 2 * reach
     lot = 1 if device.is_gpu else LOT
@@ -35,7 +38,8 @@ def distance_defines(device: Device, reach: int) -> dict[str, int]:
             f"{room} on {device.name}"
         )
     return pack_defines(device, _GROUP) | {
-        "REACH": reach,
+        **known,
+        "MOST_REACH": reach,
         "TILE": TILE,
         "TILE_ROWS": rows,
         "LOT": lot,

@@ -212,6 +212,20 @@ def adjust_farther(start: Adjusted, points: PersonPoints) -> Adjusted:
     return found
 
 
+def settle(start: Adjusted, points: PersonPoints) -> Adjusted:
+    """Adjust a rig to all frontier points, matched again in every pass, until it stays."""
+    config, found = points.config, start
+    for _ in range(config.last):
+        near = _adjust_to(config.near_gates, found, points)
+        if near is None:
+            break
+        turn = measure_turn(found.rig.cameras, near.rig.cameras)
+        found = near
+        if turn < config.settled:
+            break
+    return found
+
+
 def _adjust_to(gates: Sequence[float], start: Adjusted, points: PersonPoints) -> Adjusted | None:
     return _adjust(start.rig, start.lags, points.find_all, points.config.narrow, gates)
 

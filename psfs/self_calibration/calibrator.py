@@ -3,8 +3,9 @@
 Each camera tells its tilt and height, and the person's places, by itself (`upright`); angles and
 lags are searched in tables of all pairs (`pairing`, `bobbing`, `search`); the best arrangements are
 adjusted, and the best of these is adjusted to all frontier points (`adjustment`). If none fits, as
-of somebody who stays in place, the rig is grown camera by camera (`growth`). Of a large rig some
-cameras are found so, and the others are added to these (`addition`).
+of somebody who stays in place, the rig is grown camera by camera (`growth`). The best rig is
+adjusted until it stays. Of a large rig some cameras are found so, and the others are added to these
+(`addition`).
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from psfs.self_calibration.adjustment import (
     measure_misfit,
     measure_pairs,
     measure_turn,
+    settle,
     summarise_pairs,
 )
 from psfs.self_calibration.bobbing import compare_bobbing, refine_lags
@@ -117,7 +119,7 @@ def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted 
         lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
         grown = grow_rigs(take.cameras, lags, take.points, config, track)
         best = _adjust_grown(best, grown, take.points, track)
-    return best
+    return None if best is None else settle(best, take.points)
 
 
 def _add_others(
@@ -198,21 +200,26 @@ def _differ(first: Adjusted, second: Adjusted, step: int, config: PersonConfig) 
 def check_unambiguous(
     best: Adjusted, ranked: list[tuple[float, Adjusted]], points: PersonPoints, config: PersonConfig
 ) -> None:
-    """Raise InputError if another arrangement fits about as well as the best."""
+    """Raise InputError if another arrangement fits every camera about as well as the best.
+
+    Cameras are compared one by one, for most of them may stand the same in both. Misfits below the
+    contours' noise are alike.
+    """
     if len(ranked) < 2 or ranked[1][0] > config.distinct * ranked[0][0]:
         return
     rival = adjust_frontier(ranked[1][1].rig, ranked[1][1].lags, points)
     if rival is None:
         return
-    own, other = (summarise_pairs(measure_pairs(of, points)).max() for of in (best, rival))
-    if other > config.distinct * own:
+    own, other = (summarise_pairs(measure_pairs(of, points)) for of in (best, rival))
+    if (other > config.distinct * np.maximum(own, config.adjustment.narrow.noise)).any():
         return
     late = float(np.abs(rival.lags - best.lags).max())
     turn = np.degrees(measure_turn(best.rig.cameras, rival.rig.cameras))
     raise InputError(
-        f"two arrangements of the cameras fit alike, to {own:.2f} and {other:.2f} px: times "
-        f"differ by up to {late:.0f} frames, directions by {turn:.0f} degrees, as of somebody who "
-        "walks on a circle; film one person who walks straight lines to and fro, turns and stops"
+        f"two arrangements of the cameras fit alike, to {own.max():.2f} and {other.max():.2f} px: "
+        f"times differ by up to {late:.0f} frames, directions by {turn:.0f} degrees, as of "
+        "somebody who walks on a circle; film one person who walks straight lines to and fro, "
+        "turns and stops"
     )
 
 

@@ -153,6 +153,11 @@ class AdjustmentConfig(Config):
         least=1,
     )
     settled: float = positive(0.0003, "Turn below which a rig stays.", _GROWN, "rad")
+    last: int = natural(
+        8,
+        "Most passes with `near_gates` over the rig that was found.",
+        "by hand on `synth_box_4cam` and `synth_salsa_4cam_hd`",
+    )
     wide: AlignmentConfig = part(
         AlignmentConfig,
         "Steps while the arrangement is uncertain; lenses are kept.",
@@ -263,9 +268,9 @@ class PersonConfig(Config):
     )
     distinct: float = setting(
         1.4,
-        "Multiple of the best arrangement's misfit that another one must exceed.",
-        "by hand: 1.0 to 1.1 of somebody on a circle, 1.8 or more in `synth_walk_4cam` and "
-        "`synth_run_6cam`",
+        "Multiple of the best arrangement's misfit that another one must exceed in some camera.",
+        "by hand: 0.6 of a drawn walker on a circle, 1.6 to 1.9 in `synth_walk_4cam` and "
+        "`synth_walk_8cam`",
         least=1,
     )
     worst_pair: float = positive(

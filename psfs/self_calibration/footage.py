@@ -80,13 +80,20 @@ def outline_person(mask: np.ndarray, config: OutlineConfig) -> Outline | None:
     whole = extract_outline(closed > 0)
     if whole is None:
         return None
-    groups = cv2.connectedComponents(cv2.dilate(closed, _disc(config.near * longest)))[1]
-    x, y = whole.contour[0].astype(int)
-    _, labels, facts, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
-    large = np.nonzero(facts[:, cv2.CC_STAT_AREA] >= config.part * whole.area)[0]
-    own = np.isin(labels, large[large > 0]) & (groups == groups[y, x])
-    rows, columns = np.nonzero(own)
-    hull = cv2.convexHull(np.stack([columns, rows], -1).astype(np.int32)).reshape(-1, 2)
+    # Only the pixels that silhouettes reach when they are dilated.
+    near = _disc(config.near * longest)
+    margin = near.shape[0]
+    x, y, width, height = cv2.boundingRect(closed)
+    left, top = max(0, x - margin), max(0, y - margin)
+    box = closed[top : y + height + margin, left : x + width + margin]
+    groups = cv2.connectedComponents(cv2.dilate(box, near))[1]
+    _, labels, facts, _ = cv2.connectedComponentsWithStats(box, connectivity=8)
+    large = facts[:, cv2.CC_STAT_AREA] >= config.part * whole.area
+    large[0] = False
+    x, y = whole.contour[0].astype(int) - (left, top)
+    rows, columns = np.nonzero(large[labels] & (groups == groups[y, x]))
+    pixels = np.stack([left + columns, top + rows], -1).astype(np.int32)
+    hull = cv2.convexHull(pixels).reshape(-1, 2)
     points = hull.astype(float)
     last = np.array(mask.shape[::-1]) - 2
     return replace(

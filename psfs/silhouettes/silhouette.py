@@ -210,12 +210,23 @@ class Silhouette:
         """Return the number of packs of pixels along a row, and the number of rows."""
         return -(-self.rig.width // pixel_pack(self.device, self.rig.width)), self.rig.height
 
-    def _defines(self) -> dict[str, int | float]:
+    def _defines(self, stage: str) -> dict[str, int | float]:
         config = self._config
         floor, evidence, light = config.floor, config.evidence, config.background
+        sizes = size_defines(self.device, self.rig.picture)
+        if stage == "floor_light":
+            return {
+                **sizes,
+                **self.rig.defines,
+                "SHADOW_HIGH": float(light.shadow_high),
+                "FLOOR_LIT": float(floor.lit),
+                "FLOOR_ENOUGH": floor.enough,
+                "FLOOR_LEFT": float(floor.nearest),
+                "CELL": CELL,
+            }
         return {
-            **size_defines(self.device, self.rig.picture),
-            **self.rig.defines,
+            **sizes,
+            "PACK": pixel_pack(self.device, self.rig.width),
             "SHADOW_LOW": float(light.shadow_low),
             "SHADOW_HIGH": float(light.shadow_high),
             "FLOOR_LOW": float(floor.shadow_low),
@@ -223,9 +234,6 @@ class Silhouette:
             "FLOOR_DEPTH": float(floor.shadow_depth**-2),
             "LIT_VARIANCE": float(floor.lit_width**2),
             "FULLY_LIT": float(floor.fully_lit),
-            "FLOOR_LIT": float(floor.lit),
-            "FLOOR_ENOUGH": floor.enough,
-            "FLOOR_LEFT": float(floor.nearest),
             "RIM": int(config.rim.on),
             "RIM_SHARE": float(config.rim.share),
             "RIM_CHROMA": float(config.rim.chroma_noise**-2),
@@ -244,14 +252,9 @@ class Silhouette:
     def _launch(
         self, stage: str, name: str, size: tuple[int, int], /, **arguments: Argument
     ) -> Launch:
-        device, defines = self.device, self._defines()
-        if stage == "silhouette":
-            defines["PACK"] = pixel_pack(device, self.rig.width)
-        kernel = device.kernel(f"reconstruction/{stage}", name, **defines)
-        group = row_group(device)
-        return device.launch(
-            kernel, (*size, len(self.rig)), group, picture=self.rig.picture, **arguments
-        )
+        kernel = self.device.kernel(f"reconstruction/{stage}", name, **self._defines(stage))
+        shape, group = (*size, len(self.rig)), row_group(self.device)
+        return self.device.launch(kernel, shape, group, picture=self.rig.picture, **arguments)
 
 
 def background_planes(background: Background, config: BackgroundConfig) -> np.ndarray:

@@ -18,8 +18,12 @@ from psfs.voxels.grid import VoxelGrid, check_size
 #: Voxels of a brick along x, y, z, and bricks of a coarse brick along the same axes.
 BRICK = (8, 8, 16)
 COARSE_BRICK = (4, 4, 2)
+#: The first of these, for the kernels.
+BRICK_DEFINES: dict[str, Define] = dict(zip(("BX", "BY", "BZ"), BRICK, strict=True))
 #: Edge of a tile, px, on two levels.
 TILE, COARSE_TILE = 8, 32
+#: Cameras for which a CPU's programs have room, or a multiple of this.
+_CAMERAS = 16
 #: Floats per camera in the array of `lens_reach`.
 _REACH_FLOATS = 8
 
@@ -51,19 +55,23 @@ class Bricks:
         views, width, height = len(rig), rig.width, rig.height
         columns, rows = -(-width // COARSE_TILE), -(-height // COARSE_TILE)
         fine = -(-width // TILE) * -(-height // TILE)
+        self.threshold = config.threshold
+        self._cameras: dict[str, Argument] = {
+            "n_cameras": views,
+            "min_cameras": config.seeing_cameras(views),
+        }
+        sizes = size_defines(device, rig.picture, grid.shape)
+        tiles: dict[str, Define] = {"FINE": TILE, "COARSE": COARSE_TILE, "UNKNOWN": UNKNOWN}
         self.defines: dict[str, Define] = {
-            **size_defines(device, rig.picture, grid.shape),
-            "N_CAMERAS": views,
-            "MIN_CAMERAS": config.seeing_cameras(views),
-            "THRESHOLD": float(config.threshold),
+            **sizes,
+            **_camera_defines(device, views),
             "FACES": int(config.smoothing == "faces"),
-            **{"UNKNOWN": UNKNOWN, "BODY": int(body is not None)},
+            "BODY": int(body is not None),
             "FIND_LANES": 32 if device.is_gpu else 1,
-            "TILE_LANES": 16 if device.is_gpu else 1,
             **rig.defines,
             "REACH_FLOATS": _REACH_FLOATS,
-            **{"FINE": TILE, "COARSE": COARSE_TILE},
-            **dict(zip(("BX", "BY", "BZ"), BRICK, strict=True)),
+            **tiles,
+            **BRICK_DEFINES,
             **dict(zip(("CX", "CY", "CZ"), COARSE_BRICK, strict=True)),
         }
         if not rig.distorted:
@@ -77,14 +85,10 @@ class Bricks:
         reach = np.stack([lens_reach(camera) for camera in rig]).astype(np.float32)
         self.reach = device.to_device(reach, "the lenses")
         self.move_to(grid)
-        lanes = int(self.defines["TILE_LANES"])
+        lanes = 16 if device.is_gpu else 1
+        tiles |= {**sizes, "TILE_LANES": lanes}
         self._launch = device.launch(
-            device.kernel(
-                "reconstruction/occupancy",
-                "evidence_tiles",
-                **self.defines,
-                **lane_defines(device, 0),
-            ),
+            device.kernel("reconstruction/tiles", "evidence_tiles", **tiles),
             (columns * rows * lanes, views),
             (lanes, 1),
             picture=self.picture,
@@ -100,6 +104,7 @@ class Bricks:
         return {
             "picture": self.picture,
             "grid": self.shape,
+            **self._cameras,
             "cameras": self.cameras,
             "reach": self.reach,
             "tiles": self.tiles,
@@ -114,6 +119,14 @@ class Bricks:
 
     def __call__(self) -> None:
         self._launch()
+
+
+def _camera_defines(device: Device, n: int) -> dict[str, Define]:
+    """Return the definitions of occupancy.cl for `n` cameras: a GPU's programs know their number, a
+    CPU's have room for as many."""
+    if device.is_gpu:
+        return {"N_CAMERAS": n, "CAMERA_ROOM": n}
+    return {"CAMERA_ROOM": -(-n // _CAMERAS) * _CAMERAS}
 
 
 def lane_defines(device: Device, halo: int) -> dict[str, Define]:

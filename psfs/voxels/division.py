@@ -9,7 +9,7 @@ import numpy as np
 from cl import Array, Device, InputError, Launch
 from cl.parts import Parts
 from cl.signature import Argument
-from cl.workgroups import pack_defines
+from cl.workgroups import pack_defines, size_defines
 from psfs.background.config import UNKNOWN
 from psfs.cameras.camera import CameraRig
 from psfs.voxels.config import DivisionConfig
@@ -83,12 +83,11 @@ class Division:
         maps = Parts(device, n_people, voxels.evidence.shape, np.int8)
         parts = zip(lists.arrays, counts.arrays, maps.arrays, strict=True)
         self.persons = [PersonVoxels(voxels, *part) for part in parts]
-        _, ny, nz = voxels.grid.shape
         lanes = 256 if device.is_gpu else 1
         self._defines: dict[str, int] = {
-            **{"PEOPLE": n_people, "SPHERES": n_spheres, "NY": ny, "NZ": nz, **rig.defines},
-            **{"LANES": lanes, "ROOM": lists.step, "UNKNOWN": UNKNOWN},
-            **{"WIDTH": rig.width, "HEIGHT": rig.height},
+            **{"PEOPLE": n_people, "SPHERES": n_spheres, **rig.defines},
+            **{"LANES": lanes, "UNKNOWN": UNKNOWN},
+            **size_defines(device, rig.picture, voxels.grid.shape),
             **pack_defines(device, 64),
         }
         self._device = device
@@ -96,11 +95,12 @@ class Division:
         listed = {"indices": voxels.surface, "n_surface": voxels.count, "owners": owners}
         self._assign = self._launch(
             "assign_voxels", (65536 if device.is_gpu else 256,), (64 if device.is_gpu else 4,),
-            spheres=self.spheres, geometry=self._geometry(), reach=config.reach**2, **listed,
+            grid=voxels.grid.shape, geometry=self._geometry(), reach=config.reach**2,
+            spheres=self.spheres, **listed,
         )  # fmt: skip
         list_voxels = self._launch(
             "list_voxels", (n_people * lanes,), (lanes,),
-            step=counts.step, lists=lists.whole, counts=counts.whole, **listed,
+            room=lists.step, step=counts.step, lists=lists.whole, counts=counts.whole, **listed,
         )  # fmt: skip
         evidence = self._evidence_launches(rig, voxels.evidence, maps, config)
         self._launches = [self._assign, list_voxels, *evidence]
@@ -124,8 +124,8 @@ class Division:
             ),
             self._launch(
                 "divide_evidence", (packs, len(rig)), (64, 1),
-                beside=config.beside**2, before=config.before, step=maps.step, evidence=evidence,
-                own=maps.whole, **images,
+                picture=rig.picture, beside=config.beside**2, before=config.before, step=maps.step,
+                evidence=evidence, own=maps.whole, **images,
             ),
         ]  # fmt: skip
 

@@ -35,9 +35,6 @@ class ForegroundJoin:
         self._defines = {
             **size_defines(device, rig.picture),
             "MARK": MARK,
-            "SIDES": config.sides,
-            "BELOW": config.below,
-            "LEAST": config.least_pixels,
             "GROUP": _GROUP if device.is_gpu else 1,
         }
         self._silhouette = silhouette.view(np.uint8)
@@ -50,6 +47,8 @@ class ForegroundJoin:
             (group, len(rig)),
             (group, 1),
             picture=self._picture,
+            sides=config.sides,
+            below=config.below,
             silhouette=self._silhouette,
             boxes=self._boxes,
         )
@@ -57,6 +56,7 @@ class ForegroundJoin:
             self._kernel("join_foreground"),
             *self._size(),
             picture=self._picture,
+            least=config.least_pixels,
             boxes=self._boxes,
             bits=self._bits,
             silhouette=self._silhouette,

@@ -75,6 +75,7 @@ class Reprojection:
             (count_tiles(self._defines, self.rig.picture) * group, views),
             (group, 1),
             picture=self.rig.picture,
+            reach=self.radius,
             silhouette=self._silhouette.view(np.uint8),
             sizes=sizes,
             proximity=table,

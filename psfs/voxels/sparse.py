@@ -10,8 +10,15 @@ import numpy as np
 
 from cl import Array
 from cl.signature import Argument
-from cl.workgroups import row_group
-from psfs.voxels.bricks import BRICK, COARSE_BRICK, Bricks, count_bricks, lane_defines
+from cl.workgroups import row_group, size_defines
+from psfs.voxels.bricks import (
+    BRICK,
+    BRICK_DEFINES,
+    COARSE_BRICK,
+    Bricks,
+    count_bricks,
+    lane_defines,
+)
 from psfs.voxels.surface import SurfaceList
 
 log = logging.getLogger(__name__)
@@ -51,30 +58,35 @@ class SparseSurface:
         self._stored: dict[str, Argument] = {"grid": shape, "capacity": self.capacity}
         self._stored |= {"pool": self._pool, "slots": self.slots}
         lanes = lane_defines(device, 1)
-        self._defines = {**bricks.defines, **lanes}
-        find, group = int(self._defines["FIND_LANES"]), int(lanes["LANES"])
+        defines = {**bricks.defines, **lanes}
+        find, group = int(defines["FIND_LANES"]), int(lanes["LANES"])
         coarse = [-(-n // c) for n, c in zip(along, COARSE_BRICK, strict=True)]
         inputs = bricks.inputs | {"bricks": self._listed, "n_active": self.n_active}
         self._find = device.launch(
-            device.kernel("reconstruction/occupancy", "find_bricks", **self._defines),
+            device.kernel("reconstruction/occupancy", "find_bricks", **defines),
             (coarse[2] * find, coarse[1], coarse[0]),
             (find, 1, 1),
             **inputs,
+            threshold=bricks.threshold,
             slots=self.slots,
         )
         groups = min(n_bricks, 16 * device.info.compute_units if device.is_gpu else 64)
         self._launch = device.launch(
-            device.kernel("reconstruction/occupancy", "sparse_occupancy", **self._defines),
+            device.kernel("reconstruction/occupancy", "sparse_occupancy", **defines),
             (groups * group,),
             (group,),
             **inputs,
+            threshold=bricks.threshold,
             evidence=bricks.evidence,
             capacity=self.capacity,
             pool=self._pool,
             bits=self._bits,
         )
-
-        self._gather = device.kernel("reconstruction/occupancy", "sparse_gather", **self._defines)
+        sizes = size_defines(device, grid=shape)
+        self._gather, self._spread = (
+            device.kernel("reconstruction/pool", name, **BRICK_DEFINES, **sizes)
+            for name in ("sparse_gather", "spread")
+        )
 
     def __call__(self) -> None:
         self._bits.fill(0)
@@ -87,7 +99,8 @@ class SparseSurface:
         """Download the probabilities (count,) float32 of the surface voxels. Where memory did not
         suffice, they are the threshold, with a warning."""
         self._warn_of_room()
-        return self.list.gather(count, self._gather, **self._stored)
+        threshold = self._bricks.threshold
+        return self.list.gather(count, self._gather, threshold=threshold, **self._stored)
 
     @property
     def probability(self) -> Array:
@@ -100,7 +113,7 @@ class SparseSurface:
         device, (nx, ny, nz) = self._bricks.device, self._bricks.shape
         probability = device.empty((nx, ny, nz), np.float32, "the whole grid's probability")
         device.launch(
-            device.kernel("reconstruction/occupancy", "spread", **self._defines),
+            self._spread,
             (nz, ny, nx),
             row_group(device),
             **self._stored,

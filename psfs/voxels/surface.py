@@ -46,7 +46,7 @@ class SurfaceList:
         defines = {
             "LANES": lanes,
             "CLOSED": int(closed),
-            "FACES": 0,
+            "FACES": 1,  # of no use here; as by default, so that one program does
             **size_defines(device, grid=shape),
         }
         listed = {"n_surface": self.count, "n_occupied": self.occupied, "found": self._found}
@@ -111,7 +111,8 @@ class Surface:
         self.probability = device.empty(shape, np.float32, f"a grid of {size:,} voxels")
         bits = device.empty((nx, ny, words), np.uint16, f"a grid of {size:,} voxels")
         self.list = SurfaceList(device, shape, bits, config.closed_surface)
-        defines = {"LANES": 1, "CLOSED": 0, "FACES": int(config.smoothing == "faces")}
+        closed, faces = int(config.closed_surface), int(config.smoothing == "faces")
+        defines = {"LANES": 1, "CLOSED": closed, "FACES": faces}
         defines |= size_defines(device, grid=shape)
         row, word = row_group(device), (64,)
         smooth, threshold_, self._gather = (

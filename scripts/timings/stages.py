@@ -28,6 +28,8 @@ STAGES = tuple(stage for stages in PARTS.values() for stage in stages)
 _OF_FILE = {
     "floor_light": "silhouette",
     "light": "silhouette",
+    "tiles": "occupancy",
+    "pool": "occupancy",
     "appearance": "learning",
     "adaptation": "learning",
     "silhouette_recall": "likelihood",

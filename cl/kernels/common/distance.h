@@ -2,12 +2,15 @@
 // the columns, up and down, then the least of gap^2 + dx^2 along the rows. Counterpart:
 // psfs/common/edge_distance.py; twin: psfs/reference/edge_distance.py.
 // Where CHESSBOARD is defined as 1, instead the chessboard distance, the greater of |dx| and |dy|.
-// Defines: REACH, px, beyond which all distances are as one; TILE columns and
-// TILE_ROWS rows of a tile; LOT, 1 or 16; GROUP. What includes this says where edges are, by a type
-// `edge_source` and the function `edges_of`.
-#if !defined(GROUP) || !defined(LOT) || !defined(REACH) || !defined(TILE) || \
+// Defines: MOST_REACH; TILE columns and TILE_ROWS rows of a tile; LOT, 1 or 16; GROUP. REACH, px,
+// beyond which all distances are as one, is an argument, for GPUs a define as well, see sizes.h.
+// What includes this says where edges are, by a type `edge_source` and the function `edges_of`.
+#if !defined(GROUP) || !defined(LOT) || !defined(MOST_REACH) || !defined(TILE) || \
     !defined(TILE_ROWS)
-#error "common/distance.h needs GROUP, LOT, REACH, TILE and TILE_ROWS"
+#error "common/distance.h needs GROUP, LOT, MOST_REACH, TILE and TILE_ROWS"
+#endif
+#ifndef REACH
+#define REACH reach
 #endif
 #include "common/inlined.h"
 
@@ -17,8 +20,9 @@
 #else
 #define JOINED(a, b) ((a) + (b))
 #endif
-// Columns that a tile's pixels can see.
+// Columns that a tile's pixels can see, and room for them.
 #define SPAN (TILE + 2 * REACH)
+#define ROOM (TILE + 2 * MOST_REACH)
 // Rows that are looked at together, so that their pixels come together.
 #define STRIP 8
 #if TILE_ROWS % STRIP != 0
@@ -43,7 +47,7 @@ typedef LOT_OF(uchar) bytes;
 typedef LOT_OF(uchar) bytes_of_lot __attribute__((aligned(1)));
 #define MAP_BYTES(place) (*(__global const bytes_of_lot *)(place))
 
-#if REACH <= 180 // (REACH + 1)^2 + REACH^2 fits into 16 bits
+#if MOST_REACH <= 180 // (REACH + 1)^2 + REACH^2 fits into 16 bits
 typedef uchar gap_type;
 typedef ushort square_type;
 typedef LOT_OF(uchar) gaps;
@@ -51,7 +55,7 @@ typedef LOT_OF(uchar) gaps_anywhere __attribute__((aligned(1)));
 typedef LOT_OF(ushort) lot;
 typedef LOT_OF(ushort) lot_anywhere __attribute__((aligned(2)));
 #define GAPS_OF(edges) (edges)
-#define N_SQUARES (TILE_ROWS * SPAN + LOT)
+#define N_SQUARES (TILE_ROWS * ROOM + LOT)
 #define SQUARES(squares, distances, at) (*(__local const lot_anywhere *)((squares) + (at)))
 #else // where gaps take two bytes there is no room to keep their squares
 typedef ushort gap_type;
@@ -92,8 +96,8 @@ static inline bytes edges_of(const edge_source *source, columns at, int y);
 // edge met, REACH + 1 if it is out of reach. The rows' gaps, from `gap` on, become the less of what
 // they were and these; a null pointer stands for rows outside of the tile. Beyond x1 a lot looks at
 // another row's gaps, and leaves them as they are.
-INLINED void pass_strip(const edge_source *source, int width, int x0, int x1, int y, int step,
-                        __local gap_type *distance, __local gap_type *gap)
+INLINED void pass_strip(const edge_source *source, int reach, int width, int x0, int x1, int y,
+                        int step, __local gap_type *distance, __local gap_type *gap)
 {
     for (int c = get_local_id(0) * LOT; c < x1 - x0; c += GROUP * LOT) {
         const columns at = columns_from(x0 + c, width, x1);
@@ -119,7 +123,7 @@ INLINED void pass_strip(const edge_source *source, int width, int x0, int x1, in
 // The gaps of the tile from (left, top) on, TILE_ROWS x SPAN, and, where there is room, their
 // squares: from the edges in columns x0 to x1 of a picture of this width; nothing where these are
 // the same. distance: SPAN. All arrays have room for a LOT more.
-INLINED void find_gaps(const edge_source *source, int width, int left, int top, int x0,
+INLINED void find_gaps(const edge_source *source, int reach, int width, int left, int top, int x0,
                        int x1, __local gap_type *distance, __local gap_type *gap,
                        __local square_type *squares)
 {
@@ -130,15 +134,15 @@ INLINED void find_gaps(const edge_source *source, int width, int left, int top, 
     for (int c = lane; c < SPAN + LOT; c += GROUP) distance[c] = REACH + 1;
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int strip = -STRIPS_BEYOND; strip < TILE_ROWS / STRIP; ++strip)
-        pass_strip(source, width, x0, x1, top + strip * STRIP, 1, distance,
+        pass_strip(source, reach, width, x0, x1, top + strip * STRIP, 1, distance,
                    strip < 0 ? 0 : seen + strip * STRIP * SPAN);
     for (int c = lane; c < SPAN + LOT; c += GROUP) distance[c] = REACH + 1;
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int strip = -STRIPS_BEYOND; strip < TILE_ROWS / STRIP; ++strip)
-        pass_strip(source, width, x0, x1, top + TILE_ROWS - 1 - strip * STRIP, -1, distance,
+        pass_strip(source, reach, width, x0, x1, top + TILE_ROWS - 1 - strip * STRIP, -1, distance,
                    strip < 0 ? 0 : seen + (TILE_ROWS - 1 - strip * STRIP) * SPAN);
     barrier(CLK_LOCAL_MEM_FENCE);
-#if REACH <= 180
+#if MOST_REACH <= 180
     for (int c = lane; c < n; c += GROUP) squares[c] = (ushort)gap[c] * gap[c];
     barrier(CLK_LOCAL_MEM_FENCE);
 #endif
@@ -146,11 +150,11 @@ INLINED void find_gaps(const edge_source *source, int width, int left, int top, 
 
 // Squared distances of the LOT pixels from (x, y) of the tile on, REACH^2 + 1 out of reach. Beyond
 // the tile's end a lot looks at another row's gaps, and says nothing.
-INLINED lot least_squares(__local const gap_type *gap, __local const square_type *squares,
-                          int x, int y)
+INLINED lot least_squares(int reach, __local const gap_type *gap,
+                          __local const square_type *squares, int x, int y)
 {
-    lot least = REACH * REACH + 1;
-#if REACH <= 180
+    lot least = (square_type)(REACH * REACH + 1);
+#if MOST_REACH <= 180
 #pragma unroll
 #endif
     for (int dx = -REACH; dx <= REACH; ++dx) {

@@ -1,31 +1,33 @@
 // Counting the pixels of spans, PACK rows and 32 columns at a time; shared by render.cl and
-// render_mesh.cl. Defines: N_PARTS, GROUP, PACK, and WIDTH of the pictures.
+// render_mesh.cl. Defines: N_PARTS, GROUP and PACK.
 //
-// What is counted, counts (V, N, N_COUNTS): visible edge pixels, the sum of `proximity` (V, height,
+// What is counted, counts (V, N, N_COUNTS): visible edge pixels, the sum of `proximity` (V, HEIGHT,
 // WIDTH) there, the model's pixels and those of them in the silhouette (Rymut 2016 eq. 4.36-4.40),
 // all within the region of interest roi (V, 4) = first column and row, ends excluded. silhouettes:
 // bits (V, WORDS, pitch), the word of a row beside those of its neighbours.
-// With DRAW also pictures (N, V, height, WIDTH) uchar2: number of the part seen, from 1, and 255 on
+// With DRAW also pictures (N, V, HEIGHT, WIDTH) uchar2: number of the part seen, from 1, and 255 on
 // an edge; without, there need be none.
-#if !defined(GROUP) || !defined(WIDTH)
-#error "image/counting.h needs GROUP and WIDTH"
+#if !defined(GROUP)
+#error "image/counting.h needs GROUP"
 #endif
+#include "common/sizes.h"
 #include "image/spans.h"
 
 #define WORDS ((WIDTH + 31) / 32)
 #define N_COUNTS 4
 
-// What the counting kernels have in common: what is compared, and where in it one picture is.
-#define PICTURE {height, pitch, get_group_id(0), get_group_id(1), get_num_groups(1), roi, \
+// What the counting kernels have in common: what is compared, and which pose and view.
+#define DRAWING {picture, pitch, get_group_id(0), get_group_id(1), get_num_groups(1), roi, \
                  silhouettes, proximity, counts, pictures}
 typedef struct {
-    int height, pitch, particle, view, n_views;
+    int2 picture;
+    int pitch, particle, view, n_views;
     __global const int4 *roi;
     __global const uint *silhouettes;
     __global const uchar *proximity;
     __global int *counts;
     __global uchar2 *pictures;
-} Picture;
+} Drawing;
 
 // Of one work-item: the spans of the parts that meet its rows, near ones first, all pixels and
 // those that are no edge, and the columns in which there are any. One column of local memory each.
@@ -64,9 +66,10 @@ INLINED void add_spans(Rows *rows, vint all, vint inside, int number)
 }
 
 // Count the PACK rows from `row` on.
-INLINED void count_rows(const Picture *picture, const Rows *rows, int row, Counts *counts)
+INLINED void count_rows(const Drawing *drawing, const Rows *rows, int row, Counts *counts)
 {
-    const int lane = get_local_id(0), view = picture->view, height = picture->height;
+    const int lane = get_local_id(0), view = drawing->view;
+    const int2 picture = drawing->picture;
     int firsts[PACK], ends[PACK];
     STORE_PACK(rows->first, firsts);
     STORE_PACK(rows->end, ends);
@@ -86,23 +89,23 @@ INLINED void count_rows(const Picture *picture, const Rows *rows, int row, Count
             STORE_PACK(seen, shown);
             STORE_PACK(edges, rims);
             const size_t at_row =
-                ((size_t)picture->particle * picture->n_views + view) * height + row;
+                ((size_t)drawing->particle * drawing->n_views + view) * HEIGHT + row;
             for (int l = 0; l < PACK; ++l)
                 for (int k = 0; k < 32; ++k)
                     if (shown[l] >> k & 1)
-                        picture->pictures[(at_row + l) * WIDTH + 32 * word + k] = (uchar2)(
+                        drawing->pictures[(at_row + l) * WIDTH + 32 * word + k] = (uchar2)(
                             rows->numbers[i * GROUP + lane] + 1, rims[l] >> k & 1 ? 255 : 0);
 #endif
         }
         const size_t at = (size_t)view * WORDS + word;
-        const vuint image = LOAD_ROWS(picture->silhouettes + at * picture->pitch + row);
+        const vuint image = LOAD_ROWS(drawing->silhouettes + at * drawing->pitch + row);
         counts->area += popcounts(covered);
         counts->overlap += popcounts(covered & image);
         counts->edges += popcounts(edges);
         uint rims[PACK];
         STORE_PACK(edges, rims);
         __global const uchar *near_edge =
-            picture->proximity + ((size_t)view * height + row) * WIDTH + 32 * word + 31;
+            drawing->proximity + ((size_t)view * HEIGHT + row) * WIDTH + 32 * word + 31;
         for (int l = 0; l < PACK; ++l)
             for (uint bits = rims[l]; bits; bits &= bits - 1)
                 counts->near_edge += near_edge[l * WIDTH - (int)clz(bits & -bits)];
@@ -118,7 +121,7 @@ static inline int lane_sum(vint pack)
 }
 
 // Add up what the work-items counted.
-INLINED void write_counts(const Picture *picture, int n_particles, const Counts *counts,
+INLINED void write_counts(const Drawing *drawing, int n_particles, const Counts *counts,
                           __local int *totals)
 {
     const int lane = get_local_id(0);
@@ -129,6 +132,6 @@ INLINED void write_counts(const Picture *picture, int n_particles, const Counts 
     atomic_add(&totals[2], lane_sum(counts->area));
     atomic_add(&totals[3], lane_sum(counts->overlap));
     barrier(CLK_LOCAL_MEM_FENCE);
-    const size_t at = (size_t)picture->view * n_particles + picture->particle;
-    for (int i = lane; i < N_COUNTS; i += GROUP) picture->counts[at * N_COUNTS + i] = totals[i];
+    const size_t at = (size_t)drawing->view * n_particles + drawing->particle;
+    for (int i = lane; i < N_COUNTS; i += GROUP) drawing->counts[at * N_COUNTS + i] = totals[i];
 }

@@ -1,6 +1,5 @@
 // Proximity to the nearest edge within a region of every view; twin: reference/image_objective/
-// features.py. Defines: those of distance.h. A region is (x0,
-// y0, x1, y1), the ends excluded.
+// features.py. Defines: those of distance.h. A region is (x0, y0, x1, y1), the ends excluded.
 #include "common/sizes.h"
 
 #define TILES_X ((WIDTH + TILE - 1) / TILE)
@@ -29,11 +28,12 @@ static inline bytes edges_of(const edge_source *source, columns at, int y)
 // squared distance to the nearest edge, whose last entry stands for all that is out of reach. One
 // work-group per tile and view.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void edge_proximity(int2 picture, __global const char *restrict evidence, __global const uchar *restrict edges,
+void edge_proximity(int2 picture, int reach, __global const char *restrict evidence,
+                    __global const uchar *restrict edges,
                     __global const int4 *restrict regions,
                     __global const uchar *restrict proximity, __global uchar2 *restrict maps)
 {
-    __local gap_type gap[TILE_ROWS * SPAN + LOT], distance[SPAN + LOT];
+    __local gap_type gap[TILE_ROWS * ROOM + LOT], distance[ROOM + LOT];
     __local square_type squares[N_SQUARES];
     const int lane = get_local_id(0), view = get_global_id(1);
     const int left = get_group_id(0) % TILES_X * TILE, top = get_group_id(0) / TILES_X * TILE_ROWS;
@@ -48,11 +48,11 @@ void edge_proximity(int2 picture, __global const char *restrict evidence, __glob
     const size_t first = (size_t)view * HEIGHT * WIDTH;
     const edge_source source = {edges + first, picture, box,
                                 ((int)get_global_size(1) - view) * HEIGHT * WIDTH};
-    find_gaps(&source, WIDTH, left, top, x0, x1, distance, gap, squares);
+    find_gaps(&source, reach, WIDTH, left, top, x0, x1, distance, gap, squares);
     for (int y = low.y + lane / TILE; y < (inside ? end.y : low.y); y += row_step)
         for (int x = left + lane % TILE * LOT; x < end.x; x += column_step * LOT) {
             square_type found[LOT];
-            STORE_LOT(least_squares(gap, squares, x - left, y - top), found);
+            STORE_LOT(least_squares(reach, gap, squares, x - left, y - top), found);
             const size_t at = first + y * WIDTH + x;
             for (int l = 0; l < LOT; ++l)
                 if (x + l >= low.x && x + l < end.x)

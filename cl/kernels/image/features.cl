@@ -1,14 +1,15 @@
 // What image objectives compare a body with: region of interest and edges per view (Rymut 2016,
-// 2.1); twin: reference/image_objective/features.py. Defines: WIDTH, HEIGHT of the stack of views;
-// CELL, FILLED, MARGIN and BLOBS for `region`; DILATION (px) and THRESHOLD2 for the edges; STRIP; PITCH, at
-// least WIDTH + STRIP, of the gradients' rows. A region is (x0, y0, x1, y1), the ends excluded;
-// work-item (0, 0) stands at its corner.
-#if !defined(BLOBS) || !defined(CELL) || !defined(DILATION) || !defined(FILLED) || !defined(GROUP) || \
-    !defined(HEIGHT) || !defined(MARGIN) || !defined(PITCH) || !defined(STRIP) || \
-    !defined(THRESHOLD2) || !defined(WIDTH)
-#error "image/features.cl needs BLOBS, CELL, DILATION, FILLED, GROUP, HEIGHT, MARGIN, PITCH, STRIP, THRESHOLD2 and WIDTH"
+// 2.1); twin: reference/image_objective/features.py. Defines: CELL, FILLED and BLOBS for
+// `region`; STRIP; GROUP. A region is (x0, y0, x1, y1), the ends excluded; work-item (0, 0) stands
+// at its corner.
+#if !defined(BLOBS) || !defined(CELL) || !defined(FILLED) || !defined(GROUP) || !defined(STRIP)
+#error "image/features.cl needs BLOBS, CELL, FILLED, GROUP and STRIP"
 #endif
 #include "common/inlined.h"
+#include "common/sizes.h"
+
+// Length of the gradients' rows.
+#define PITCH (WIDTH + STRIP)
 
 // Pixels of a row that one work-item of the costly kernels makes. Vectors are explicit: PoCL makes
 // none of loops whose lengths are known to the device only.
@@ -25,14 +26,14 @@ static inline int4 joined(int4 a, int4 b)
 #define ROWS ((HEIGHT + CELL - 1) / CELL)
 
 // The pixels of a cell (x0, y0, x1, y1), the ends excluded.
-static inline int4 cell_box(int cell)
+static inline int4 cell_box(int2 picture, int cell)
 {
     const int x = cell % COLUMNS * CELL, y = cell / COLUMNS * CELL;
     return (int4)(x, y, min(x + CELL, WIDTH), min(y + CELL, HEIGHT));
 }
 
 // How many of them are of the view's silhouette.
-static inline int silhouette_pixels(__global const char *evidence, int view, int4 box)
+static inline int silhouette_pixels(int2 picture, __global const char *evidence, int view, int4 box)
 {
     int count = 0;
     for (int y = box.y; y < box.w; ++y)
@@ -41,9 +42,9 @@ static inline int silhouette_pixels(__global const char *evidence, int view, int
     return count;
 }
 
-// The region of a view whose items have these boxes: what they enclose, MARGIN pixels larger within
-// the picture; all 0 if there is none.
-INLINED void enclose(int4 box, __local int4 *scratch, int2 size, __global int4 *region)
+// The region of a view whose items have these boxes: what they enclose, `margin` pixels larger
+// within the picture; all 0 if there is none.
+INLINED void enclose(int4 box, int margin, __local int4 *scratch, int2 size, __global int4 *region)
 {
     const int lane = get_local_id(0);
     scratch[lane] = box;
@@ -54,26 +55,26 @@ INLINED void enclose(int4 box, __local int4 *scratch, int2 size, __global int4 *
     }
     if (lane == 0) {
         const int4 all = scratch[0];
-        const int2 low = max(all.xy - MARGIN, (int2)(0)), high = min(all.zw + MARGIN, size);
+        const int2 low = max(all.xy - margin, (int2)(0)), high = min(all.zw + margin, size);
         *region = all.z > 0 ? (int4)(low.x, low.y, high.x, high.y) : (int4)(0);
     }
 }
 
 // Bounding box of the cells of CELL x CELL pixels that hold at least FILLED pixels of the
-// silhouette, so that no speck counts, MARGIN pixels larger within the picture; all 0 if there is
+// silhouette, so that no speck counts, `margin` pixels larger within the picture; all 0 if there is
 // none. One work-group per view.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void region(__global const char *restrict evidence, __global const int2 *restrict sizes,
-            __global int4 *restrict regions)
+void region(int2 picture, int margin, __global const char *restrict evidence,
+            __global const int2 *restrict sizes, __global int4 *restrict regions)
 {
     __local int4 scratch[GROUP];
     const int view = get_group_id(0), lane = get_local_id(0);
     int4 box = (int4)(WIDTH, HEIGHT, 0, 0);
     for (int cell = lane; cell < ROWS * COLUMNS; cell += GROUP) {
-        const int4 own = cell_box(cell);
-        if (silhouette_pixels(evidence, view, own) >= FILLED) box = joined(box, own);
+        const int4 own = cell_box(picture, cell);
+        if (silhouette_pixels(picture, evidence, view, own) >= FILLED) box = joined(box, own);
     }
-    enclose(box, scratch, sizes[view], regions + view);
+    enclose(box, margin, scratch, sizes[view], regions + view);
 }
 
 // The first cell of the blob that a cell is known to belong to.
@@ -104,7 +105,8 @@ static inline void unite(volatile __global int *blobs, int a, int b)
 // other, at corners too; the one that begins first is the larger one of two with as many pixels.
 // blobs: of each cell of each view, and pixels: scratch. One work-group per view.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void blob_region(__global const char *restrict evidence, __global const int2 *restrict sizes,
+void blob_region(int2 picture, int margin, __global const char *restrict evidence,
+                 __global const int2 *restrict sizes,
                  volatile __global int *blobs, volatile __global int *pixels,
                  __global int4 *restrict regions)
 {
@@ -114,7 +116,7 @@ void blob_region(__global const char *restrict evidence, __global const int2 *re
     volatile __global int *blob = blobs + view * n, *filled = pixels + 2 * view * n;
     volatile __global int *large = filled + n;
     for (int cell = lane; cell < n; cell += GROUP) {
-        const int count = silhouette_pixels(evidence, view, cell_box(cell));
+        const int count = silhouette_pixels(picture, evidence, view, cell_box(picture, cell));
         filled[cell] = count >= FILLED ? count : 0;
         large[cell] = 0;
         blob[cell] = cell;
@@ -150,12 +152,12 @@ void blob_region(__global const char *restrict evidence, __global const int2 *re
         barrier(CLK_LOCAL_MEM_FENCE);
         for (int cell = lane; cell < n; cell += GROUP) {
             if (filled[cell] > 0 && first_of(blob, cell) == chosen)
-                box = joined(box, cell_box(cell));
+                box = joined(box, cell_box(picture, cell));
             if (cell == chosen) large[cell] = 0;
         }
         barrier(CLK_GLOBAL_MEM_FENCE);
     }
-    enclose(box, scratch, sizes[view], regions + view);
+    enclose(box, margin, scratch, sizes[view], regions + view);
 }
 
 static inline int grey(__global const uchar *colour)
@@ -168,7 +170,7 @@ static inline int grey(__global const uchar *colour)
 // rows: derivative and smoothed grey, for the region and two rows above and below it. Pixels
 // beyond the picture repeat its border. A work-item makes STRIP pixels; those of `derivatives` and
 // `smooth` beyond the region are of no use.
-__kernel void gradient_rows(__global const uchar *restrict images,
+__kernel void gradient_rows(int2 picture, __global const uchar *restrict images,
                             __global const int2 *restrict sizes,
                             __global const int4 *restrict regions,
                             __global short *restrict derivatives, __global short *restrict smooth)
@@ -189,20 +191,22 @@ __kernel void gradient_rows(__global const uchar *restrict images,
     vstore8((short8)(a + e + (b + d) * (short)4 + c * (short)6), 0, smooth + at);
 }
 
-// Is there silhouette within DILATION pixels along x and y?
-static inline bool near_silhouette(__global const char *restrict evidence, int2 size, int view,
+// Is there silhouette within `dilation` pixels along x and y?
+static inline bool near_silhouette(int2 picture, int dilation,
+                                   __global const char *restrict evidence, int2 size, int view,
                                    int x, int y)
 {
     int found = 0;
-    for (int v = max(y - DILATION, 0); v <= min(y + DILATION, size.y - 1); ++v)
-        for (int u = max(x - DILATION, 0); u <= min(x + DILATION, size.x - 1); ++u)
+    for (int v = max(y - dilation, 0); v <= min(y + dilation, size.y - 1); ++v)
+        for (int u = max(x - dilation, 0); u <= min(x + dilation, size.x - 1); ++u)
             found |= evidence[((size_t)view * HEIGHT + v) * WIDTH + u] > 0;
     return found;
 }
 
-// 255 where the gradient's squared magnitude (Rymut 2016 eq. 2.8) is at least THRESHOLD2 near
+// 255 where the gradient's squared magnitude (Rymut 2016 eq. 2.8) is at least `threshold2` near
 // the silhouette; a work-item makes STRIP pixels.
-__kernel void gradient_edges(__global const short *restrict derivatives,
+__kernel void gradient_edges(int2 picture, int dilation, int threshold2,
+                             __global const short *restrict derivatives,
                              __global const short *restrict smooth,
                              __global const char *restrict evidence,
                              __global const int2 *restrict sizes,
@@ -227,14 +231,14 @@ __kernel void gradient_edges(__global const short *restrict derivatives,
     vstore8(gx * gx + gy * gy, 0, squared);
     const size_t row = ((size_t)view * HEIGHT + y) * WIDTH;
     for (int i = 0; i < min(STRIP, box.z - x); ++i) {
-        bool edge = squared[i] >= THRESHOLD2;
-        if (edge) edge = near_silhouette(evidence, size, view, x + i, y);
+        bool edge = squared[i] >= threshold2;
+        if (edge) edge = near_silhouette(picture, dilation, evidence, size, view, x + i, y);
         edges[row + x + i] = edge ? 255 : 0;
     }
 }
 
 // 255 where `candidates`, edges found elsewhere, lie near the silhouette.
-__kernel void masked_edges(__global const uchar *restrict candidates,
+__kernel void masked_edges(int2 picture, int dilation, __global const uchar *restrict candidates,
                            __global const char *restrict evidence,
                            __global const int2 *restrict sizes,
                            __global const int4 *restrict regions, __global uchar *restrict edges)
@@ -244,13 +248,14 @@ __kernel void masked_edges(__global const uchar *restrict candidates,
     const int x = box.x + get_global_id(0), y = box.y + get_global_id(1);
     if (x >= box.z || y >= box.w) return;
     const size_t at = ((size_t)view * HEIGHT + y) * WIDTH + x;
-    const bool edge = candidates[at] && near_silhouette(evidence, sizes[view], view, x, y);
+    const bool edge = candidates[at] &&
+                      near_silhouette(picture, dilation, evidence, sizes[view], view, x, y);
     edges[at] = edge ? 255 : 0;
 }
 
 // 255 on the silhouette's boundary: inside, with a 4-neighbour outside. The border of the picture
 // is no boundary.
-__kernel void outline_edges(__global const char *restrict evidence,
+__kernel void outline_edges(int2 picture, __global const char *restrict evidence,
                             __global const int2 *restrict sizes,
                             __global const int4 *restrict regions, __global uchar *restrict edges)
 {

@@ -1,16 +1,17 @@
 // From counted pixels to the objective functions of Rymut 2016, 4.6; twin:
-// reference/image_objective/objective.py. Defines: WIDTH of the pictures, GROUP, and
-// KIND, one of 0 WS, 1 SP, 2 AoWS, 3 AoSP, 4 PoSP.
-#if !defined(GROUP) || !defined(KIND) || !defined(WIDTH)
-#error "image/objective.cl needs GROUP, KIND and WIDTH"
+// reference/image_objective/objective.py. Define: GROUP.
+#ifndef GROUP
+#error "image/objective.cl needs GROUP"
 #endif
+#include "common/sizes.h"
+
 #define WORDS ((WIDTH + 31) / 32)
 #define N_COUNTS 4
 
-// Of feature maps (V, height, WIDTH) uchar2 (silhouette, edge proximity) what is compared with
+// Of feature maps (V, HEIGHT, WIDTH) uchar2 (silhouette, edge proximity) what is compared with
 // rendered parts: silhouettes (V, WORDS, pitch) as bits and the proximity alone, within the regions
 // of interest roi (V, 4), ends excluded, which are copied to regions.
-__kernel void pack_maps(int height, int pitch, __global const uchar2 *maps,
+__kernel void pack_maps(int2 picture, int pitch, __global const uchar2 *maps,
                         __global const int4 *roi, __global int4 *regions,
                         __global uint *silhouettes, __global uchar *proximity)
 {
@@ -18,7 +19,7 @@ __kernel void pack_maps(int height, int pitch, __global const uchar2 *maps,
     if (word >= WORDS || row >= pitch) return;
     const int4 region = roi[view];
     if (word == 0 && row == 0) regions[view] = region;
-    const size_t at = ((size_t)view * height + row) * WIDTH;
+    const size_t at = ((size_t)view * HEIGHT + row) * WIDTH;
     uint bits = 0;
     const int first = max(32 * word, region.x), last = min(32 * word + 32, region.z);
     if (row >= region.y && row < region.w)
@@ -46,32 +47,29 @@ void silhouette_areas(int n_words, __global const uint *silhouettes, __global in
     if (lane == 0) areas[get_group_id(0)] = total;
 }
 
+// Kinds of objective functions, in the order of OBJECTIVE_KINDS.
+enum { WS, SP, AO_WS, AO_SP, PO_SP };
+
 static inline float ratio(float part, float whole) { return whole > 0.0f ? part / whole : 0.0f; }
 
 // Eq. (4.46)-(4.50) for one camera or, with sums over the cameras, for all. weights: b, w1, w2.
-static inline float joined(float f1, float f2, float4 weights)
+static inline float joined(int kind, float f1, float f2, float4 weights)
 {
-#if KIND == 0 || KIND == 2
-    return weights.y * f1 + weights.z * f2;
-#else
+    if (kind == WS || kind == AO_WS) return weights.y * f1 + weights.z * f2;
     return pow(f1, weights.y) * pow(f2, weights.z);
-#endif
 }
 
 // errors (N,): 1 - f, from counts (V, N, N_COUNTS) of count_pixels and the silhouettes' areas
 // (V,). weights: b, w1, w2.
-__kernel void score_counts(int n_particles, int n_views, float4 weights,
+__kernel void score_counts(int kind, int n_particles, int n_views, float4 weights,
                            __global const int *areas, __global const int *counts,
                            __global float *errors)
 {
     const int particle = get_global_id(0);
     if (particle >= n_particles) return;
-#if KIND < 2
-    const int n_parts = 1, n_together = n_views;
-#else
-    const int n_parts = n_views, n_together = 1;
-#endif
-    float f = KIND == 4 ? 1.0f : 0.0f;
+    const bool together = kind == WS || kind == SP;
+    const int n_parts = together ? 1 : n_views, n_together = together ? n_views : 1;
+    float f = kind == PO_SP ? 1.0f : 0.0f;
     for (int i = 0; i < n_parts; ++i) {
         float edge = 0.0f, near_edge = 0.0f, image = 0.0f, model = 0.0f, overlap = 0.0f;
         for (int v = i; v < i + n_together; ++v) {
@@ -84,12 +82,8 @@ __kernel void score_counts(int n_particles, int n_views, float4 weights,
         }
         const float f1 =
             weights.x * ratio(overlap, image) + (1.0f - weights.x) * ratio(overlap, model);
-        const float value = joined(f1, ratio(near_edge, edge), weights);
-#if KIND == 4
-        f *= value;
-#else
-        f += value / n_parts;
-#endif
+        const float value = joined(kind, f1, ratio(near_edge, edge), weights);
+        f = kind == PO_SP ? f * value : f + value / n_parts;
     }
     errors[particle] = 1.0f - f;
 }

@@ -77,21 +77,21 @@ INLINED void rows_of(__local const Part *part, vint rows, float2 limits, int bot
 
 // Counts the parts (V, N, N_PARTS), see counting.h.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void count_pixels(int n_particles, __global const Part *all_parts, int height, int pitch,
+void count_pixels(int n_particles, __global const Part *all_parts, int2 picture, int pitch,
                   __global const int4 *roi, __global const uint *silhouettes,
                   __global const uchar *proximity, __global int *counts,
                   __global uchar2 *pictures)
 {
-    const Picture picture = PICTURE;
+    const Drawing drawing = DRAWING;
     const int lane = get_local_id(0);
-    const int4 region = roi[picture.view];
+    const int4 region = roi[drawing.view];
     __local Part parts[N_PARTS];
     __local vint spans[2 * N_PARTS * GROUP];
     __local uchar numbers[N_PARTS * GROUP];
     __local int totals[N_COUNTS];
     // Near ones first, so that each hides those after it.
     __global const Part *mine =
-        all_parts + ((size_t)picture.view * n_particles + picture.particle) * N_PARTS;
+        all_parts + ((size_t)drawing.view * n_particles + drawing.particle) * N_PARTS;
     for (int p = lane; p < N_PARTS; p += GROUP) {
         const float distance = mine[p].distance;
         int nearer = 0;
@@ -121,7 +121,7 @@ void count_pixels(int n_particles, __global const Part *all_parts, int height, i
                     &inside);
             add_spans(&rows, all, inside, parts[p].number);
         }
-        count_rows(&picture, &rows, row, &counted);
+        count_rows(&drawing, &rows, row, &counted);
     }
-    write_counts(&picture, n_particles, &counted, totals);
+    write_counts(&drawing, n_particles, &counted, totals);
 }

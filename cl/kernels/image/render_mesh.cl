@@ -72,16 +72,16 @@ static inline vint smaller(vint a, vint b) { return a < b ? a : b; }
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void count_pixels(int n_particles, __global const float2 *all_pixels,
                   __global const int4 *lines, __global const int *owners,
-                  __global const int *edged, int height, int pitch,
+                  __global const int *edged, int2 picture, int pitch,
                   __global const int4 *roi, __global const uint *silhouettes,
                   __global const uchar *proximity, __global int *counts,
                   __global uchar2 *pictures)
 {
-    const Picture picture = PICTURE;
+    const Drawing drawing = DRAWING;
     const int lane = get_local_id(0);
-    const int4 region = roi[picture.view];
+    const int4 region = roi[drawing.view];
     __global const float2 *pixels =
-        all_pixels + ((size_t)picture.view * n_particles + picture.particle) * N_CORNERS;
+        all_pixels + ((size_t)drawing.view * n_particles + drawing.particle) * N_CORNERS;
     __local int first[N_PARTS * STRIDE], last[N_PARTS * STRIDE];
     __local int order[N_PARTS], totals[N_COUNTS], box[2];
     __local vint spans[2 * N_PARTS * GROUP];
@@ -146,9 +146,9 @@ void count_pixels(int n_particles, __global const float2 *all_pixels,
                                     larger(smaller(inner_to + 1, region.z), 0) << 16;
                 add_spans(&rows, all, edged[p] ? inside : all, p);
             }
-            count_rows(&picture, &rows, row, &counted);
+            count_rows(&drawing, &rows, row, &counted);
         }
         barrier(CLK_LOCAL_MEM_FENCE);
     }
-    write_counts(&picture, n_particles, &counted, totals);
+    write_counts(&drawing, n_particles, &counted, totals);
 }

@@ -1,13 +1,13 @@
 // The background follows the scene's light where nobody stands; twin: reference/adaptation.py.
 // PARTS work-items per block of the picture, every PERIOD-th row of blocks a time; a block is as
 // high as a cell of CELL x CELL pixels and as wide as a cell or a pack.
-// Defines: CELL; PARTS (divides CELL); REACH (cells of border of
-// the marks); PERIOD; MEAN_RATE, VARIANCE_RATE; NEAREST (squared distance); LEAST_VARIANCE;
-// WIDTH_GREY, WIDTH_COLOUR of the light factor (psfs/background/config.py); PACK.
-#if !defined(CELL) || !defined(LEAST_VARIANCE) || !defined(MEAN_RATE) || \
-    !defined(NEAREST) || !defined(PACK) || !defined(PARTS) || !defined(PERIOD) || \
-    !defined(REACH) || !defined(VARIANCE_RATE) || !defined(WIDTH_COLOUR) || !defined(WIDTH_GREY)
-#error "reconstruction/adaptation.cl needs CELL, LEAST_VARIANCE, MEAN_RATE, NEAREST, PACK, PARTS, PERIOD, REACH, VARIANCE_RATE, WIDTH_COLOUR and WIDTH_GREY"
+// Defines: CELL; PARTS (divides CELL); REACH (cells of border of the marks); PERIOD; NEAREST
+// (squared distance); LEAST_VARIANCE; WIDTH_GREY, WIDTH_COLOUR of the light factor
+// (psfs/background/config.py); PACK. rates: of the mean and of the variance.
+#if !defined(CELL) || !defined(LEAST_VARIANCE) || !defined(NEAREST) || !defined(PACK) || \
+    !defined(PARTS) || !defined(PERIOD) || !defined(REACH) || !defined(WIDTH_COLOUR) || \
+    !defined(WIDTH_GREY)
+#error "reconstruction/adaptation.cl needs CELL, LEAST_VARIANCE, NEAREST, PACK, PARTS, PERIOD, REACH, WIDTH_COLOUR and WIDTH_GREY"
 #endif
 #include "reconstruction/background.h"
 #include "reconstruction/cells.h"
@@ -49,17 +49,17 @@ static inline void store_own(vfloat values, vint own, bool whole, __global float
 
 // A channel of a pixel that looks like the background, `d` brighter than it: its new mean and
 // variance.
-static inline vfloat follow(vfloat d, vfloat weight, vfloat *mean)
+static inline vfloat follow(float2 rates, vfloat d, vfloat weight, vfloat *mean)
 {
     const vfloat before = 1.0f / weight;
-    *mean += MEAN_RATE * d;
-    return most(before + VARIANCE_RATE * (d * d - before), LEAST_VARIANCE);
+    *mean += rates.x * d;
+    return most(before + rates.y * (d * d - before), LEAST_VARIANCE);
 }
 
 // `background` holds the planes of log_ratio in silhouette.cl; `light` that of light.cl.
 __kernel void adapt(int2 picture, __global const uchar *restrict images, __global const char *restrict evidence,
                     __global const uchar *restrict marks, __global const int2 *restrict sizes,
-                    __global const float *restrict light, const int phase,
+                    __global const float *restrict light, float2 rates, const int phase,
                     __global float *restrict background)
 {
     const int block = get_global_id(0), view = get_global_id(2), part = get_global_id(1) % PARTS;
@@ -92,9 +92,9 @@ __kernel void adapt(int2 picture, __global const uchar *restrict images, __globa
             if (!PACK_ANY(looks_so)) continue;
 
             Colour mean = before, variance;
-            variance.b = follow(d.b, w.b, &mean.b);
-            variance.g = follow(d.g, w.g, &mean.g);
-            variance.r = follow(d.r, w.r, &mean.r);
+            variance.b = follow(rates, d.b, w.b, &mean.b);
+            variance.g = follow(rates, d.g, w.g, &mean.g);
+            variance.r = follow(rates, d.r, w.r, &mean.r);
             const vfloat brightest = most(most(mean.b, mean.g), mean.r);
             const vfloat darkest = least(least(mean.b, mean.g), mean.r);
             const vfloat saturation = (brightest - darkest) / most(brightest, 1.0f);

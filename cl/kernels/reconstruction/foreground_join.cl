@@ -1,11 +1,8 @@
 // Joins to the silhouettes of the voxels what the pictures show of the foreground beside them: one
 // camera that takes a limb for background carves it away in all. Twin: reference/reprojection.py.
-// Defines: MARK, px, edge of a cell, 8; SIDES and BELOW, percent
-// of the silhouette's height by which its box is larger than it; LEAST, foreground pixels of 3 x 3
-// cells that are no speckle; GROUP. Views are dimension 1 of the kernels.
-#if !defined(BELOW) || !defined(GROUP) || !defined(LEAST) || \
-    !defined(MARK) || !defined(SIDES)
-#error "reconstruction/foreground_join.cl needs BELOW, GROUP, LEAST, MARK and SIDES"
+// Defines: MARK, px, edge of a cell, 8; GROUP. Views are dimension 1 of the kernels.
+#if !defined(GROUP) || !defined(MARK)
+#error "reconstruction/foreground_join.cl needs GROUP and MARK"
 #endif
 #if MARK != 8
 #error "a cell's 8 x 8 pixels are the bits of a ulong"
@@ -19,10 +16,11 @@
 #define MARKS_PLACE (((size_t)get_global_size(1) * HEIGHT + 2) * WIDTH)
 
 // Cells (V, 4) int x0, y0, x1, y1, the ends excluded, around the cells that the voxels' silhouette
-// touches, larger by SIDES at both sides and above and by BELOW below; empty where there is none.
-// One work-group per view.
+// touches, larger by `sides` percent of the silhouette's height at both sides and above and by
+// `below` percent below; empty where there is none. One work-group per view.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void person_box(int2 picture, __global const uchar *restrict silhouette, __global int4 *restrict boxes)
+void person_box(int2 picture, int sides, int below, __global const uchar *restrict silhouette,
+                __global int4 *restrict boxes)
 {
     __local int4 found[GROUP];
     const int lane = get_local_id(0), view = get_global_id(1);
@@ -45,11 +43,11 @@ void person_box(int2 picture, __global const uchar *restrict silhouette, __globa
     if (lane == 0) {
         const int4 whole = found[0];
         const int height = max(whole.w - whole.y, 0);
-        const int sides = SIDES * height / 100, below = BELOW * height / 100;
+        const int aside = sides * height / 100, down = below * height / 100;
         boxes[view] = height == 0 ? (int4)(0)
-                                  : (int4)(max(whole.x - sides, 0), max(whole.y - sides, 0),
-                                           min(whole.z + sides, CELLS_X),
-                                           min(whole.w + below, CELLS_Y));
+                                  : (int4)(max(whole.x - aside, 0), max(whole.y - aside, 0),
+                                           min(whole.z + aside, CELLS_X),
+                                           min(whole.w + down, CELLS_Y));
     }
 }
 
@@ -74,8 +72,8 @@ __kernel void foreground_bits(int2 picture, __global const char *restrict eviden
     bits[view * CELLS_X * CELLS_Y + cell] = shown;
 }
 
-// Adds the foreground of each cell that has, with its neighbours, LEAST pixels of it.
-__kernel void join_foreground(int2 picture, __global const int4 *restrict boxes,
+// Adds the foreground of each cell that has, with its neighbours, `least` pixels of it.
+__kernel void join_foreground(int2 picture, int least, __global const int4 *restrict boxes,
                               __global const ulong *restrict bits,
                               __global uchar *restrict silhouette)
 {
@@ -91,7 +89,7 @@ __kernel void join_foreground(int2 picture, __global const int4 *restrict boxes,
     for (int row = max(y - 1, 0); row <= min(y + 1, CELLS_Y - 1); ++row)
         for (int column = max(x - 1, 0); column <= min(x + 1, CELLS_X - 1); ++column)
             n += (int)popcount(bits[row * CELLS_X + column]);
-    if (n < LEAST) return;
+    if (n < least) return;
     __global uchar *first =
         silhouette + WIDTH + ((size_t)view * HEIGHT + MARK * y) * WIDTH + MARK * x;
     for (int row = 0; row < MARK; ++row)

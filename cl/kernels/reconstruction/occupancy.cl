@@ -1,23 +1,28 @@
 // Voxel occupancy, Song et al. eq. (3)-(9), brick by brick; twin: psfs/reference/occupancy.py.
-// Defines: N_CAMERAS, MIN_CAMERAS,
-// THRESHOLD, FACES (see smoothing.h), UNKNOWN (see hidden.cl); BX BY BZ voxels of a brick, CX CY CZ bricks of a coarse one; LANES items per
-// work-group, LANES_Z of them along z; NO_DISTORTION if no camera has any; HALO: 0 for dense, 1 for
-// sparse; BODY: whether a tracked body is a prior (see body_prior.h).
+// Defines: CAMERA_ROOM, most cameras; FACES (see smoothing.h), UNKNOWN (see hidden.cl); BX BY BZ
+// voxels of a brick, CX CY CZ bricks of a coarse one; LANES items per work-group, LANES_Z of them
+// along z; NO_DISTORTION if no camera has any; HALO: 0 for dense, 1 for sparse; BODY: whether a
+// tracked body is a prior (see body_prior.h). The number of cameras is an argument, for GPUs
+// N_CAMERAS as well, see sizes.h.
 //
 // A CPU runs a work-group of one item, whose inner loops along z become vector code (branches are
 // selections for this reason). A camera whose evidence is the same all over a brick (mostly the
 // background's) is added once instead of being looked up for every voxel: that changes nothing
 // but the time. Dense and sparse mode share the functions that project and sum up, so that they
 // agree to the last bit (FP_CONTRACT OFF for more certainty costs PoCL its vector code).
-#if !defined(BODY) || !defined(BX) || !defined(BY) || !defined(BZ) || !defined(CAMERA_FLOATS) || !defined(CX) || \
-    !defined(CY) || !defined(CZ) || !defined(FIND_LANES) || !defined(HALO) || !defined(LANES) || \
-    !defined(LANES_Z) || !defined(MIN_CAMERAS) || !defined(N_CAMERAS) || !defined(REACH_FLOATS) || !defined(THRESHOLD) || !defined(TILE_LANES) || !defined(UNKNOWN)
-#error "reconstruction/occupancy.cl needs BODY, BX, BY, BZ, CAMERA_FLOATS, CX, CY, CZ, FIND_LANES, HALO, LANES, LANES_Z, MIN_CAMERAS, N_CAMERAS, REACH_FLOATS, THRESHOLD, TILE_LANES and UNKNOWN"
+#if !defined(BODY) || !defined(BX) || !defined(BY) || !defined(BZ) || !defined(CAMERA_FLOATS) || \
+    !defined(CAMERA_ROOM) || !defined(CX) || !defined(CY) || !defined(CZ) || \
+    !defined(FIND_LANES) || !defined(HALO) || !defined(LANES) || !defined(LANES_Z) || \
+    !defined(REACH_FLOATS) || !defined(UNKNOWN)
+#error "reconstruction/occupancy.cl needs BODY, BX, BY, BZ, CAMERA_FLOATS, CAMERA_ROOM, CX, CY, CZ, FIND_LANES, HALO, LANES, LANES_Z, REACH_FLOATS and UNKNOWN"
 #endif
 #include "reconstruction/body_prior.h"
 #include "reconstruction/bricks.h"
 #include "reconstruction/smoothing.h"
 
+#ifndef N_CAMERAS
+#define N_CAMERAS n_cameras
+#endif
 #if BZ != 16
 #error "occupancy.cl: a brick's row along z is a word of 16 bits"
 #endif
@@ -41,51 +46,6 @@
 #define FOR_ROWS(row, n) for (int row = lane / LANES_Z; row < (n); row += LANES / LANES_Z)
 #define FOR_Z(z, n) for (int z = lane % LANES_Z; z < (n); z += LANES_Z)
 
-// Least and greatest evidence of the tiles, one work-group per coarse tile. Unknown evidence, of
-// cameras that count as not seeing a voxel, is the least there is and adds 0: a tile that has some
-// and more is never the same all over. Resets n_active.
-__kernel void evidence_tiles(int2 picture, __global const char *restrict evidence, __global char2 *restrict tiles,
-                             __global int *restrict n_active)
-{
-    SCRATCH char2 fine[ALONG * ALONG];
-    const int lane = get_local_id(0), view = get_group_id(1);
-    const int coarse_x = get_group_id(0) % COARSE_X, coarse_y = get_group_id(0) / COARSE_X;
-    __global const char *map = evidence + view * (WIDTH * HEIGHT);
-    tiles += view * VIEW_TILES;
-    if (lane == 0 && view == 0 && get_group_id(0) == 0) *n_active = 0;
-    for (int t = lane; t < ALONG * ALONG; t += TILE_LANES) {
-        const int x = coarse_x * ALONG + t % ALONG, y = coarse_y * ALONG + t / ALONG;
-        char low[FINE], high[FINE]; // per column of the tile
-        for (int i = 0; i < FINE; ++i) {
-            low[i] = 127;
-            high[i] = -127;
-        }
-        for (int j = y * FINE; j < y * FINE + FINE && j < HEIGHT; ++j)
-            for (int i = 0; i < FINE; ++i) {
-                const int at = x * FINE + i;
-                // Columns beyond the picture repeat its last one.
-                const char value = map[j * WIDTH + (at < WIDTH ? at : WIDTH - 1)];
-                low[i] = value < low[i] ? value : low[i];
-                const char most = value == UNKNOWN ? 0 : value;
-                high[i] = most > high[i] ? most : high[i];
-            }
-        for (int i = 1; i < FINE; ++i) {
-            low[0] = low[i] < low[0] ? low[i] : low[0];
-            high[0] = high[i] > high[0] ? high[i] : high[0];
-        }
-        fine[t] = (char2)(low[0], high[0]);
-        if (x < FINE_X && y < FINE_Y) tiles[y * FINE_X + x] = fine[t];
-    }
-    SYNC;
-    if (lane > 0) return;
-    char2 all = fine[0];
-    for (int t = 1; t < 16; ++t) {
-        all.x = fine[t].x < all.x ? fine[t].x : all.x;
-        all.y = fine[t].y > all.y ? fine[t].y : all.y;
-    }
-    tiles[FINE_X * FINE_Y + coarse_y * COARSE_X + coarse_x] = all;
-}
-
 // World coordinate of the centre of padded voxel i along an axis (the padding shifts by one).
 static inline float centre_of(__global const float *geometry, int axis, float i)
 {
@@ -93,7 +53,7 @@ static inline float centre_of(__global const float *geometry, int axis, float i)
 }
 
 // Evidence of all cameras for the voxels of a brick whose first padded voxel is (x0, y0, z0).
-static inline void sum_evidence(int2 picture, __global const float *restrict cameras,
+static inline void sum_evidence(int2 picture, int n_cameras, __global const float *restrict cameras,
                                 __global const float *restrict reach,
                                 __global const char2 *restrict tiles,
                                 __global const char *restrict evidence,
@@ -158,7 +118,7 @@ static inline void add_body(__global const float *restrict body,
 #endif
 
 // Place of a sum of counts in the table; of cameras alone it is never outside.
-static inline int place_of(int counts)
+static inline int place_of(int n_cameras, int counts)
 {
 #if BODY
     counts = clamp(counts, -127 * N_CAMERAS, 127 * N_CAMERAS);
@@ -167,16 +127,18 @@ static inline int place_of(int counts)
 }
 
 // P(V = 1) by a voxel's sum.
-static inline float occupancy_of(__global const float *restrict table, int packed)
+static inline float occupancy_of(int n_cameras, int min_cameras,
+                                 __global const float *restrict table, int packed)
 {
     const int seeing = (packed + SEEN / 2) / SEEN;
-    const float seen = table[place_of(packed - seeing * SEEN)];
-    return seeing >= MIN_CAMERAS ? seen : 0.0f;
+    const float seen = table[place_of(n_cameras, packed - seeing * SEEN)];
+    return seeing >= min_cameras ? seen : 0.0f;
 }
 
 #if HALO == 0
 // All voxels of the padded grid, one work-group per brick.
-__kernel void occupancy(int2 picture, int3 grid, __global const float *restrict cameras,
+__kernel void occupancy(int2 picture, int3 grid, int n_cameras, int min_cameras,
+                        __global const float *restrict cameras,
                         __global const float *restrict reach,
                         __global const char2 *restrict tiles,
                         __global const char *restrict evidence,
@@ -185,17 +147,18 @@ __kernel void occupancy(int2 picture, int3 grid, __global const float *restrict 
                         __global const float *restrict body,
                         __global float *restrict probability)
 {
-    SCRATCH int sums[ROWS * DZ], fixed[N_CAMERAS], open[N_CAMERAS];
+    SCRATCH int sums[ROWS * DZ], fixed[CAMERA_ROOM], open[CAMERA_ROOM];
     const int lane = get_local_id(0);
     const int x0 = get_group_id(2) * BX, y0 = get_group_id(1) * BY, z0 = get_group_id(0) * BZ;
-    sum_evidence(picture, cameras, reach, tiles, evidence, geometry, x0, y0, z0, sums, fixed, open);
+    sum_evidence(picture, n_cameras, cameras, reach, tiles, evidence, geometry, x0, y0, z0, sums,
+                 fixed, open);
     ADD_BODY;
     const int n_z = NZ + 2 - z0 < DZ ? NZ + 2 - z0 : DZ;
     FOR_ROWS(row, ROWS) {
         const int x = x0 + row / DY, y = y0 + row % DY;
         if (x >= NX + 2 || y >= NY + 2) continue;
         __global float *out = probability + (x * (NY + 2) + y) * (NZ + 2) + z0;
-        FOR_Z(z, n_z) out[z] = occupancy_of(table, sums[row * DZ + z]);
+        FOR_Z(z, n_z) out[z] = occupancy_of(n_cameras, min_cameras, table, sums[row * DZ + z]);
     }
 }
 #else
@@ -205,7 +168,8 @@ __kernel void occupancy(int2 picture, int3 grid, __global const float *restrict 
 
 // Can a voxel of the box be occupied, or smoothed into being so? Padded voxel (x0, y0, z0) is its
 // first, `n` its number of voxels along the axes.
-static inline int may_hold(int2 picture, __global const float *cameras, __global const float *reach,
+static inline int may_hold(int2 picture, int n_cameras, int min_cameras, float threshold,
+                           __global const float *cameras, __global const float *reach,
                            __global const char2 *tiles, __global const float *table,
                            __global const float *geometry, __global const float *body,
                            int3 first, int3 n)
@@ -226,13 +190,15 @@ static inline int may_hold(int2 picture, __global const float *cameras, __global
     high += body_counts(body, centre, length(h));
 #endif
     // A mean of rounded numbers may exceed their largest by a few roundings.
-    return seeing >= MIN_CAMERAS && table[place_of(high)] > THRESHOLD * (1.0f - 1e-5f);
+    return seeing >= min_cameras &&
+           table[place_of(n_cameras, high)] > threshold * (1.0f - 1e-5f);
 }
 
 // Lists the bricks in or beside which a voxel can be occupied after smoothing: `slots` is their
 // place in the list, or -1. One work-group per coarse brick. What lies two voxels beyond the
 // brick counts: so its neighbours' values are exact as well.
-__kernel void find_bricks(int2 picture, int3 grid, __global const float *restrict cameras,
+__kernel void find_bricks(int2 picture, int3 grid, int n_cameras, int min_cameras,
+                          float threshold, __global const float *restrict cameras,
                           __global const float *restrict reach,
                           __global const char2 *restrict tiles,
                           __global const float *restrict table,
@@ -243,15 +209,16 @@ __kernel void find_bricks(int2 picture, int3 grid, __global const float *restric
 {
     const int3 corner = (int3)(get_group_id(2) * CX, get_group_id(1) * CY, get_group_id(0) * CZ);
     const int3 size = (int3)(BX, BY, BZ);
-    const int whole = may_hold(picture, cameras, reach, tiles, table, geometry, body, corner * size - 1,
+    const int whole = may_hold(picture, n_cameras, min_cameras, threshold, cameras, reach, tiles,
+                               table, geometry, body, corner * size - 1,
                                (int3)(CX, CY, CZ) * size + 4);
     for (int child = get_local_id(0); child < CX * CY * CZ; child += FIND_LANES) {
         const int3 brick = corner + (int3)(child / (CY * CZ), child / CZ % CY, child % CZ);
         if (brick.x >= BRICKS_X || brick.y >= BRICKS_Y || brick.z >= BRICKS_Z) continue;
         const int at = (brick.x * BRICKS_Y + brick.y) * BRICKS_Z + brick.z;
         int slot = -1;
-        if (whole && may_hold(picture, cameras, reach, tiles, table, geometry, body,
-                              brick * size - 1, size + 4)) {
+        if (whole && may_hold(picture, n_cameras, min_cameras, threshold, cameras, reach, tiles,
+                              table, geometry, body, brick * size - 1, size + 4)) {
             slot = atomic_inc(n_active);
             bricks[slot] = at;
         }
@@ -262,7 +229,8 @@ __kernel void find_bricks(int2 picture, int3 grid, __global const float *restric
 // Smoothed probability of the voxels of the listed bricks, and which of them are occupied: a bit
 // each, ushort per brick and row along z. A few work-groups share the list. Bricks beyond capacity
 // have no room for their probability.
-__kernel void sparse_occupancy(int2 picture, int3 grid, int capacity,
+__kernel void sparse_occupancy(int2 picture, int3 grid, int capacity, int n_cameras,
+                               int min_cameras, float threshold,
                                __global const float *restrict cameras,
                                __global const float *restrict reach,
                                __global const char2 *restrict tiles,
@@ -274,17 +242,20 @@ __kernel void sparse_occupancy(int2 picture, int3 grid, int capacity,
                                __global const int *restrict n_active,
                                __global float *restrict pool, __global ushort *restrict bits)
 {
-    SCRATCH int sums[ROWS * DZ], fixed[N_CAMERAS], open[N_CAMERAS];
+    SCRATCH int sums[ROWS * DZ], fixed[CAMERA_ROOM], open[CAMERA_ROOM];
     SCRATCH float p[ROWS * DZ], smoothed[BRICK_VOXELS];
     const int lane = get_local_id(0), n = *n_active;
     for (int slot = get_group_id(0); slot < n; slot += get_num_groups(0)) {
         const int brick = bricks[slot];
         const int x0 = brick / (BRICKS_Y * BRICKS_Z) * BX;
         const int y0 = brick / BRICKS_Z % BRICKS_Y * BY, z0 = brick % BRICKS_Z * BZ;
-        sum_evidence(picture, cameras, reach, tiles, evidence, geometry, x0, y0, z0, sums, fixed, open);
+        sum_evidence(picture, n_cameras, cameras, reach, tiles, evidence, geometry, x0, y0, z0,
+                     sums, fixed, open);
         ADD_BODY;
         FOR_ROWS(row, ROWS)
-            FOR_Z(z, DZ) p[row * DZ + z] = occupancy_of(table, sums[row * DZ + z]);
+            FOR_Z(z, DZ)
+                p[row * DZ + z] =
+                    occupancy_of(n_cameras, min_cameras, table, sums[row * DZ + z]);
         SYNC;
         FOR_ROWS(row, BX * BY) {
             SCRATCH const float *near = p + ((row / BY + 1) * DY + row % BY + 1) * DZ + 1;
@@ -299,37 +270,11 @@ __kernel void sparse_occupancy(int2 picture, int3 grid, int capacity,
             if (x >= NX || y >= NY) continue;
             uint mask = 0;
             for (int z = 0; z < BZ; ++z)
-                mask |= (uint)(smoothed[row * BZ + z] > THRESHOLD) << z;
+                mask |= (uint)(smoothed[row * BZ + z] > threshold) << z;
             if (NZ - z0 < BZ) mask &= (1u << (NZ - z0)) - 1u;
             bits[(x * NY + y) * BRICKS_Z + z0 / BZ] = (ushort)mask;
         }
         SYNC;
-    }
-}
-
-// Dense copy of the pool, 0 where there is no brick.
-__kernel void spread(int3 grid, int capacity, __global const float *restrict pool, __global const int *restrict slots,
-                     __global float *restrict probability)
-{
-    const int z = get_global_id(0), y = get_global_id(1), x = get_global_id(2);
-    if (z >= NZ || y >= NY || x >= NX) return;
-    const int slot = slots[(x / BX * BRICKS_Y + y / BY) * BRICKS_Z + z / BZ];
-    const int within = ((x % BX) * BY + y % BY) * BZ + z % BZ;
-    probability[(x * NY + y) * NZ + z] =
-        slot >= 0 && slot < capacity ? pool[slot * BRICK_VOXELS + within] : 0.0f;
-}
-
-// Probabilities of the surface voxels, in their order: that of the threshold where there was no room.
-__kernel void sparse_gather(int3 grid, int capacity, __global const float *restrict pool, __global const int *restrict slots,
-                            __global const int *restrict indices,
-                            __global const int *restrict n_surface, __global float *restrict out)
-{
-    const int n = *n_surface;
-    for (int i = get_global_id(0); i < n; i += get_global_size(0)) {
-        const int x = indices[i] / (NY * NZ), y = indices[i] / NZ % NY, z = indices[i] % NZ;
-        const int slot = slots[(x / BX * BRICKS_Y + y / BY) * BRICKS_Z + z / BZ];
-        const int within = ((x % BX) * BY + y % BY) * BZ + z % BZ;
-        out[i] = slot < capacity ? pool[slot * BRICK_VOXELS + within] : THRESHOLD;
     }
 }
 #endif

@@ -1,13 +1,12 @@
 // Divides the surface voxels and the foreground of several people among them. Each person is
 // SPHERES spheres (x, y, z, radius in m). Twin: psfs/reference/division.py. Defines: PEOPLE,
-// SPHERES, NY NZ of the grid, LANES, ROOM of a person's list, WIDTH HEIGHT of the evidence maps,
-// UNKNOWN, PACK, and those of camera.h.
-#if !defined(CAMERA_FLOATS) || !defined(HEIGHT) || !defined(LANES) || !defined(NY) || \
-    !defined(NZ) || !defined(PACK) || !defined(PEOPLE) || !defined(ROOM) || !defined(SPHERES) || \
-    !defined(UNKNOWN) || !defined(WIDTH)
-#error "people.cl needs CAMERA_FLOATS HEIGHT LANES NY NZ PACK PEOPLE ROOM SPHERES UNKNOWN and WIDTH"
+// SPHERES, LANES, UNKNOWN, PACK, and those of camera.h.
+#if !defined(CAMERA_FLOATS) || !defined(LANES) || !defined(PACK) || !defined(PEOPLE) || \
+    !defined(SPHERES) || !defined(UNKNOWN)
+#error "people.cl needs CAMERA_FLOATS LANES PACK PEOPLE SPHERES and UNKNOWN"
 #endif
 #include "common/camera.h"
+#include "reconstruction/packed_voxels.h"
 
 // Depth where there is nobody, m.
 #define FAR 1e6f
@@ -15,19 +14,18 @@
 // The person nearest to each surface voxel, PEOPLE if nobody is nearer than the root of `reach`.
 // Distances are squared, of the point from a sphere's centre less the radius: tangents of spheres.
 // `geometry`: origin of the grid, voxel size.
-__kernel void assign_voxels(__global const float4 *restrict spheres, float4 geometry, float reach,
+__kernel void assign_voxels(int3 grid, __global const float4 *restrict spheres, float4 geometry,
+                            float reach,
                             __global const int *restrict indices,
                             __global const int *restrict n_surface, __global uchar *restrict owners)
 {
     const int n = *n_surface;
     for (int first = get_global_id(0) * PACK; first < n; first += get_global_size(0) * PACK) {
 #define VOXEL(l) indices[lane_index(first, 0x##l, n)]
-#define X(l) (VOXEL(l) / (NY * NZ) + 0.5f)
-#define Y(l) (VOXEL(l) / NZ % NY + 0.5f)
-#define Z(l) (VOXEL(l) % NZ + 0.5f)
-        const vfloat x = geometry.x + PACK_OF(vfloat, X) * geometry.w;
-        const vfloat y = geometry.y + PACK_OF(vfloat, Y) * geometry.w;
-        const vfloat z = geometry.z + PACK_OF(vfloat, Z) * geometry.w;
+        const voxel_place at = place_of(grid, PACK_OF(vint, VOXEL));
+        const vfloat x = geometry.x + (TO_FLOAT(at.x) + 0.5f) * geometry.w;
+        const vfloat y = geometry.y + (TO_FLOAT(at.y) + 0.5f) * geometry.w;
+        const vfloat z = geometry.z + (TO_FLOAT(at.z) + 0.5f) * geometry.w;
         vfloat nearest = (vfloat)(reach);
         vint owner = (vint)(PEOPLE);
         for (int person = 0; person < PEOPLE; ++person) {
@@ -46,12 +44,12 @@ __kernel void assign_voxels(__global const float4 *restrict spheres, float4 geom
     }
 }
 
-// Each person's voxels, in their order; the counts lie `step` apart. One work-group per person; an
-// item has a run of voxels.
+// Each person's voxels, in their order, at most `room` of them; the counts lie `step` apart. One
+// work-group per person; an item has a run of voxels.
 __kernel __attribute__((reqd_work_group_size(LANES, 1, 1)))
 void list_voxels(__global const uchar *restrict owners, __global const int *restrict indices,
-                 __global const int *restrict n_surface, int step, __global int *restrict lists,
-                 __global int *restrict counts)
+                 __global const int *restrict n_surface, int room, int step,
+                 __global int *restrict lists, __global int *restrict counts)
 {
     __local int found[LANES];
     const int lane = get_local_id(0), person = get_group_id(0), n = *n_surface;
@@ -63,11 +61,11 @@ void list_voxels(__global const uchar *restrict owners, __global const int *rest
     barrier(CLK_LOCAL_MEM_FENCE);
     int at = 0;
     for (int before = 0; before < lane; ++before) at += found[before];
-    if (lane == LANES - 1) counts[person * step] = min(at + own, ROOM);
-    __global int *list = lists + (size_t)person * ROOM;
+    if (lane == LANES - 1) counts[person * step] = min(at + own, room);
+    __global int *list = lists + (size_t)person * room;
     for (int i = first; i < end; ++i)
         if (owners[i] == person) {
-            if (at < ROOM) list[at] = indices[i];
+            if (at < room) list[at] = indices[i];
             ++at;
         }
 }
@@ -115,7 +113,7 @@ __kernel void project_spheres(__global const float *restrict cameras, float reac
 // to, up to the root of `beside`; UNKNOWN where another one stands before the person by `before` m;
 // 0 in the rest of the foreground; as it is elsewhere. A person's maps lie `step` after the one
 // before. Views are dimension 1; an item has a pack of pixels.
-__kernel void divide_evidence(__global const float4 *restrict spheres,
+__kernel void divide_evidence(int2 picture, __global const float4 *restrict spheres,
                               __global const float4 *restrict seen,
                               __global const float4 *restrict boxes, float beside, float before,
                               int step, __global const char *restrict evidence,
@@ -133,7 +131,8 @@ __kernel void divide_evidence(__global const float4 *restrict spheres,
         return;
     }
     const vint pixel = first + LANE_NUMBERS;
-    const vfloat x = TO_FLOAT(pixel % WIDTH), y = TO_FLOAT(pixel / WIDTH);
+    const vint row = quotient(pixel, WIDTH);
+    const vfloat x = TO_FLOAT(pixel - row * WIDTH), y = TO_FLOAT(row);
     vfloat gaps[PEOPLE], depths[PEOPLE];
     vfloat closest = (vfloat)(beside), front = (vfloat)(FAR);
     for (int person = 0; person < PEOPLE; ++person) {

@@ -1,14 +1,12 @@
 // Projection of the surface voxels into every camera (Song et al. 2.3.2): silhouette and edge
-// proximity. Twin: reference/reprojection.py. Defines: REACH of
-// the proximity in pixels, TILE and MARK (px), LOT (1 or 16), GROUP, and that of
-// pack.h. The maps are made tile by tile of TILE x TILE pixels, and only those near the silhouette
-// at any cost.
+// proximity. Twin: reference/reprojection.py. Defines: those of distance.h, for the proximity, that
+// of pack.h, and MARK (px). The maps are made tile by tile of TILE x TILE pixels, and only those near
+// the silhouette at any cost.
 #if !defined(CAMERA_FLOATS) || !defined(MARK) || !defined(PACK)
 #error "reconstruction/reprojection.cl needs CAMERA_FLOATS, MARK and PACK"
 #endif
 #include "common/camera.h"
-#include "common/pack.h"
-#include "common/sizes.h"
+#include "reconstruction/packed_voxels.h"
 
 #define TILES_X ((WIDTH + TILE - 1) / TILE)
 // A mark says whether the silhouette touches MARK x MARK pixels. The marks lie behind the stack of
@@ -27,22 +25,6 @@ static inline vfloat whole_below(vfloat value)
     return whole > value ? whole - 1.0f : whole;
 }
 
-// Whole a / n of results below 2^20: a division of integers takes several times as long.
-static inline vint quotient(vint a, int n)
-{
-    const vint close = TO_INT(TO_FLOAT(a) * (1.0f / n)), left = a - close * n;
-    return left < 0 ? close - 1 : left >= n ? close + 1 : close;
-}
-
-typedef struct { vint x, y, z; } voxel_place;
-
-// Places along the axes of voxels whose flat indices these are.
-static inline voxel_place place_of(int3 grid, vint voxel)
-{
-    const vint x = quotient(voxel, NY * NZ), left = voxel - x * (NY * NZ), y = quotient(left, NZ);
-    return (voxel_place){x, y, left - y * NZ};
-}
-
 // Covers the box of a voxel in a map, and marks it.
 static inline void cover(int2 picture, int x0, int y0, int x1, int y1, __global uchar *map,
                          __global uchar *marks)
@@ -56,7 +38,8 @@ static inline void cover(int2 picture, int x0, int y0, int x1, int y1, __global 
 // Every voxel covers the bounding box of its projected cube: all pixel centres inside, or the
 // nearest pixel if there is none. All writers write the same, so their order does not matter.
 // `extents` holds, per view, half the width and height of the box times depth, px m.
-__kernel void splat(int2 picture, int3 grid, __global const float *restrict cameras, __global const float2 *restrict extents,
+__kernel void splat(int2 picture, int3 grid, __global const float *restrict cameras,
+                    __global const float2 *restrict extents,
                     __global const float *restrict geometry, // origin (3), voxel size
                     __global const int *restrict indices, __global const int *restrict n_surface,
                     __global uchar *restrict silhouette)
@@ -89,7 +72,8 @@ __kernel void splat(int2 picture, int3 grid, __global const float *restrict came
 }
 
 // Does the silhouette touch anything that the pixels of the tile from (left, top) on can see?
-static inline bool near_silhouette(int2 picture, int left, int top, __global const uchar *marks)
+static inline bool near_silhouette(int2 picture, int reach, int left, int top,
+                                   __global const uchar *marks)
 {
     const int x0 = max(left - REACH, 0) / MARK, y0 = max(top - REACH, 0) / MARK;
     const int x1 = min(left + TILE - 1 + REACH, WIDTH - 1) / MARK;
@@ -118,10 +102,11 @@ static inline bytes edges_of(const edge_source *source, columns at, int y)
 // Maps of one tile: silhouette and, by `proximity` (up to REACH^2, then 0), the exact squared
 // distance to the nearest boundary pixel. One work-group per tile and view.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void edge_proximity(int2 picture, __global const uchar *restrict silhouette, __global const int2 *restrict sizes,
+void edge_proximity(int2 picture, int reach, __global const uchar *restrict silhouette,
+                    __global const int2 *restrict sizes,
                     __global const uchar *restrict proximity, __global uchar2 *restrict maps)
 {
-    __local gap_type gap[TILE_ROWS * SPAN + LOT], distance[SPAN + LOT];
+    __local gap_type gap[TILE_ROWS * ROOM + LOT], distance[ROOM + LOT];
     __local square_type squares[N_SQUARES];
     const int lane = get_local_id(0), view = get_global_id(1);
     const int tile_x = get_group_id(0) % TILES_X, tile_y = get_group_id(0) / TILES_X;
@@ -133,12 +118,13 @@ void edge_proximity(int2 picture, __global const uchar *restrict silhouette, __g
     // A tile from which no silhouette can be seen looks at nothing; it does not return, because
     // PoCL 3 miscompiles that.
     const bool near =
-        near_silhouette(picture, left, top, silhouette + MARKS_PLACE + view * MARKS_X * MARKS_Y);
+        near_silhouette(picture, reach, left, top,
+                        silhouette + MARKS_PLACE + view * MARKS_X * MARKS_Y);
     const int2 size = sizes[view];
     const int x0 = max(left - REACH, 0);
     const int x1 = near ? min(left + TILE + REACH, size.x) : x0;
     const edge_source source = {map, picture, size.y};
-    find_gaps(&source, size.x, left, top, x0, x1, distance, gap, squares);
+    find_gaps(&source, reach, size.x, left, top, x0, x1, distance, gap, squares);
     for (int y = lane / TILE; y < n_rows; y += row_step)
         for (int x = lane % TILE * LOT; x < n_columns; x += column_step * LOT) {
             const int n = n_columns - x < LOT ? n_columns - x : LOT;
@@ -148,7 +134,7 @@ void edge_proximity(int2 picture, __global const uchar *restrict silhouette, __g
                 continue;
             }
             square_type found[LOT];
-            STORE_LOT(least_squares(gap, squares, x, y), found);
+            STORE_LOT(least_squares(reach, gap, squares, x, y), found);
             __global const uchar *row = map + (top + y) * WIDTH + left + x;
             for (int l = 0; l < n; ++l) place[l] = (uchar2)(row[l], proximity[found[l]]);
         }

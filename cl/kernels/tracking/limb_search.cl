@@ -1,10 +1,16 @@
 // What the estimate might be besides the mean of the particles: the mean with one limb somewhere
-// else. Twin: reference/filters/limb_search.py. Defines: N_DOF; N_LIMBS, at least 1; CANDIDATES, 1
-// and two for every limb there is; GROUP, a power of two.
-#if !defined(CANDIDATES) || !defined(GROUP) || !defined(N_DOF) || !defined(N_LIMBS)
-#error "tracking/limb_search.cl needs CANDIDATES, GROUP, N_DOF and N_LIMBS"
+// else. Twin: reference/filters/limb_search.py. Defines: N_DOF; GROUP, a power of two. N_LIMBS, at
+// least 1, and CANDIDATES, 1 and two for every limb there is, are arguments, for GPUs defines as
+// well, see sizes.h.
+#if !defined(GROUP) || !defined(N_DOF)
+#error "tracking/limb_search.cl needs GROUP and N_DOF"
 #endif
 #include "common/philox.h"
+
+#ifndef N_LIMBS
+#define N_LIMBS n_limbs
+#define CANDIDATES n_candidates
+#endif
 
 // A degree of freedom's `value`, reflected at its limits.
 static inline float reflected(float value, float2 limit)
@@ -26,8 +32,9 @@ static inline float noise_of(uint frame, int layer, int particle, int dof, uint2
 // or, from particle n_near on, anywhere in its ranges. Limbs take turns. Every run has n particles.
 // limbs: N_LIMBS x N_DOF, 1 where a degree of freedom belongs to a limb. seen: null, or how far the
 // means would move to observed points, runs x N_DOF: then each limb's first particle moves so.
-__kernel void propose(int n, int n_near, int layer, float reach, __global const uint2 *seeds,
-                      __global const uint *frames, __global const float *sigma,
+__kernel void propose(int n_limbs, int n, int n_near, int layer, float reach,
+                      __global const uint2 *seeds, __global const uint *frames,
+                      __global const float *sigma,
                       __global const float2 *limits, __global const float2 *ranges,
                       __global const uchar *limbs, __global const float *result,
                       __global const float *seen, __global float *poses)
@@ -59,8 +66,8 @@ __kernel void propose(int n, int n_near, int layer, float reach, __global const 
 // poses become those of the next round, told by `layer`: the limb about where the best has it, with
 // a deviation of `reach` sigma; the first is the best itself. One work-group per candidate and run.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void choose(int n, int n_near, int layer, float reach, __global const uint2 *seeds,
-            __global const uint *frames, __global const float *sigma,
+void choose(int n_limbs, int n_candidates, int n, int n_near, int layer, float reach,
+            __global const uint2 *seeds, __global const uint *frames, __global const float *sigma,
             __global const float2 *limits, __global const uchar *limbs,
             __global const float *errors, __global float *poses, __global float *candidates)
 {
@@ -111,7 +118,7 @@ void choose(int n, int n_near, int layer, float reach, __global const uint2 *see
 // is smaller by more than a share of it, margins.x where a limb moved near where it was, margins.y
 // where it moved anywhere. shift: by how much the estimate moved from the mean; information: of the
 // candidate taken, see refinement.cl; misfits: null, or its, of those of all candidates.
-__kernel void accept(float2 margins, __global const float *errors,
+__kernel void accept(int n_limbs, int n_candidates, float2 margins, __global const float *errors,
                      __global const float *candidates, __global const float *informations,
                      __global const float *all_misfits, __global float *result,
                      __global float *shift, __global float *information, __global float *misfits)

@@ -6,13 +6,11 @@
 // scale. The steps weigh voxels by a scale `reach` that shrinks to `scale`, so that those far from
 // any cone pull first (graduated non-convexity, Blake & Zisserman 1987), and points likewise. Every
 // step is one launch of each kernel.
-// Defines: BLOCK, voxels of a work-group, twice its points; GROUP, a power of two; VOXEL_PARTS,
-// work-groups of a pose that look at voxels, the others look at points; those of kinematics.h. A
-// pack is one of voxels, the pose the same in all its lanes, or one of columns of the linear
-// system.
-#if !defined(BLOCK) || !defined(CAMERA_FLOATS) || !defined(PACK) || !defined(VOXEL_FLOATS) || \
-    !defined(VOXEL_PARTS)
-#error "tracking/refinement.cl needs BLOCK, CAMERA_FLOATS, PACK, VOXEL_FLOATS and VOXEL_PARTS"
+// Defines: BLOCK, voxels of a work-group, twice its points; GROUP, a power of two; those of
+// kinematics.h. The first work-groups of a pose look at voxels, the others at points. A pack is one
+// of voxels, the pose the same in all its lanes, or one of columns of the linear system.
+#if !defined(BLOCK) || !defined(CAMERA_FLOATS) || !defined(PACK) || !defined(VOXEL_FLOATS)
+#error "tracking/refinement.cl needs BLOCK, CAMERA_FLOATS, PACK and VOXEL_FLOATS"
 #endif
 #include "common/observed.h"
 #include "common/packed_cones.h"
@@ -224,16 +222,17 @@ INLINED float look_at_point(const evidence *e, int k, __local const vfloat *fram
 INLINED int take_rows(const evidence *e, __local workspace *w, float *cost)
 {
     const int lane = get_local_id(0), part = get_group_id(0);
+    const int voxel_parts = (e->n_points + BLOCK - 1) / BLOCK;
     float sum = 0.0f;
     int n;
-    if (part < VOXEL_PARTS) {
+    if (part < voxel_parts) {
         const int first = part * BLOCK;
         n = e->n_points - first < BLOCK ? e->n_points - first : BLOCK;
         for (int k = lane * PACK; k < n; k += GROUP * PACK)
             sum += look_at(e->points + first, k, n, e->scale, e->reach, w->posed, w->spans,
                            w->voxels);
     } else {
-        const int first = (part - VOXEL_PARTS) * (BLOCK / 2);
+        const int first = (part - voxel_parts) * (BLOCK / 2);
         const int left = observed_count(e->observed) - first;
         const int here = left < 0 ? 0 : left < BLOCK / 2 ? left : BLOCK / 2;
         n = 2 * here;

@@ -208,10 +208,10 @@ def test_finds_the_way_back_by_what_cameras_see() -> None:
 def test_kernels_and_twin_on_observed_points(
     device: Device, name: str, n_voxels: int, n_points: int
 ) -> None:
-    """Some of them behind a camera, wrong, or the other side's. Without voxels, the other kind of
-    work-groups is left to one body: their kernels take 5 s to compile."""
+    """Some of them behind a camera, wrong, or the other side's. The other kind of work-groups is
+    left to one body: their kernels take 5 s to compile."""
     body, random = bodies.named(name), np.random.default_rng(n_points)
-    kinds = [device] if name == "stick" and not n_voxels else [device, other_kind(device)]
+    kinds = [device] if name == "stick" else [device, other_kind(device)]
     config = CONFIG.with_changes(
         refinement_steps=3, refinement_width=4.0, n_points=max(1, n_voxels)
     )

@@ -12,6 +12,7 @@ from helpers.parity import traced
 from apf.body import load_body
 from apf.body.cones import project_outlines
 from apf.body.kinematics import posed_cones
+from apf.likelihood import silhouette_recall
 from apf.reference.likelihood.silhouette_recall import find_covered, uncovered_errors
 from apf.reference.likelihood.voxel import sampled_surface
 from cl import Device
@@ -96,10 +97,13 @@ def test_projected_points_agree_with_the_twin(device: Device, views: int, n_poin
         assert (both.any() and not both.all()) or n_points == 1
 
 
-@pytest.mark.parametrize("views", [3, 11])
-def test_the_other_kind_of_work_groups_finds_the_same(device: Device, views: int) -> None:
-    """GPUs look at several cameras together, CPUs at several samples."""
-    rig, grid, other = scenes.ring(views), scenes.small_grid(0.1), other_kind(device)
+@pytest.mark.parametrize("together", [4, 2])
+def test_the_other_kind_of_work_groups_finds_the_same(
+    device: Device, monkeypatch: pytest.MonkeyPatch, together: int
+) -> None:
+    """GPUs look at several cameras together, here at most at so many; CPUs at several samples."""
+    monkeypatch.setattr(silhouette_recall, "_VIEWS", together)
+    rig, grid, other = scenes.ring(3), scenes.small_grid(0.1), other_kind(device)
     indices, poses = np.arange(0, grid.size, 7, dtype=np.int32), scattered_poses(SONG, 23)
     config = only("none").with_changes(silhouette_recall_weight=1.5, n_points=301, point_turns=2)
     found = []
@@ -109,5 +113,5 @@ def test_the_other_kind_of_work_groups_finds_the_same(device: Device, views: int
         setup.likelihood.observe(cloud(grid, place.to_device(indices), count))
         found.append(setup.errors(1))
     # A sample on the very edge of a trapezoid may fall either way.
-    assert np.abs(found[0] - found[1]).max() <= 1.5 * views * 2 / 150
+    assert np.abs(found[0] - found[1]).max() <= 1.5 * 3 * 2 / 150
     assert np.mean(np.isclose(found[0], found[1], rtol=1e-5)) > 0.8

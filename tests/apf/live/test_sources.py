@@ -14,7 +14,7 @@ from helpers import footage
 from apf.live.captures import open_cameras
 from apf.live.pictures import Smaller, fitting_factor
 from apf.live.recording import Captures
-from apf.live.sources import ACQUISITION, Newest, Replay, Shot
+from apf.live.sources import ACQUISITION, LiveCamera, Newest, Replay, Shot
 from apf.live.timeline import Timeline
 from apf.synthetic.scene import SceneConfig, make_rig
 from cl import InputError
@@ -141,9 +141,17 @@ def test_a_full_disk_ends_a_recording(tmp_path: Path, monkeypatch: pytest.Monkey
     def write(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
+    records, play = threading.Event(), LiveCamera.play
+
+    def play_when_recorded(camera: LiveCamera) -> None:
+        assert records.wait(60)  # else a busy machine's video of 0.5 s ends before it is recorded
+        play(camera)
+
+    monkeypatch.setattr(LiveCamera, "play", play_when_recorded)
     monkeypatch.setattr(Video, "write", write)
     captures = Captures([str(folder / f"videos/cam0{k}.mp4") for k in (1, 2)])
     captures.record(tmp_path / "out", ["a", "b"])
+    records.set()
     assert captures.wait(10**6, 10.0) is None and "No space left" in captures.ended
     with pytest.raises(InputError, match="0 of 0 pictures"):
         captures.stop_recording()

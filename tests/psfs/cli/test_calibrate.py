@@ -18,7 +18,7 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cli import main
 
 #: All around a wand; side by side for a board, which has one face.
-CAMERAS, ARC = made.ring(), made.ring(step=28)
+CAMERAS, ARC = made.ring(), made.ring(4, step=28)
 SQUARES, SQUARE, WAND = (6, 4), 0.2, 0.5
 BOARD_FLAGS = ("--squares", "6x4", "--square", "0.2")
 
@@ -32,7 +32,7 @@ def boards(tmp_path_factory: pytest.TempPathFactory) -> Path:
     picture = board.generateImage((60 * SQUARES[0], 60 * SQUARES[1]))
     rng = np.random.default_rng(1)
     poses = [made.flat(0.0, -0.2, 0.9)]
-    poses += [made.facing(rng, ARC[k % 6].centre) for k in range(24)]
+    poses += [made.facing(rng, ARC[k % 4].centre) for k in range(18)]
     made.film(folder, ARC, poses, made.board_picture(picture, SQUARE, SQUARES))
     return with_lenses(folder, ARC)
 

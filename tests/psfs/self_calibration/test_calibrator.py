@@ -11,7 +11,13 @@ from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.self_calibration import calibrator
 from psfs.self_calibration.addition import CameraAddition, choose_core
-from psfs.self_calibration.adjustment import Adjusted, PersonPoints, summarise_pairs
+from psfs.self_calibration.adjustment import (
+    Adjusted,
+    PersonPoints,
+    measure_turn,
+    settle,
+    summarise_pairs,
+)
 from psfs.self_calibration.calibrator import adjust_calibration, calibrate_by_person
 from psfs.self_calibration.config import (
     AdjustmentConfig,
@@ -31,7 +37,7 @@ CONFIG = PersonConfig(
     growth=GrowthConfig(
         angles=12, elevations=(0.05, 0.25), tried=6, kept=(4, 3, 2), places=4, grown=1,
     ),
-    adjustment=AdjustmentConfig(passes=1),
+    adjustment=AdjustmentConfig(passes=1, last=2),
 )  # fmt: skip
 
 
@@ -78,12 +84,13 @@ def capsules(time):
 def draw(camera, time):
     """The silhouette (h, w) bool: discs along every capsule."""
     ends, radii = capsules(time)
+    shares = np.linspace(0, 1, 25)[:, None, None]
+    points = ends[:, 0] + shares * (ends[:, 1] - ends[:, 0])
+    pixels, depth = camera.project(points.reshape(-1, 3))
+    sizes = camera.K[0, 0] * np.tile(radii, len(points)) / depth
     mask = np.zeros(camera.size[::-1], np.uint8)
-    for share in np.linspace(0, 1, 25):
-        pixels, depth = camera.project(ends[:, 0] + share * (ends[:, 1] - ends[:, 0]))
-        for (x, y), size in zip(pixels, camera.K[0, 0] * radii / depth, strict=True):
-            centre = round(16 * x), round(16 * y)
-            cv2.circle(mask, centre, round(16 * size), 1, cv2.FILLED, cv2.LINE_8, 4)
+    for (x, y), size in zip(np.rint(16 * pixels).astype(int), sizes, strict=True):
+        cv2.circle(mask, (x, y), round(16 * size), 1, cv2.FILLED, cv2.LINE_8, 4)
     return mask > 0
 
 
@@ -133,7 +140,8 @@ def test_the_rig_is_grown_camera_by_camera_if_no_arrangement_fits(monkeypatch):
     wrong = CameraRig((CAMERAS[0], CAMERAS[2], CAMERAS[1], CAMERAS[3]))
     start = [(wrong, np.array(LAGS) + np.array([0.0, 1, -1, 1]))]
     monkeypatch.setattr(calibrator, "_search", lambda *_: start)
-    found = calibrate_by_person(uncalibrated(), outlines(), RATE, CONFIG)
+    few = CONFIG.replace(growth=CONFIG.growth.replace(tried=4, kept=(3, 2, 1)))
+    found = calibrate_by_person(uncalibrated(), [own[:80] for own in outlines()], RATE, few)
     np.testing.assert_allclose(found.lags, LAGS, atol=0.05)
     for camera, true in zip(found.rig, CAMERAS, strict=True):
         turn = camera.R @ found.rig[0].R.T @ CAMERAS[0].R @ true.R.T
@@ -172,6 +180,37 @@ def test_somebody_on_a_circle_is_refused():
     calibrator.check_unambiguous(ranked[0][1], ranked, points, CONFIG)
 
 
+def test_another_place_of_one_camera_is_compared_by_that_camera(monkeypatch):
+    """The worst camera of both arrangements, the last one, stands the same in both."""
+    rig = CameraRig(tuple(CAMERAS))
+    best, rival = (Adjusted(rig, np.array([0.0, 0, late, 0]), None) for late in (0, 60))
+    misfits = {0: [0.3, 0.3, 0.3, 0.7], 60: [0.3, 0.4, 0.6, 0.65]}
+    monkeypatch.setattr(calibrator, "adjust_frontier", lambda *_: rival)
+    monkeypatch.setattr(calibrator, "measure_pairs", lambda of, _: misfits[int(of.lags[2])])
+    monkeypatch.setattr(calibrator, "summarise_pairs", np.array)
+    calibrator.check_unambiguous(best, [(0.1, best), (0.11, rival)], None, CONFIG)
+    misfits[60][2] = 0.4
+    with pytest.raises(InputError, match=r"to 0\.70 and 0\.65 px: times differ by up to 60 frames"):
+        calibrator.check_unambiguous(best, [(0.1, best), (0.11, rival)], None, CONFIG)
+
+
+def test_a_rig_is_adjusted_until_it_stays():
+    """One camera is turned by a degree."""
+    config = CONFIG.adjustment.replace(last=1)
+    points = PersonPoints(CAMERAS, [own[:50] for own in outlines()], config)
+    turned = replace(CAMERAS[1], R=cv2.Rodrigues(np.array([0, 0.0175, 0]))[0] @ CAMERAS[1].R)
+    turned = replace(turned, t=-turned.R @ CAMERAS[1].centre)
+    found = Adjusted(CameraRig((CAMERAS[0], turned, *CAMERAS[2:])), np.array(LAGS, float), None)
+    once = settle(found, points)
+    points.config = config.replace(last=8)
+    last = settle(found, points)
+    before, first, settled = (measure_turn(own.rig.cameras, CAMERAS) for own in (found, once, last))
+    assert first < 0.4 * before
+    assert settled < 0.85 * first
+    again = settle(last, points)
+    assert measure_turn(again.rig.cameras, last.rig.cameras) < 2 * config.settled
+
+
 def test_a_given_start_is_adjusted_in_its_own_world():
     """Cameras turned by two degrees and lags half a frame off; nobody searches."""
     rng, start = np.random.default_rng(5), []
@@ -207,10 +246,12 @@ def test_two_cameras_are_refused():
 
 
 def test_unrelated_films_are_refused():
-    """Of one camera the film runs backwards."""
-    own = [*outlines()[:3], outlines()[3][::-1]]
-    with pytest.raises(InputError, match="film one person"):
-        calibrate_by_person(uncalibrated(), own, RATE, CONFIG)
+    """Of one camera of three the film runs backwards."""
+    own = [*outlines()[:2], outlines()[3][::-1]]
+    cameras = [*uncalibrated()[:2], uncalibrated()[3]]
+    growth = CONFIG.growth.replace(tried=2, kept=(2, 1), places=2)
+    with pytest.raises(InputError, match=r"those of d and .* film one person"):
+        calibrate_by_person(cameras, own, RATE, CONFIG.replace(candidates=3, growth=growth))
 
 
 def test_a_camera_that_shares_nothing_is_refused(monkeypatch):

@@ -58,7 +58,7 @@ def test_silhouettes_tell_what_is_hidden(device: Device) -> None:
     np.testing.assert_array_equal(expected[..., 1], maps[..., 1])
 
 
-@pytest.mark.parity("reconstruction/occupancy.occupancy", "reconstruction/occupancy.evidence_tiles")
+@pytest.mark.parity("reconstruction/occupancy.occupancy", "reconstruction/tiles.evidence_tiles")
 def test_a_hidden_camera_does_not_see_a_voxel(device: Device) -> None:
     evidence = hide(scenes.patches_of_evidence(RIG, 3, 8), some_hidden(RIG))
     config = OccupancyConfig(min_cameras=4)

@@ -74,8 +74,8 @@ def test_sparse_is_dense(device: Device, views: int, distorted: bool) -> None:
 @pytest.mark.parity(
     "reconstruction/occupancy.find_bricks",
     "reconstruction/occupancy.sparse_occupancy",
-    "reconstruction/occupancy.sparse_gather",
-    "reconstruction/occupancy.spread",
+    "reconstruction/pool.sparse_gather",
+    "reconstruction/pool.spread",
 )
 @pytest.mark.parametrize(
     ("views", "shape"), [(3, (3, 30, 70)), (1, (33, 40, 32)), (3, (21, 28, 17))]
@@ -155,7 +155,7 @@ def test_pictures_of_either_mode_agree_with_the_twin(device: Device) -> None:
     assert len(union) - len(common) <= max(2, 0.01 * len(union))
 
 
-@pytest.mark.parity("reconstruction/occupancy.evidence_tiles")
+@pytest.mark.parity("reconstruction/tiles.evidence_tiles")
 def test_tiles_hold_the_extremes(device: Device) -> None:
     rig = scenes.ring(3)
     evidence = evidence_of(rig, 3, 3)

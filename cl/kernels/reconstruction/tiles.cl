@@ -1,0 +1,61 @@
+// Least and greatest evidence in tiles of pixels; twin: tests/psfs/voxels/test_sparse.py. Defines:
+// those of bricks.h, TILE_LANES items per work-group, UNKNOWN (see hidden.cl).
+#if !defined(TILE_LANES) || !defined(UNKNOWN)
+#error "reconstruction/tiles.cl needs TILE_LANES and UNKNOWN"
+#endif
+#include "reconstruction/bricks.h"
+
+// A group of one item needs neither local memory nor barriers.
+#if TILE_LANES > 1
+#define SYNC barrier(CLK_LOCAL_MEM_FENCE)
+#define SCRATCH __local
+#else
+#define SYNC
+#define SCRATCH __private
+#endif
+
+// Least and greatest evidence of the tiles, one work-group per coarse tile. Unknown evidence, of
+// cameras that count as not seeing a voxel, is the least there is and adds 0: a tile that has some
+// and more is never the same all over. Resets n_active.
+__kernel void evidence_tiles(int2 picture, __global const char *restrict evidence,
+                             __global char2 *restrict tiles,
+                             __global int *restrict n_active)
+{
+    SCRATCH char2 fine[ALONG * ALONG];
+    const int lane = get_local_id(0), view = get_group_id(1);
+    const int coarse_x = get_group_id(0) % COARSE_X, coarse_y = get_group_id(0) / COARSE_X;
+    __global const char *map = evidence + view * (WIDTH * HEIGHT);
+    tiles += view * VIEW_TILES;
+    if (lane == 0 && view == 0 && get_group_id(0) == 0) *n_active = 0;
+    for (int t = lane; t < ALONG * ALONG; t += TILE_LANES) {
+        const int x = coarse_x * ALONG + t % ALONG, y = coarse_y * ALONG + t / ALONG;
+        char low[FINE], high[FINE]; // per column of the tile
+        for (int i = 0; i < FINE; ++i) {
+            low[i] = 127;
+            high[i] = -127;
+        }
+        for (int j = y * FINE; j < y * FINE + FINE && j < HEIGHT; ++j)
+            for (int i = 0; i < FINE; ++i) {
+                const int at = x * FINE + i;
+                // Columns beyond the picture repeat its last one.
+                const char value = map[j * WIDTH + (at < WIDTH ? at : WIDTH - 1)];
+                low[i] = value < low[i] ? value : low[i];
+                const char most = value == UNKNOWN ? 0 : value;
+                high[i] = most > high[i] ? most : high[i];
+            }
+        for (int i = 1; i < FINE; ++i) {
+            low[0] = low[i] < low[0] ? low[i] : low[0];
+            high[0] = high[i] > high[0] ? high[i] : high[0];
+        }
+        fine[t] = (char2)(low[0], high[0]);
+        if (x < FINE_X && y < FINE_Y) tiles[y * FINE_X + x] = fine[t];
+    }
+    SYNC;
+    if (lane > 0) return;
+    char2 all = fine[0];
+    for (int t = 1; t < 16; ++t) {
+        all.x = fine[t].x < all.x ? fine[t].x : all.x;
+        all.y = fine[t].y > all.y ? fine[t].y : all.y;
+    }
+    tiles[FINE_X * FINE_Y + coarse_y * COARSE_X + coarse_x] = all;
+}
