@@ -28,6 +28,7 @@ from psfs.diagnostics.frontier import (
 from psfs.diagnostics.refinement import RigCorrections, RigFit, correct_camera
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.config import AdjustmentConfig
+from psfs.self_calibration.head import HeadSections
 from psfs.self_calibration.hulls import HullRays
 
 #: Find points in the cameras' pictures of shifted frames that agree to a number of pixels.
@@ -53,14 +54,14 @@ class PersonPoints:
     ) -> None:  # fmt: skip
         self.config = config
         self.hulls = [HullRays(c, own) for c, own in zip(cameras, outlines, strict=True)]
-        self._contours = [SilhouetteContours(own) for own in outlines]
+        self.contours = [SilhouetteContours(own) for own in outlines]
         self.shortest = min(len(own) for own in outlines)
 
     def select(self, views: Sequence[int]) -> PersonPoints:
         """Return those of some cameras."""
         own = copy(self)
         own.hulls = [self.hulls[view] for view in views]
-        own._contours = [self._contours[view] for view in views]
+        own.contours = [self.contours[view] for view in views]
         return own
 
     def find_extremes(
@@ -119,7 +120,7 @@ class PersonPoints:
         kept = np.abs(residuals) < self.config.outermost * gate
         columns = outermost.views, outermost.frames, outermost.pixels, outermost.rates
         moved = []
-        for contours, shift in zip(self._contours, shifts, strict=True):
+        for contours, shift in zip(self.contours, shifts, strict=True):
             own = copy(contours)
             own.frames = contours.frames - int(shift)
             moved.append(own)
@@ -212,11 +213,17 @@ def adjust_farther(start: Adjusted, points: PersonPoints) -> Adjusted:
     return found
 
 
-def settle(start: Adjusted, points: PersonPoints) -> Adjusted:
-    """Adjust a rig to all frontier points, matched again in every pass, until it stays."""
+def settle(
+    start: Adjusted, points: PersonPoints, ups: Sequence[np.ndarray] | None = None
+) -> Adjusted:
+    """Adjust a rig to all frontier points, matched again in every pass, until it stays.
+
+    ups: (3,) of each camera in its own axes; with these to the middles of the head, too.
+    """
     config, found = points.config, start
     for _ in range(config.last):
-        near = _adjust_to(config.near_gates, found, points)
+        head = None if ups is None else _measure_head(found, points, ups)
+        near = _adjust_to(config.near_gates, found, points, head)
         if near is None:
             break
         turn = measure_turn(found.rig.cameras, near.rig.cameras)
@@ -226,8 +233,26 @@ def settle(start: Adjusted, points: PersonPoints) -> Adjusted:
     return found
 
 
-def _adjust_to(gates: Sequence[float], start: Adjusted, points: PersonPoints) -> Adjusted | None:
-    return _adjust(start.rig, start.lags, points.find_all, points.config.narrow, gates)
+def settle_by_head(start: Adjusted, points: PersonPoints, ups: Sequence[np.ndarray]) -> Adjusted:
+    """Adjust a rig until it stays, then to the middles of the head, too, unless these turn it far:
+    of somebody in place frontier points are then matched wrongly."""
+    found = settle(start, points)
+    moved = settle(found, points, ups)
+    turn = measure_turn(found.rig.cameras, moved.rig.cameras)
+    return moved if turn < points.config.head.farthest else found
+
+
+def _measure_head(found: Adjusted, points: PersonPoints, ups: Sequence[np.ndarray]) -> HeadSections:
+    cameras = found.rig.cameras
+    up = np.mean([camera.R.T @ own for camera, own in zip(cameras, ups, strict=True)], axis=0)
+    up /= np.linalg.norm(up)
+    return HeadSections(cameras, found.lags, points.contours, up, points.config.head)
+
+
+def _adjust_to(
+    gates: Sequence[float], start: Adjusted, points: PersonPoints, head: HeadSections | None = None
+) -> Adjusted | None:
+    return _adjust(start.rig, start.lags, points.find_all, points.config.narrow, gates, head)
 
 
 def _go_on(first: Adjusted, second: Adjusted, factor: float) -> Adjusted:
@@ -249,8 +274,9 @@ def measure_turn(first: Sequence[Camera], second: Sequence[Camera]) -> float:
 
 
 def _adjust(
-    rig: CameraRig, lags: np.ndarray, find: _Find, config: AlignmentConfig, gates: Sequence[float]
-) -> Adjusted | None:
+    rig: CameraRig, lags: np.ndarray, find: _Find, config: AlignmentConfig, gates: Sequence[float],
+    head: HeadSections | None = None,
+) -> Adjusted | None:  # fmt: skip
     found = None
     for gate in gates:
         shifts = np.round(lags).astype(int)
@@ -260,7 +286,8 @@ def _adjust(
         ) -> FrontierPoints:
             return find(cameras, shifts, gate)
 
-        fit = RigFit(rig, [], config.replace(gate=gate), search)
+        more = (None, None) if head is None else head.bind(shifts)
+        fit = RigFit(rig, [], config.replace(gate=gate), search, *more)
         start = np.zeros((len(rig), 8))
         start[:, 7] = shifts - lags
         # Cameras without common points have no variances; they are refused later.

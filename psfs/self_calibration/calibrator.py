@@ -30,7 +30,7 @@ from psfs.self_calibration.adjustment import (
     measure_misfit,
     measure_pairs,
     measure_turn,
-    settle,
+    settle_by_head,
     summarise_pairs,
 )
 from psfs.self_calibration.bobbing import compare_bobbing, refine_lags
@@ -79,7 +79,7 @@ def calibrate_by_person(
     best = _find_rig(take.select(core), config, track)
     if best is not None and len(core) < len(cameras):
         best = _add_others(best, core, take, config, track)
-    return _check(best, [own[0].axes[2] for own in take.views], take.points, config)
+    return _check(best, take.ups, take.points, config)
 
 
 def check_number_of_cameras(count: int) -> None:
@@ -119,7 +119,7 @@ def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted 
         lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
         grown = grow_rigs(take.cameras, lags, take.points, config, track)
         best = _adjust_grown(best, grown, take.points, track)
-    return None if best is None else settle(best, take.points)
+    return None if best is None else settle_by_head(best, take.points, take.ups)
 
 
 def _add_others(

@@ -122,6 +122,30 @@ class GrowthConfig(Config):
     )
 
 
+class HeadConfig(Config):
+    """Middles of the head's silhouettes as points common to all cameras."""
+
+    SOURCE: ClassVar = "by hand on `synth_walk_8cam`, `synth_walk_4cam` and `synth_box_4cam`"
+
+    below: tuple[float, ...] = setting(
+        (0.04, 0.06, 0.08, 0.1, 0.12, 0.14, 0.16, 0.18, 0.2),
+        "Distances below the top of the head.",
+        unit="m",
+    )
+    band: float = positive(0.75, "Half the height of the band whose edges are taken.", unit="px")
+    narrowest: float = positive(0.06, "Least width of the head.", unit="m")
+    widest: float = positive(0.3, "Greatest width of the head.", unit="m")
+    noise: float = positive(0.25, "Least standard deviation of a middle.", unit="px")
+    along: float = positive(4.0, "Multiple of it along the head.")
+    information: float = positive(
+        0.02,
+        "Independent measurements per middle; of 0.04 and 0.02 four cameras of a boxer diverge.",
+    )
+    farthest: float = positive(
+        0.0175, "Turn of a camera by the middles from which on they are not used.", unit="rad"
+    )
+
+
 class AdjustmentConfig(Config):
     """Adjustment of all cameras to the silhouettes."""
 
@@ -177,6 +201,7 @@ class AdjustmentConfig(Config):
         noise=0.25,
         **_ALIKE,
     )
+    head: HeadConfig = part(HeadConfig, "Middles of the head, in the last passes.")
     lens: float = positive(
         0.03,
         "Step of the focal length's logarithm in each round, where only an angle of view is "

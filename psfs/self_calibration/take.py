@@ -59,6 +59,11 @@ class PersonTake:
         most = int(np.ceil(config.longest_lag * rate / step))
         return cls(cameras, outlines, points, views, bobbing, step, most)
 
+    @property
+    def ups(self) -> list[np.ndarray]:
+        """Up (3,) of every camera in its own axes."""
+        return [own[0].axes[2] for own in self.views]
+
     def select(self, views: Sequence[int]) -> PersonTake:
         """Return what some of the cameras tell."""
         return PersonTake(
