@@ -120,12 +120,24 @@ def estimate_alignment(
     if half is None:
         return None
     after = fit.measure(half.values, ~fitted)
-    found = fit.solve(start=half.values, rounds=1)
+    found = _settle(fit, half)
     if found is None or not np.isfinite([before, after]).all():
         return None
     corrected = found.apply(rig)
     side = max(small.width, small.height)
     return Alignment(corrected, found, before, after, _measure_motion(rig, corrected), side)
+
+
+def _settle(fit: RigFit, found: RigCorrections | None) -> RigCorrections | None:
+    """Return the corrections fitted to all frames: points are matched and corrections estimated in
+    turn until the times stay. None if there are too few points."""
+    for _ in range(fit.config.n_last):
+        if found is None:
+            return None
+        before, found = found, fit.solve(start=found.values, rounds=1)
+        if found is not None and np.abs(found.offsets - before.offsets).max() < fit.config.settled:
+            break
+    return found
 
 
 def _measure_motion(before: CameraRig, after: CameraRig) -> np.ndarray:

@@ -85,15 +85,37 @@ class AlignmentConfig(Config):
         "rounds match four times and twice as far.",
         unit="px",
     )
+    bend: float = positive(
+        2.0,
+        "Greatest change of a tip's speed from frame to frame, and difference between two cameras.",
+        "with 1 half as many tips count, and few fast ones",
+        "px/frame",
+    )
+    judged_bend: float = positive(
+        1.0,
+        "The same of the tips by which a correction is judged.",
+        "with 2 that of `hard_skirt_4cam`, spoilt, every second frame, is rejected",
+        "px/frame",
+    )
     information: float = setting(
-        0.2,
-        "Number of independent measurements per measurement; below 1, because consecutive "
-        "frames are similar.",
+        0.1,
+        "Number of independent measurements per measurement of a tip that rests; below 1, because "
+        "consecutive frames are similar.",
         above=0,
         most=1,
     )
+    half_speed: float = positive(
+        1.0,
+        "Speed of a tip at which its measurement is worth half of an independent one more.",
+        "one number for all tips leaves times to slow ones, which are many",
+        "px/frame",
+    )
     n_rounds: int = natural(4, "Number of matchings of the frontier points.")
     n_steps: int = natural(2, "Number of Gauss-Newton steps after each matching.")
+    n_last: int = natural(5, "Most matchings with the narrowest gate, of all frames.")
+    settled: float = nonnegative(
+        0.005, "Change of the cameras' times below which there are no more.", unit="frames"
+    )
     least_rows: int = natural(4, "Least number of measurements per unknown.")
     block: int = natural(
         10,

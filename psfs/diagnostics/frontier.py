@@ -22,8 +22,8 @@ from psfs.diagnostics.small_views import Outline
 
 #: Points of a contour on either side of a tip that must lie behind it, px.
 _SIDE = 12
-#: Farthest way of a tip from frame to frame, px, and its greatest change of speed, px per frame^2.
-_REACH, _BEND = 20.0, 1.0
+#: Farthest way of a tip from frame to frame, px.
+_REACH = 20.0
 #: Least cosine between a contour's ray and the direction to the scene, around the line between two
 #: cameras: the planes of the rest are not compared.
 _AHEAD = 0.3
@@ -87,21 +87,22 @@ def find_frontier_points(
     contours: Sequence[SilhouetteContours],
     scene: np.ndarray,
     gate: float,
+    bend: float,
+    offsets: np.ndarray | None = None,
 ) -> FrontierPoints:
     """Find the frontier points of all pairs of cameras that agree to `gate` px.
 
     scene: (3,) m, the middle of the scene. A point counts if its speed is known: if both cameras
-    show it in the frames before and after.
+    show it in the frames before and after, with speeds that change and differ by less than `bend`
+    px per frame. offsets: (V,) frames by which each camera takes its pictures late, 0 by default:
+    planes are compared at the nominal time of the frame.
     """
-    rays = [
-        camera.rays(own.points) if len(own.points) else np.zeros((0, 3))
-        for camera, own in zip(cameras, contours, strict=True)
+    late = np.zeros(len(cameras)) if offsets is None else offsets
+    views = [_View(*of, bend) for of in zip(cameras, contours, late, strict=True)]
+    pairs = combinations(range(len(cameras)), 2)
+    kept = [
+        of for of in (_match_pair(views, pair, scene, gate) for pair in pairs) if of is not None
     ]
-    found = [
-        _match_pair(cameras, contours, rays, pair, scene, gate)
-        for pair in combinations(range(len(cameras)), 2)
-    ]
-    kept = [of for of in found if of is not None]
     if not kept:
         empty = np.zeros((0, 2), int), np.zeros(0, int), np.zeros((0, 2, 2)), np.zeros(0)
         return FrontierPoints(*empty)
@@ -109,22 +110,30 @@ def find_frontier_points(
     return FrontierPoints(*(np.concatenate(column) for column in columns))
 
 
+class _View:
+    """A camera, its contours, their rays (N, 3), by how many frames its pictures are late, and the
+    greatest change of a tip's speed, px per frame^2."""
+
+    def __init__(
+        self, camera: Camera, contours: SilhouetteContours, late: float, bend: float
+    ) -> None:
+        self.camera, self.contours, self.late, self.bend = camera, contours, late, bend
+        own = contours.points
+        self.rays = camera.rays(own) if len(own) else np.zeros((0, 3))
+
+
 def _match_pair(
-    cameras: Sequence[Camera],
-    contours: Sequence[SilhouetteContours],
-    rays: list[np.ndarray],
-    pair: tuple[int, int],
-    scene: np.ndarray,
-    gate: float,
+    views: list[_View], pair: tuple[int, int], scene: np.ndarray, gate: float
 ) -> FrontierPoints | None:
-    first, second = (cameras[view].centre for view in pair)
+    both = [views[view] for view in pair]
+    first, second = (view.camera.centre for view in both)
     line = (second - first) / max(float(np.linalg.norm(second - first)), 1e-12)
     ahead = scene - first - line * ((scene - first) @ line)
     if np.linalg.norm(ahead) < _NEAREST:
         return None
     ahead /= np.linalg.norm(ahead)
     axes = np.stack([ahead, np.cross(line, ahead)], -1)
-    flat = [rays[view] @ axes for view in pair]
+    flat = [view.rays @ axes for view in both]
     lengths = [np.maximum(np.linalg.norm(of, axis=1), 1e-12) for of in flat]
     usable = [of[:, 0] > _AHEAD * length for of, length in zip(flat, lengths, strict=True)]
     slopes = [
@@ -134,36 +143,36 @@ def _match_pair(
     found = []
     for sign in (-1.0, 1.0):
         tips = [
-            _Tips(cameras[view], contours[view], rays[view], sign * slope, sign, line)
-            for view, slope in zip(pair, slopes, strict=True)
+            _Tips(view, sign * slope, sign, line) for view, slope in zip(both, slopes, strict=True)
         ]
         found.append(_match_tips(tips[0], tips[1], gate))
     indices = np.concatenate([np.stack([tips[0], tips[1]], -1) for tips in found])
     if not len(indices):
         return None
-    pixels = np.stack([contours[view].points[indices[:, k]] for k, view in enumerate(pair)], 1)
-    frames = contours[pair[0]].frames[indices[:, 0]]
+    pixels = np.stack([view.contours.points[indices[:, k]] for k, view in enumerate(both)], 1)
+    frames = both[0].contours.frames[indices[:, 0]]
     rates = np.concatenate([tips[2] for tips in found])
     return FrontierPoints(np.tile(pair, (len(frames), 1)), frames, pixels, rates)
 
 
 class _Tips:
     """The tips of one camera's contours: their indices, frames, angles (K,) rad, angles per pixel
-    (K,) and turning rates (K,) rad per frame, NaN where unknown."""
+    (K,), greatest changes of the turning rates (K,), these rates (K,) rad per frame, NaN where
+    unknown, and angles (K,) at the nominal time of the frame."""
 
-    def __init__(
-        self, camera: Camera, contours: SilhouetteContours, rays: np.ndarray, slopes: np.ndarray,
-        sign: float, line: np.ndarray,
-    ) -> None:  # fmt: skip
+    def __init__(self, view: _View, slopes: np.ndarray, sign: float, line: np.ndarray) -> None:
+        camera, contours = view.camera, view.contours
         tips = contours.find_tips(np.nan_to_num(slopes, nan=-np.inf))
         tips = tips[np.isfinite(slopes[tips])]
-        normals = np.cross(line, rays[tips])
+        normals = np.cross(line, view.rays[tips])
         lengths = np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
         across = np.linalg.norm((normals @ camera.R.T)[:, :2], axis=1) / lengths
         self.per_pixel = across / (lengths * camera.K[0, 0])
         self.angles = sign * np.arctan(slopes[tips])
         self.indices, self.frames = tips, contours.frames[tips]
+        self.most = view.bend * self.per_pixel
         self.rates = self._measure_rates(contours.points[tips])
+        self.nominal = self.angles - view.late * np.nan_to_num(self.rates)
 
     def _measure_rates(self, pixels: np.ndarray) -> np.ndarray:
         if len(pixels) < 3:
@@ -178,7 +187,7 @@ class _Tips:
             near.append(angles)
         bend = np.abs(near[0] + near[1] - 2 * self.angles)
         rates: np.ndarray = 0.5 * (near[1] - near[0])
-        rates[~(bend < _BEND * self.per_pixel)] = np.nan
+        rates[~(bend < self.most)] = np.nan
         return rates
 
 
@@ -192,17 +201,17 @@ def _match_tips(a: _Tips, b: _Tips, gate: float) -> tuple[np.ndarray, np.ndarray
     per_pixel = np.hypot(a.per_pixel, b.per_pixel[there])
     rates = 0.5 * (a.rates + b.rates[there])
     with np.errstate(invalid="ignore"):
-        alike = np.abs(a.rates - b.rates[there]) < _BEND * per_pixel
+        alike = np.abs(a.rates - b.rates[there]) < np.hypot(a.most, b.most[there])
     kept = (back[there] == np.arange(len(there))) & (away < gate * per_pixel) & alike
     return a.indices[kept], b.indices[there[kept]], rates[kept]
 
 
 def _find_nearest(a: _Tips, b: _Tips) -> tuple[np.ndarray, np.ndarray]:
-    """Return for each tip of `a` the tip of `b` in the same frame with the nearest angle, and the
-    difference, rad; large where there is none."""
-    keys = b.frames * _APART + b.angles
+    """Return for each tip of `a` the tip of `b` in the same frame with the nearest nominal angle,
+    and the difference, rad; large where there is none."""
+    keys = b.frames * _APART + b.nominal
     order = np.argsort(keys)
-    wanted = a.frames * _APART + a.angles
+    wanted = a.frames * _APART + a.nominal
     right = np.searchsorted(keys[order], wanted).clip(0, len(keys) - 1)
     left = np.maximum(right - 1, 0)
     nearer = np.abs(keys[order[left]] - wanted) < np.abs(keys[order[right]] - wanted)

@@ -69,8 +69,9 @@ def correct_camera(camera: Camera, correction: np.ndarray) -> Camera:
     return replace(camera, K=K, R=R, t=-R @ (camera.centre + correction[3:6]))
 
 
-#: Find the points of given cameras that agree to a number of pixels.
-Find = Callable[[Sequence[Camera], float], FrontierPoints]
+#: Find the points of given cameras that agree to a number of pixels, of tips whose speed changes by
+#: less than another; the last argument: (V,) frames by which each camera takes its pictures late.
+Find = Callable[[Sequence[Camera], float, float, np.ndarray], FrontierPoints]
 #: Return the normal matrix (8 V, 8 V) and the gradient (8 V,) of further measurements at given
 #: cameras and offsets (V,) in time, frames.
 Measure = Callable[[Sequence[Camera], np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -96,13 +97,17 @@ class RigFit:
         self.rig, self.config = rig, config or AlignmentConfig()
         contours = [SilhouetteContours([row[v] for row in outlines]) for v in range(len(rig))]
         self.scene = scene = intersect_axes_ahead(rig)
-        self._search = find or (lambda rig, gate: find_frontier_points(rig, contours, scene, gate))
+        self._search = find or (
+            lambda rig, gate, bend, late: find_frontier_points(
+                rig, contours, scene, gate, bend, late
+            )
+        )
         self._held = self.scene_moves() / _HELD
 
     def measure(self, values: np.ndarray, frames: np.ndarray | None = None) -> float:
         """Return the median residual, px, under corrections (V, 8); NaN without points."""
         cameras = self._correct(values)
-        points = self._find(cameras, self.config.gate, frames)
+        points = self._find(values, self.config.gate, self.config.judged_bend, frames)
         if not len(points):
             return float("nan")
         return float(np.median(np.abs(epipolar_residuals(cameras, points, values[:, 7])[0])))
@@ -119,8 +124,7 @@ class RigFit:
         config, rounds = self.config, rounds or self.config.n_rounds
         for number in range(rounds):
             late = rounds - 1 - number
-            cameras = self._correct(values)
-            points = self._find(cameras, config.gate * 2.0 ** min(late, 2), frames)
+            points = self._find(values, config.gate * 2.0 ** min(late, 2), config.bend, frames)
             if len(points) < config.least_rows * values.size:
                 return None
             for _ in range(config.n_steps):
@@ -133,9 +137,9 @@ class RigFit:
         return [correct_camera(camera, own) for camera, own in zip(self.rig, values, strict=True)]
 
     def _find(
-        self, cameras: Sequence[Camera], gate: float, frames: np.ndarray | None
+        self, values: np.ndarray, gate: float, bend: float, frames: np.ndarray | None
     ) -> FrontierPoints:
-        points = self._search(cameras, gate)
+        points = self._search(self._correct(values), gate, bend, values[:, 7])
         if frames is None:
             return points
         kept = frames[points.frames]
@@ -161,7 +165,8 @@ class RigFit:
         noise = self._estimate_noise(residuals, points)
         speeds = slopes[:, 0, 7] * min(0.1 + 0.15 * late, 0.4)
         widths = np.hypot(noise, speeds)
-        weights = config.information / (widths * (1 + (residuals / (_REACH * widths)) ** 2)) ** 2
+        information = self._measure_information(np.abs(slopes[:, 0, 7]))
+        weights = information / (widths * (1 + (residuals / (_REACH * widths)) ** 2)) ** 2
         turn, shift, focal, time = config.turn, config.shift, config.focal, config.time
         sigmas = np.tile([*3 * [turn], *3 * [shift], focal, time], len(values))
         normal = (jacobian * weights[:, None]).T @ jacobian + np.diag(sigmas**-2.0)
@@ -173,6 +178,12 @@ class RigFit:
             normal, gradient = normal + further, gradient + pull
         covariance = np.linalg.inv(normal)
         return -(covariance @ gradient).reshape(values.shape), covariance, residuals
+
+    def _measure_information(self, speeds: np.ndarray) -> np.ndarray:
+        """Return how many independent measurements tips (M,) are that move at speeds (M,) px per
+        frame: one that rests shows the same errors of the silhouettes in many frames."""
+        rest, half = self.config.information, self.config.half_speed
+        return rest + (1 - rest) * speeds / (speeds + half)
 
     def _estimate_noise(self, residuals: np.ndarray, points: FrontierPoints) -> np.ndarray:
         """Return the standard deviation (M,) px of the points' residuals."""

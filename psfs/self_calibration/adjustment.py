@@ -125,7 +125,7 @@ class PersonPoints:
             own.frames = contours.frames - int(shift)
             moved.append(own)
         scene = intersect_axes_ahead(CameraRig(tuple(cameras)))
-        tips = find_frontier_points(cameras, moved, scene, gate)
+        tips = find_frontier_points(cameras, moved, scene, gate, self.config.narrow.bend)
         return _join([FrontierPoints(*(column[kept] for column in columns)), tips])
 
 
@@ -282,7 +282,7 @@ def _adjust(
         shifts = np.round(lags).astype(int)
 
         def search(
-            cameras: Sequence[Camera], gate: float, shifts: np.ndarray = shifts
+            cameras: Sequence[Camera], gate: float, *_: object, shifts: np.ndarray = shifts
         ) -> FrontierPoints:
             return find(cameras, shifts, gate)
 

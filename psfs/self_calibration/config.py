@@ -14,6 +14,10 @@ _BY_HAND = "by hand on `synth_walk_4cam` and `synth_run_6cam`"
 _GROWN = "by hand on `synth_pickup_6cam`, `synth_box_4cam` and `synth_jacks_6cam`"
 
 
+#: Tips count alike, however fast.
+_ALIKE = {"bend": 1.0, "information": 0.2, "half_speed": 1e9}
+
+
 class OutlineConfig(Config):
     """Outline of the person in a silhouette."""
 
@@ -185,6 +189,7 @@ class AdjustmentConfig(Config):
         shift=0.3,
         focal=1e-4,
         time=5.0,
+        **_ALIKE,
     )
     narrow: AlignmentConfig = part(
         AlignmentConfig,
@@ -194,6 +199,7 @@ class AdjustmentConfig(Config):
         focal=1e-4,
         time=5.0,
         noise=0.25,
+        **_ALIKE,
     )
     head: HeadConfig = part(HeadConfig, "Middles of the head, in the last passes.")
     lens: float = positive(

@@ -10,9 +10,15 @@ import pytest
 from helpers import scenes
 
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.alignment import estimate_alignment, mark_hidden_points
 from psfs.diagnostics.config import AlignmentConfig
-from psfs.diagnostics.frontier import FrontierPoints, epipolar_residuals
+from psfs.diagnostics.frontier import (
+    FrontierPoints,
+    SilhouetteContours,
+    epipolar_residuals,
+    find_frontier_points,
+)
 from psfs.diagnostics.refinement import RigFit, correct_camera
 from psfs.diagnostics.small_views import Outline, extract_outline
 
@@ -88,10 +94,21 @@ def test_a_rig_that_is_off_is_corrected_and_its_times_found(
     # What is left is a motion of the whole scene, which silhouettes cannot tell.
     assert pixels_apart(found.rig, EXACT) < 0.5 * pixels_apart(rig, EXACT)
     assert found.after < 0.4 * found.before
-    np.testing.assert_allclose(found.corrections.offsets, OFFSETS - OFFSETS.mean(), atol=0.12)
+    np.testing.assert_allclose(found.corrections.offsets, OFFSETS - OFFSETS.mean(), atol=0.025)
     away = (found.corrections.offsets - OFFSETS + OFFSETS.mean()) / found.corrections.sigmas[:, 7]
     assert np.abs(away).max() < 4
     assert "the calibration is off by" in str(found)
+
+
+def test_tips_are_matched_at_the_nominal_time(outlines: list[list[Outline | None]]) -> None:
+    contours = [SilhouetteContours([row[view] for row in outlines]) for view in range(3)]
+    scene = intersect_axes_ahead(EXACT)
+    first, second = (
+        find_frontier_points(list(EXACT)[:3], contours, scene, 1.0, CONFIG.bend, late)
+        for late in (None, OFFSETS[:3])
+    )
+    assert len(second) > 1.1 * len(first)  # fast tips are beyond the gate otherwise
+    assert np.abs(second.rates).mean() > 1.3 * np.abs(first.rates).mean()
 
 
 def test_small_pictures_tell_the_large_rig() -> None:
