@@ -114,7 +114,7 @@ def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted 
     ranked = _rank_starts(starts, take.points, take.step, config, track)
     best = _adjust_first(ranked, take.points)
     if best is not None and _is_sure(best, take.points, config):
-        check_unambiguous(best, ranked, take.points, config)
+        check_unambiguous(best, ranked, take.points, take.step, config)
     elif starts:
         lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
         grown = grow_rigs(take.cameras, lags, take.points, config, track)
@@ -198,17 +198,19 @@ def _differ(first: Adjusted, second: Adjusted, step: int, config: PersonConfig) 
 
 
 def check_unambiguous(
-    best: Adjusted, ranked: list[tuple[float, Adjusted]], points: PersonPoints, config: PersonConfig
-) -> None:
+    best: Adjusted, ranked: list[tuple[float, Adjusted]], points: PersonPoints, step: int,
+    config: PersonConfig,
+) -> None:  # fmt: skip
     """Raise InputError if another arrangement fits every camera about as well as the best.
 
     Cameras are compared one by one, for most of them may stand the same in both. Misfits below the
-    contours' noise are alike.
+    contours' noise are alike. An arrangement that becomes the best one when it is adjusted is not
+    another.
     """
     if len(ranked) < 2 or ranked[1][0] > config.distinct * ranked[0][0]:
         return
     rival = adjust_frontier(ranked[1][1].rig, ranked[1][1].lags, points)
-    if rival is None:
+    if rival is None or not _differ(rival, best, step, config):
         return
     own, other = (summarise_pairs(measure_pairs(of, points)) for of in (best, rival))
     if (other > config.distinct * np.maximum(own, config.adjustment.narrow.noise)).any():

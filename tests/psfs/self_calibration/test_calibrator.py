@@ -175,9 +175,9 @@ def test_somebody_on_a_circle_is_refused():
     ]
     points = PersonPoints(CAMERAS, outlines(), CONFIG.adjustment)
     with pytest.raises(InputError, match=r"two arrangements .* up to 30 frames, .* by 29 degrees"):
-        calibrator.check_unambiguous(ranked[0][1], ranked, points, CONFIG)
+        calibrator.check_unambiguous(ranked[0][1], ranked, points, 6, CONFIG)
     ranked[1] = (0.15, ranked[1][1])
-    calibrator.check_unambiguous(ranked[0][1], ranked, points, CONFIG)
+    calibrator.check_unambiguous(ranked[0][1], ranked, points, 6, CONFIG)
 
 
 def test_another_place_of_one_camera_is_compared_by_that_camera(monkeypatch):
@@ -188,10 +188,13 @@ def test_another_place_of_one_camera_is_compared_by_that_camera(monkeypatch):
     monkeypatch.setattr(calibrator, "adjust_frontier", lambda *_: rival)
     monkeypatch.setattr(calibrator, "measure_pairs", lambda of, _: misfits[int(of.lags[2])])
     monkeypatch.setattr(calibrator, "summarise_pairs", np.array)
-    calibrator.check_unambiguous(best, [(0.1, best), (0.11, rival)], None, CONFIG)
+    calibrator.check_unambiguous(best, [(0.1, best), (0.11, rival)], None, 6, CONFIG)
     misfits[60][2] = 0.4
     with pytest.raises(InputError, match=r"to 0\.70 and 0\.65 px: times differ by up to 60 frames"):
-        calibrator.check_unambiguous(best, [(0.1, best), (0.11, rival)], None, CONFIG)
+        calibrator.check_unambiguous(best, [(0.1, best), (0.11, rival)], None, 6, CONFIG)
+    # Adjusted, it becomes the best one.
+    monkeypatch.setattr(calibrator, "adjust_frontier", lambda *_: best)
+    calibrator.check_unambiguous(best, [(0.1, best), (0.11, rival)], None, 6, CONFIG)
 
 
 def test_a_rig_is_adjusted_until_it_stays():
