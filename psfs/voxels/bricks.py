@@ -86,7 +86,7 @@ class Bricks:
         self.reach = device.to_device(reach, "the lenses")
         self.move_to(grid)
         lanes = 16 if device.is_gpu else 1
-        tiles |= {**sizes, "TILE_LANES": lanes}
+        tiles |= {**sizes, "LANES": lanes}
         self._launch = device.launch(
             device.kernel("reconstruction/tiles", "evidence_tiles", **tiles),
             (columns * rows * lanes, views),

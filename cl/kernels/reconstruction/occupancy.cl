@@ -16,6 +16,7 @@
     !defined(REACH_FLOATS) || !defined(UNKNOWN)
 #error "reconstruction/occupancy.cl needs BODY, BX, BY, BZ, CAMERA_FLOATS, CAMERA_ROOM, CX, CY, CZ, FIND_LANES, HALO, LANES, LANES_Z, REACH_FLOATS and UNKNOWN"
 #endif
+#include "common/lanes.h"
 #include "reconstruction/body_prior.h"
 #include "reconstruction/bricks.h"
 #include "reconstruction/smoothing.h"
@@ -32,15 +33,6 @@
 #define DZ (BZ + 2 * HALO)
 #define ROWS (DX * DY)
 #define BRICK_VOXELS (BX * BY * BZ)
-// A group of one item needs neither local memory nor barriers. PoCL's compiler fails on some of
-// these, and only knows of private memory that nothing else points there (else no vector code).
-#if LANES > 1
-#define SYNC barrier(CLK_LOCAL_MEM_FENCE)
-#define SCRATCH __local
-#else
-#define SYNC
-#define SCRATCH __private
-#endif
 // A voxel's sum of evidence counts and, above it, the number of cameras that see it.
 #define SEEN 65536
 #define FOR_ROWS(row, n) for (int row = lane / LANES_Z; row < (n); row += LANES / LANES_Z)

@@ -5,15 +5,10 @@
 #if !defined(CLOSED) || !defined(LANES)
 #error "reconstruction/surface.cl needs CLOSED and LANES"
 #endif
+#include "common/lanes.h"
 #include "common/sizes.h"
 #include "reconstruction/smoothing.h"
 #define WORDS ((NZ + 15) / 16)
-// A group of one item needs no barrier.
-#if LANES > 1
-#define SYNC barrier(CLK_LOCAL_MEM_FENCE)
-#else
-#define SYNC
-#endif
 
 // Smoothed occupancy; `padded` has one more layer on every side.
 __kernel void smooth(int3 grid, __global const float *restrict padded, __global float *restrict probability)

@@ -1,18 +1,10 @@
 // Least and greatest evidence in tiles of pixels; twin: tests/psfs/voxels/test_sparse.py. Defines:
-// those of bricks.h, TILE_LANES items per work-group, UNKNOWN (see hidden.cl).
-#if !defined(TILE_LANES) || !defined(UNKNOWN)
-#error "reconstruction/tiles.cl needs TILE_LANES and UNKNOWN"
+// those of bricks.h, LANES items per work-group, UNKNOWN (see hidden.cl).
+#if !defined(LANES) || !defined(UNKNOWN)
+#error "reconstruction/tiles.cl needs LANES and UNKNOWN"
 #endif
+#include "common/lanes.h"
 #include "reconstruction/bricks.h"
-
-// A group of one item needs neither local memory nor barriers.
-#if TILE_LANES > 1
-#define SYNC barrier(CLK_LOCAL_MEM_FENCE)
-#define SCRATCH __local
-#else
-#define SYNC
-#define SCRATCH __private
-#endif
 
 // Least and greatest evidence of the tiles, one work-group per coarse tile. Unknown evidence, of
 // cameras that count as not seeing a voxel, is the least there is and adds 0: a tile that has some
@@ -27,7 +19,7 @@ __kernel void evidence_tiles(int2 picture, __global const char *restrict evidenc
     __global const char *map = evidence + view * (WIDTH * HEIGHT);
     tiles += view * VIEW_TILES;
     if (lane == 0 && view == 0 && get_group_id(0) == 0) *n_active = 0;
-    for (int t = lane; t < ALONG * ALONG; t += TILE_LANES) {
+    for (int t = lane; t < ALONG * ALONG; t += LANES) {
         const int x = coarse_x * ALONG + t % ALONG, y = coarse_y * ALONG + t / ALONG;
         char low[FINE], high[FINE]; // per column of the tile
         for (int i = 0; i < FINE; ++i) {
