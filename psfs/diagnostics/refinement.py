@@ -31,8 +31,6 @@ N_PARAMETERS = 8
 _AROUND, _HELD = (0.4, 0.4, 0.8), 5e-4
 #: Widths of Geman & McClure's weights, in standard deviations of the residuals.
 _REACH = 2.5
-#: Fewest points whose noise is estimated apart.
-_LEAST_GROUP = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +78,7 @@ Measure = Callable[[Sequence[Camera], np.ndarray], tuple[np.ndarray, np.ndarray]
 class RigFit:
     """Corrections of a rig to outlines [frame][view] in pictures of its size.
 
-    find: finds the points instead, without outlines. measure: further measurements. group: numbers
-    (M,) of the groups of points whose noise is estimated apart.
+    find: finds the points instead, without outlines. measure: further measurements.
     """
 
     def __init__(
@@ -91,9 +88,8 @@ class RigFit:
         config: AlignmentConfig | None = None,
         find: Find | None = None,
         measure: Measure | None = None,
-        group: Callable[[FrontierPoints], np.ndarray] | None = None,
     ) -> None:
-        self._measure, self._group = measure, group
+        self._measure = measure
         self.rig, self.config = rig, config or AlignmentConfig()
         contours = [SilhouetteContours([row[v] for row in outlines]) for v in range(len(rig))]
         self.scene = scene = intersect_axes_ahead(rig)
@@ -162,7 +158,7 @@ class RigFit:
         for side in range(2):
             by_camera[rows, points.views[:, side]] = slopes[:, side]
         jacobian = by_camera.reshape(len(residuals), n)
-        noise = self._estimate_noise(residuals, points)
+        noise = max(config.noise, 1.4826 * float(np.median(np.abs(residuals))))
         speeds = slopes[:, 0, 7] * min(0.1 + 0.15 * late, 0.4)
         widths = np.hypot(noise, speeds)
         information = self._measure_information(np.abs(slopes[:, 0, 7]))
@@ -184,18 +180,6 @@ class RigFit:
         frame: one that rests shows the same errors of the silhouettes in many frames."""
         rest, half = self.config.information, self.config.half_speed
         return rest + (1 - rest) * speeds / (speeds + half)
-
-    def _estimate_noise(self, residuals: np.ndarray, points: FrontierPoints) -> np.ndarray:
-        """Return the standard deviation (M,) px of the points' residuals."""
-        size = np.abs(residuals)
-        found = np.full(len(size), np.median(size))
-        if self._group is not None:
-            groups = self._group(points)
-            for number in np.unique(groups):
-                own = groups == number
-                if np.count_nonzero(own) >= _LEAST_GROUP:
-                    found[own] = np.median(size[own])
-        return np.maximum(self.config.noise, 1.4826 * found)
 
     def scene_moves(self) -> np.ndarray:
         """Return the derivatives (8, 8 V) of what silhouettes cannot tell by the corrections.

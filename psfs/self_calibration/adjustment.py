@@ -18,6 +18,7 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
+from psfs.common.progress import map_in_threads
 from psfs.diagnostics.config import AlignmentConfig
 from psfs.diagnostics.frontier import (
     FrontierPoints,
@@ -28,8 +29,10 @@ from psfs.diagnostics.frontier import (
 from psfs.diagnostics.refinement import RigCorrections, RigFit, correct_camera
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.config import AdjustmentConfig
-from psfs.self_calibration.head import HeadSections
 from psfs.self_calibration.hulls import HullRays
+from psfs.self_calibration.limbs import LimbPoints
+from psfs.self_calibration.medial_axes import MedialAxes
+from psfs.self_calibration.sights import Sight, find_person
 
 #: Find points in the cameras' pictures of shifted frames that agree to a number of pixels.
 _Find = Callable[[Sequence[Camera], np.ndarray, float], FrontierPoints]
@@ -63,6 +66,15 @@ class PersonPoints:
         own.hulls = [self.hulls[view] for view in views]
         own.contours = [self.contours[view] for view in views]
         return own
+
+    def find_medial_axes(self) -> list[MedialAxes]:
+        """Return the medial axes of each camera's silhouettes."""
+        pairs = list(zip(self.hulls, self.contours, strict=True))
+
+        def find(pair: tuple[HullRays, SilhouetteContours]) -> MedialAxes:
+            return MedialAxes.create(pair[0].camera, pair[1], self.config.limbs)
+
+        return list(map_in_threads(find, pairs))
 
     def find_extremes(
         self, cameras: Sequence[Camera], shifts: np.ndarray, every: int = 1, last: bool = False
@@ -213,46 +225,30 @@ def adjust_farther(start: Adjusted, points: PersonPoints) -> Adjusted:
     return found
 
 
-def settle(
-    start: Adjusted, points: PersonPoints, ups: Sequence[np.ndarray] | None = None
-) -> Adjusted:
-    """Adjust a rig to all frontier points, matched again in every pass, until it stays.
-
-    ups: (3,) of each camera in its own axes; with these to the middles of the head, too.
-    """
+def settle(start: Adjusted, points: PersonPoints) -> Adjusted:
+    """Adjust a rig to all frontier points and to points on limbs' axes, matched again in every
+    pass, until it stays."""
     config, found = points.config, start
+    axes = points.find_medial_axes()
+    sights = [Sight.create(hulls) for hulls in points.hulls]
     for _ in range(config.last):
-        head = None if ups is None else _measure_head(found, points, ups)
-        near = _adjust_to(config.near_gates, found, points, head)
+        cameras = found.rig.cameras
+        person = find_person(cameras, sights)
+        limbs = LimbPoints(cameras, found.lags, axes, person, config.limbs)
+        near = _adjust_to(config.near_gates, found, points, limbs)
         if near is None:
             break
-        turn = measure_turn(found.rig.cameras, near.rig.cameras)
+        turn = measure_turn(cameras, near.rig.cameras)
         found = near
         if turn < config.settled:
             break
     return found
 
 
-def settle_by_head(start: Adjusted, points: PersonPoints, ups: Sequence[np.ndarray]) -> Adjusted:
-    """Adjust a rig until it stays, then to the middles of the head, too, unless these turn it far:
-    of somebody in place frontier points are then matched wrongly."""
-    found = settle(start, points)
-    moved = settle(found, points, ups)
-    turn = measure_turn(found.rig.cameras, moved.rig.cameras)
-    return moved if turn < points.config.head.farthest else found
-
-
-def _measure_head(found: Adjusted, points: PersonPoints, ups: Sequence[np.ndarray]) -> HeadSections:
-    cameras = found.rig.cameras
-    up = np.mean([camera.R.T @ own for camera, own in zip(cameras, ups, strict=True)], axis=0)
-    up /= np.linalg.norm(up)
-    return HeadSections(cameras, found.lags, points.contours, up, points.config.head)
-
-
 def _adjust_to(
-    gates: Sequence[float], start: Adjusted, points: PersonPoints, head: HeadSections | None = None
+    gates: Sequence[float], start: Adjusted, points: PersonPoints, limbs: LimbPoints | None = None
 ) -> Adjusted | None:
-    return _adjust(start.rig, start.lags, points.find_all, points.config.narrow, gates, head)
+    return _adjust(start.rig, start.lags, points.find_all, points.config.narrow, gates, limbs)
 
 
 def _go_on(first: Adjusted, second: Adjusted, factor: float) -> Adjusted:
@@ -275,7 +271,7 @@ def measure_turn(first: Sequence[Camera], second: Sequence[Camera]) -> float:
 
 def _adjust(
     rig: CameraRig, lags: np.ndarray, find: _Find, config: AlignmentConfig, gates: Sequence[float],
-    head: HeadSections | None = None,
+    limbs: LimbPoints | None = None,
 ) -> Adjusted | None:  # fmt: skip
     found = None
     for gate in gates:
@@ -286,8 +282,8 @@ def _adjust(
         ) -> FrontierPoints:
             return find(cameras, shifts, gate)
 
-        more = (None, None) if head is None else head.bind(shifts)
-        fit = RigFit(rig, [], config.replace(gate=gate), search, *more)
+        measure = None if limbs is None else limbs.bind(shifts)
+        fit = RigFit(rig, [], config.replace(gate=gate), search, measure)
         start = np.zeros((len(rig), 8))
         start[:, 7] = shifts - lags
         # Cameras without common points have no variances; they are refused later.

@@ -122,27 +122,36 @@ class GrowthConfig(Config):
     )
 
 
-class HeadConfig(Config):
-    """Middles of the head's silhouettes as points common to all cameras."""
+class LimbConfig(Config):
+    """Medial axes of limbs, which all cameras see, in the last passes of the adjustment."""
 
-    SOURCE: ClassVar = "by hand on `synth_walk_8cam`, `synth_walk_4cam` and `synth_box_4cam`"
-
-    below: tuple[float, ...] = setting(
-        (0.04, 0.06, 0.08, 0.1, 0.12, 0.14, 0.16, 0.18, 0.2),
-        "Distances below the top of the head.",
-        unit="m",
+    SOURCE: ClassVar = (
+        "by hand on the eight laboratory takes, whose worst directions .1 and .3 measurements per "
+        "point and gates of 5 and 2.5 px hardly change"
     )
-    band: float = positive(0.75, "Half the height of the band whose edges are taken.", unit="px")
-    narrowest: float = positive(0.06, "Least width of the head.", unit="m")
-    widest: float = positive(0.3, "Greatest width of the head.", unit="m")
-    noise: float = positive(0.25, "Least standard deviation of a middle.", unit="px")
-    along: float = positive(4.0, "Multiple of it along the head.")
+
+    smooth: float = positive(2.0, "Standard deviation of the contours' smoothing.", unit="px")
+    opposite: float = fraction(0.9, "Least cosine between the edges of a limb.")
+    narrowest: float = positive(5.0, "Least width of a limb in a picture.", unit="px")
+    thinnest: float = positive(0.018, "Least width of a limb.", unit="statures")
+    widest: float = positive(0.13, "Greatest width of a limb.", unit="statures")
+    alike: float = setting(1.4, "Greatest ratio of a limb's widths in two cameras.", above=1)
+    straight: float = positive(
+        0.35, "Greatest angle between a limb's direction and the plane in which a camera sees it.",
+        unit="rad",
+    )  # fmt: skip
+    views: int = natural(3, "Fewest cameras that see a point.")
+    per_camera: int = natural(1200, "Points of each camera that are looked for in the others.")
+    around: float = positive(0.75, "Depth that is searched around the middle.", unit="statures")
+    step: float = positive(0.007, "Step of the searched depths.", unit="statures")
+    apart: float = positive(0.07, "Distance of another depth from the best.", unit="statures")
+    lead: float = positive(0.5, "Cameras by which the best depth must agree better than another.")
+    gate: float = positive(
+        5.0, "Distance of a point from an axis up to which they agree.", unit="px"
+    )
+    noise: float = positive(0.3, "Least standard deviation of a point.", unit="px")
     information: float = positive(
-        0.02,
-        "Independent measurements per middle; of 0.04 and 0.02 four cameras of a boxer diverge.",
-    )
-    farthest: float = positive(
-        0.026, "Turn of a camera by the middles from which on they are not used.", unit="rad"
+        0.1, "Independent measurements per point; neighbours are wrong alike."
     )
 
 
@@ -201,7 +210,7 @@ class AdjustmentConfig(Config):
         noise=0.25,
         **_ALIKE,
     )
-    head: HeadConfig = part(HeadConfig, "Middles of the head, in the last passes.")
+    limbs: LimbConfig = part(LimbConfig, "Medial axes of limbs, in the last passes.")
     lens: float = positive(
         0.03,
         "Step of the focal length's logarithm in each round, where only an angle of view is "

@@ -9,7 +9,7 @@ camera. All that is taken from a camera alone is where it sees the person, and h
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,35 +25,8 @@ from psfs.self_calibration.adjustment import (
     measure_turn,
 )
 from psfs.self_calibration.config import GrowthConfig, PersonConfig
-from psfs.self_calibration.hulls import HullRays
+from psfs.self_calibration.sights import PersonPlace, Sight, find_person
 from psfs.self_calibration.upright import floor_axes
-
-
-@dataclass(frozen=True, eq=False)
-class _Sight:
-    """The person in one camera: the usual direction (3,) of the middle in the camera's axes, and
-    the usual angle, rad, between top and bottom."""
-
-    direction: np.ndarray
-    size: float
-
-    @classmethod
-    def create(cls, hulls: HullRays) -> _Sight:
-        pixel = hulls.rays[:, :2]
-        low, high = hulls.extremes(pixel[:, 1]).T
-        left, right = hulls.extremes(pixel[:, 0]).T
-        middle = np.array([np.nanmedian(left + right), np.nanmedian(low + high), 2.0])
-        size = np.nanmedian(np.arctan(high) - np.arctan(low))
-        return cls(middle / np.linalg.norm(middle), float(size))
-
-
-@dataclass(frozen=True, eq=False)
-class _Person:
-    """The person in a rig's world: middle (3,), up (3,) and stature, in the rig's units."""
-
-    middle: np.ndarray
-    up: np.ndarray
-    stature: float
 
 
 def grow_rigs(
@@ -64,8 +37,8 @@ def grow_rigs(
 
     lags: (V,) frames, right to about a frame.
     """
-    sights = [_Sight.create(hulls) for hulls in points.hulls]
-    start = _Person(np.zeros(3), np.array([0, 0, 1.0]), config.stature)
+    sights = [Sight.create(hulls) for hulls in points.hulls]
+    start = PersonPlace(np.zeros(3), np.array([0, 0, 1.0]), config.stature)
     branches: list[tuple[tuple[Camera, ...], np.ndarray]] = [
         ((place_camera(cameras[0], sights[0], start, 0.0, elevation),), lags[:1])
         for elevation in config.growth.elevations
@@ -89,7 +62,7 @@ def grow_rigs(
 
 
 def place_camera(
-    camera: Camera, sight: _Sight, person: _Person, angle: float, elevation: float
+    camera: Camera, sight: Sight, person: PersonPlace, angle: float, elevation: float
 ) -> Camera:
     """Return the camera at an angle around the person's up and an elevation over the horizon, rad,
     without roll, so that it sees the person where and as large as it does."""
@@ -112,26 +85,8 @@ def _level_axes(up: np.ndarray) -> np.ndarray:
     return np.stack([first, np.cross(up, first), up])
 
 
-def find_person(cameras: Sequence[Camera], sights: Sequence[_Sight]) -> _Person:
-    """Return the person between the cameras: where their directions meet. Up is Z, turned to be
-    across the cameras' right sides."""
-    pairs = list(zip(cameras, sights, strict=False))
-    rays = np.stack([camera.R.T @ sight.direction for camera, sight in pairs])
-    centres = np.stack([camera.centre for camera in cameras])
-    across = np.eye(3) - rays[:, :, None] * rays[:, None]
-    total = across.sum(axis=0) + 1e-6 * np.eye(3)
-    middle = np.linalg.solve(total, np.einsum("vij,vj->i", across, centres))
-    right = np.stack([camera.R[0] for camera in cameras])
-    roll = right.T @ right / 0.05**2 + np.diag([1, 1, 0]) / 0.1**2
-    up = np.linalg.eigh(roll)[1][:, 0]
-    up = up if up[2] > 0 else -up
-    away = centres - middle
-    sizes = np.linalg.norm(away, axis=1) * [sight.size for _, sight in pairs]
-    return _Person(middle, up, float(np.median(sizes)))
-
-
 def _add_camera(
-    placed: Sequence[Camera], lags: np.ndarray, camera: Camera, sight: _Sight, person: _Person,
+    placed: Sequence[Camera], lags: np.ndarray, camera: Camera, sight: Sight, person: PersonPlace,
     points: PersonPoints, *, config: GrowthConfig,
 ) -> list[tuple[float, tuple[Camera, ...], np.ndarray]]:  # fmt: skip
     """Return misfits, cameras and lags with the camera where it fits best."""

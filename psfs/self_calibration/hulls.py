@@ -13,12 +13,13 @@ from psfs.diagnostics.small_views import Outline
 class HullRays:
     """Rays through the corners of the hulls of one camera's silhouettes in F frames.
 
-    rays: (N, 3) directions of depth 1 in the camera's axes, one frame's after another's. starts:
-    (M,) the first of each frame with a silhouette. frames: (M,) these frames. at_border: (N,) bool,
-    whether the silhouette may go on beyond the picture. pixels: (N, 2).
+    camera: small. rays: (N, 3) directions of depth 1 in the camera's axes, one frame's after
+    another's. starts: (M,) the first of each frame with a silhouette. frames: (M,) these frames.
+    at_border: (N,) bool, whether the silhouette may go on beyond the picture. pixels: (N, 2).
     """
 
     def __init__(self, camera: Camera, outlines: Sequence[Outline | None]) -> None:
+        self.camera = camera
         found = [(number, of) for number, of in enumerate(outlines) if of is not None]
         self.n_frames = len(outlines)
         self.frames = np.array([number for number, _ in found], int)

@@ -1,0 +1,234 @@
+"""Points on the axes of limbs as measurements of the cameras.
+
+Frontier points tell badly how cameras stand around somebody who stays in place, and silhouettes
+that are too wide or too narrow move them. The medial axis of a limb does not move with the width.
+A point of it in one camera is looked for at all depths: where it is right, the others see an axis
+of the same width. Each camera measures the point's distance across its axis; along the axis only
+the first camera tells the place. The points are eliminated from the normal equations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from psfs.cameras.camera import Camera
+from psfs.diagnostics.refinement import N_PARAMETERS, Measure
+from psfs.self_calibration.config import LimbConfig
+from psfs.self_calibration.medial_axes import MedialAxes
+from psfs.self_calibration.sights import PersonPlace
+
+#: Widths of Geman & McClure's weights, in standard deviations of the residuals.
+_REACH = 2.5
+#: Information of the place along the axis: it fixes the point and tells no camera anything.
+_ALONG = 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class _Traced:
+    """S points on limbs' axes and what V cameras tell of them.
+
+    times: (S,) frames of the first camera. firsts: (S,) the cameras in which they were chosen.
+    points: (S, 3). known: (S, V) bool. frames: (S, V) the picture before the time. across: (S, V,
+    2) unit vectors across the axis. places: (S, V, 2, 2) on the axis in the pictures before and
+    after, px from the principal point.
+    """
+
+    times: np.ndarray
+    firsts: np.ndarray
+    points: np.ndarray
+    known: np.ndarray
+    frames: np.ndarray
+    across: np.ndarray
+    places: np.ndarray
+
+    def select(self, kept: np.ndarray) -> _Traced:
+        return _Traced(*(getattr(self, field.name)[kept] for field in fields(self)))
+
+
+class LimbPoints:
+    """Measurements by points on limbs' axes, found by V cameras of `lags` (V,) frames."""
+
+    def __init__(
+        self, cameras: Sequence[Camera], lags: np.ndarray, axes: Sequence[MedialAxes],
+        person: PersonPlace, config: LimbConfig,
+    ) -> None:  # fmt: skip
+        self.config = config
+        found = [
+            (view, *_find_points(view, cameras, lags, axes, person, config))
+            for view in range(len(cameras))
+        ]
+        firsts = np.repeat([view for view, _, _ in found], [len(own) for _, own, _ in found])
+        indices = np.concatenate([own for _, own, _ in found])
+        points = np.concatenate([points for _, _, points in found])
+        self._traced = _trace(cameras, lags, axes, firsts, indices, points, config)
+
+    def __len__(self) -> int:
+        return len(self._traced.times)
+
+    def bind(self, shifts: np.ndarray) -> Measure:
+        """Return the measurements in shifted frames, for `RigFit`."""
+        return lambda cameras, offsets: self(cameras, shifts - offsets)
+
+    def __call__(
+        self, cameras: Sequence[Camera], lags: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the normal matrix (8 V, 8 V) and the gradient (8 V,) at cameras and lags (V,)."""
+        size = len(cameras) * N_PARAMETERS
+        if not len(self):
+            return np.zeros((size, size)), np.zeros(size)
+        residuals, by_camera, by_point, known = self._differentiate(cameras, lags)
+        typical = float(np.median(np.abs(residuals[..., 0][self._traced.known])))
+        noise = max(self.config.noise, 1.4826 * typical)
+        robust = 1 + (residuals[..., :1] / (_REACH * noise)) ** 2
+        roots = np.sqrt(self.config.information * known) / (noise * robust)
+        n, views = residuals.shape[:2]
+        rows = np.zeros((n, views, 2, views, N_PARAMETERS))
+        for view in range(views):
+            rows[:, view, :, view] = roots[:, view, :, None] * by_camera[:, view]
+        stacked = rows.reshape(n, 2 * views, size)
+        points = (roots[..., None] * by_point).reshape(n, 2 * views, 3)
+        values = (roots * residuals).reshape(n, 2 * views)
+        flat = rows.reshape(-1, size)
+        mixed = stacked.transpose(0, 2, 1) @ points
+        own = points.transpose(0, 2, 1) @ points + 1e-9 * np.eye(3)
+        solved = np.linalg.solve(own, mixed.transpose(0, 2, 1)).reshape(-1, size)
+        moved = np.einsum("nki,nk->ni", points, values).reshape(-1)
+        normal = flat.T @ flat - mixed.transpose(0, 2, 1).reshape(-1, size).T @ solved
+        return normal, flat.T @ values.ravel() - solved.T @ moved
+
+    def _differentiate(
+        self, cameras: Sequence[Camera], lags: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return residuals (S, V, 2) px across and along the axes, their derivatives by the camera
+        (S, V, 2, 8), as in `RigCorrections`, and by the point (S, V, 2, 3), and how much each
+        counts (S, V, 2)."""
+        traced = self._traced
+        R, centres = np.stack([c.R for c in cameras]), np.stack([c.centre for c in cameras])
+        focal = np.array([camera.K[0, 0] for camera in cameras])
+        share = (traced.times[:, None] + lags - traced.frames)[..., None]
+        before, after = traced.places[:, :, 0], traced.places[:, :, 1]
+        places, rates = (1 - share) * before + share * after, after - before
+        across = traced.across
+        bases = np.stack([across, np.stack([-across[..., 1], across[..., 0]], -1)], -2)
+        known = np.stack([traced.known, np.zeros(traced.known.shape)], -1)
+        known[np.arange(len(known)), traced.firsts, 1] = _ALONG
+        points = traced.points
+        for _ in range(3):
+            local = np.einsum("vij,nvj->nvi", R, points[:, None] - centres)
+            seen = focal[:, None] * local[..., :2] / local[..., 2:]
+            slopes = np.zeros((*seen.shape, 3))
+            slopes[..., 0, 0] = slopes[..., 1, 1] = focal
+            slopes[..., 2] = -seen
+            slopes = bases @ (slopes / local[..., 2, None, None])
+            residuals = np.einsum("nvij,nvj->nvi", bases, seen - places)
+            by_point = slopes @ R
+            total = np.einsum("nvi,nvik,nvil->nkl", known, by_point, by_point)
+            pull = np.einsum("nvi,nvik,nvi->nk", known, by_point, residuals)
+            points = points - np.linalg.solve(total + 1e-9 * np.eye(3), pull[..., None])[..., 0]
+        by_camera = np.empty((*residuals.shape, N_PARAMETERS))
+        by_camera[..., :3] = np.cross(local[..., None, :], slopes)
+        by_camera[..., 3:6] = -by_point
+        by_camera[..., 6] = np.einsum("nvij,nvj->nvi", bases, seen)
+        by_camera[..., 7] = np.einsum("nvij,nvj->nvi", bases, rates)
+        return residuals, by_camera, by_point, known
+
+
+def _find_points(
+    view: int, cameras: Sequence[Camera], lags: np.ndarray, axes: Sequence[MedialAxes],
+    person: PersonPlace, config: LimbConfig,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return indices (N,) of a camera's medial points and the points (N, 3) in space at whose depth
+    most other cameras see an axis of the same width."""
+    camera, own = cameras[view], axes[view]
+    chosen = np.arange(0, len(own.frames), max(1, len(own.frames) // config.per_camera))
+    middle = (person.middle - camera.centre) @ camera.R[2]
+    around, step = config.around * person.stature, config.step * person.stature
+    depths = np.arange(max(step, middle - around), middle + around, step)
+    if not len(chosen) or not len(depths):
+        return np.zeros(0, int), np.zeros((0, 3))
+    focal = camera.K[0, 0]
+    rays = np.column_stack([own.places[chosen] / focal, np.ones(len(chosen))]) @ camera.R
+    points = camera.centre + rays[:, None] * depths[:, None]
+    widths = own.widths[chosen][:, None] * depths / focal
+    sound = (widths > config.thinnest * person.stature) & (widths < config.widest * person.stature)
+    costs = np.where(sound, 0.0, np.inf)
+    votes = np.ones(costs.shape, int)
+    for number, (other, seen) in enumerate(zip(cameras, axes, strict=True)):
+        if number == view or not len(seen.frames):
+            continue
+        places, z = _project(other, points)
+        frames = np.round(own.frames[chosen] - lags[view] + lags[number]).astype(int)
+        nearest = seen.find_nearest(frames[:, None], places)
+        away = ((places - seen.places[nearest]) * seen.across[nearest]).sum(-1) / config.gate
+        agree = (nearest >= 0) & (np.abs(away) < 1)
+        agree &= _are_alike(seen.widths[nearest] * z / other.K[0, 0], widths, config)
+        costs -= np.where(agree, 1 - away**2, 0)
+        votes += agree
+    best, rows = costs.argmin(axis=1), np.arange(len(chosen))
+    another = np.abs(depths - depths[best][:, None]) > config.apart * person.stature
+    lead = np.where(another, costs, 0).min(axis=1) - costs[rows, best]
+    kept = np.isfinite(costs[rows, best]) & (votes[rows, best] >= config.views)
+    kept &= lead > config.lead
+    return chosen[kept], points[rows, best][kept]
+
+
+def _project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the places (..., 2), px from the principal point without distortion, and depths (...)
+    of points (..., 3)."""
+    local = (points - camera.centre) @ camera.R.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return camera.K[0, 0] * local[..., :2] / local[..., 2:], local[..., 2]
+
+
+def _are_alike(first: np.ndarray, second: np.ndarray, config: LimbConfig) -> np.ndarray:
+    alike: np.ndarray = (first < config.alike * second) & (second < config.alike * first)
+    return alike
+
+
+def _trace(
+    cameras: Sequence[Camera], lags: np.ndarray, axes: Sequence[MedialAxes], firsts: np.ndarray,
+    indices: np.ndarray, points: np.ndarray, config: LimbConfig,
+) -> _Traced:  # fmt: skip
+    """Return what all cameras tell of points (S, 3), medial points `indices` (S,) of the cameras
+    `firsts` (S,)."""
+    n, views = len(points), len(cameras)
+    times, widths = np.zeros(n), np.zeros(n)
+    for view, (camera, own) in enumerate(zip(cameras, axes, strict=True)):
+        mine = firsts == view
+        times[mine] = own.frames[indices[mine]] - lags[view]
+        depths = (points[mine] - camera.centre) @ camera.R[2]
+        widths[mine] = own.widths[indices[mine]] * depths / camera.K[0, 0]
+    known, frames = np.zeros((n, views), bool), np.zeros((n, views), int)
+    across, places = np.zeros((n, views, 2)), np.zeros((n, views, 2, 2))
+    planes = np.zeros((n, views, 3))
+    for view, (camera, own) in enumerate(zip(cameras, axes, strict=True)):
+        if not len(own.frames):
+            continue
+        mine, at = firsts == view, times + lags[view]
+        frames[:, view] = np.where(mine, np.round(at), np.floor(at))
+        seen, z = _project(camera, points)
+        pair = [own.find_nearest(frames[:, view] + later, seen) for later in (0, 1)]
+        pair[0] = np.where(mine, indices, pair[0])
+        normals = [own.across[nearest] for nearest in pair]
+        cosines = (normals[0] * normals[1]).sum(1)
+        normals[1] = normals[1] * np.sign(cosines)[:, None]
+        sound = np.abs(cosines) > config.opposite
+        mean = normals[0] + normals[1]
+        mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
+        for later, (nearest, normal) in enumerate(zip(pair, normals, strict=True)):
+            away = ((seen - own.places[nearest]) * normal).sum(1)
+            sound &= (nearest >= 0) & (np.abs(away) < (2 + later) * config.gate)
+            sound &= _are_alike(own.widths[nearest] * z / camera.K[0, 0], widths, config)
+            places[:, view, later] = seen - away[:, None] * mean
+        known[:, view], across[:, view] = sound, mean
+        plane = np.column_stack([camera.K[0, 0] * mean, -(mean * seen).sum(1)]) @ camera.R
+        planes[:, view] = plane / np.linalg.norm(plane, axis=1, keepdims=True)
+    # The limb lies in the plane in which each camera sees it.
+    spread = np.einsum("nvi,nvj,nv->nij", planes, planes, known)
+    directions = np.linalg.eigh(spread)[1][:, :, 0]
+    known &= np.abs(np.einsum("nvi,ni->nv", planes, directions)) < np.sin(config.straight)
+    kept = (known.sum(axis=1) >= config.views) & known[np.arange(n), firsts]
+    return _Traced(times, firsts, points, known, frames, across, places).select(kept)

@@ -1,0 +1,56 @@
+"""Where cameras see the person, and how large."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from psfs.cameras.camera import Camera
+from psfs.self_calibration.hulls import HullRays
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """The person in one camera: the usual direction (3,) of the middle in the camera's axes, and
+    the usual angle, rad, between top and bottom."""
+
+    direction: np.ndarray
+    size: float
+
+    @classmethod
+    def create(cls, hulls: HullRays) -> Sight:
+        pixel = hulls.rays[:, :2]
+        low, high = hulls.extremes(pixel[:, 1]).T
+        left, right = hulls.extremes(pixel[:, 0]).T
+        middle = np.array([np.nanmedian(left + right), np.nanmedian(low + high), 2.0])
+        size = np.nanmedian(np.arctan(high) - np.arctan(low))
+        return cls(middle / np.linalg.norm(middle), float(size))
+
+
+@dataclass(frozen=True, eq=False)
+class PersonPlace:
+    """The person in a rig's world: middle (3,), up (3,) and stature, in the rig's units."""
+
+    middle: np.ndarray
+    up: np.ndarray
+    stature: float
+
+
+def find_person(cameras: Sequence[Camera], sights: Sequence[Sight]) -> PersonPlace:
+    """Return the person between the cameras: where their directions meet. Up is Z, turned to be
+    across the cameras' right sides."""
+    pairs = list(zip(cameras, sights, strict=False))
+    rays = np.stack([camera.R.T @ sight.direction for camera, sight in pairs])
+    centres = np.stack([camera.centre for camera in cameras])
+    across = np.eye(3) - rays[:, :, None] * rays[:, None]
+    total = across.sum(axis=0) + 1e-6 * np.eye(3)
+    middle = np.linalg.solve(total, np.einsum("vij,vj->i", across, centres))
+    right = np.stack([camera.R[0] for camera in cameras])
+    roll = right.T @ right / 0.05**2 + np.diag([1, 1, 0]) / 0.1**2
+    up = np.linalg.eigh(roll)[1][:, 0]
+    up = up if up[2] > 0 else -up
+    away = centres - middle
+    sizes = np.linalg.norm(away, axis=1) * [sight.size for _, sight in pairs]
+    return PersonPlace(middle, up, float(np.median(sizes)))
