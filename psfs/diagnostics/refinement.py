@@ -31,6 +31,8 @@ N_PARAMETERS = 8
 _AROUND, _HELD = (0.4, 0.4, 0.8), 5e-4
 #: Widths of Geman & McClure's weights, in standard deviations of the residuals.
 _REACH = 2.5
+#: Fewest points whose noise is estimated apart.
+_LEAST_GROUP = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +80,8 @@ Measure = Callable[[Sequence[Camera], np.ndarray], tuple[np.ndarray, np.ndarray]
 class RigFit:
     """Corrections of a rig to outlines [frame][view] in pictures of its size.
 
-    find: finds the points instead, without outlines. measure: further measurements.
+    find: finds the points instead, without outlines. measure: further measurements. group: numbers
+    (M,) of the groups of points whose noise is estimated apart.
     """
 
     def __init__(
@@ -88,8 +91,9 @@ class RigFit:
         config: AlignmentConfig | None = None,
         find: Find | None = None,
         measure: Measure | None = None,
+        group: Callable[[FrontierPoints], np.ndarray] | None = None,
     ) -> None:
-        self._measure = measure
+        self._measure, self._group = measure, group
         self.rig, self.config = rig, config or AlignmentConfig()
         contours = [SilhouetteContours([row[v] for row in outlines]) for v in range(len(rig))]
         self.scene = scene = intersect_axes_ahead(rig)
@@ -158,7 +162,7 @@ class RigFit:
         for side in range(2):
             by_camera[rows, points.views[:, side]] = slopes[:, side]
         jacobian = by_camera.reshape(len(residuals), n)
-        noise = max(config.noise, 1.4826 * float(np.median(np.abs(residuals))))
+        noise = self._estimate_noise(residuals, points)
         speeds = slopes[:, 0, 7] * min(0.1 + 0.15 * late, 0.4)
         widths = np.hypot(noise, speeds)
         information = self._measure_information(np.abs(slopes[:, 0, 7]))
@@ -180,6 +184,18 @@ class RigFit:
         frame: one that rests shows the same errors of the silhouettes in many frames."""
         rest, half = self.config.information, self.config.half_speed
         return rest + (1 - rest) * speeds / (speeds + half)
+
+    def _estimate_noise(self, residuals: np.ndarray, points: FrontierPoints) -> np.ndarray:
+        """Return the standard deviation (M,) px of the points' residuals."""
+        size = np.abs(residuals)
+        found = np.full(len(size), np.median(size))
+        if self._group is not None:
+            groups = self._group(points)
+            for number in np.unique(groups):
+                own = groups == number
+                if np.count_nonzero(own) >= _LEAST_GROUP:
+                    found[own] = np.median(size[own])
+        return np.maximum(self.config.noise, 1.4826 * found)
 
     def scene_moves(self) -> np.ndarray:
         """Return the derivatives (8, 8 V) of what silhouettes cannot tell by the corrections.

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import cv2
@@ -26,7 +27,7 @@ from psfs.diagnostics.frontier import (
     epipolar_residuals,
     find_frontier_points,
 )
-from psfs.diagnostics.refinement import RigCorrections, RigFit, correct_camera
+from psfs.diagnostics.refinement import Measure, RigCorrections, RigFit, correct_camera
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.config import AdjustmentConfig
 from psfs.self_calibration.hulls import HullRays
@@ -36,6 +37,9 @@ from psfs.self_calibration.sights import Sight, find_person
 
 #: Find points in the cameras' pictures of shifted frames that agree to a number of pixels.
 _Find = Callable[[Sequence[Camera], np.ndarray, float], FrontierPoints]
+#: Further measurements and the groups of frontier points in shifted frames, as in `RigFit`.
+_Group = Callable[[FrontierPoints], np.ndarray]
+_Bind = Callable[[np.ndarray], tuple[Measure, _Group]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +62,7 @@ class PersonPoints:
         self.config = config
         self.hulls = [HullRays(c, own) for c, own in zip(cameras, outlines, strict=True)]
         self.contours = [SilhouetteContours(own) for own in outlines]
+        self.waists = [_find_waists(own) for own in self.contours]
         self.shortest = min(len(own) for own in outlines)
 
     def select(self, views: Sequence[int]) -> PersonPoints:
@@ -65,7 +70,20 @@ class PersonPoints:
         own = copy(self)
         own.hulls = [self.hulls[view] for view in views]
         own.contours = [self.contours[view] for view in views]
+        own.waists = [self.waists[view] for view in views]
         return own
+
+    def group(self, found: FrontierPoints, shifts: np.ndarray) -> np.ndarray:
+        """Return numbers (M,) of frontier points of shifted frames: apart by pair of cameras, and
+        the person's upper and lower half, for shadows of the floor spoil the feet."""
+        first, second = found.views.T
+        low = np.zeros(len(found), int)
+        for view, waists in enumerate(self.waists):
+            mine = first == view
+            heights = waists[found.frames[mine] + int(shifts[view])]
+            low[mine] = found.pixels[mine, 0, 1] > heights
+        numbers: np.ndarray = 2 * (first * len(self.waists) + second) + low
+        return numbers
 
     def find_medial_axes(self) -> list[MedialAxes]:
         """Return the medial axes of each camera's silhouettes."""
@@ -139,6 +157,15 @@ class PersonPoints:
         scene = intersect_axes_ahead(CameraRig(tuple(cameras)))
         tips = find_frontier_points(cameras, moved, scene, gate, self.config.narrow.bend)
         return _join([FrontierPoints(*(column[kept] for column in columns)), tips])
+
+
+def _find_waists(contours: SilhouetteContours) -> np.ndarray:
+    """Return the rows (F,) px halfway between top and bottom of the contours."""
+    low, high = np.full((2, int(contours.frames.max(initial=-1)) + 1), np.nan)
+    np.fmin.at(low, contours.frames, contours.points[:, 1])
+    np.fmax.at(high, contours.frames, contours.points[:, 1])
+    waists: np.ndarray = 0.5 * (low + high)
+    return waists
 
 
 def _plane_axes(
@@ -225,30 +252,44 @@ def adjust_farther(start: Adjusted, points: PersonPoints) -> Adjusted:
     return found
 
 
-def settle(start: Adjusted, points: PersonPoints) -> Adjusted:
-    """Adjust a rig to all frontier points and to points on limbs' axes, matched again in every
-    pass, until it stays."""
+def settle(
+    start: Adjusted, points: PersonPoints, measure: Callable[[Adjusted], _Bind] | None = None
+) -> Adjusted:
+    """Adjust a rig to all frontier points, matched again in every pass, until it stays.
+
+    measure: makes further measurements of the rig of each pass.
+    """
     config, found = points.config, start
-    axes = points.find_medial_axes()
-    sights = [Sight.create(hulls) for hulls in points.hulls]
     for _ in range(config.last):
-        cameras = found.rig.cameras
-        person = find_person(cameras, sights)
-        limbs = LimbPoints(cameras, found.lags, axes, person, config.limbs)
-        near = _adjust_to(config.near_gates, found, points, limbs)
+        bind = None if measure is None else measure(found)
+        near = _adjust_to(config.near_gates, found, points, bind)
         if near is None:
             break
-        turn = measure_turn(cameras, near.rig.cameras)
+        turn = measure_turn(found.rig.cameras, near.rig.cameras)
         found = near
         if turn < config.settled:
             break
     return found
 
 
+def settle_by_limbs(start: Adjusted, points: PersonPoints) -> Adjusted:
+    """Adjust a rig until it stays, then to points on limbs' axes, too."""
+    axes = points.find_medial_axes()
+    sights = [Sight.create(hulls) for hulls in points.hulls]
+
+    def measure(found: Adjusted) -> _Bind:
+        cameras = found.rig.cameras
+        person = find_person(cameras, sights)
+        limbs = LimbPoints(cameras, found.lags, axes, person, points.config.limbs)
+        return lambda shifts: (limbs.bind(shifts), partial(points.group, shifts=shifts))
+
+    return settle(settle(start, points), points, measure)
+
+
 def _adjust_to(
-    gates: Sequence[float], start: Adjusted, points: PersonPoints, limbs: LimbPoints | None = None
+    gates: Sequence[float], start: Adjusted, points: PersonPoints, bind: _Bind | None = None
 ) -> Adjusted | None:
-    return _adjust(start.rig, start.lags, points.find_all, points.config.narrow, gates, limbs)
+    return _adjust(start.rig, start.lags, points.find_all, points.config.narrow, gates, bind)
 
 
 def _go_on(first: Adjusted, second: Adjusted, factor: float) -> Adjusted:
@@ -271,7 +312,7 @@ def measure_turn(first: Sequence[Camera], second: Sequence[Camera]) -> float:
 
 def _adjust(
     rig: CameraRig, lags: np.ndarray, find: _Find, config: AlignmentConfig, gates: Sequence[float],
-    limbs: LimbPoints | None = None,
+    bind: _Bind | None = None,
 ) -> Adjusted | None:  # fmt: skip
     found = None
     for gate in gates:
@@ -282,8 +323,8 @@ def _adjust(
         ) -> FrontierPoints:
             return find(cameras, shifts, gate)
 
-        measure = None if limbs is None else limbs.bind(shifts)
-        fit = RigFit(rig, [], config.replace(gate=gate), search, measure)
+        more = (None, None) if bind is None else bind(shifts)
+        fit = RigFit(rig, [], config.replace(gate=gate), search, *more)
         start = np.zeros((len(rig), 8))
         start[:, 7] = shifts - lags
         # Cameras without common points have no variances; they are refused later.

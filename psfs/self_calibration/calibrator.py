@@ -30,7 +30,7 @@ from psfs.self_calibration.adjustment import (
     measure_misfit,
     measure_pairs,
     measure_turn,
-    settle,
+    settle_by_limbs,
     summarise_pairs,
 )
 from psfs.self_calibration.bobbing import compare_bobbing, refine_lags
@@ -119,7 +119,7 @@ def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted 
         lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
         grown = grow_rigs(take.cameras, lags, take.points, config, track)
         best = _adjust_grown(best, grown, take.points, track)
-    return None if best is None else settle(best, take.points)
+    return None if best is None else settle_by_limbs(best, take.points)
 
 
 def _add_others(

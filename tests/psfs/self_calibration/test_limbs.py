@@ -1,0 +1,129 @@
+"""Limbs' axes as measurements of cameras: of spheroids, whose outlines are exact conics."""
+
+from dataclasses import replace
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+from psfs.cameras.camera import Camera
+from psfs.diagnostics.frontier import SilhouetteContours
+from psfs.diagnostics.small_views import Outline
+from psfs.self_calibration.config import LimbConfig
+from psfs.self_calibration.limbs import LimbPoints
+from psfs.self_calibration.medial_axes import MedialAxes
+from psfs.self_calibration.sights import PersonPlace
+
+UP, FRAMES, CONFIG = np.array([0, 0, 1.0]), 16, LimbConfig()
+LAGS = np.array([0.0, 1.4, -0.7, 0.0])
+PERSON = PersonPlace(np.array([0, 0, 1.2]), UP, 1.7)
+
+
+def place(azimuth, height):
+    """A camera 3 m from the middle."""
+    centre = np.array([3 * np.cos(azimuth), 3 * np.sin(azimuth), height])
+    forward = np.array([0, 0, 1.2]) - centre
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, UP)
+    right /= np.linalg.norm(right)
+    R = np.stack([right, np.cross(forward, right), forward])
+    K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    return Camera(f"{azimuth}", K, np.zeros(5), R, -R @ centre, (640, 480))
+
+
+CAMERAS = [place(0.2, 1.3), place(1.6, 2.2), place(3.4, 1.7), place(4.9, 2.4)]
+
+
+def outline(camera, time, radius, wider):
+    """The outline, `wider` px to either side, of a spheroid 1 m long that sways and turns."""
+    axis = np.array([0.5 * np.sin(0.3 * time), 0.4 * np.cos(0.25 * time), 1.0])
+    axis /= np.linalg.norm(axis)
+    centre = np.array([0.3 * np.sin(0.4 * time), 0.25 * np.cos(0.3 * time), 1.2])
+    shape = radius**2 * np.eye(3) + (0.5**2 - radius**2) * np.outer(axis, axis)
+    dual = np.zeros((4, 4))
+    dual[:3, :3] = shape
+    dual -= np.outer([*centre, 1], [*centre, 1])
+    P = camera.K @ np.column_stack([camera.R, camera.t])
+    conic = P @ dual @ P.T
+    conic /= -conic[2, 2]
+    middle = -conic[:2, 2]
+    root = np.linalg.cholesky(conic[:2, :2] + np.outer(middle, middle))
+    angles = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    circle = np.stack([np.cos(angles), np.sin(angles)], -1)
+    normals = circle @ np.linalg.inv(root)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points = middle + circle @ root.T + wider * normals
+    inside = np.zeros(len(points), bool)
+    return Outline(points, inside, 1000, points, inside)
+
+
+@cache
+def medial_axes(radius=0.06, wider=0.0):
+    return [
+        MedialAxes.create(
+            camera,
+            SilhouetteContours([outline(camera, t - lag, radius, wider) for t in range(FRAMES)]),
+            CONFIG,
+        )
+        for camera, lag in zip(CAMERAS, LAGS, strict=True)
+    ]
+
+
+def measure(cameras, lags, **shape):
+    limbs = LimbPoints(cameras, lags, medial_axes(**shape), PERSON, CONFIG)
+    return limbs(cameras, lags), len(limbs)
+
+
+def turn(camera, angles):
+    R = cv2.Rodrigues(np.array(angles))[0] @ camera.R
+    return replace(camera, R=R, t=-R @ camera.centre)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "wrong"),
+    [(1, 0.005), (3, 0.03), (7, 0.1)],
+    ids=["turned, rad", "beside, m", "late, frames"],
+)
+def test_an_error_of_one_camera_is_measured(parameter, wrong):
+    """The measurements of all cameras give the correction of one parameter of the second."""
+    cameras, lags = list(CAMERAS), LAGS.copy()
+    if parameter == 1:
+        cameras[1] = turn(cameras[1], [0, wrong, 0])
+    elif parameter == 3:
+        own = cameras[1]
+        cameras[1] = replace(own, t=-own.R @ (own.centre + np.array([wrong, 0, 0])))
+    else:
+        lags[1] -= wrong
+    (normal, gradient), _ = measure(cameras, lags)
+    at = 8 + parameter
+    assert -gradient[at] / normal[at, at] == pytest.approx(-wrong, rel=0.12)
+    np.testing.assert_allclose(normal, normal.T, atol=1e-6 * normal.max())
+
+
+@pytest.mark.parametrize("wider", [0.0, 1.5], ids=["exact", "1.5 px too wide"])
+def test_true_cameras_stay_however_wide_the_silhouettes_are(wider):
+    (normal, gradient), count = measure(CAMERAS, LAGS, wider=wider)
+    assert count > 500
+    turns = np.array([8 * view + 1 for view in range(4)])
+    assert np.abs(gradient[turns] / normal[turns, turns]).max() < 2e-4
+
+
+def test_a_trunk_is_no_limb():
+    (normal, gradient), count = measure(CAMERAS, LAGS, radius=0.16)
+    assert not count
+    assert not normal.any()
+    assert not gradient.any()
+
+
+def test_the_nearest_point_of_a_map_is_the_nearest():
+    """Within a cell of the map, of the point that is nearest of all in the frame."""
+    axes = medial_axes()[0]
+    places = axes.places[axes.frames == 5][::7] + np.array([1.0, -2.0])
+    found = axes.find_nearest(np.array(5), places)
+    own = np.nonzero(axes.frames == 5)[0]
+    away = np.linalg.norm(places[:, None] - axes.places[own], axis=-1)
+    here = np.linalg.norm(places - axes.places[found], axis=-1)
+    assert (axes.frames[found] == 5).all()
+    assert (here < away.min(axis=1) + 4).all()
+    assert (axes.find_nearest(np.array(5), np.array([[1e3, 0.0], [np.nan, 0.0]])) == -1).all()
