@@ -119,7 +119,12 @@ def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted 
         lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
         grown = grow_rigs(take.cameras, lags, take.points, config, track)
         best = _adjust_grown(best, grown, take.points, track)
-    return None if best is None else settle_by_limbs(best, take.points)
+    if best is None:
+        return None
+    best = settle_by_limbs(best, take.points)
+    _check_fit(best, take.points, config)
+    check_told(best, config)
+    return best
 
 
 def _add_others(
@@ -223,6 +228,19 @@ def check_unambiguous(
         "somebody who walks on a circle; film one person who walks straight lines to and fro, "
         "turns and stops"
     )
+
+
+def check_told(best: Adjusted, config: PersonConfig) -> None:
+    """Raise InputError if the silhouettes do not tell well enough where the cameras look, as of
+    somebody who stays in place."""
+    turns = np.degrees(np.linalg.norm(best.last.sigmas[:, :3], axis=1))
+    worst = int(np.argmax(turns))
+    if not turns[worst] <= np.degrees(config.least_told):
+        raise InputError(
+            f"the silhouettes tell the direction of {best.rig.names[worst]} to a standard "
+            f"deviation of {turns[worst]:.2f} degrees, as of somebody who stays in place; expected "
+            f"{np.degrees(config.least_told):.2f} or less; {FILM}"
+        )
 
 
 def _adjust_first(ranked: list[tuple[float, Adjusted]], points: PersonPoints) -> Adjusted | None:

@@ -9,6 +9,7 @@ import pytest
 
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.diagnostics.refinement import RigCorrections
 from psfs.self_calibration import calibrator
 from psfs.self_calibration.addition import CameraAddition, choose_core
 from psfs.self_calibration.adjustment import (
@@ -195,6 +196,19 @@ def test_another_place_of_one_camera_is_compared_by_that_camera(monkeypatch):
     # Adjusted, it becomes the best one.
     monkeypatch.setattr(calibrator, "adjust_frontier", lambda *_: best)
     calibrator.check_unambiguous(best, [(0.1, best), (0.11, rival)], None, 6, CONFIG)
+
+
+def test_a_direction_that_is_badly_told_is_refused():
+    sigmas = np.full((4, 8), 0.002)
+    found = Adjusted(
+        CameraRig(tuple(CAMERAS)), np.array(LAGS, float), RigCorrections(sigmas, sigmas, 0.2, 900)
+    )
+    calibrator.check_told(found, CONFIG)
+    sigmas[2, :3] = 0.004
+    with pytest.raises(
+        InputError, match=rf"{CAMERAS[2].name} to .* 0\.40 degrees.* expected 0\.25"
+    ):
+        calibrator.check_told(found, CONFIG)
 
 
 def test_a_rig_is_adjusted_until_it_stays():

@@ -97,7 +97,7 @@ def test_an_error_of_one_camera_is_measured(parameter, wrong):
         lags[1] -= wrong
     (normal, gradient), _ = measure(cameras, lags)
     at = 8 + parameter
-    assert -gradient[at] / normal[at, at] == pytest.approx(-wrong, rel=0.12)
+    assert -gradient[at] / normal[at, at] == pytest.approx(-wrong, rel=0.15)
     np.testing.assert_allclose(normal, normal.T, atol=1e-6 * normal.max())
 
 
