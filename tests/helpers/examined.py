@@ -17,6 +17,7 @@ import pytest
 
 import apf.api
 from apf.body.model import BodyModel
+from psfs.cli import check
 from psfs.diagnostics import examination
 from psfs.diagnostics.alignment import correct_rig
 from psfs.diagnostics.camera_consistency import find_inconsistent_cameras
@@ -27,7 +28,7 @@ from psfs.session import Session
 
 @contextmanager
 def remembered() -> Iterator[None]:
-    """Remember the parts of `examine`, and the fit to given joints."""
+    """Remember the parts of `examine` and of `psfs check`, and the fit to given joints."""
     known: dict[Hashable, Any] = {}
     fit_to_joints = apf.api.fit_to_joints
 
@@ -54,6 +55,8 @@ def remembered() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for stage in (diagnose, find_hidden_pixels, correct_rig, find_inconsistent_cameras):
             patch.setattr(examination, stage.__name__, find_once(stage))
+        for stage in (diagnose, find_inconsistent_cameras):
+            patch.setattr(check, stage.__name__, find_once(stage))
         patch.setattr(apf.api, "fit_to_joints", fit_once)
         yield
 
@@ -67,5 +70,5 @@ def footage_key(session: Session) -> tuple[Hashable, ...]:
         digest.update(repr((camera.size, camera.kappa)).encode())
         for array in (camera.K, camera.distortion, camera.R, camera.t, camera.hidden):
             digest.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
-    stated = repr(sequence.settings), repr(session.settings)
+    stated = repr(sequence.settings.replace(cameras=None)), repr(session.reconstruction.silhouette)
     return digest.hexdigest(), *sequence.rig.names, *stated, session.device.name
