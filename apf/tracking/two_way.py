@@ -272,12 +272,12 @@ def smooth_poses(
     joint by more than `most` m, the limb stays as it was tracked: it jumps to where it was found
     again. Frames that are not `known` (F,) stay as they are, and no parabola crosses them.
     """
-    from scipy.signal import savgol_filter  # takes a while to load
-
     poses = unwrap_angles(poses, body)
     for part in find_stances(known):
         if n < 5 or part.stop - part.start < n:  # a parabola passes through any three points
             continue
+        from scipy.signal import savgol_filter  # takes a while to load
+
         tracked = posed_joints(body, poses[part])
         places = savgol_filter(tracked, n, 2, axis=0)
         smooth = np.clip(savgol_filter(poses[part], n, 2, axis=0), body.lower, body.upper)
