@@ -3,6 +3,7 @@ launch the kernels that they are marked for."""
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 from collections.abc import Generator
@@ -168,6 +169,11 @@ def pytest_configure(config: pytest.Config) -> None:
 
 #: Whether some marked test noticed that the kernel was left out.
 NOTICED: dict[str, bool] = {}
+
+
+def pytest_collection_finish() -> None:
+    """Modules and tests stay: searches for garbage need not look at them again and again."""
+    gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True)
