@@ -3,10 +3,12 @@ launch the kernels that they are marked for."""
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 
 # Before NumPy is imported, for this process and its children: the matrices here are small, and
 # OpenBLAS's waiting threads took four fifths of the twins' time.
@@ -21,6 +23,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import examined, footage, parity, scenes
+from pyopencl import invoker
 
 from apf.initialisation.config import (
     AcceptanceConfig,
@@ -111,6 +114,33 @@ def _examined_once() -> Generator[None, None, None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _invokers_in_memory() -> Generator[None, None, None]:
+    """PyOpenCL reads its Python code for a kernel's arguments from a file, again for every kernel
+    object: a quarter of a millisecond, and a tracker has a hundred of them."""
+    stored = getattr(invoker, "invoker_cache", None)
+    with pytest.MonkeyPatch.context() as patch:
+        if stored is not None:
+            patch.setattr(invoker, "invoker_cache", _Remembering(stored))
+        yield
+
+
+class _Remembering(dict[Any, Any]):
+    """A cache of PyOpenCL's whose entries are read once."""
+
+    def __init__(self, stored: Any) -> None:
+        super().__init__()
+        self._stored = stored
+
+    def __missing__(self, key: Any) -> Any:
+        self[key] = found = self._stored[key]
+        return found
+
+    def store_if_not_present(self, key: Any, value: Any) -> None:
+        self[key] = value
+        self._stored.store_if_not_present(key, value)
+
+
 @pytest.fixture
 def quick_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """An automatic start with a small search, where any start will do: 2 s instead of 8."""
@@ -139,6 +169,11 @@ def pytest_configure(config: pytest.Config) -> None:
 
 #: Whether some marked test noticed that the kernel was left out.
 NOTICED: dict[str, bool] = {}
+
+
+def pytest_collection_finish() -> None:
+    """Modules and tests stay: searches for garbage need not look at them again and again."""
+    gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True)

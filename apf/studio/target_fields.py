@@ -13,7 +13,6 @@ from psfs.calibration.config import MarkerConfig
 from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
 from psfs.calibration.targets.detection import Finder
 from psfs.calibration.targets.markers import MarkerFinder
-from psfs.calibration.targets.print_board import write_board_pdf
 from psfs.calibration.targets.target import make_wand
 from psfs.common.scratch import temporary_folder
 from psfs.page.words import make_text
@@ -101,6 +100,8 @@ class TargetFields:
 
     def make_board(self) -> tuple[str, bytes]:
         """Return name and content of the PDF of the board. Raises InputError."""
+        from psfs.calibration.targets.print_board import write_board_pdf  # loads Matplotlib
+
         columns, rows = self._squares()
         square = float(self.square.value)
         with temporary_folder() as folder:

@@ -8,7 +8,7 @@ from pydantic import model_validator
 
 from apf.keypoints.config import TriangulationConfig
 from cl import InputError
-from psfs.common.config import Config, natural, nonnegative, part, positive, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
 
 if TYPE_CHECKING:
     from apf.body.model import BodyModel
@@ -81,6 +81,42 @@ class RecoveryConfig(Config):
         return self.replace(unknown=self.worst, everywhere_too=not has_head(body))
 
 
+class FloorConfig(Config):
+    """Standing feet that float over the floor, see `apf.tracking.foot_contact.lower_feet`."""
+
+    SOURCE: ClassVar = "chosen on hard_duo_6cam, synth_kick_8cam and synth_pickup_6cam"
+
+    percentile: float = setting(
+        20.0,
+        "Percentile of the heights of standing ankles that counts, because heels rise at times.",
+        least=0,
+        most=100,
+    )
+    share: float = fraction(
+        0.5,
+        "Share of that height by which feet are lowered: as much would lower the heels of a "
+        "person who stands on the toes.",
+    )
+    least: float = nonnegative(
+        0.012,
+        "Height up to which feet stay as they are.",
+        "the deviation of an ankle's height, `StandingConfig.ankle`",
+        "m",
+    )
+    most: float = nonnegative(
+        0.1,
+        "Height from which the person stands on something else; 0 leaves all feet as they are.",
+        "as `StandingConfig.below`",
+        "m",
+    )
+    air: float = positive(
+        0.2,
+        "Height over the standing feet at which a lifted foot is no longer lowered.",
+        "by hand; 0.15 and 0.3 are as good",
+        "m",
+    )
+
+
 class TwoWayConfig(Config):
     """Fusion of the forward and backward passes, see `apf.tracking.two_way`."""
 
@@ -124,6 +160,7 @@ class TwoWayConfig(Config):
         unit="GB",
     )
     longest: int = natural(1000, "Greatest number of frames of a window.", unit="frames")
+    floor: FloorConfig = part(FloorConfig, "Standing feet that float over the floor.")
 
     def n_steady(self, fps: float) -> int:
         """Return the number of frames of a parabola, an odd number."""

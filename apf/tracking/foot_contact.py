@@ -12,8 +12,8 @@ import numpy as np
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
-from apf.body.stature import ANKLES
-from apf.tracking.config import ContactConfig
+from apf.body.stature import ANKLES, upright_heights
+from apf.tracking.config import ContactConfig, FloorConfig
 
 #: Number of Gauss-Newton steps; longest step, rad or m, because a straight knee hardly changes the
 #: leg's length; step of the numerical derivatives, rad or m.
@@ -120,6 +120,29 @@ def hold_feet(
     out = poses.copy()
     out[moved] = _solve_legs(body, poses[moved], ankles, targets[moved])
     return out
+
+
+def lower_feet(
+    body: BodyModel, poses: np.ndarray, times: np.ndarray, config: FloorConfig | None = None
+) -> np.ndarray:
+    """Return `poses` (F, D) with lower ankles if standing feet float over the floor, z = 0.
+
+    Silhouettes miss soles in shadow and of the floor's colour, so that legs end too high. How high
+    standing ankles are over their height in the upright body says by how much; but a heel may be
+    raised as well. So feet are drawn down by a share of it, and less the higher they are lifted, as
+    far as the legs give way.
+    times: (F,) s.
+    """
+    config = config or FloorConfig()
+    ankles = find_ankles(body)
+    places = posed_joints(body, poses)[:, ankles]
+    above = places[..., 2] - upright_heights(body)[ankles]
+    stands = detect_standing(places, times)
+    gap = float(np.percentile(above[stands], config.percentile)) if stands.any() else 0.0
+    if not config.least < gap < config.most:
+        return poses
+    places[..., 2] -= config.share * gap * np.clip(1 - (above - gap) / config.air, 0, 1)
+    return _solve_legs(body, poses, ankles, places)
 
 
 def _corrections(

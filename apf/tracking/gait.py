@@ -93,11 +93,13 @@ def _walk(track: Track, part: slice, points: np.ndarray, config: GaitConfig) -> 
     times, pelvis = track.times[part], points[:, 0, :2]
     if len(times) < 3:
         return None
-    from scipy.signal import find_peaks  # takes a while to load
-
     velocity = _velocity(pelvis, times, config.window)
     speed = np.linalg.norm(velocity, axis=1)
     walking = speed > config.speed
+    if not walking.any():
+        return None
+    from scipy.signal import find_peaks  # takes a while to load
+
     ahead = velocity / np.maximum(speed, 1e-9)[:, None]
     reach = np.einsum("fka,fa->fk", points[:, 1:, :2] - pelvis[:, None], ahead)
     found = [

@@ -34,7 +34,7 @@ from apf.likelihood.observations import (
     with_points,
 )
 from apf.tracking.config import TwoWayConfig
-from apf.tracking.foot_contact import find_stances
+from apf.tracking.foot_contact import find_stances, lower_feet
 from apf.tracking.limb_confidence import REGRESSION
 from apf.tracking.recovery import RecoveringRuns, SeparateRuns
 from apf.tracking.smoothing import unwrap_angles
@@ -140,7 +140,8 @@ def _fuse_window(
     config: TwoWayConfig,
     progress: Callable[[], object],
 ) -> list[list[Estimate]]:
-    """Run the backward passes over a window; return each track's fused estimates of its frames."""
+    """Run the backward passes over a window; return each track's fused estimates of its frames.
+    Feet that float are lowered, unless keypoints show where they are."""
     if not window:
         return []
     for runs, last in zip(back, window[-1][2], strict=True):
@@ -157,8 +158,23 @@ def _fuse_window(
     tracks = []
     for frames in found:
         passes_of, errors = zip(*frames[::-1], strict=True)
-        tracks.append(fuse_passes(passes_of, np.stack(errors), config, fps))
+        fused = fuse_passes(passes_of, np.stack(errors), config, fps)
+        seen_feet = any(kept.points is not None for _, kept, _ in window)
+        tracks.append(fused if seen_feet else _lower_feet(fused, config, fps))
     return [list(estimates) for estimates in zip(*tracks, strict=True)]
+
+
+def _lower_feet(estimates: list[Estimate], config: TwoWayConfig, fps: float) -> list[Estimate]:
+    """Lower the feet of consecutive frames' estimates, but of lost frames, see `lower_feet`."""
+    known = np.flatnonzero([not estimate.lost for estimate in estimates])
+    if not known.size:
+        return estimates
+    poses = np.stack([estimates[row].pose for row in known])
+    lowered = lower_feet(estimates[0].body, poses, known / fps, config.floor)
+    found = list(estimates)
+    for row, pose in zip(known, lowered, strict=True):
+        found[row] = replace(found[row], pose=pose)
+    return found
 
 
 def _without_disagreement(estimate: Estimate) -> Estimate:
@@ -272,12 +288,12 @@ def smooth_poses(
     joint by more than `most` m, the limb stays as it was tracked: it jumps to where it was found
     again. Frames that are not `known` (F,) stay as they are, and no parabola crosses them.
     """
-    from scipy.signal import savgol_filter  # takes a while to load
-
     poses = unwrap_angles(poses, body)
     for part in find_stances(known):
         if n < 5 or part.stop - part.start < n:  # a parabola passes through any three points
             continue
+        from scipy.signal import savgol_filter  # takes a while to load
+
         tracked = posed_joints(body, poses[part])
         places = savgol_filter(tracked, n, 2, axis=0)
         smooth = np.clip(savgol_filter(poses[part], n, 2, axis=0), body.lower, body.upper)

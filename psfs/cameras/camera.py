@@ -153,7 +153,7 @@ class Camera:
     def _project_block(
         self, points: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        x, y, depth = np.ascontiguousarray((points @ self.R.T + self.t).T)
+        x, y, depth = self.R @ points.T + self.t[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             x, y = x / depth, y / depth
             seen = (depth > 1e-6) & (x * x + y * y < self.max_radius2)

@@ -34,7 +34,6 @@ from psfs.calibration.targets.detection import (
     open_uncalibrated,
 )
 from psfs.calibration.targets.markers import MarkerFinder
-from psfs.calibration.targets.print_board import write_board_pdf
 from psfs.calibration.targets.target import Sighting, make_wand
 from psfs.calibration.world import align_to_cameras, align_to_floor
 from psfs.cameras.calibration.toml_tables import write_toml_tables
@@ -106,6 +105,8 @@ def run(args: argparse.Namespace) -> None:
 
 def _print_board(args: argparse.Namespace) -> None:
     """Write the PDF of a ChArUco board."""
+    from psfs.calibration.targets.print_board import write_board_pdf  # loads Matplotlib
+
     of_footage = {"folder", "output", "board", "wand", "c3d", "refine", "person", *_OF_PERSON}
     refuse_unused(
         args,

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from psfs.self_calibration.config import PairConfig
 from psfs.self_calibration.hulls import HullRays
@@ -74,6 +73,8 @@ def refine_lags(
 
 def _smooth(values: np.ndarray, window: int, degree: int) -> np.ndarray:
     """Return values (F,) smoothed by a Savitzky-Golay filter, with gaps filled linearly."""
+    from scipy.signal import savgol_filter  # takes a while to load
+
     known, times = np.isfinite(values), np.arange(len(values))
     if known.sum() < 5:
         return values

@@ -75,7 +75,10 @@ class VoxelGrid:
     def centres(self, indices: np.ndarray | None = None) -> np.ndarray:
         """Return centres (N, 3) m of the voxels with flat `indices` (N,), or of all of them."""
         if indices is None:
-            indices = np.arange(self.size)
+            centres = np.empty((*self.shape, 3))  # a tenth of the time of unravelled indices
+            for axis, along in enumerate(np.ix_(*map(np.arange, self.shape))):
+                centres[..., axis] = self.origin[axis] + (along + 0.5) * self.voxel_size
+            return centres.reshape(-1, 3)
         ijk = np.stack(np.unravel_index(indices, self.shape), -1)
         return self.origin + (ijk + 0.5) * self.voxel_size
 

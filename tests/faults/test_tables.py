@@ -11,7 +11,10 @@ from typing import Any
 import pytest
 import tomli_w
 from helpers import faults, footage
-from helpers.faults import WRONG, refused
+from helpers.faults import WRONG, assert_one_line, refused
+
+from apf.body import load_body
+from cl import InputError
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -240,7 +243,10 @@ def test_a_body_with_a_wrong_value(stock: Path, place: str) -> None:
     for kind, value in WRONG.items():
         if kind not in right:
             path.write_text(tomli_w.dumps(faults.replaced(good, at, value)))
-            refused(body_words(stock), stock, "body.toml")
+            with pytest.raises(InputError) as error:
+                load_body(path)
+            assert_one_line(str(error.value), "body.toml")
+    refused(body_words(stock), stock, "body.toml")  # of the last kind that is wrong
 
 
 def longer(factor: float) -> Callable[[dict], None]:

@@ -1,13 +1,14 @@
 """Remember, in one process, what is found in footage and in joints that many tests use.
 
-Tests track copies of one walk again and again: each would diagnose the same pictures and fit the
-body to the same joints. What a test of these stages itself imports is not remembered.
+Tests track copies of one walk again and again: each would diagnose the same pictures, find volume
+and people in them, and fit the body to the same joints. What a test of these stages itself imports
+is not remembered, but for the volume's box.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
 from typing import Any
@@ -17,19 +18,26 @@ import pytest
 
 import apf.api
 from apf.body.model import BodyModel
+from apf.cli.takes import people as people_of_takes
+from psfs.cameras.camera import CameraRig
+from psfs.cli import check, info, reconstruct
 from psfs.diagnostics import examination
 from psfs.diagnostics.alignment import correct_rig
 from psfs.diagnostics.camera_consistency import find_inconsistent_cameras
 from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.occluders import find_hidden_pixels
+from psfs.people import people
+from psfs.people.people import count_people
 from psfs.session import Session
+from psfs.volume import BoxSearch
 
 
 @contextmanager
 def remembered() -> Iterator[None]:
-    """Remember the parts of `examine`, and the fit to given joints."""
+    """Remember the parts of `examine` and of `psfs check`, the box around what moves, the number of
+    people, and the fit to given joints."""
     known: dict[Hashable, Any] = {}
-    fit_to_joints = apf.api.fit_to_joints
+    fit_to_joints, search_box = apf.api.fit_to_joints, BoxSearch.run
 
     def once(key: Hashable, compute: Callable[[], Any]) -> Any:
         if key not in known:
@@ -46,6 +54,15 @@ def remembered() -> Iterator[None]:
 
         return find
 
+    def count_once(session: Session, *more: Any) -> Any:
+        key = count_people, *footage_key(session), repr((session.settings, more))
+        return once(key, lambda: count_people(session, *more))
+
+    def search_once(search: BoxSearch) -> Any:
+        evidence = digest_of(search.evidence)
+        key = BoxSearch, rig_key(search.rig), evidence, repr(search.config), search.min_cameras
+        return once(key, lambda: search_box(search))
+
     def fit_once(body: BodyModel, joints: Mapping[str, np.ndarray]) -> Any:
         key = repr(body), tuple((name, np.asarray(at).tobytes()) for name, at in joints.items())
         fitted, pose, error = once(key, lambda: fit_to_joints(body, joints))
@@ -54,6 +71,11 @@ def remembered() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for stage in (diagnose, find_hidden_pixels, correct_rig, find_inconsistent_cameras):
             patch.setattr(examination, stage.__name__, find_once(stage))
+        for stage in (diagnose, find_inconsistent_cameras):
+            patch.setattr(check, stage.__name__, find_once(stage))
+        for module in (people, people_of_takes, info, reconstruct):
+            patch.setattr(module, "count_people", count_once)
+        patch.setattr(BoxSearch, "run", search_once)
         patch.setattr(apf.api, "fit_to_joints", fit_once)
         yield
 
@@ -63,9 +85,20 @@ def footage_key(session: Session) -> tuple[Hashable, ...]:
     sequence, digest = session.sequence, hashlib.sha1()
     for path in sorted(path for path in sequence.folder.rglob("*") if path.is_file()):
         digest.update(str(path.relative_to(sequence.folder)).encode() + path.read_bytes())
-    for camera in sequence.rig:
-        digest.update(repr((camera.size, camera.kappa)).encode())
-        for array in (camera.K, camera.distortion, camera.R, camera.t, camera.hidden):
-            digest.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
-    stated = repr(sequence.settings), repr(session.settings)
-    return digest.hexdigest(), *sequence.rig.names, *stated, session.device.name
+    stated = repr(sequence.settings.replace(cameras=None)), repr(session.reconstruction.silhouette)
+    return digest.hexdigest(), *rig_key(sequence.rig), *stated, session.device.name
+
+
+def rig_key(rig: CameraRig) -> tuple[Hashable, ...]:
+    """Return all that distinguishes a rig from others."""
+    arrays = ((c.K, c.distortion, c.R, c.t, c.hidden) for c in rig)
+    known = [array for own in arrays for array in own if array is not None]
+    facts = repr([(c.size, c.kappa, c.hidden is None) for c in rig])
+    return *rig.names, facts, digest_of(known)
+
+
+def digest_of(arrays: Iterable[np.ndarray]) -> str:
+    digest = hashlib.sha1()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

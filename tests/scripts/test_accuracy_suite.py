@@ -70,6 +70,18 @@ def a_run(setting: Setting, seed: int, mean: float, heading: float = 5.0) -> Run
     )  # fmt: skip
 
 
+def write_true_keypoints(take: Path) -> None:
+    """Write keypoints at the true joints into a take's folder."""
+    truth, rig = load_truth(take / "truth.npz"), psfs.open_sequence(take).rig
+    points = np.ones((len(rig), *truth.joints.shape))
+    for view, camera in zip(points, rig, strict=True):
+        view[..., :2] = camera.project(truth.joints)[0]
+    np.savez(
+        take / "keypoints.npz", keypoints=points, keypoint_names=truth.joint_names,
+        camera_names=rig.names,
+    )  # fmt: skip
+
+
 def command(suite_folder: Path, out: Path, *flags: str) -> list[str]:
     small = ["--particles", "30", "--layers", "3", "--commit", "c0ffee"]
     script = [sys.executable, str(SCRIPT), "--suite", str(suite_folder), "-o", str(out)]
@@ -123,14 +135,7 @@ def test_triangulation_voxels_keypoints_and_both_side_by_side(folder: Path, tmp_
     takes = tmp_path / "takes"
     shutil.copytree(folder, takes, ignore=shutil.ignore_patterns("truth_masks"))
     shutil.copytree(takes / "walk", takes / "without")
-    truth, rig = load_truth(takes / "walk" / "truth.npz"), psfs.open_sequence(takes / "walk").rig
-    points = np.ones((len(rig), *truth.joints.shape))
-    for view, camera in zip(points, rig, strict=True):
-        view[..., :2] = camera.project(truth.joints)[0]
-    np.savez(
-        takes / "walk" / "keypoints.npz", keypoints=points, keypoint_names=truth.joint_names,
-        camera_names=rig.names,
-    )  # fmt: skip
+    write_true_keypoints(takes / "walk")
     by = ("triangulation", "voxels", "keypoints", "both")
     first = {"method": "apf", "objective": "voxel", "particles": 60, "layers": 4}
     folders = [takes / "walk", takes / "without"]
@@ -168,12 +173,14 @@ def test_triangulation_voxels_keypoints_and_both_side_by_side(folder: Path, tmp_
 
 
 def test_an_interrupt_keeps_finished_runs(folder: Path, tmp_path: Path) -> None:
+    """Of takes tracked by keypoints alone, which examine no pictures."""
     out, takes = tmp_path / "out", tmp_path / "takes"
     for number in range(6):
         without = shutil.ignore_patterns("truth_masks")
-        shutil.copytree(folder / "walk", takes / f"walk{number}", ignore=without)
+        take = Path(shutil.copytree(folder / "walk", takes / f"walk{number}", ignore=without))
+        write_true_keypoints(take)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    flags = ("--seeds", "1", "--start", "true", "--processes", "2")
+    flags = ("--seeds", "1", "--start", "true", "--by", "keypoints", "--processes", "2")
     process = subprocess.Popen(
         command(takes, out, *flags), env=environment, stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE, text=True,

@@ -88,6 +88,7 @@ def test_the_command(walk: Path, tmp_path: Path, client: Any, capfd: Any) -> Non
         frames = "0:2"
         all-cameras = true
         no_overlay = true
+        no_report = true
         init = "{walk / "truth.npz"}"
         [[take]]
         folder = "{walk}"
@@ -108,7 +109,7 @@ def test_the_command(walk: Path, tmp_path: Path, client: Any, capfd: Any) -> Non
     assert (out / "logs" / "bad.log").read_text().count("error: ") == 3
 
     flags = ["--particles", "40", "--layers", "3", "--voxel-size", "0.06", "--all-cameras"]
-    flags += ["--frames", "0:2", "--init", str(walk / "truth.npz"), "--no-overlay"]
+    flags += ["--frames", "0:2", "--init", str(walk / "truth.npz"), "--no-overlay", "--no-report"]
     assert main(["track", str(walk), "-o", str(tmp_path / "alone"), *flags]) == 0
     alone, mine = Track.open(tmp_path / "alone"), Track.open(out / walk.name)
     assert mine.poses.tobytes() == alone.poses.tobytes()

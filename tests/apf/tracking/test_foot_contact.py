@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from helpers.striders import SONG, Stride, strider, track_of_poses
 
-from apf.body import load_body
+from apf.body import load_body, posed_joints
+from apf.body.stature import upright_heights
 from apf.tracking.foot_contact import (
     ContactConfig,
     detect_flat_feet,
@@ -16,6 +17,7 @@ from apf.tracking.foot_contact import (
     find_ankles,
     find_stances,
     hold_feet,
+    lower_feet,
 )
 from apf.tracking.smoothing import SmoothingConfig, smooth_track
 from apf.tracking.track import Track
@@ -23,6 +25,7 @@ from cl import InputError
 
 ANKLES = find_ankles(SONG)
 JOINTS = ("knee", "ankle")
+LEGS = ("l_thigh.ry", "l_calf.ry", "r_thigh.ry", "r_calf.ry")
 
 
 def travel(track: Track, stands: np.ndarray) -> float:
@@ -144,9 +147,37 @@ def test_lost_frames_are_neither_standing_nor_changed() -> None:
     np.testing.assert_array_equal(held.poses[lost], noisy.poses[lost])
 
 
+def stand(height: float) -> Track:
+    """Half a second on the left leg, knees bent, the ankles `height` m above where they stand; the
+    right foot is in the air."""
+    poses = np.tile(SONG.rest_pose, (30, 1))
+    for name, angle in zip(LEGS, (0.3, 0.6, 0.9, 1.5), strict=True):
+        poses[:, SONG.dof_names.index(name)] = angle
+    z = posed_joints(SONG, poses[:1])[0, ANKLES[0], 2]
+    poses[:, SONG.dof_names.index("pelvis.tz")] += upright_heights(SONG)[ANKLES[0]] - z + height
+    return track_of_poses(SONG, poses)
+
+
+def test_feet_that_float_are_lowered() -> None:
+    track = stand(0.06)
+    moved = posed_joints(SONG, lower_feet(SONG, track.poses, track.times)) - track.joints
+    standing, lifted = moved[0, ANKLES]
+    assert -0.03 < standing[2] < -0.01  # at most by half of it, less than the legs would like
+    assert 2 * standing[2] < 3 * lifted[2] < 0  # by about a half: it is 10 cm higher
+    assert np.abs(moved[:, ANKLES, :2]).max() < 1e-3
+    assert np.abs(moved[:, SONG.joint_names.index("pelvis")]).max() < 2e-3
+
+
+@pytest.mark.parametrize("height", [-0.03, 0.01, 0.15])
+def test_feet_stay_on_the_floor_in_it_or_on_a_box(height: float) -> None:
+    track = stand(height)
+    assert lower_feet(SONG, track.poses, track.times) is track.poses
+
+
 def test_bodies_without_feet() -> None:
     body = load_body("rymut31_upper")
     track = track_of_poses(body, np.tile(body.rest_pose, (20, 1)))
+    assert lower_feet(body, track.poses, track.times) is track.poses
     held = smooth_track(track)
     assert not find_ankles(body) and held.standing.shape == (20, 2) and not held.standing.any()
 

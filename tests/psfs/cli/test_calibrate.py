@@ -67,6 +67,13 @@ def calibrate(folder: Path, out: Path, *flags: str) -> int:
     return main(["calibrate", str(folder), "-o", str(out), *flags])
 
 
+@pytest.fixture
+def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second of CPU for each camera; the test of a board has them."""
+    for name in ("write_view", "write_rig"):
+        monkeypatch.setattr(f"psfs.cli.calibrate.{name}", lambda *_: None)
+
+
 def test_board_with_known_lenses(boards: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     lenses = ("--intrinsics", str(boards / "lens.toml"), "--boards", "2")
@@ -89,6 +96,7 @@ def test_board_with_known_lenses(boards: Path, tmp_path: Path) -> None:
         assert cv2.imread(str(out / name)).shape[1] > 1000
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_wand(wands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lenses = ("--intrinsics", str(wands / "lens.toml"))
     assert calibrate(wands, tmp_path, "--wand", "0.5", *lenses) == 0
@@ -102,6 +110,7 @@ def test_wand(wands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert min(camera.centre[2] for camera in found) > 1  # Z is up
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_measured_markers_give_cameras_in_their_frame(wands: Path, tmp_path: Path) -> None:
     settings = tmp_path / "settings.toml"
     settings.write_text(f'c3d = "{wands / "wand.c3d"}"\ncameras = "cam01,cam02,cam03"\n')
