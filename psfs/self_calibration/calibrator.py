@@ -232,14 +232,16 @@ def check_unambiguous(
 
 def check_told(best: Adjusted, config: PersonConfig) -> None:
     """Raise InputError if the silhouettes do not tell well enough where the cameras look, as of
-    somebody who stays in place."""
+    somebody who stays in place. Their times, which are told better, are in the message."""
     turns = np.degrees(np.linalg.norm(best.last.sigmas[:, :3], axis=1))
-    worst = int(np.argmax(turns))
+    worst, names = int(np.argmax(turns)), best.rig.names
     if not turns[worst] <= np.degrees(config.least_told):
+        late = ", ".join(f"{name} {lag:+.2f}" for name, lag in zip(names, best.lags, strict=True))
         raise InputError(
-            f"the silhouettes tell the direction of {best.rig.names[worst]} to a standard "
-            f"deviation of {turns[worst]:.2f} degrees, as of somebody who stays in place; expected "
-            f"{np.degrees(config.least_told):.2f} or less; {FILM}"
+            f"the silhouettes tell the direction of {names[worst]} to a standard deviation of "
+            f"{turns[worst]:.2f} degrees, as of somebody who stays in place; expected "
+            f"{np.degrees(config.least_told):.2f} or less; the times are found, frames late: "
+            f"{late}; {FILM}"
         )
 
 

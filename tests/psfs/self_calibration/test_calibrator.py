@@ -204,10 +204,9 @@ def test_a_direction_that_is_badly_told_is_refused():
         CameraRig(tuple(CAMERAS)), np.array(LAGS, float), RigCorrections(sigmas, sigmas, 0.2, 900)
     )
     calibrator.check_told(found, CONFIG)
-    sigmas[2, :3] = 0.004
-    with pytest.raises(
-        InputError, match=rf"{CAMERAS[2].name} to .* 0\.40 degrees.* expected 0\.25"
-    ):
+    sigmas[2, :3] = 0.007
+    said = rf"{CAMERAS[2].name} .* 0\.69 degrees, .* 0\.25 .* late: .* {CAMERAS[1].name} \+4\.00,"
+    with pytest.raises(InputError, match=said):
         calibrator.check_told(found, CONFIG)
 
 
