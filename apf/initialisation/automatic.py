@@ -65,11 +65,12 @@ def find_start(
         # the products are small: BLAS threads would only wait for each other
         with threadpool_limits(1, "blas"):
             found.append(run_attempt(fitting))
-    best = min(found, key=lambda one: one.fit.cost)
-    if best.registration_error > config.acceptance.hopeless:
+    limit = config.acceptance.hopeless
+    best = min(found, key=lambda one: (one.registration_error > limit, one.fit.cost))
+    if best.registration_error > limit:
         raise StartError(
             "no standing or walking person was found in the first frames (registration error "
-            f"{best.registration_error:.2f}; expected less than {config.acceptance.hopeless})"
+            f"{best.registration_error:.2f}; expected less than {limit})"
         )
     return _build_start(best, scene.body, clouds, config)
 

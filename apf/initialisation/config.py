@@ -258,7 +258,7 @@ class AcceptanceConfig(Config):
     good: float = nonnegative(
         0.3,
         "Registration error above which the start is searched again with other random numbers;"
-        " the attempt with the least cost is used.",
+        " the attempt with the least cost is used, of those that are accepted.",
     )
     n_attempts: int = natural(3, "Number of attempts in all.")
     hopeless: float = nonnegative(0.55, "Registration error above which no body was found.")

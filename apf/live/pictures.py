@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -35,9 +36,13 @@ class Smaller:
         """Return the background with all its per-pixel data resized."""
         if background is None or self.rig is self._whole:
             return background
-        arrays = {of.name: getattr(background, of.name) for of in fields(background)}
-        pixels = {name: array for name, array in arrays.items() if array.ndim > 2}
-        return replace(background, **{name: self._resize(a) for name, a in pixels.items()})
+        values = {of.name: getattr(background, of.name) for of in fields(background)}
+        pixels: dict[str, Any] = {
+            name: self._resize(value)
+            for name, value in values.items()
+            if isinstance(value, np.ndarray) and value.ndim > 2
+        }
+        return replace(background, **pixels)
 
     def _resize(self, pictures: np.ndarray) -> np.ndarray:
         return scale_pictures(pictures, self._whole, self.rig, self._factor)

@@ -80,6 +80,14 @@ class RecoveryConfig(Config):
             return self
         return self.replace(unknown=self.worst, everywhere_too=not has_head(body))
 
+    def for_poor_silhouettes(self) -> RecoveryConfig:
+        """Return the config for a track from an automatic start that fits poorly.
+
+        Silhouettes that lack parts of the person misfit the right pose, too: until there is a good
+        frame to compare with, only `worst` is a limit.
+        """
+        return self.replace(unknown=self.worst)
+
 
 class FloorConfig(Config):
     """Standing feet that float over the floor, see `apf.tracking.foot_contact.lower_feet`."""

@@ -39,16 +39,16 @@ def run_seeds(seed: int, n_runs: int) -> list[int]:
 
 
 def make_recovering_runs(
-    scene: Scene, method: Method, seeds: list[int]
+    scene: Scene, method: Method, seeds: list[int], config: RecoveryConfig | None = None
 ) -> RecoveringRuns | SeparateRuns:
     """Make the recovering trackers of `method` with each of `seeds`, batched into one if the method
     allows it."""
     methods = with_seeds(method, seeds)
     if len(seeds) == 1 or not shares_launches(scene.device, method):
-        return SeparateRuns([make_recovering_tracker(scene, of) for of in methods])
+        return SeparateRuns([make_recovering_tracker(scene, of, config=config) for of in methods])
 
     def watch(run: int, restart: Tracker) -> RecoveringTracker:
-        return make_recovering_tracker(scene, methods[run], restart)
+        return make_recovering_tracker(scene, methods[run], restart, config)
 
     return RecoveringRuns(make_device_tracker(scene, method, seeds), len(seeds), watch)
 

@@ -92,6 +92,17 @@ class StillConfig(Config):
     least_range: float = nonnegative(
         1.5, "Least range of a pixel's evidence for that, without the extremes.", unit="nats"
     )
+    explained: float = fraction(
+        0.46,
+        "Share of the silhouettes that the hull of all cameras explains, see `TakeConfig`, below "
+        "which several people's places say what they hide.",
+        "between `Demo_MultiPerson` (0.40) and hard_duo_6cam (0.53), which loses by it",
+    )
+    covered_share: float = fraction(
+        0.5,
+        "Share of the frames in which the space of a person who stands covers a pixel, above which "
+        "its background is not extrapolated.",
+    )
 
 
 class TakeConfig(Config):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial, reduce
 from itertools import chain, islice
 
@@ -28,11 +28,13 @@ class Background:
     """The empty scene as a Gaussian per pixel.
 
     mean, std: (V, H, W, 3) float32 grey levels, BGR. H and W are the rig's; smaller views are
-    padded with zeros in `mean` and with `BackgroundModelConfig.std_floor` in `std`.
+    padded with zeros in `mean` and with `BackgroundModelConfig.std_floor` in `std`. poor: whether
+    it comes from a take in which people keep still, so that it shows parts of them.
     """
 
     mean: np.ndarray
     std: np.ndarray
+    poor: bool = field(default=False, kw_only=True)
 
 
 def estimate_background(

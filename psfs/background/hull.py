@@ -28,21 +28,21 @@ class CoarseHull:
             inside = self.find_occupied(regions)
             if not inside.any():
                 break
-            found = self._centres[inside]
+            found = self.centres[inside]
             box = found.min(0) - self.edge, found.max(0) + self.edge
         self.inside = inside
 
     def _use_box(self, low: np.ndarray, high: np.ndarray, voxels: int) -> None:
         self.edge = float(np.cbrt(np.prod(high - low) / voxels))
         axes = [np.arange(a, b, self.edge) + self.edge / 2 for a, b in zip(low, high, strict=True)]
-        self._centres = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+        self.centres = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
         self._at, self._across = [], []
         for camera in self.rig:
-            inside, row, column, depth = camera.look_up(self._centres)
+            inside, row, column, depth = camera.look_up(self.centres)
             self._at.append((np.flatnonzero(inside), row * self.rig.width + column))
             nearest = float(np.percentile(depth, 10)) if len(depth) else np.inf
             self._across.append(max(1, int(np.ceil(self.edge * camera.K[0, 0] / nearest))))
-        self._seeing = np.zeros(len(self._centres), np.int16)
+        self._seeing = np.zeros(len(self.centres), np.int16)
         for seen, _ in self._at:
             self._seeing[seen] += 1
         self.inside = self._seeing >= self._needed
@@ -51,7 +51,7 @@ class CoarseHull:
         """Return (voxels,) bool: the voxels that at most `denials` cameras deny; of three cameras,
         none may."""
         denials = denials if len(self.rig) > 3 else 0
-        shown = np.zeros(len(self._centres), np.int16)
+        shown = np.zeros(len(self.centres), np.int16)
         for mask, (seen, pixels) in zip(masks, self._at, strict=True):
             shown[seen] += mask.ravel()[pixels]
         occupied: np.ndarray = self.inside & (shown >= self._seeing - denials)
@@ -59,7 +59,7 @@ class CoarseHull:
 
     def sum_maps(self, maps: Sequence[np.ndarray]) -> np.ndarray:
         """Return (voxels,) float32: the sum of the maps (h, w) of all views where a voxel falls."""
-        total = np.zeros(len(self._centres), np.float32)
+        total = np.zeros(len(self.centres), np.float32)
         for own, (seen, pixels) in zip(maps, self._at, strict=True):
             total[seen] += own.ravel()[pixels]
         return total

@@ -21,6 +21,7 @@ from psfs.background.person_search import (
     moving_region,
     person_colours,
 )
+from psfs.background.standing import StandingPeople
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.scaling import scale_picture
 from psfs.footage.media import Media
@@ -46,6 +47,7 @@ def estimate_background_from_take(
     media: Sequence[Media],
     model: BackgroundModelConfig | None = None,
     config: TakeConfig | None = None,
+    standing: StandingPeople | None = None,
 ) -> Background:
     """Estimate the background from frames spread over the sequence itself.
 
@@ -55,13 +57,16 @@ def estimate_background_from_take(
     the frames in which that hull appears elsewhere, and the person's colours those inside. The
     background behind a person who hides it in nearly all frames is unknown; its density is lower
     than the foreground's.
+
+    standing: places of people, known from an earlier estimate. If that was poor, the space that
+    they take up hides the background, too, and nothing is extrapolated into it.
     """
     model, config = model or BackgroundModelConfig(), config or TakeConfig()
     factor = rig.factor_within(config.longest_side)
     small = rig.scaled(factor)
     with ThreadPoolExecutor(min(_VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
         views = list(pool.map(lambda own: _read_samples(own, factor, model), media))
-        hidden, unseen = _find_hidden(small, views, pool, model, config)
+        hidden, unseen, poor = _find_hidden(small, views, pool, model, config, standing)
         shape = (len(rig), rig.height, rig.width, 3)
         mean, std = np.zeros(shape, np.float32), np.full(shape, model.std_floor, np.float32)
 
@@ -73,7 +78,7 @@ def estimate_background_from_take(
             mean[view, :height, :width], std[view, :height, :width] = own
 
         list(pool.map(learn, range(len(media))))  # raises the threads' errors
-    return Background(mean, std)
+    return Background(mean, std, poor=poor)
 
 
 def _read_samples(media: Media, factor: float, model: BackgroundModelConfig) -> _View:
@@ -108,9 +113,11 @@ def _find_hidden(
     pool: ThreadPoolExecutor,
     model: BackgroundModelConfig,
     config: TakeConfig,
-) -> tuple[np.ndarray, np.ndarray]:
+    standing: StandingPeople | None = None,
+) -> tuple[np.ndarray, np.ndarray, bool]:
     """Return the pixels that the person may cover in each sample (V, n, h, w) bool, and the
-    extrapolated background's mean and standard deviation (V, h, w, 4), in small pictures."""
+    extrapolated background's mean and standard deviation (V, h, w, 4), in small pictures; and
+    whether that shows people poorly."""
     frames = _stack([view.small for view in views], rig)
     regions = np.stack(list(pool.map(lambda own: moving_region(own, config), frames)))
     hull = CoarseHull(rig, regions, config.voxels)
@@ -122,7 +129,8 @@ def _find_hidden(
 
     searches = list(pool.map(search, frames, regions))
     colours = np.ones(N_COLOURS)
-    still = _measure_explained(hull, searches, config) < config.explained
+    explained = _measure_explained(hull, searches, config)
+    still = explained < config.explained
     if still:
         for of in searches:
             of.expect_room()
@@ -147,7 +155,25 @@ def _find_hidden(
         list(pool.map(learn, range(len(searches))))
         shown = [of.colours(colours, own) for of, own in zip(searches, hidden, strict=True)]
         colours = person_colours(shown, config.unexplained)
-    return hidden, np.stack([of.extrapolate(colours) for of in searches])
+    unseen = np.stack([of.extrapolate(colours) for of in searches])
+    poor = explained < config.still.explained
+    if poor and standing is not None:
+        covered = _cover_with_people(hull, standing, [view.numbers for view in views])
+        hidden |= covered
+        unseen[covered.mean(1) > config.still.covered_share] = np.nan
+    return hidden, unseen, poor
+
+
+def _cover_with_people(
+    hull: CoarseHull, standing: StandingPeople, numbers: list[list[int]]
+) -> np.ndarray:
+    """Return (V, n, h, w) bool: the pixels where people who stand appear in the samples, whose
+    frames have these `numbers` in each view."""
+    samples = zip(*numbers, strict=False)
+    shown = [
+        hull.reproject(hull.inside & standing.contain(hull.centres, own[0]), 0) for own in samples
+    ]
+    return np.stack(shown, axis=1)
 
 
 def _measure_explained(hull: CoarseHull, searches: list[PersonSearch], config: TakeConfig) -> float:

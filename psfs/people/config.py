@@ -129,6 +129,19 @@ class SeparationConfig(Config):
     )
 
 
+class StandingConfig(Config):
+    """Settings of the search for the vertical axis of a person who stands."""
+
+    SOURCE: ClassVar = "by hand, on Pose2Sim's `Demo_MultiPerson`"
+
+    width: float = positive(
+        0.15, "Standard deviation of the voxels' distance from the axis.", unit="m"
+    )
+    reach: float = positive(
+        0.3, "Distance from the axis within which voxels determine its place.", unit="m"
+    )
+
+
 class PeopleConfig(Config):
     """Criteria for a person, and settings of following people from frame to frame."""
 
@@ -173,3 +186,4 @@ class PeopleConfig(Config):
     separation: SeparationConfig = part(
         SeparationConfig, "Assignment of voxels and pixels to one of several people."
     )
+    standing: StandingConfig = part(StandingConfig, "The axis of a person who stands.")

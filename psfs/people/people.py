@@ -24,6 +24,7 @@ from psfs.people.identities import (
     undo_swaps,
     volume,
 )
+from psfs.people.standing import find_places, revise_background
 from psfs.sequence import Frame
 from psfs.session import Session, check_frames
 from psfs.silhouettes.config import SilhouetteConfig
@@ -121,14 +122,35 @@ def follow_people(
 
 def follow_several(session: Session, number: int | None = None) -> People | None:
     """Return the people in all of the session's frames, also a single person beside an object that
-    moves; None if there is one person alone, or `number`, of `follow_people`, is 1."""
+    moves; None if there is one person alone, or `number`, of `follow_people`, is 1.
+
+    If the background comes from the take and people keep still in it, they are found twice: where
+    they stand reveals more of the background.
+    """
     if number == 1:
         return None
     counted = count_people(session) if number is None else None
     if counted is not None and len(counted) + counted.objects < 2:
         return None
     people = follow_people(session, number)
-    return people if len(people) and len(people) + people.objects > 1 else None
+    if not len(people) or len(people) + people.objects < 2:
+        return None
+    background = session.sequence.background
+    if len(people) < 2 or background is None or background is not session.background:
+        return people
+    return _reveal(session, people, number) if background.poor else people
+
+
+def _reveal(session: Session, people: People, number: int | None) -> People:
+    """Return people who keep still and hide the background, followed again before one that takes
+    account of them."""
+    config = PeopleConfig()
+    voxels = [person.voxels for person in people]
+    places = find_places(people.grid, people.frames, voxels, config.standing)
+    revise_background(session, places)
+    people = _Search(session, config, 1, len(people)).run()
+    session.replace_result((follow_people, number, config), people)
+    return people
 
 
 class _Search:

@@ -297,3 +297,4 @@ def test_a_start_that_fits_badly_is_looked_for_again(monkeypatch: pytest.MonkeyP
     assert found(0.35, 0.5, 0.4, 0.3) == (0.5, 1)
     assert found(0.4, 0.2, 0.3) == (0.4, 1)
     assert found(0.4, 0.2, attempts=1) == (0.4, 1)
+    assert found(0.6, 0.35, 0.5) == (0.5, 0)  # 0.6 is no start, whatever its score

@@ -91,6 +91,16 @@ def test_a_person_who_is_gone_is_lost_and_the_last_good_pose_held() -> None:
     assert all(e.restart == TRACKED for e in found)
 
 
+def test_poor_silhouettes_misfit_a_person_who_is_followed() -> None:
+    """Before there is a good frame, the misfit of an accepted start is no sign of loss."""
+    config = RecoveryConfig()
+    lost = {}
+    for name, of in (("usual", config), ("poor", config.for_poor_silhouettes())):
+        tracker = RecoveringTracker(OnALine(0.1), lambda: OnALine(0.2), config=of)
+        lost[name] = [estimate.lost for estimate in run(tracker, [0.5, 0.5, 5.0])]
+    assert lost == {"usual": [True, True, True], "poor": [False, False, True]}
+
+
 def test_a_person_elsewhere_is_searched_everywhere() -> None:
     tracker = on_a_line(everywhere=True)
     found = run(tracker, [0.0, 50.0, 50.05])

@@ -16,6 +16,7 @@ from psfs.background.person_search import (
     moving_region,
     person_colours,
 )
+from psfs.background.standing import StandingPeople
 from psfs.background.take import estimate_background_from_take, masked_moments
 from psfs.footage.media import Media
 
@@ -43,7 +44,7 @@ class Pictures(Media):
         return (self.held[index] for index in indices)
 
 
-def take(shifts: np.ndarray, gains: np.ndarray):
+def take(shifts: np.ndarray, gains: np.ndarray, colour=(30, 40, 190)):
     """Rig, empty scene (V, H, W, 3) and pictures of a block that stands at `shifts` (n, 2) m, in
     light of `gains` (n, 3)."""
     rig, random = scenes.ring(5, SIZE), np.random.default_rng(3)
@@ -57,7 +58,7 @@ def take(shifts: np.ndarray, gains: np.ndarray):
         for view, camera in enumerate(rig):
             image = scene[view].copy()
             _, row, column, _ = camera.look_up(block + np.array([*shift, 0]))
-            image[row, column] = [30, 40, 190]
+            image[row, column] = colour
             noise = random.normal(0, 1.5, image.shape)
             frames[view, k] = np.clip(image * gain + noise, 0, 255)
     media = [
@@ -105,6 +106,22 @@ def test_somebody_who_stays_in_a_place_is_unknown() -> None:
     unknown = background.std[0, :height, :width].max(-1) >= EXTRAPOLATED
     assert unknown[always].mean() > 0.98 and unknown.mean() < 1.2 * always.mean()
     assert not unknown[~there.any(0)].any()
+
+
+def test_where_people_stand_their_clothes_are_no_background() -> None:
+    """What the room around them would extrapolate there is not believed."""
+    sway = np.arange(10.0)
+    shifts = 0.1 * np.stack([np.sin(sway), np.cos(1.7 * sway)], -1)
+    rig, _, media = take(shifts, np.ones((10, 3)), (60, 90, 170))
+    standing = StandingPeople(np.array([0, 5]), np.tile([0.0, 0.0, 1.5], (2, 1, 1)))
+    found = [estimate_background_from_take(rig, media, standing=own) for own in (None, standing)]
+    trunk = np.array([[0, 0, z] for z in np.linspace(0.6, 1.2, 30)])
+    _, row, column, _ = rig[0].look_up(trunk)
+    unknown = [own.std[0, row, column].max(-1) > 2 * EXTRAPOLATED for own in found]
+    assert found[0].poor and unknown[0].mean() < 0.2 and unknown[1].mean() > 0.9
+    changed = (found[0].std != found[1].std).any(-1).any(0)
+    columns = np.flatnonzero(changed.any(0))
+    assert np.ptp(columns) < 50  # nothing far from them
 
 
 def swaying(count: int = 12) -> tuple[np.ndarray, np.ndarray]:
