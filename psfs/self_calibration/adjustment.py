@@ -10,10 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations
 
-import cv2
 import numpy as np
 
 from cl import InputError
@@ -31,15 +29,13 @@ from psfs.diagnostics.refinement import Measure, RigCorrections, RigFit, correct
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.config import AdjustmentConfig
 from psfs.self_calibration.hulls import HullRays
-from psfs.self_calibration.limbs import LimbPoints
 from psfs.self_calibration.medial_axes import MedialAxes
-from psfs.self_calibration.sights import Sight, find_person
 
 #: Find points in the cameras' pictures of shifted frames that agree to a number of pixels.
-_Find = Callable[[Sequence[Camera], np.ndarray, float], FrontierPoints]
+Find = Callable[[Sequence[Camera], np.ndarray, float], FrontierPoints]
 #: Further measurements and the groups of frontier points in shifted frames, as in `RigFit`.
-_Group = Callable[[FrontierPoints], np.ndarray]
-_Bind = Callable[[np.ndarray], tuple[Measure, _Group]]
+Group = Callable[[FrontierPoints], np.ndarray]
+Bind = Callable[[np.ndarray], tuple[Measure, Group]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +214,7 @@ def adjust_extremes(
     rig: CameraRig, lags: np.ndarray, points: PersonPoints, rounds: int, every: int = 1
 ) -> Adjusted | None:
     """Adjust the rig to the outermost planes; None if there are too few."""
-    return _adjust(
+    return adjust_rounds(
         rig, lags, lambda cameras, shifts, gate: points.find_extremes(cameras, shifts, every),
         points.config.wide, [points.config.wide.gate] * rounds,
     )  # fmt: skip
@@ -229,78 +225,9 @@ def adjust_frontier(
 ) -> Adjusted | None:
     """Adjust the rig to all frontier points, in a round per gate, by default those of the settings;
     None if there are too few."""
-    return _adjust(rig, lags, points.find_all, points.config.narrow, gates or points.config.gates)
-
-
-def adjust_farther(start: Adjusted, points: PersonPoints) -> Adjusted:
-    """Adjust a rig that may be some degrees off to all frontier points until it stays.
-
-    Points are matched again in every round, which moves such a rig by a small share of its error:
-    each pass goes on by a multiple of the last step, and is kept if no fewer points agree then.
-    """
-    config, found, idle = points.config, start, 0
-    for _ in range(config.passes):
-        near = _adjust_to(config.near_gates, found, points) if idle < 2 else None
-        if near is None:
-            break
-        if measure_turn(found.rig.cameras, near.rig.cameras) < config.settled:
-            return near
-        far = _adjust_to(config.far_gates, _go_on(found, near, config.farther), points)
-        before = max(near.last.count, found.last.count)
-        idle = 0 if far is not None and far.last.count > config.more * before else idle + 1
-        found = near if far is None or far.last.count < config.fewer * before else far
-    return found
-
-
-def settle(
-    start: Adjusted, points: PersonPoints, measure: Callable[[Adjusted], _Bind] | None = None
-) -> Adjusted:
-    """Adjust a rig to all frontier points, matched again in every pass, until it stays.
-
-    measure: makes further measurements of the rig of each pass.
-    """
-    config, found = points.config, start
-    for _ in range(config.last):
-        bind = None if measure is None else measure(found)
-        near = _adjust_to(config.near_gates, found, points, bind)
-        if near is None:
-            break
-        turn = measure_turn(found.rig.cameras, near.rig.cameras)
-        found = near
-        if turn < config.settled:
-            break
-    return found
-
-
-def settle_by_limbs(start: Adjusted, points: PersonPoints) -> Adjusted:
-    """Adjust a rig until it stays, then to points on limbs' axes, too."""
-    axes = points.find_medial_axes()
-    sights = [Sight.create(hulls) for hulls in points.hulls]
-
-    def measure(found: Adjusted) -> _Bind:
-        cameras = found.rig.cameras
-        person = find_person(cameras, sights)
-        limbs = LimbPoints(cameras, found.lags, axes, person, points.config.limbs)
-        return lambda shifts: (limbs.bind(shifts), partial(points.group, shifts=shifts))
-
-    return settle(settle(start, points), points, measure)
-
-
-def _adjust_to(
-    gates: Sequence[float], start: Adjusted, points: PersonPoints, bind: _Bind | None = None
-) -> Adjusted | None:
-    return _adjust(start.rig, start.lags, points.find_all, points.config.narrow, gates, bind)
-
-
-def _go_on(first: Adjusted, second: Adjusted, factor: float) -> Adjusted:
-    """Return the second rig, moved on by `factor` times its difference from the first."""
-    cameras = []
-    for before, after in zip(first.rig, second.rig, strict=True):
-        turn = cv2.Rodrigues(after.R @ before.R.T)[0].ravel()
-        step = np.array([*turn, *(after.centre - before.centre), 0, 0])
-        cameras.append(correct_camera(after, factor * step))
-    lags = second.lags + factor * (second.lags - first.lags)
-    return Adjusted(CameraRig(tuple(cameras)), lags, second.last)
+    return adjust_rounds(
+        rig, lags, points.find_all, points.config.narrow, gates or points.config.gates
+    )
 
 
 def measure_turn(first: Sequence[Camera], second: Sequence[Camera]) -> float:
@@ -310,10 +237,14 @@ def measure_turn(first: Sequence[Camera], second: Sequence[Camera]) -> float:
     return float(np.arccos(np.clip(cosines, -1, 1)).max())
 
 
-def _adjust(
-    rig: CameraRig, lags: np.ndarray, find: _Find, config: AlignmentConfig, gates: Sequence[float],
-    bind: _Bind | None = None,
+def adjust_rounds(
+    rig: CameraRig, lags: np.ndarray, find: Find, config: AlignmentConfig, gates: Sequence[float],
+    bind: Bind | None = None,
 ) -> Adjusted | None:  # fmt: skip
+    """Adjust the rig to what `find` finds, in a round per gate; None if there are too few points.
+
+    bind: further measurements.
+    """
     found = None
     for gate in gates:
         shifts = np.round(lags).astype(int)

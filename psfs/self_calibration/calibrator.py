@@ -25,18 +25,17 @@ from psfs.self_calibration.adjustment import (
     Adjusted,
     PersonPoints,
     adjust_extremes,
-    adjust_farther,
     adjust_frontier,
     measure_misfit,
     measure_pairs,
     measure_turn,
-    settle_by_limbs,
     summarise_pairs,
 )
 from psfs.self_calibration.bobbing import compare_bobbing, refine_lags
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.growth import grow_rigs
 from psfs.self_calibration.pairing import Walker, compare_pair
+from psfs.self_calibration.passes import adjust_farther, settle_by_limbs
 from psfs.self_calibration.search import ArrangementSearch
 from psfs.self_calibration.start import place_cameras
 from psfs.self_calibration.take import FILM, Outlines, PersonTake, check_seen
@@ -118,12 +117,12 @@ def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted 
     elif starts:
         lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
         grown = grow_rigs(take.cameras, lags, take.points, config, track)
-        best = _adjust_grown(best, grown, take.points, track)
+        best = _adjust_grown(best, grown, take.points, config, track)
     if best is None:
         return None
     best = settle_by_limbs(best, take.points)
     _check_fit(best, take.points, config)
-    check_told(best, config)
+    check_directions(best, config)
     return best
 
 
@@ -230,17 +229,17 @@ def check_unambiguous(
     )
 
 
-def check_told(best: Adjusted, config: PersonConfig) -> None:
+def check_directions(best: Adjusted, config: PersonConfig) -> None:
     """Raise InputError if the silhouettes do not tell well enough where the cameras look, as of
-    somebody who stays in place. Their times, which are told better, are in the message."""
+    somebody who stays in place. The times, which silhouettes tell better, are in the message."""
     turns = np.degrees(np.linalg.norm(best.last.sigmas[:, :3], axis=1))
     worst, names = int(np.argmax(turns)), best.rig.names
-    if not turns[worst] <= np.degrees(config.least_told):
+    if not turns[worst] <= np.degrees(config.worst_direction):
         late = ", ".join(f"{name} {lag:+.2f}" for name, lag in zip(names, best.lags, strict=True))
         raise InputError(
             f"the silhouettes tell the direction of {names[worst]} to a standard deviation of "
             f"{turns[worst]:.2f} degrees, as of somebody who stays in place; expected "
-            f"{np.degrees(config.least_told):.2f} or less; the times are found, frames late: "
+            f"{np.degrees(config.worst_direction):.2f} or less; the times are found, frames late: "
             f"{late}; {FILM}"
         )
 
@@ -256,13 +255,23 @@ def _is_sure(best: Adjusted, points: PersonPoints, config: PersonConfig) -> bool
 
 def _adjust_grown(
     searched: Adjusted | None, grown: list[tuple[CameraRig, np.ndarray]], points: PersonPoints,
-    track: Track,
+    config: PersonConfig, track: Track,
 ) -> Adjusted | None:  # fmt: skip
-    """Return the rig, searched or grown, by which most frontier points agree after adjustment."""
+    """Return the rig, searched or grown, by which most frontier points agree after adjustment, of
+    those that are not refused."""
     first = [searched, *(adjust_frontier(rig, lags, points) for rig, lags in grown)]
     found = [own for own in first if own is not None]
     final = [adjust_farther(own, points) for own in track(found, len(found), "best rigs")]
-    return max(final, key=lambda own: own.last.count, default=None)
+
+    def rank(own: Adjusted) -> tuple[bool, int]:
+        misfit = summarise_pairs(measure_pairs(own, points)).max()
+        return bool(misfit <= _limit_misfit(own.rig, config)), own.last.count
+
+    return max(final, key=rank, default=None)
+
+
+def _limit_misfit(rig: CameraRig, config: PersonConfig) -> float:
+    return config.worst_residual if len(rig) > 3 else config.worst_of_three
 
 
 def _check(
@@ -291,7 +300,7 @@ def _check_fit(
             f"{names[worst]} shares too few pictures of the whole person with two other cameras "
             f"that do not stand opposite to it; {FILM}"
         )
-    most = config.worst_residual if len(names) > 3 else config.worst_of_three
+    most = _limit_misfit(best.rig, config)
     if misfits[worst] > most:
         raise InputError(
             f"the silhouettes fit no arrangement of the cameras: those of {names[worst]} and the "

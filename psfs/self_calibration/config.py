@@ -291,7 +291,7 @@ class PersonConfig(Config):
         "by hand: up to 0.8 px in right rigs of the laboratory, 2.3 px in the best wrong one",
         "px",
     )
-    least_told: float = positive(
+    worst_direction: float = positive(
         0.0044,
         "Greatest standard deviation of a camera's direction.",
         "between `synth_box_4cam` (0.0035 rad, 0.5 degrees off) and `synth_pickup_6cam` (0.0054, "

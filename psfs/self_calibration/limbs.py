@@ -2,8 +2,8 @@
 
 Frontier points tell badly how cameras stand around somebody who stays in place, and silhouettes
 that are too wide or too narrow move them. The medial axis of a limb does not move with the width.
-A point of it in one camera is looked for at all depths: where it is right, the others see an axis
-of the same width. Each camera measures the point's distance across its axis; along the axis only
+A point of it in one camera is tried at all depths: where it is right, the others see an axis of
+the same width. Each camera measures the point's distance across its axis; along the axis only
 the first camera tells the place. The points are eliminated from the normal equations.
 """
 
@@ -57,13 +57,9 @@ class LimbPoints:
     ) -> None:  # fmt: skip
         self.config = config
         found = [
-            (view, *_find_points(view, cameras, lags, axes, person, config))
-            for view in range(len(cameras))
+            _find_points(view, cameras, lags, axes, person, config) for view in range(len(cameras))
         ]
-        firsts = np.repeat([view for view, _, _ in found], [len(own) for _, own, _ in found])
-        indices = np.concatenate([own for _, own, _ in found])
-        points = np.concatenate([points for _, _, points in found])
-        self._traced = _trace(cameras, lags, axes, firsts, indices, points, config)
+        self._traced = _trace(cameras, lags, axes, found, config)
 
     def __len__(self) -> int:
         return len(self._traced.times)
@@ -189,11 +185,12 @@ def _are_alike(first: np.ndarray, second: np.ndarray, config: LimbConfig) -> np.
 
 
 def _trace(
-    cameras: Sequence[Camera], lags: np.ndarray, axes: Sequence[MedialAxes], firsts: np.ndarray,
-    indices: np.ndarray, points: np.ndarray, config: LimbConfig,
+    cameras: Sequence[Camera], lags: np.ndarray, axes: Sequence[MedialAxes],
+    found: Sequence[tuple[np.ndarray, np.ndarray]], config: LimbConfig,
 ) -> _Traced:  # fmt: skip
-    """Return what all cameras tell of points (S, 3), medial points `indices` (S,) of the cameras
-    `firsts` (S,)."""
+    """Return what all cameras measure of the points that were found from each of them."""
+    firsts = np.repeat(np.arange(len(found)), [len(own) for own, _ in found])
+    indices, points = (np.concatenate(of) for of in zip(*found, strict=True))
     n, views = len(points), len(cameras)
     times, widths = np.zeros(n), np.zeros(n)
     for view, (camera, own) in enumerate(zip(cameras, axes, strict=True)):

@@ -22,6 +22,7 @@ from apf.body import BodyModel, load_body
 from apf.cli import main
 from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method
+from apf.initialisation.config import StartConfig
 from apf.initialisation.from_joints import fit_to_joints
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
@@ -194,8 +195,9 @@ def true_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     def start(session: Session, *_: object, **__: object) -> object:
         body, pose = fitted((session.sequence.folder / "truth.npz").read_bytes())
         return SimpleNamespace(
-            body=body, pose=pose, registration_error=0.25, doubts=["he is seen twice"]
-        )
+            body=body, pose=pose, registration_error=0.25, doubts=["he is seen twice"],
+            config=StartConfig(),
+        )  # fmt: skip
 
     monkeypatch.setattr(apf.tracking.take, "initialise", start)
 

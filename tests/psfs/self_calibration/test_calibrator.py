@@ -16,7 +16,6 @@ from psfs.self_calibration.adjustment import (
     Adjusted,
     PersonPoints,
     measure_turn,
-    settle,
     summarise_pairs,
 )
 from psfs.self_calibration.calibrator import adjust_calibration, calibrate_by_person
@@ -28,6 +27,7 @@ from psfs.self_calibration.config import (
     UprightConfig,
 )
 from psfs.self_calibration.footage import outline_person
+from psfs.self_calibration.passes import settle
 from psfs.self_calibration.take import PersonTake
 from psfs.self_calibration.upright import fit_upright
 
@@ -198,16 +198,34 @@ def test_another_place_of_one_camera_is_compared_by_that_camera(monkeypatch):
     calibrator.check_unambiguous(best, [(0.1, best), (0.11, rival)], None, 6, CONFIG)
 
 
-def test_a_direction_that_is_badly_told_is_refused():
+def test_of_grown_rigs_one_that_would_be_refused_is_not_taken(monkeypatch):
+    """Though more points agree by it."""
+    rig, lags = CameraRig(tuple(CAMERAS)), np.array(LAGS, float)
+    right, wrong = (
+        Adjusted(rig, lags, RigCorrections(np.zeros((4, 8)), np.zeros((4, 8)), 0.2, count))
+        for count in (2803, 2888)
+    )
+    monkeypatch.setattr(calibrator, "adjust_frontier", lambda *_: wrong)
+    monkeypatch.setattr(calibrator, "adjust_farther", lambda own, _: own)
+    misfits = {2803: [0.4, 0.3, 0.4, 0.4], 2888: [1.3, 1.3, 2.5, 1.2]}
+    monkeypatch.setattr(calibrator, "measure_pairs", lambda own, _: misfits[own.last.count])
+    monkeypatch.setattr(calibrator, "summarise_pairs", np.array)
+    grown = [(rig, lags)]
+    assert calibrator._adjust_grown(right, grown, None, CONFIG, lambda of, *_: of) is right
+    misfits[2888] = [0.6, 0.6, 0.6, 0.6]
+    assert calibrator._adjust_grown(right, grown, None, CONFIG, lambda of, *_: of) is wrong
+
+
+def test_a_direction_that_is_badly_known_is_refused():
     sigmas = np.full((4, 8), 0.002)
     found = Adjusted(
         CameraRig(tuple(CAMERAS)), np.array(LAGS, float), RigCorrections(sigmas, sigmas, 0.2, 900)
     )
-    calibrator.check_told(found, CONFIG)
+    calibrator.check_directions(found, CONFIG)
     sigmas[2, :3] = 0.007
     said = rf"{CAMERAS[2].name} .* 0\.69 degrees, .* 0\.25 .* late: .* {CAMERAS[1].name} \+4\.00,"
     with pytest.raises(InputError, match=said):
-        calibrator.check_told(found, CONFIG)
+        calibrator.check_directions(found, CONFIG)
 
 
 def test_a_rig_is_adjusted_until_it_stays():
