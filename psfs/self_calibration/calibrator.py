@@ -117,7 +117,7 @@ def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted 
     elif starts:
         lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
         grown = grow_rigs(take.cameras, lags, take.points, config, track)
-        best = _adjust_grown(best, grown, take.points, config, track)
+        best = adjust_grown(best, grown, take.points, config, track)
     if best is None:
         return None
     best = settle_by_limbs(best, take.points)
@@ -253,7 +253,7 @@ def _is_sure(best: Adjusted, points: PersonPoints, config: PersonConfig) -> bool
     return bool(summarise_pairs(measure_pairs(best, points)).max() <= config.sure_residual)
 
 
-def _adjust_grown(
+def adjust_grown(
     searched: Adjusted | None, grown: list[tuple[CameraRig, np.ndarray]], points: PersonPoints,
     config: PersonConfig, track: Track,
 ) -> Adjusted | None:  # fmt: skip

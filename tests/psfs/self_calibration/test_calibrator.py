@@ -211,9 +211,9 @@ def test_of_grown_rigs_one_that_would_be_refused_is_not_taken(monkeypatch):
     monkeypatch.setattr(calibrator, "measure_pairs", lambda own, _: misfits[own.last.count])
     monkeypatch.setattr(calibrator, "summarise_pairs", np.array)
     grown = [(rig, lags)]
-    assert calibrator._adjust_grown(right, grown, None, CONFIG, lambda of, *_: of) is right
+    assert calibrator.adjust_grown(right, grown, None, CONFIG, lambda of, *_: of) is right
     misfits[2888] = [0.6, 0.6, 0.6, 0.6]
-    assert calibrator._adjust_grown(right, grown, None, CONFIG, lambda of, *_: of) is wrong
+    assert calibrator.adjust_grown(right, grown, None, CONFIG, lambda of, *_: of) is wrong
 
 
 def test_a_direction_that_is_badly_known_is_refused():
