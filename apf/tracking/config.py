@@ -89,7 +89,7 @@ class RecoveryConfig(Config):
         return self.replace(unknown=self.worst)
 
 
-class FloorConfig(Config):
+class FloatingFeetConfig(Config):
     """Standing feet that float over the floor, see `apf.tracking.foot_contact.lower_feet`."""
 
     SOURCE: ClassVar = "chosen on hard_duo_6cam, synth_kick_8cam and synth_pickup_6cam"
@@ -168,7 +168,7 @@ class TwoWayConfig(Config):
         unit="GB",
     )
     longest: int = natural(1000, "Greatest number of frames of a window.", unit="frames")
-    floor: FloorConfig = part(FloorConfig, "Standing feet that float over the floor.")
+    floor: FloatingFeetConfig = part(FloatingFeetConfig, "Standing feet that float over the floor.")
 
     def n_steady(self, fps: float) -> int:
         """Return the number of frames of a parabola, an odd number."""

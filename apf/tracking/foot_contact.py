@@ -13,7 +13,7 @@ import numpy as np
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.body.stature import ANKLES, upright_heights
-from apf.tracking.config import ContactConfig, FloorConfig
+from apf.tracking.config import ContactConfig, FloatingFeetConfig
 
 #: Number of Gauss-Newton steps; longest step, rad or m, because a straight knee hardly changes the
 #: leg's length; step of the numerical derivatives, rad or m.
@@ -123,7 +123,7 @@ def hold_feet(
 
 
 def lower_feet(
-    body: BodyModel, poses: np.ndarray, times: np.ndarray, config: FloorConfig | None = None
+    body: BodyModel, poses: np.ndarray, times: np.ndarray, config: FloatingFeetConfig | None = None
 ) -> np.ndarray:
     """Return `poses` (F, D) with lower ankles if standing feet float over the floor, z = 0.
 
@@ -133,7 +133,7 @@ def lower_feet(
     far as the legs give way.
     times: (F,) s.
     """
-    config = config or FloorConfig()
+    config = config or FloatingFeetConfig()
     ankles = find_ankles(body)
     places = posed_joints(body, poses)[:, ankles]
     above = places[..., 2] - upright_heights(body)[ankles]

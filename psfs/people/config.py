@@ -129,7 +129,7 @@ class SeparationConfig(Config):
     )
 
 
-class StandingConfig(Config):
+class AxisConfig(Config):
     """Settings of the search for the vertical axis of a person who stands."""
 
     SOURCE: ClassVar = "by hand, on Pose2Sim's `Demo_MultiPerson`"
@@ -186,4 +186,4 @@ class PeopleConfig(Config):
     separation: SeparationConfig = part(
         SeparationConfig, "Assignment of voxels and pixels to one of several people."
     )
-    standing: StandingConfig = part(StandingConfig, "The axis of a person who stands.")
+    standing: AxisConfig = part(AxisConfig, "The axis of a person who stands.")

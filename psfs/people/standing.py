@@ -8,7 +8,7 @@ import numpy as np
 
 from psfs.background.standing import StandingPeople
 from psfs.background.take import estimate_background_from_take
-from psfs.people.config import StandingConfig
+from psfs.people.config import AxisConfig
 from psfs.session import Session
 from psfs.voxels.grid import VoxelGrid
 
@@ -27,11 +27,11 @@ def find_places(
     grid: VoxelGrid,
     frames: Sequence[int],
     persons: Sequence[dict[int, np.ndarray]],
-    config: StandingConfig | None = None,
+    config: AxisConfig | None = None,
 ) -> StandingPeople:
     """Return where people stand in `frames`: the axis and the top of each one's coarse voxels of
     `grid`, flat indices by frame."""
-    config = config or StandingConfig()
+    config = config or AxisConfig()
     places = np.full((len(frames), len(persons), 3), np.nan)
     for number, voxels in enumerate(persons):
         for row, frame in enumerate(frames):
@@ -41,7 +41,7 @@ def find_places(
     return StandingPeople(np.array(frames), places)
 
 
-def _find_axis(points: np.ndarray, config: StandingConfig) -> tuple[np.ndarray, float]:
+def _find_axis(points: np.ndarray, config: AxisConfig) -> tuple[np.ndarray, float]:
     """Return the vertical axis (2,) that most of the points (N, 3) are near to, and the highest z
     about it, m."""
     flat, heights = np.unique(points[:, :2], axis=0, return_counts=True)

@@ -17,7 +17,6 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
-from psfs.common.progress import map_in_threads
 from psfs.diagnostics.config import AlignmentConfig
 from psfs.diagnostics.frontier import (
     FrontierPoints,
@@ -29,13 +28,11 @@ from psfs.diagnostics.refinement import Measure, RigCorrections, RigFit, correct
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.config import AdjustmentConfig
 from psfs.self_calibration.hulls import HullRays
-from psfs.self_calibration.medial_axes import MedialAxes
 
 #: Find points in the cameras' pictures of shifted frames that agree to a number of pixels.
 Find = Callable[[Sequence[Camera], np.ndarray, float], FrontierPoints]
-#: Further measurements and the groups of frontier points in shifted frames, as in `RigFit`.
-Group = Callable[[FrontierPoints], np.ndarray]
-Bind = Callable[[np.ndarray], tuple[Measure, Group]]
+#: Return `measure` and `group` of `RigFit` for shifts (V,) of the cameras' frames.
+MeasureShifted = Callable[[np.ndarray], tuple[Measure, Callable[[FrontierPoints], np.ndarray]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +55,6 @@ class PersonPoints:
         self.config = config
         self.hulls = [HullRays(c, own) for c, own in zip(cameras, outlines, strict=True)]
         self.contours = [SilhouetteContours(own) for own in outlines]
-        self.waists = [_find_waists(own) for own in self.contours]
         self.shortest = min(len(own) for own in outlines)
 
     def select(self, views: Sequence[int]) -> PersonPoints:
@@ -66,29 +62,7 @@ class PersonPoints:
         own = copy(self)
         own.hulls = [self.hulls[view] for view in views]
         own.contours = [self.contours[view] for view in views]
-        own.waists = [self.waists[view] for view in views]
         return own
-
-    def group(self, found: FrontierPoints, shifts: np.ndarray) -> np.ndarray:
-        """Return numbers (M,) of frontier points of shifted frames: apart by pair of cameras, and
-        the person's upper and lower half, for shadows of the floor spoil the feet."""
-        first, second = found.views.T
-        low = np.zeros(len(found), int)
-        for view, waists in enumerate(self.waists):
-            mine = first == view
-            heights = waists[found.frames[mine] + int(shifts[view])]
-            low[mine] = found.pixels[mine, 0, 1] > heights
-        numbers: np.ndarray = 2 * (first * len(self.waists) + second) + low
-        return numbers
-
-    def find_medial_axes(self) -> list[MedialAxes]:
-        """Return the medial axes of each camera's silhouettes."""
-        pairs = list(zip(self.hulls, self.contours, strict=True))
-
-        def find(pair: tuple[HullRays, SilhouetteContours]) -> MedialAxes:
-            return MedialAxes.create(pair[0].camera, pair[1], self.config.limbs)
-
-        return list(map_in_threads(find, pairs))
 
     def find_extremes(
         self, cameras: Sequence[Camera], shifts: np.ndarray, every: int = 1, last: bool = False
@@ -153,15 +127,6 @@ class PersonPoints:
         scene = intersect_axes_ahead(CameraRig(tuple(cameras)))
         tips = find_frontier_points(cameras, moved, scene, gate, self.config.narrow.bend)
         return _join([FrontierPoints(*(column[kept] for column in columns)), tips])
-
-
-def _find_waists(contours: SilhouetteContours) -> np.ndarray:
-    """Return the rows (F,) px halfway between top and bottom of the contours."""
-    low, high = np.full((2, int(contours.frames.max(initial=-1)) + 1), np.nan)
-    np.fmin.at(low, contours.frames, contours.points[:, 1])
-    np.fmax.at(high, contours.frames, contours.points[:, 1])
-    waists: np.ndarray = 0.5 * (low + high)
-    return waists
 
 
 def _plane_axes(
@@ -239,11 +204,11 @@ def measure_turn(first: Sequence[Camera], second: Sequence[Camera]) -> float:
 
 def adjust_rounds(
     rig: CameraRig, lags: np.ndarray, find: Find, config: AlignmentConfig, gates: Sequence[float],
-    bind: Bind | None = None,
+    further: MeasureShifted | None = None,
 ) -> Adjusted | None:  # fmt: skip
     """Adjust the rig to what `find` finds, in a round per gate; None if there are too few points.
 
-    bind: further measurements.
+    further: further measurements.
     """
     found = None
     for gate in gates:
@@ -254,7 +219,7 @@ def adjust_rounds(
         ) -> FrontierPoints:
             return find(cameras, shifts, gate)
 
-        more = (None, None) if bind is None else bind(shifts)
+        more = (None, None) if further is None else further(shifts)
         fit = RigFit(rig, [], config.replace(gate=gate), search, *more)
         start = np.zeros((len(rig), 8))
         start[:, 7] = shifts - lags

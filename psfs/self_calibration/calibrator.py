@@ -75,10 +75,13 @@ def calibrate_by_person(
     check_number_of_cameras(len(cameras))
     take = PersonTake.create(cameras, outlines, rate, config)
     core = choose_core(outlines, config.core)
-    best = _find_rig(take.select(core), config, track)
-    if best is not None and len(core) < len(cameras):
-        best = _add_others(best, core, take, config, track)
-    return _check(best, take.ups, take.points, config)
+    found = best = _find_rig(take.select(core), config, track)
+    if found is not None and len(core) < len(cameras):
+        best = _add_others(found, core, take, config, track)
+    calibration = _check(best, take.ups, take.points, config)
+    if found is not None:
+        check_directions(found, config)
+    return calibration
 
 
 def check_number_of_cameras(count: int) -> None:
@@ -112,18 +115,13 @@ def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted 
     starts = _search(take, config, track)
     ranked = _rank_starts(starts, take.points, take.step, config, track)
     best = _adjust_first(ranked, take.points)
-    if best is not None and _is_sure(best, take.points, config):
+    if best is not None and _fits(best, take.points, config.sure_residual):
         check_unambiguous(best, ranked, take.points, take.step, config)
     elif starts:
         lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
         grown = grow_rigs(take.cameras, lags, take.points, config, track)
         best = adjust_grown(best, grown, take.points, config, track)
-    if best is None:
-        return None
-    best = settle_by_limbs(best, take.points)
-    _check_fit(best, take.points, config)
-    check_directions(best, config)
-    return best
+    return None if best is None else settle_by_limbs(best, take.points)
 
 
 def _add_others(
@@ -249,8 +247,8 @@ def _adjust_first(ranked: list[tuple[float, Adjusted]], points: PersonPoints) ->
     return adjust_frontier(ranked[0][1].rig, ranked[0][1].lags, points) if ranked else None
 
 
-def _is_sure(best: Adjusted, points: PersonPoints, config: PersonConfig) -> bool:
-    return bool(summarise_pairs(measure_pairs(best, points)).max() <= config.sure_residual)
+def _fits(adjusted: Adjusted, points: PersonPoints, most: float) -> bool:
+    return bool(summarise_pairs(measure_pairs(adjusted, points)).max() <= most)
 
 
 def adjust_grown(
@@ -264,8 +262,7 @@ def adjust_grown(
     final = [adjust_farther(own, points) for own in track(found, len(found), "best rigs")]
 
     def rank(own: Adjusted) -> tuple[bool, int]:
-        misfit = summarise_pairs(measure_pairs(own, points)).max()
-        return bool(misfit <= _limit_misfit(own.rig, config)), own.last.count
+        return _fits(own, points, _limit_misfit(own.rig, config)), own.last.count
 
     return max(final, key=rank, default=None)
 

@@ -141,7 +141,7 @@ class LimbConfig(Config):
         unit="rad",
     )  # fmt: skip
     views: int = natural(3, "Fewest cameras that see a point.")
-    per_camera: int = natural(800, "Points of each camera that are looked for in the others.")
+    per_camera: int = natural(800, "Points of each camera that are searched in the others.")
     around: float = positive(0.75, "Depth that is searched around the middle.", unit="statures")
     step: float = positive(0.011, "Step of the searched depths.", unit="statures")
     apart: float = positive(0.07, "Distance of another depth from the best.", unit="statures")

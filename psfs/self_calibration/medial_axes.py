@@ -46,9 +46,8 @@ class MedialAxes:
     @classmethod
     def create(cls, camera: Camera, contours: SilhouetteContours, config: LimbConfig) -> MedialAxes:
         """Measure the medial axes of a camera's contours."""
-        focal, count = float(camera.K[0, 0]), int(contours.frames.max(initial=-1)) + 1
-        rays = camera.rays(contours.points) @ camera.R.T
-        pixels = focal * rays[:, :2] / rays[:, 2:]
+        count = int(contours.frames.max(initial=-1)) + 1
+        pixels = camera.K[0, 0] * camera.normalise(contours.points)
         begins = np.searchsorted(contours.frames, np.arange(count + 1))
         found = [
             _find_middles(pixels[begin:end], contours.at_border[begin:end] > 0, config)

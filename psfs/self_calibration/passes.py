@@ -9,15 +9,18 @@ import cv2
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
+from psfs.common.progress import map_in_threads
+from psfs.diagnostics.frontier import FrontierPoints, SilhouetteContours
 from psfs.diagnostics.refinement import correct_camera
 from psfs.self_calibration.adjustment import (
     Adjusted,
-    Bind,
+    MeasureShifted,
     PersonPoints,
     adjust_rounds,
     measure_turn,
 )
 from psfs.self_calibration.limbs import LimbPoints
+from psfs.self_calibration.medial_axes import MedialAxes
 from psfs.self_calibration.sights import Sight, find_person
 
 
@@ -42,16 +45,17 @@ def adjust_farther(start: Adjusted, points: PersonPoints) -> Adjusted:
 
 
 def settle(
-    start: Adjusted, points: PersonPoints, measure: Callable[[Adjusted], Bind] | None = None
-) -> Adjusted:
+    start: Adjusted, points: PersonPoints,
+    prepare: Callable[[Adjusted], MeasureShifted] | None = None,
+) -> Adjusted:  # fmt: skip
     """Adjust a rig to all frontier points, matched again in every pass, until it stays.
 
-    measure: makes further measurements of the rig of each pass.
+    prepare: returns further measurements for the rig with which a pass begins.
     """
     config, found = points.config, start
     for _ in range(config.last):
-        bind = None if measure is None else measure(found)
-        near = _adjust_to(config.near_gates, found, points, bind)
+        further = None if prepare is None else prepare(found)
+        near = _adjust_to(config.near_gates, found, points, further)
         if near is None:
             break
         turn = measure_turn(found.rig.cameras, near.rig.cameras)
@@ -63,22 +67,47 @@ def settle(
 
 def settle_by_limbs(start: Adjusted, points: PersonPoints) -> Adjusted:
     """Adjust a rig until it stays, then to points on limbs' axes, too."""
-    axes = points.find_medial_axes()
+    config, views = points.config.limbs, list(zip(points.hulls, points.contours, strict=True))
+    axes = list(map_in_threads(lambda of: MedialAxes.create(of[0].camera, of[1], config), views))
     sights = [Sight.create(hulls) for hulls in points.hulls]
+    waists = [_find_waists(contours) for contours in points.contours]
 
-    def measure(found: Adjusted) -> Bind:
+    def prepare(found: Adjusted) -> MeasureShifted:
         cameras = found.rig.cameras
         person = find_person(cameras, sights)
-        limbs = LimbPoints(cameras, found.lags, axes, person, points.config.limbs)
-        return lambda shifts: (limbs.bind(shifts), partial(points.group, shifts=shifts))
+        limbs = LimbPoints(cameras, found.lags, axes, person, config)
+        return lambda shifts: (limbs.bind(shifts), partial(_group, waists=waists, shifts=shifts))
 
-    return settle(settle(start, points), points, measure)
+    return settle(settle(start, points), points, prepare)
+
+
+def _find_waists(contours: SilhouetteContours) -> np.ndarray:
+    """Return the rows (F,) px halfway between top and bottom of the contours."""
+    low, high = np.full((2, int(contours.frames.max(initial=-1)) + 1), np.nan)
+    np.fmin.at(low, contours.frames, contours.points[:, 1])
+    np.fmax.at(high, contours.frames, contours.points[:, 1])
+    waists: np.ndarray = 0.5 * (low + high)
+    return waists
+
+
+def _group(found: FrontierPoints, waists: Sequence[np.ndarray], shifts: np.ndarray) -> np.ndarray:
+    """Return numbers (M,) of frontier points of shifted frames: apart by pair of cameras, and the
+    person's upper and lower half, for shadows of the floor spoil the feet."""
+    first, second = found.views.T
+    low = np.zeros(len(found), int)
+    for view, rows in enumerate(waists):
+        mine = first == view
+        low[mine] = found.pixels[mine, 0, 1] > rows[found.frames[mine] + int(shifts[view])]
+    numbers: np.ndarray = 2 * (first * len(waists) + second) + low
+    return numbers
 
 
 def _adjust_to(
-    gates: Sequence[float], start: Adjusted, points: PersonPoints, bind: Bind | None = None
-) -> Adjusted | None:
-    return adjust_rounds(start.rig, start.lags, points.find_all, points.config.narrow, gates, bind)
+    gates: Sequence[float], start: Adjusted, points: PersonPoints,
+    further: MeasureShifted | None = None,
+) -> Adjusted | None:  # fmt: skip
+    narrow = points.config.narrow
+    return adjust_rounds(start.rig, start.lags, points.find_all, narrow, gates, further)
 
 
 def _go_on(first: Adjusted, second: Adjusted, factor: float) -> Adjusted:
