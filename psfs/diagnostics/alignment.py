@@ -17,6 +17,8 @@ import numpy as np
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.config import AlignmentConfig, FaultConfig
+from psfs.diagnostics.hulls import HullRays
+from psfs.diagnostics.limbs import LimbViews
 from psfs.diagnostics.refinement import N_PARAMETERS, RigCorrections, RigFit
 from psfs.diagnostics.small_views import Outline, SmallViews, small_views
 from psfs.session import Session
@@ -120,7 +122,8 @@ def estimate_alignment(
     if half is None:
         return None
     after = fit.measure(half.values, ~fitted)
-    found = _settle(fit, half)
+    hulls = [HullRays(own, [row[view] for row in outlines]) for view, own in enumerate(small)]
+    found = _settle(fit, half, LimbViews.create(hulls, fit.contours, config.limbs))
     if found is None or not np.isfinite([before, after]).all():
         return None
     corrected = found.apply(rig)
@@ -128,13 +131,15 @@ def estimate_alignment(
     return Alignment(corrected, found, before, after, _measure_motion(rig, corrected), side)
 
 
-def _settle(fit: RigFit, found: RigCorrections | None) -> RigCorrections | None:
-    """Return the corrections fitted to all frames: points are matched and corrections estimated in
-    turn until the times stay. None if there are too few points."""
+def _settle(fit: RigFit, found: RigCorrections | None, views: LimbViews) -> RigCorrections | None:
+    """Return the corrections fitted to all frames, and to points on limbs' axes: points are matched
+    and corrections estimated in turn until the times stay. None if there are too few points."""
     for _ in range(fit.config.n_last):
         if found is None:
             return None
-        before, found = found, fit.solve(start=found.values, rounds=1)
+        limbs = views.find_points(found.apply(fit.rig).cameras, -found.offsets)
+        further = limbs.bind(np.zeros(len(fit.rig)))
+        before, found = found, fit.solve(start=found.values, rounds=1, further=further)
         if found is not None and np.abs(found.offsets - before.offsets).max() < fit.config.settled:
             break
     return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from psfs.common.config import Config, fraction, natural, nonnegative, positive, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
 
 
 class ConsistencyConfig(Config):
@@ -50,6 +50,39 @@ class ConsistencyConfig(Config):
         unit="frames",
     )
     rise: float = fraction(0.1, "Increase of the IoU that a lag needs in order to be reported.")
+
+
+class LimbConfig(Config):
+    """Medial axes of limbs, which all cameras see, as measurements of these."""
+
+    SOURCE: ClassVar = (
+        "by hand on the eight laboratory takes, whose worst directions .1 and .3 measurements per "
+        "point and gates of 5 and 2.5 px hardly change"
+    )
+
+    smooth: float = positive(2.0, "Standard deviation of the contours' smoothing.", unit="px")
+    opposite: float = fraction(0.9, "Least cosine between the edges of a limb.")
+    narrowest: float = positive(5.0, "Least width of a limb in a picture.", unit="px")
+    thinnest: float = positive(0.018, "Least width of a limb.", unit="statures")
+    widest: float = positive(0.13, "Greatest width of a limb.", unit="statures")
+    alike: float = setting(1.4, "Greatest ratio of a limb's widths in two cameras.", above=1)
+    straight: float = positive(
+        0.35, "Greatest angle between a limb's direction and the plane in which a camera sees it.",
+        unit="rad",
+    )  # fmt: skip
+    views: int = natural(3, "Fewest cameras that see a point.")
+    per_camera: int = natural(800, "Points of each camera that are searched in the others.")
+    around: float = positive(0.75, "Depth that is searched around the middle.", unit="statures")
+    step: float = positive(0.011, "Step of the searched depths.", unit="statures")
+    apart: float = positive(0.07, "Distance of another depth from the best.", unit="statures")
+    lead: float = positive(0.5, "Cameras by which the best depth must agree better than another.")
+    gate: float = positive(
+        5.0, "Distance of a point from an axis up to which they agree.", unit="px"
+    )
+    noise: float = positive(0.3, "Least standard deviation of a point.", unit="px")
+    information: float = positive(
+        0.1, "Independent measurements per point; neighbours are wrong alike."
+    )
 
 
 class AlignmentConfig(Config):
@@ -110,6 +143,7 @@ class AlignmentConfig(Config):
         "one number for all tips leaves times to slow ones, which are many",
         "px/frame",
     )
+    limbs: LimbConfig = part(LimbConfig, "Medial axes of limbs, in the last matchings.")
     n_rounds: int = natural(4, "Number of matchings of the frontier points.")
     n_steps: int = natural(2, "Number of Gauss-Newton steps after each matching.")
     n_last: int = natural(5, "Most matchings with the narrowest gate, of all frames.")

@@ -80,8 +80,8 @@ Measure = Callable[[Sequence[Camera], np.ndarray], tuple[np.ndarray, np.ndarray]
 class RigFit:
     """Corrections of a rig to outlines [frame][view] in pictures of its size.
 
-    find: finds the points instead, without outlines. measure: further measurements. group: numbers
-    (M,) of the groups of points whose noise is estimated apart.
+    contours: of each view. find: finds the points instead, without outlines. group: numbers (M,) of
+    the groups of points whose noise is estimated apart.
     """
 
     def __init__(
@@ -90,16 +90,15 @@ class RigFit:
         outlines: Sequence[Sequence[Outline | None]],
         config: AlignmentConfig | None = None,
         find: Find | None = None,
-        measure: Measure | None = None,
         group: Callable[[FrontierPoints], np.ndarray] | None = None,
     ) -> None:
-        self._measure, self._group = measure, group
+        self._group = group
         self.rig, self.config = rig, config or AlignmentConfig()
-        contours = [SilhouetteContours([row[v] for row in outlines]) for v in range(len(rig))]
+        self.contours = [SilhouetteContours([row[v] for row in outlines]) for v in range(len(rig))]
         self.scene = scene = intersect_axes_ahead(rig)
         self._search = find or (
             lambda rig, gate, bend, late: find_frontier_points(
-                rig, contours, scene, gate, bend, late
+                rig, self.contours, scene, gate, bend, late
             )
         )
         self._held = self.scene_moves() / _HELD
@@ -113,12 +112,14 @@ class RigFit:
         return float(np.median(np.abs(epipolar_residuals(cameras, points, values[:, 7])[0])))
 
     def solve(
-        self, frames: np.ndarray | None = None, start: np.ndarray | None = None, rounds: int = 0
-    ) -> RigCorrections | None:
+        self, frames: np.ndarray | None = None, start: np.ndarray | None = None, rounds: int = 0,
+        further: Measure | None = None,
+    ) -> RigCorrections | None:  # fmt: skip
         """Return the corrections under which the outlines of the frames (F,) bool fit best.
 
         None if there are too few frontier points. start: (V, 8), no corrections by default. rounds:
         matchings of frontier points, each with a narrower gate; by default the settings' number.
+        further: further measurements.
         """
         values = np.zeros((len(self.rig), N_PARAMETERS)) if start is None else start.copy()
         config, rounds = self.config, rounds or self.config.n_rounds
@@ -128,7 +129,7 @@ class RigFit:
             if len(points) < config.least_rows * values.size:
                 return None
             for _ in range(config.n_steps):
-                step, covariance, residuals = self._step(values, points, late)
+                step, covariance, residuals = self._step(values, points, late, further)
                 values = values + step
         sigmas = np.sqrt(np.diag(covariance)).reshape(values.shape)
         return RigCorrections(values, sigmas, float(np.median(np.abs(residuals))), len(points))
@@ -147,7 +148,7 @@ class RigFit:
         return FrontierPoints(*(column[kept] for column in columns))
 
     def _step(
-        self, values: np.ndarray, points: FrontierPoints, late: int
+        self, values: np.ndarray, points: FrontierPoints, late: int, further: Measure | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the Gauss-Newton step (V, 8), the covariance (8 V, 8 V) and the residuals, px.
 
@@ -173,9 +174,9 @@ class RigFit:
         normal += self._held.T @ self._held
         gradient = jacobian.T @ (weights * residuals) + values.ravel() / sigmas**2
         gradient += self._held.T @ (self._held @ values.ravel())
-        if self._measure is not None:
-            further, pull = self._measure(cameras, values[:, 7])
-            normal, gradient = normal + further, gradient + pull
+        if further is not None:
+            more, pull = further(cameras, values[:, 7])
+            normal, gradient = normal + more, gradient + pull
         covariance = np.linalg.inv(normal)
         return -(covariance @ gradient).reshape(values.shape), covariance, residuals
 

@@ -24,14 +24,14 @@ from psfs.diagnostics.frontier import (
     epipolar_residuals,
     find_frontier_points,
 )
+from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.refinement import Measure, RigCorrections, RigFit, correct_camera
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.config import AdjustmentConfig
-from psfs.self_calibration.hulls import HullRays
 
 #: Find points in the cameras' pictures of shifted frames that agree to a number of pixels.
 Find = Callable[[Sequence[Camera], np.ndarray, float], FrontierPoints]
-#: Return `measure` and `group` of `RigFit` for shifts (V,) of the cameras' frames.
+#: Return `further` of `RigFit.solve` and `group` of `RigFit` for shifts (V,) of cameras' frames.
 MeasureShifted = Callable[[np.ndarray], tuple[Measure, Callable[[FrontierPoints], np.ndarray]]]
 
 
@@ -219,14 +219,14 @@ def adjust_rounds(
         ) -> FrontierPoints:
             return find(cameras, shifts, gate)
 
-        more = (None, None) if further is None else further(shifts)
-        fit = RigFit(rig, [], config.replace(gate=gate), search, *more)
+        more, group = (None, None) if further is None else further(shifts)
+        fit = RigFit(rig, [], config.replace(gate=gate), search, group)
         start = np.zeros((len(rig), 8))
         start[:, 7] = shifts - lags
         # Cameras without common points have no variances; they are refused later.
         with np.errstate(all="ignore"):
             try:
-                found = fit.solve(start=start, rounds=1)
+                found = fit.solve(start=start, rounds=1, further=more)
                 if found is None:
                     return None
                 rig, lags = found.apply(rig), shifts - found.offsets

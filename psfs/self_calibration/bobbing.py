@@ -8,8 +8,8 @@ from itertools import combinations
 
 import numpy as np
 
+from psfs.diagnostics.hulls import HullRays
 from psfs.self_calibration.config import PairConfig
-from psfs.self_calibration.hulls import HullRays
 from psfs.self_calibration.pairing import differing_shares
 from psfs.self_calibration.upright import UprightView, measure_elevations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
-from psfs.diagnostics.config import AlignmentConfig
+from psfs.diagnostics.config import AlignmentConfig, LimbConfig
 from psfs.self_calibration.points.config import PointsConfig
 
 #: Provenance of what was set while the calibration by a person was developed.
@@ -119,39 +119,6 @@ class GrowthConfig(Config):
     grown: int = natural(3, "Most rigs of all cameras that are adjusted further.")
     worse: float = setting(
         1.15, "Multiple of the best rig's misfit up to which a rig is adjusted further.", least=1
-    )
-
-
-class LimbConfig(Config):
-    """Medial axes of limbs, which all cameras see, in the last passes of the adjustment."""
-
-    SOURCE: ClassVar = (
-        "by hand on the eight laboratory takes, whose worst directions .1 and .3 measurements per "
-        "point and gates of 5 and 2.5 px hardly change"
-    )
-
-    smooth: float = positive(2.0, "Standard deviation of the contours' smoothing.", unit="px")
-    opposite: float = fraction(0.9, "Least cosine between the edges of a limb.")
-    narrowest: float = positive(5.0, "Least width of a limb in a picture.", unit="px")
-    thinnest: float = positive(0.018, "Least width of a limb.", unit="statures")
-    widest: float = positive(0.13, "Greatest width of a limb.", unit="statures")
-    alike: float = setting(1.4, "Greatest ratio of a limb's widths in two cameras.", above=1)
-    straight: float = positive(
-        0.35, "Greatest angle between a limb's direction and the plane in which a camera sees it.",
-        unit="rad",
-    )  # fmt: skip
-    views: int = natural(3, "Fewest cameras that see a point.")
-    per_camera: int = natural(800, "Points of each camera that are searched in the others.")
-    around: float = positive(0.75, "Depth that is searched around the middle.", unit="statures")
-    step: float = positive(0.011, "Step of the searched depths.", unit="statures")
-    apart: float = positive(0.07, "Distance of another depth from the best.", unit="statures")
-    lead: float = positive(0.5, "Cameras by which the best depth must agree better than another.")
-    gate: float = positive(
-        5.0, "Distance of a point from an axis up to which they agree.", unit="px"
-    )
-    noise: float = positive(0.3, "Least standard deviation of a point.", unit="px")
-    information: float = positive(
-        0.1, "Independent measurements per point; neighbours are wrong alike."
     )
 
 

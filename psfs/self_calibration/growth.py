@@ -15,6 +15,7 @@ import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.progress import Track, track_silently
+from psfs.diagnostics.sights import PersonPlace, Sight, find_person
 from psfs.self_calibration.adjustment import (
     Adjusted,
     PersonPoints,
@@ -25,7 +26,6 @@ from psfs.self_calibration.adjustment import (
     measure_turn,
 )
 from psfs.self_calibration.config import GrowthConfig, PersonConfig
-from psfs.self_calibration.sights import PersonPlace, Sight, find_person
 from psfs.self_calibration.upright import floor_axes
 
 

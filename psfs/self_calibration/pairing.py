@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from psfs.diagnostics.hulls import HullRays
 from psfs.self_calibration.config import PairConfig
-from psfs.self_calibration.hulls import HullRays
 from psfs.self_calibration.upright import UprightView
 
 

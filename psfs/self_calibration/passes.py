@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
-from psfs.common.progress import map_in_threads
 from psfs.diagnostics.frontier import FrontierPoints, SilhouetteContours
+from psfs.diagnostics.limbs import LimbViews
 from psfs.diagnostics.refinement import correct_camera
 from psfs.self_calibration.adjustment import (
     Adjusted,
@@ -19,9 +19,6 @@ from psfs.self_calibration.adjustment import (
     adjust_rounds,
     measure_turn,
 )
-from psfs.self_calibration.limbs import LimbPoints
-from psfs.self_calibration.medial_axes import MedialAxes
-from psfs.self_calibration.sights import Sight, find_person
 
 
 def adjust_farther(start: Adjusted, points: PersonPoints) -> Adjusted:
@@ -67,15 +64,11 @@ def settle(
 
 def settle_by_limbs(start: Adjusted, points: PersonPoints) -> Adjusted:
     """Adjust a rig until it stays, then to points on limbs' axes, too."""
-    config, views = points.config.limbs, list(zip(points.hulls, points.contours, strict=True))
-    axes = list(map_in_threads(lambda of: MedialAxes.create(of[0].camera, of[1], config), views))
-    sights = [Sight.create(hulls) for hulls in points.hulls]
+    views = LimbViews.create(points.hulls, points.contours, points.config.limbs)
     waists = [_find_waists(contours) for contours in points.contours]
 
     def prepare(found: Adjusted) -> MeasureShifted:
-        cameras = found.rig.cameras
-        person = find_person(cameras, sights)
-        limbs = LimbPoints(cameras, found.lags, axes, person, config)
+        limbs = views.find_points(found.rig.cameras, found.lags)
         return lambda shifts: (limbs.bind(shifts), partial(_group, waists=waists, shifts=shifts))
 
     return settle(settle(start, points), points, prepare)

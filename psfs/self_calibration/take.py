@@ -10,11 +10,11 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera
 from psfs.cameras.names import join_names
+from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.adjustment import PersonPoints
 from psfs.self_calibration.bobbing import measure_bobbing
 from psfs.self_calibration.config import PersonConfig
-from psfs.self_calibration.hulls import HullRays
 from psfs.self_calibration.upright import UprightView, fit_upright
 
 Outlines = Sequence[Sequence[Outline | None]]

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 from psfs.cameras.camera import Camera
+from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.small_views import Outline
 from psfs.self_calibration.config import UprightConfig
-from psfs.self_calibration.hulls import HullRays
 
 
 @dataclass(frozen=True, eq=False)

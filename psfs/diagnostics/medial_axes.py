@@ -15,8 +15,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from psfs.cameras.camera import Camera
+from psfs.diagnostics.config import LimbConfig
 from psfs.diagnostics.frontier import SilhouetteContours
-from psfs.self_calibration.config import LimbConfig
 
 #: Points of a contour on either side by which its direction is measured.
 _SIDE = 3

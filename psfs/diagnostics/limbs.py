@@ -15,10 +15,13 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from psfs.cameras.camera import Camera
+from psfs.common.progress import map_in_threads
+from psfs.diagnostics.config import LimbConfig
+from psfs.diagnostics.frontier import SilhouetteContours
+from psfs.diagnostics.hulls import HullRays
+from psfs.diagnostics.medial_axes import MedialAxes
 from psfs.diagnostics.refinement import N_PARAMETERS, Measure
-from psfs.self_calibration.config import LimbConfig
-from psfs.self_calibration.medial_axes import MedialAxes
-from psfs.self_calibration.sights import PersonPlace
+from psfs.diagnostics.sights import PersonPlace, Sight, find_person
 
 #: Widths of Geman & McClure's weights, in standard deviations of the residuals.
 _REACH = 2.5
@@ -46,6 +49,29 @@ class _Traced:
 
     def select(self, kept: np.ndarray) -> _Traced:
         return _Traced(*(getattr(self, field.name)[kept] for field in fields(self)))
+
+
+@dataclass(frozen=True, eq=False)
+    """Limbs' axes in the pictures of V cameras, and where these see the person."""
+    """What V cameras see: the limbs' axes, and where the person is."""
+
+    axes: list[MedialAxes]
+    sights: list[Sight]
+    config: LimbConfig
+
+    @classmethod
+    def create(
+        cls, hulls: Sequence[HullRays], contours: Sequence[SilhouetteContours], config: LimbConfig
+    ) -> LimbViews:
+        """Measure the axes in the contours of each view."""
+        pairs = list(zip(hulls, contours, strict=True))
+        axes = map_in_threads(lambda of: MedialAxes.create(of[0].camera, of[1], config), pairs)
+        return cls(list(axes), [Sight.create(own) for own in hulls], config)
+
+    def find_points(self, cameras: Sequence[Camera], lags: np.ndarray) -> LimbPoints:
+        """Return the points on axes on which cameras of these lags (V,) frames agree."""
+        person = find_person(cameras, self.sights)
+        return LimbPoints(cameras, lags, self.axes, person, self.config)
 
 
 class LimbPoints:

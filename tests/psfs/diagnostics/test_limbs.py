@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from psfs.cameras.camera import Camera
+from psfs.diagnostics.config import LimbConfig
 from psfs.diagnostics.frontier import SilhouetteContours
+from psfs.diagnostics.limbs import LimbPoints
+from psfs.diagnostics.medial_axes import MedialAxes
+from psfs.diagnostics.sights import PersonPlace
 from psfs.diagnostics.small_views import Outline
-from psfs.self_calibration.config import LimbConfig
-from psfs.self_calibration.limbs import LimbPoints
-from psfs.self_calibration.medial_axes import MedialAxes
-from psfs.self_calibration.sights import PersonPlace
 
 UP, FRAMES, CONFIG = np.array([0, 0, 1.0]), 16, LimbConfig()
 LAGS = np.array([0.0, 1.4, -0.7, 0.0])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from psfs.cameras.camera import Camera
-from psfs.self_calibration.hulls import HullRays
+from psfs.diagnostics.hulls import HullRays
 
 
 @dataclass(frozen=True, eq=False)
