@@ -53,7 +53,6 @@ class _Traced:
 
 @dataclass(frozen=True, eq=False)
     """Limbs' axes in the pictures of V cameras, and where these see the person."""
-    """What V cameras see: the limbs' axes, and where the person is."""
 
     axes: list[MedialAxes]
     sights: list[Sight]
