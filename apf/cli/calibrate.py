@@ -73,7 +73,7 @@ def _adjust(
     config: PersonConfig,
 ) -> tuple[CameraRig, PersonCalibration]:  # fmt: skip
     """Return the cameras, adjusted to the silhouettes. Raises InputError if these do not fit."""
-    small, outlines = outline_footage(args, views, large, config)
+    small, outlines, _ = outline_footage(args, views, large, config)
     start = []
     for camera, own, before in zip(small, found.rig, large, strict=True):
         K = camera.K.copy()

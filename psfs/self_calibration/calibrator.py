@@ -64,21 +64,22 @@ class PersonCalibration:
 
 
 def calibrate_by_person(
-    cameras: Sequence[Camera], outlines: Outlines, rate: float, config: PersonConfig,
-    track: Track = track_silently,
+    cameras: Sequence[Camera], outlines: Outlines, edges: Sequence[np.ndarray], rate: float,
+    config: PersonConfig, track: Track = track_silently,
 ) -> PersonCalibration:  # fmt: skip
     """Estimate the cameras' poses and lags from outlines [view][frame] at `rate` per second.
 
-    cameras: small, with the intrinsics that are kept. Raises InputError, which says what to film,
-    if they cannot be found.
+    cameras: small, with the intrinsics that are kept. edges: straight edges of the empty room in
+    each camera's small picture (N, 2, 2) px, possibly none. Raises InputError, which says what to
+    film, if they cannot be found.
     """
     check_number_of_cameras(len(cameras))
-    take = PersonTake.create(cameras, outlines, rate, config)
+    take = PersonTake.create(cameras, outlines, edges, rate, config)
     core = choose_core(outlines, config.core)
     found = best = _find_rig(take.select(core), config, track)
     if found is not None and len(core) < len(cameras):
         best = _add_others(found, core, take, config, track)
-    calibration = _check(best, take.ups, take.points, config)
+    calibration = _check(best, take, config)
     if found is not None:
         check_directions(found, config)
     return calibration
@@ -271,12 +272,10 @@ def _limit_misfit(rig: CameraRig, config: PersonConfig) -> float:
     return config.worst_residual if len(rig) > 3 else config.worst_of_three
 
 
-def _check(
-    best: Adjusted | None, ups: list[np.ndarray], points: PersonPoints, config: PersonConfig
-) -> PersonCalibration:
+def _check(best: Adjusted | None, take: PersonTake, config: PersonConfig) -> PersonCalibration:
     """Return the calibration in its world. Raises InputError if it cannot be trusted."""
-    best, misfits, touched = _check_fit(best, points, config)
-    world = align_to_person(best.rig, ups, touched, config)
+    best, misfits, touched = _check_fit(best, take.points, config)
+    world = align_to_person(best, take, touched, config)
     path = measure_path(world, touched)
     last = best.last
     return PersonCalibration(world, best.lags, last.residual, last.count, misfits, path)
