@@ -39,7 +39,7 @@ from psfs.self_calibration.passes import adjust_farther, settle_by_limbs
 from psfs.self_calibration.search import ArrangementSearch
 from psfs.self_calibration.start import place_cameras
 from psfs.self_calibration.take import FILM, Outlines, PersonTake, check_seen
-from psfs.self_calibration.world import align_to_person, measure_path
+from psfs.self_calibration.world import align_to_person, level_rig, measure_path
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,11 +95,12 @@ def check_number_of_cameras(count: int) -> None:
 
 
 def adjust_calibration(
-    start: CameraRig, lags: np.ndarray, outlines: Outlines, rate: float, config: PersonConfig
-) -> PersonCalibration:
+    start: CameraRig, lags: np.ndarray, outlines: Outlines, edges: Sequence[np.ndarray],
+    rate: float, config: PersonConfig,
+) -> PersonCalibration:  # fmt: skip
     """Adjust small cameras in metres with Z up, and their lags, to outlines [view][frame] at `rate`
-    per second. What silhouettes do not tell, world and scale, stays as given. Raises InputError
-    if the silhouettes do not fit."""
+    per second, and up and the floor to the room's `edges` and the silhouettes. The scale stays as
+    given. Raises InputError if the silhouettes do not fit."""
     check_seen(start.cameras, outlines, config)
     points = PersonPoints(start.cameras, outlines, config.adjustment)
     step = max(1, round(rate / config.table_rate))
@@ -107,8 +108,9 @@ def adjust_calibration(
         _rank_starts([(start, lags)], points, step, config, track_silently), points
     )
     best, misfits, touched = _check_fit(best, points, config)
-    last, path = best.last, measure_path(best.rig, touched)
-    return PersonCalibration(best.rig, best.lags, last.residual, last.count, misfits, path)
+    last, rig = best.last, level_rig(best, points, edges, touched, config)
+    path = measure_path(rig, touched)
+    return PersonCalibration(rig, best.lags, last.residual, last.count, misfits, path)
 
 
 def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted | None:

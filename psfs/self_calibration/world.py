@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from psfs.calibration.scene import CalibrationScene, rigid_transform
 from psfs.cameras.camera import CameraRig
 from psfs.diagnostics.frontier import FrontierPoints
-from psfs.self_calibration.adjustment import Adjusted
+from psfs.self_calibration.adjustment import Adjusted, PersonPoints
 from psfs.self_calibration.config import FloorFitConfig, PersonConfig
 from psfs.self_calibration.floor import measure_floor
 from psfs.self_calibration.take import PersonTake
@@ -45,14 +46,31 @@ def align_to_person(
     rig = _place(found.rig, np.mean(ups, axis=0), points, config)
     low, _ = _frame_extremes(triangulate_points(rig, points), points.frames)
     slope = fit_floor(low, config.floor)
-    up = np.array([-slope[0], -slope[1], 1.0])
-    vertical = fit_vertical(rig, take.edges, up, config.verticals)
-    rig = _place(rig, up if vertical is None else vertical, points, config)
-    shifts = np.round(found.lags).astype(int)
-    floor = measure_floor(
-        rig, take.points.contours, shifts, *measure_places(rig, points), config.slices
-    )
-    return _place(rig, np.array([0.0, 0.0, 1.0]), points, config, floor)
+    rig = _place(rig, np.array([-slope[0], -slope[1], 1.0]), points, config)
+    rig = level_rig(Adjusted(rig, found.lags, found.last), take.points, take.edges, points, config)
+    return _place(rig, np.array([0.0, 0.0, 1.0]), points, config, floor=0.0)
+
+
+def level_rig(
+    found: Adjusted, person: PersonPoints, edges: Sequence[np.ndarray], points: FrontierPoints,
+    config: PersonConfig,
+) -> CameraRig:  # fmt: skip
+    """Return a rig in metres, turned to the room's vertical edges [view] (N, 2, 2) px if these are
+    clear, with Z = 0 on the floor.
+
+    found: Z is up to some degrees, and Z = 0 below the person to some decimetres.
+    """
+    rig = found.rig
+    up = fit_vertical(rig, edges, np.array([0.0, 0.0, 1.0]), config.verticals)
+    if up is not None:
+        rig = _transform(rig, turn_to_up(up, np.array([1.0, 0.0, 0.0])), np.zeros(3))
+    shifts, places = np.round(found.lags).astype(int), measure_places(rig, points)
+    floor = measure_floor(rig, person.contours, shifts, *places, config.slices)
+    return _transform(rig, np.eye(3), np.array([0.0, 0.0, -floor]))
+
+
+def _transform(rig: CameraRig, R: np.ndarray, shift: np.ndarray) -> CameraRig:
+    return CameraRig(CalibrationScene(rig.cameras, {}).transform(rigid_transform(R, shift)).cameras)
 
 
 def _place(
@@ -67,8 +85,8 @@ def _place(
     lowest = np.median(low[:, 2]) if floor is None else floor
     factor = config.stature / (np.percentile(top[:, 2], config.floor.standing) - lowest)
     origin = np.array([*np.median(places[:, :2], axis=0), lowest])
-    turned = CalibrationScene(rig.cameras, {}).transform(rigid_transform(R, -origin))
-    return CameraRig(tuple(replace(camera, t=camera.t * factor) for camera in turned.cameras))
+    turned = _transform(rig, R, -origin)
+    return CameraRig(tuple(replace(camera, t=camera.t * factor) for camera in turned))
 
 
 def fit_floor(low: np.ndarray, config: FloorFitConfig) -> np.ndarray:

@@ -255,7 +255,7 @@ def test_a_given_start_is_adjusted_in_its_own_world():
         start.append(replace(camera, R=R, t=-R @ (camera.centre + rng.normal(0, 0.03, 3))))
     lags = np.add(LAGS, [0, 0.5, -0.5, 0.4])
     quick = CONFIG.replace(adjustment=CONFIG.adjustment.replace(first=2, second=3))
-    found = adjust_calibration(CameraRig(tuple(start)), lags, outlines(), RATE, quick)
+    found = adjust_calibration(CameraRig(tuple(start)), lags, outlines(), UNSEEN, RATE, quick)
     np.testing.assert_allclose(found.lags, LAGS, atol=0.04)
     own, true = (np.array([c.centre for c in rig]) for rig in (found.rig, CAMERAS))
     np.testing.assert_allclose(own, true, atol=0.25)  # the world is the start's
