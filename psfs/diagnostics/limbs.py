@@ -52,6 +52,7 @@ class _Traced:
 
 
 @dataclass(frozen=True, eq=False)
+class LimbViews:
     """Limbs' axes in the pictures of V cameras, and where these see the person."""
 
     axes: list[MedialAxes]
