@@ -57,7 +57,8 @@ class RecoveryConfig(Config):
         0.15,
         "Mean distance of the joints up to which the search around the last pose confirms the "
         "tracker's estimate of a lost frame.",
-        unit="m",
+        "by hand, tried on `four2` of scripts/people_takes.py",
+        "m",
     )
     everywhere_too: bool = setting(
         False,

@@ -108,8 +108,8 @@ class RecoveringTracker:
         return found
 
     def _agree(self, one: Estimate, other: Estimate) -> bool:
-        """Return whether two estimates, neither misfitting by more than `RecoveryConfig.worst`, have
-        the joints at nearly the same places."""
+        """Return whether two estimates have the joints at nearly the same places, and neither a
+        misfit from `RecoveryConfig.worst` on."""
         config, body = self._judge.config, one.body
         places = posed_joints(body, np.stack([one.pose, other.pose]))
         apart = np.linalg.norm(places[0] - places[1], axis=-1).mean()
