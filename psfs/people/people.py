@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from psfs.background.standing import StandingPeople
 from psfs.backend import make_evidence_function
 from psfs.common.numbers import select_span
 from psfs.diagnostics.small_views import Shrink
@@ -43,12 +44,14 @@ class Person:
 @dataclass(frozen=True, eq=False)
 class People:
     """The people in `frames`, the largest first, in coarse voxels of `grid`; `objects`: the number
-    of other things that move."""
+    of other things that move. places: where they stand, if that is known to help where the
+    silhouettes are poor."""
 
     frames: range
     grid: VoxelGrid
     persons: tuple[Person, ...]
     objects: int = 0
+    places: StandingPeople | None = None
 
     def __len__(self) -> int:
         return len(self.persons)
@@ -145,10 +148,14 @@ def _reveal(session: Session, people: People, number: int | None) -> People:
     """Return people who keep still and hide the background, followed again before one that takes
     account of them."""
     config = PeopleConfig()
-    voxels = [person.voxels for person in people]
-    places = find_places(people.grid, people.frames, voxels, config.standing)
-    revise_background(session, places)
+
+    def places(people: People) -> StandingPeople:
+        voxels = [person.voxels for person in people]
+        return find_places(people.grid, people.frames, voxels, config.standing)
+
+    revise_background(session, places(people))
     people = _Search(session, config, 1, len(people)).run()
+    people = replace(people, places=places(people))
     session.replace_result((follow_people, number, config), people)
     return people
 
