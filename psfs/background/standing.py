@@ -25,15 +25,15 @@ class StandingPeople:
     frames: np.ndarray
     places: np.ndarray
 
-    def contain(
-        self, points: np.ndarray, number: int, girth: float = 1.0, people: Sequence[int] | None = None
-    ) -> np.ndarray:
-        """Return (N,) bool: which of the points (N, 3) m lie in the space of the `people`, of all
-        by default, in a frame, or in the nearest one whose places are known. girth: factor of the
-        radii."""
+    def select(self, people: Sequence[int]) -> StandingPeople:
+        """Return the places of some of the people."""
+        return StandingPeople(self.frames, self.places[:, list(people)])
+
+    def contain(self, points: np.ndarray, number: int, girth: float = 1.0) -> np.ndarray:
+        """Return (N,) bool: which of the points (N, 3) m lie in the people's space in a frame, or
+        in the nearest one whose places are known. girth: factor of the radii."""
         inside = np.zeros(len(points), bool)
-        places = self._find(number)
-        for x, y, top in places if people is None else places[list(people)]:
+        for x, y, top in self._find(number):
             share = points[:, 2] / top
             radius = girth * top * np.interp(share, _HEIGHTS, _RADII, right=0)
             inside |= np.hypot(points[:, 0] - x, points[:, 1] - y) < radius

@@ -54,10 +54,11 @@ class Ghosts:
             mask[others & ~self.covered[number] & (mask > UNKNOWN_MASK)] = UNKNOWN_MASK
 
     def _keep(self, clouds: list[np.ndarray]) -> list[np.ndarray]:
-        return [
-            points[self._standing.contain(points, self._frame, _GIRTH, [k]) | self._free(points)]
-            for k, points in enumerate(clouds[:-1])
-        ] + clouds[-1:]
+        kept = []
+        for number, points in enumerate(clouds[:-1]):
+            inside = self._standing.select([number]).contain(points, self._frame, _GIRTH)
+            kept.append(points[inside | self._free(points)])
+        return [*kept, *clouds[-1:]]
 
     def _free(self, points: np.ndarray) -> np.ndarray:
         """Return (N,) bool: the points (N, 3) m that enough cameras show beside all people."""

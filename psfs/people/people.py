@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psfs.background.standing import StandingPeople
 from psfs.backend import make_evidence_function
+from psfs.background.standing import StandingPeople
 from psfs.common.numbers import select_span
 from psfs.diagnostics.small_views import Shrink
 from psfs.people.coarse_voxels import CoarseFrame, CoarseVoxels
@@ -67,15 +67,16 @@ class People:
 
     def during(self, frames: range) -> People:
         """Return those who are seen in `frames`, there alone."""
-        limited = (
+        limited = [
             Person(
                 person.frames[np.isin(person.frames, frames)],
                 {index: voxels for index, voxels in person.voxels.items() if index in frames},
             )
             for person in self.persons
-        )
-        shown = tuple(person for person in limited if len(person.frames))
-        return People(frames, self.grid, shown, self.objects)
+        ]
+        shown = [number for number, person in enumerate(limited) if len(person.frames)]
+        places = self.places and self.places.select(shown)
+        return People(frames, self.grid, tuple(limited[k] for k in shown), self.objects, places)
 
     def box(self, margin: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest and highest corner (3,), m, of the box around everybody's voxels, and
