@@ -25,7 +25,7 @@ _RING = 16
 
 
 class Ghosts:
-    """The pixels of people who stand, in one frame, by which ghosts are known.
+    """The pixels that people who stand cover in one frame, by which ghosts are known.
 
     covered: (P, V, H, W) bool, the pixels that each person may cover but for lifted limbs.
     """
@@ -62,7 +62,8 @@ class Ghosts:
 
     def _free(self, points: np.ndarray) -> np.ndarray:
         """Return (N,) bool: the points (N, 3) m that enough cameras show beside all people."""
-        anybody, free = self.covered.any(0), np.zeros(len(points), int)
+        anybody = np.logical_or.reduce(self.covered)
+        free = np.zeros(len(points), int)
         for camera, covered in zip(self._rig, anybody, strict=True):
             inside, row, column, _ = camera.look_up(points)
             free[inside] += ~covered[row, column]
@@ -73,7 +74,7 @@ def _draw(camera: Camera, rings: np.ndarray, picture: np.ndarray) -> None:
     """Mark in the picture (H, W) bool the hulls of each two rings (R, n, 3) m that follow each
     other; rings that the camera does not show are left out."""
     pixels, depths = camera.project(rings)
-    seen = (depths > 0).all(1)
+    seen = np.logical_and.reduce(depths > 0, axis=1)
     drawn = np.zeros(picture.shape, np.uint8)
     for low in np.flatnonzero(seen[:-1] & seen[1:]):
         both = np.rint(pixels[low : low + 2].reshape(-1, 2)).astype(np.int32)
