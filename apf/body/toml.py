@@ -81,6 +81,7 @@ def _parse(entry: BodyEntry) -> BodyModel:
         sigma=np.array([axis.sigma for _, axis in dofs], float),
         rest_pose=np.array([axis.rest for _, axis in dofs], float),
         posture_sigma=np.array([axis.posture_sigma for _, axis in dofs], float),
+        posture_rise=np.array([axis.posture_rise for _, axis in dofs], float),
         edges=_parse_pairs(entry.edges, joint_names, "joint"),
         apart=_parse_pairs(entry.apart, cone_names, "cone"),
     )
@@ -244,5 +245,6 @@ def _axis_entry(body: BodyModel, axis: FreeAxis) -> dict[str, object]:
         "sigma": float(body.sigma[axis.dof]),
         "rest": float(body.rest_pose[axis.dof]),
         "posture_sigma": float(body.posture_sigma[axis.dof]),
+        "posture_rise": float(body.posture_rise[axis.dof]),
         "limits": [lower, upper],
     }

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from apf.body.cones import overlap_errors, project_outlines
-from apf.body.kinematics import posed_cones
+from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.term import SharedTwin, TermTwin
@@ -83,8 +83,21 @@ def surface_errors(points: np.ndarray, cones: np.ndarray, scale: float) -> np.nd
 
 def posture_errors(body: BodyModel, poses: np.ndarray) -> np.ndarray:
     """Return (N,) the sum over the degrees of freedom of the squared distance of poses (N, D) from
-    rest, in the body's posture sigmas."""
-    return np.sum(((poses - body.rest_pose) / body.posture_sigma) ** 2, 1)
+    the posture prior's mean, in the body's posture sigmas."""
+    return np.sum(((poses - posture_means(body, poses)) / body.posture_sigma) ** 2, 1)
+
+
+def posture_means(body: BodyModel, poses: np.ndarray) -> np.ndarray:
+    """Return the posture prior's means (N, D): rest, from which angles rise with their bone's child."""
+    means = np.tile(body.rest_pose, (len(poses), 1))
+    rising = np.flatnonzero(body.posture_rise)
+    if len(rising):
+        up = bone_matrices(body, poses)[0][..., 2]
+        child = body.lifted_bones[rising]
+        trunk = [body.bones[body.bones[c].parent].parent for c in child]
+        lift = 0.5 - 0.5 * np.sum(up[:, child] * up[:, trunk], -1)
+        means[:, rising] += body.posture_rise[rising] * lift
+    return means
 
 
 class FrameEvidence(NamedTuple):
