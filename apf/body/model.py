@@ -80,8 +80,8 @@ class BodyModel:
     dof_names: (D,). lower, upper: (D,) limits, infinite where free. sigma: (D,) standard deviation
     of the change from one frame to the next at 60 frames/s. rest_pose: (D,) standing.
     posture_sigma: (D,) standard deviation from rest of the posture prior; infinite for a flat one.
-    posture_rise: (D,) rad by which the posture prior's mean moves from rest while the child of the
-    axis' bone is lifted from hanging down to upright, relative to the bone's parent.
+    posture_rise: (D,) by how much the posture prior's mean rises from rest where the child of the
+    axis' bone points up, see `posture_means`; 0 where it stays at rest.
     edges: joint pairs to draw. apart: pairs of cones that must not overlap.
     """
 
@@ -115,14 +115,14 @@ class BodyModel:
 
     @property
     def lifted_bones(self) -> np.ndarray:
-        """The bone (D,) with whose lift the posture prior's mean rises: the child of the axis' bone;
+        """The bones (D,) with whose lift the posture prior's mean rises: the child of the axis' bone;
         -1 where it does not rise."""
-        bones = np.full(self.n_dof, -1)
-        for b, bone in enumerate(self.bones):
-            for axis in bone.axes:
-                if self.posture_rise[axis.dof]:
-                    bones[axis.dof] = next(c for c, child in enumerate(self.bones) if child.parent == b)
-        return bones
+        lifted = np.full(self.n_dof, -1)
+        for number, child in enumerate(self.bones):
+            if child.parent >= 0:
+                rising = [axis.dof for axis in self.bones[child.parent].axes]
+                lifted[[dof for dof in rising if self.posture_rise[dof]]] = number
+        return lifted
 
     @property
     def joint_names(self) -> list[str]:

@@ -30,7 +30,7 @@ class AxisEntry(_Entry):
     """A free axis.
 
     limits, rest: m or rad. sigma: per frame at 60 frames/s. posture_sigma: of the posture prior.
-    posture_rise: rad, see `BodyModel`.
+    posture_rise: of the posture prior's mean, for the axes of a bone with a parent and a child.
     """
 
     axis: Literal["tx", "ty", "tz", "rx", "ry", "rz", "-tx", "-ty", "-tz", "-rx", "-ry", "-rz"]

@@ -67,7 +67,7 @@ def _parse(entry: BodyEntry) -> BodyModel:
     if not ordered.all():
         wrong = dofs[int(np.argmin(ordered))][0]
         raise ValueError(f"{wrong}: the lower limit is not below the upper one")
-    return BodyModel(
+    body = BodyModel(
         name=entry.name,
         bones=bones,
         cones=tuple(_parse_cone(cone, names) for cone in entry.cone),
@@ -85,6 +85,13 @@ def _parse(entry: BodyEntry) -> BodyModel:
         edges=_parse_pairs(entry.edges, joint_names, "joint"),
         apart=_parse_pairs(entry.apart, cone_names, "cone"),
     )
+    for dof in np.flatnonzero(body.posture_rise):
+        child = body.bones[body.lifted_bones[dof]]
+        if body.lifted_bones[dof] < 0 or body.bones[child.parent].parent < 0:
+            raise ValueError(
+                f"{body.dof_names[dof]} has a posture_rise; expected a bone with parent and child"
+            )
+    return body
 
 
 def _check_extent(body: BodyModel) -> None:

@@ -88,15 +88,16 @@ def posture_errors(body: BodyModel, poses: np.ndarray) -> np.ndarray:
 
 
 def posture_means(body: BodyModel, poses: np.ndarray) -> np.ndarray:
-    """Return the posture prior's means (N, D): rest, from which angles rise with their bone's child."""
+    """Return the posture prior's means (N, D): rest plus the body's `posture_rise` times the fourth
+    power of (1 - c) / 2, where c is the cosine between the z axes of the bone's child and parent, 1
+    for an arm that hangs down."""
     means = np.tile(body.rest_pose, (len(poses), 1))
     rising = np.flatnonzero(body.posture_rise)
-    if len(rising):
-        up = bone_matrices(body, poses)[0][..., 2]
-        child = body.lifted_bones[rising]
-        trunk = [body.bones[body.bones[c].parent].parent for c in child]
-        lift = 0.5 - 0.5 * np.sum(up[:, child] * up[:, trunk], -1)
-        means[:, rising] += body.posture_rise[rising] * lift
+    up = bone_matrices(body, poses)[0][..., 2]
+    for dof, child in zip(rising, body.lifted_bones[rising], strict=True):
+        parent = body.bones[body.bones[child].parent].parent
+        lift = (1 - np.sum(up[:, child] * up[:, parent], -1)) / 2
+        means[:, dof] += body.posture_rise[dof] * lift**4
     return means
 
 

@@ -11,8 +11,8 @@
 // Sums up what the observations of a frame miss, each at most 1, and adds to the errors `weight`
 // times the sum over the most there could be, or over their number where `per_seen` (1 without any); or puts
 // it there, where not `adds`. exchange: what it costs that a point is taken for its partner.
-// posture: see posture.h; its errors are added with
-// their own weight. One work-group per pack of particles.
+// posture: see posture.h; its error is added with a weight of its own. One work-group per pack of
+// particles.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void score_points(int n_particles, int adds, int per_seen, float weight, float reach,
                   float exchange, float posture_weight, __global const float4 *posture,
@@ -31,7 +31,8 @@ void score_points(int n_particles, int adds, int per_seen, float weight, float r
     const float most_seen = per_seen ? (float)n : observed_most(observed);
     sum = n > 0 ? sum * (weight / most_seen) : (vfloat)(per_seen && lane == 0 ? weight : 0.0f);
     if (posture_weight > 0.0f)
-        sum += posture_weight * posture_error(lane, posture, poses, first, n_particles, body, frames);
+        sum += posture_weight *
+               posture_error(lane, posture, poses, first, n_particles, body, frames);
     sum = group_sum_of_packs(sums, sum);
     if (lane == 0) {
         float lanes[PACK];

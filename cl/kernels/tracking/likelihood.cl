@@ -244,7 +244,8 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
     if (weights.w > 0.0f && n_pairs > 0)
         sum += weights.w / (3 * n_pairs) * overlap(n_pairs, pairs, cones, spans);
     if (posture_weight > 0.0f)
-        sum += posture_weight * posture_error(lane_from(7), posture, poses, first, n_particles, body, frames);
+        sum += posture_weight * posture_error(lane_from(7), posture, poses, first, n_particles,
+                                              body, frames);
 
 #define TABLE(l) (lane_index(first, 0x##l, n_particles) / n_per_run * table_size)
     const picture_cues cues = {codes,    ratios,         PACK_OF(vint, TABLE), row_parts,
