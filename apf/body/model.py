@@ -115,7 +115,7 @@ class BodyModel:
 
     @property
     def lifted_bones(self) -> np.ndarray:
-        """The bones (D,) with whose lift the posture prior's mean rises: the child of the axis' bone;
+        """Bones (D,) with whose lift the posture prior's mean rises: the child of the axis' bone;
         -1 where it does not rise."""
         lifted = np.full(self.n_dof, -1)
         for number, child in enumerate(self.bones):
