@@ -257,7 +257,8 @@ def align_rigs(found: CameraRig, truth: CameraRig) -> tuple[float, np.ndarray, n
 
 def compare_rigs(found: CameraRig, truth: CameraRig) -> dict[str, Any]:
     """Return the errors of each camera: place, % of the rig's radius, and direction, degrees, after
-    a similarity alignment; and the error of up, degrees, and of the size, %, without it."""
+    a similarity alignment; and the errors of up, degrees, of the size, %, and of the floor's height
+    at the origin, mm, without it."""
     size, R, shift = align_rigs(found, truth)
     places = size * found.centres @ R.T + shift - truth.centres
     radius = np.linalg.norm(truth.centres - truth.centres.mean(axis=0), axis=1).mean()
@@ -267,6 +268,7 @@ def compare_rigs(found: CameraRig, truth: CameraRig) -> dict[str, Any]:
         "directions_degrees": np.degrees(np.linalg.norm(turns, axis=1)).round(3).tolist(),
         "up_degrees": round(float(np.degrees(np.arccos(min(1.0, R[2, 2])))), 3),
         "size_percent": round(100 * (1 / size - 1), 3),
+        "floor_mm": round(1000 * float(shift[2]), 1),
     }
 
 

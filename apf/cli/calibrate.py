@@ -73,14 +73,14 @@ def _adjust(
     config: PersonConfig,
 ) -> tuple[CameraRig, PersonCalibration]:  # fmt: skip
     """Return the cameras, adjusted to the silhouettes. Raises InputError if these do not fit."""
-    small, outlines = outline_footage(args, views, large, config)
+    small, outlines, edges = outline_footage(args, views, large, config)
     start = []
     for camera, own, before in zip(small, found.rig, large, strict=True):
         K = camera.K.copy()
         K[[0, 0, 1], [0, 1, 1]] *= own.K[0, 0] / before.K[0, 0]
         start.append(replace(camera, K=K, R=own.R, t=own.t))
     calibration = adjust_calibration(
-        CameraRig(tuple(start)), found.lags, outlines, views.fps, config
+        CameraRig(tuple(start)), found.lags, outlines, edges, views.fps, config
     )
     return enlarge_rig(large, small, calibration.rig), calibration
 

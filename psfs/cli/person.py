@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from threading import Event
 
+import numpy as np
 from rich.table import Table
 
 from cl import select_device
@@ -29,7 +30,11 @@ from psfs.self_calibration.calibrator import (
     check_number_of_cameras,
 )
 from psfs.self_calibration.config import PersonConfig
-from psfs.self_calibration.footage import extract_outlines
+from psfs.self_calibration.footage import (
+    estimate_empty_scene,
+    extract_outlines,
+    find_empty_edges,
+)
 from psfs.sequence import Sequence
 
 #: Keys of `sequence.toml` that may be stated; delays are found, so those of the file do not apply.
@@ -44,10 +49,10 @@ def calibrate_from_person(args: argparse.Namespace) -> None:
     large, kept = read_lenses(args, views)
     if not kept:
         config = config.replace(adjustment=config.adjustment.free_lenses())
-    small, outlines = outline_footage(args, views, large, config)
+    small, outlines, edges = outline_footage(args, views, large, config)
     with progress_bar() as bar:
         found = calibrate_by_person(
-            small, outlines, views.fps, config,
+            small, outlines, edges, views.fps, config,
             lambda items, total, name: bar.track(items, total, description=name),
         )  # fmt: skip
     rig = enlarge_rig(large, small, found.rig)
@@ -80,9 +85,9 @@ def open_person_footage(args: argparse.Namespace) -> Sequence:
 
 def outline_footage(
     args: argparse.Namespace, views: Sequence, large: list[Camera], config: PersonConfig
-) -> tuple[list[Camera], list[list[Outline | None]]]:
-    """Return the cameras, scaled to small pictures, and the person's outlines in these
-    [view][frame]."""
+) -> tuple[list[Camera], list[list[Outline | None]], list[np.ndarray]]:
+    """Return the cameras, scaled to small pictures, the person's outlines in these [view][frame],
+    and the straight edges (N, 2, 2) px of the empty room in each."""
     device = select_device(args.device)
     factor = views.rig.factor_within(config.longest_side)
     small = [camera.scaled(factor) for camera in large]
@@ -92,17 +97,19 @@ def outline_footage(
     with progress_bar() as bar:
         task = bar.add_task("silhouettes", total=sum(min(most, own.count) for own in media))
 
-        def extract(view: int) -> list[Outline | None]:
-            found = []
-            for outline in extract_outlines(views.footage, view, factor, device, config):
+        def extract(view: int) -> tuple[list[Outline | None], np.ndarray]:
+            found, footage = [], views.footage
+            empty = estimate_empty_scene(footage, view)
+            for outline in extract_outlines(footage, view, empty, factor, device, config):
                 if stopped.is_set():
                     break
                 found.append(outline)
                 bar.advance(task)
-            return found
+            return found, find_empty_edges(empty, factor, config)
 
         try:
-            return small, list(map_in_threads(extract, range(len(small))))
+            outlines, edges = zip(*map_in_threads(extract, range(len(small))), strict=True)
+            return small, list(outlines), list(edges)
         finally:
             stopped.set()
 

@@ -39,7 +39,7 @@ from psfs.self_calibration.passes import adjust_farther, settle_by_limbs
 from psfs.self_calibration.search import ArrangementSearch
 from psfs.self_calibration.start import place_cameras
 from psfs.self_calibration.take import FILM, Outlines, PersonTake, check_seen
-from psfs.self_calibration.world import align_to_person, measure_path
+from psfs.self_calibration.world import align_to_person, level_rig, measure_path
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,21 +64,22 @@ class PersonCalibration:
 
 
 def calibrate_by_person(
-    cameras: Sequence[Camera], outlines: Outlines, rate: float, config: PersonConfig,
-    track: Track = track_silently,
+    cameras: Sequence[Camera], outlines: Outlines, edges: Sequence[np.ndarray], rate: float,
+    config: PersonConfig, track: Track = track_silently,
 ) -> PersonCalibration:  # fmt: skip
     """Estimate the cameras' poses and lags from outlines [view][frame] at `rate` per second.
 
-    cameras: small, with the intrinsics that are kept. Raises InputError, which says what to film,
-    if they cannot be found.
+    cameras: small, with the intrinsics that are kept. edges: straight edges of the empty room in
+    each camera's small picture (N, 2, 2) px, possibly none. Raises InputError, which says what to
+    film, if they cannot be found.
     """
     check_number_of_cameras(len(cameras))
-    take = PersonTake.create(cameras, outlines, rate, config)
+    take = PersonTake.create(cameras, outlines, edges, rate, config)
     core = choose_core(outlines, config.core)
     found = best = _find_rig(take.select(core), config, track)
     if found is not None and len(core) < len(cameras):
         best = _add_others(found, core, take, config, track)
-    calibration = _check(best, take.ups, take.points, config)
+    calibration = _check(best, take, config)
     if found is not None:
         check_directions(found, config)
     return calibration
@@ -94,11 +95,12 @@ def check_number_of_cameras(count: int) -> None:
 
 
 def adjust_calibration(
-    start: CameraRig, lags: np.ndarray, outlines: Outlines, rate: float, config: PersonConfig
-) -> PersonCalibration:
+    start: CameraRig, lags: np.ndarray, outlines: Outlines, edges: Sequence[np.ndarray],
+    rate: float, config: PersonConfig,
+) -> PersonCalibration:  # fmt: skip
     """Adjust small cameras in metres with Z up, and their lags, to outlines [view][frame] at `rate`
-    per second. What silhouettes do not tell, world and scale, stays as given. Raises InputError
-    if the silhouettes do not fit."""
+    per second, and up and the floor to the room's `edges` and the silhouettes. The scale stays as
+    given. Raises InputError if the silhouettes do not fit."""
     check_seen(start.cameras, outlines, config)
     points = PersonPoints(start.cameras, outlines, config.adjustment)
     step = max(1, round(rate / config.table_rate))
@@ -106,8 +108,9 @@ def adjust_calibration(
         _rank_starts([(start, lags)], points, step, config, track_silently), points
     )
     best, misfits, touched = _check_fit(best, points, config)
-    last, path = best.last, measure_path(best.rig, touched)
-    return PersonCalibration(best.rig, best.lags, last.residual, last.count, misfits, path)
+    last, rig = best.last, level_rig(best, points, edges, touched, config)
+    path = measure_path(rig, touched)
+    return PersonCalibration(rig, best.lags, last.residual, last.count, misfits, path)
 
 
 def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted | None:
@@ -271,12 +274,10 @@ def _limit_misfit(rig: CameraRig, config: PersonConfig) -> float:
     return config.worst_residual if len(rig) > 3 else config.worst_of_three
 
 
-def _check(
-    best: Adjusted | None, ups: list[np.ndarray], points: PersonPoints, config: PersonConfig
-) -> PersonCalibration:
+def _check(best: Adjusted | None, take: PersonTake, config: PersonConfig) -> PersonCalibration:
     """Return the calibration in its world. Raises InputError if it cannot be trusted."""
-    best, misfits, touched = _check_fit(best, points, config)
-    world = align_to_person(best.rig, ups, touched, config)
+    best, misfits, touched = _check_fit(best, take.points, config)
+    world = align_to_person(best, take, touched, config)
     path = measure_path(world, touched)
     last = best.last
     return PersonCalibration(world, best.lags, last.residual, last.count, misfits, path)

@@ -247,6 +247,56 @@ class FloorFitConfig(Config):
     )
 
 
+class VerticalConfig(Config):
+    """Up from the vertical edges of the room."""
+
+    SOURCE: ClassVar = "by hand on the eight laboratory takes and Pose2Sim's four videos"
+
+    shortest: float = fraction(0.03, "Shortest edge, as a share of the picture's longest side.")
+    longest: float = positive(0.3, "Angle from which on longer edges count alike.", unit="rad")
+    around: float = positive(0.21, "Greatest angle from the person's up.", unit="rad")
+    step: float = positive(0.0087, "Step of the directions that are tried.", unit="rad")
+    width: float = positive(
+        0.0087, "Deviation at which an edge has a quarter of its weight.", unit="rad"
+    )
+    rounds: int = natural(10, "Rounds of the least squares from the best direction tried.")
+    apart: float = positive(0.044, "Angle from which on a direction is another one.", unit="rad")
+    distinct: float = setting(
+        1.5,
+        "Multiple of the weight of edges in another direction that is needed.",
+        "by hand: 1.6 to 5 of true rigs; 1 to 1.4, once 1.6, with pictures exchanged; 1.3 in a "
+        "wrong direction of `utrecht_seated`",
+        least=1,
+    )
+
+
+class SliceConfig(Config):
+    """Height of the floor from slices of the person's hull."""
+
+    SOURCE: ClassVar = "by hand on the eight laboratory takes and their true masks"
+
+    frames: int = natural(25, "Frames that are used.")
+    around: float = positive(0.2, "Greatest distance from the lowest points.", unit="m")
+    step: float = positive(0.01, "Distance of the slices.", unit="m")
+    side: float = positive(0.6, "Half of a slice's side.", unit="m")
+    cell: float = positive(0.03, "Cell of a slice.", unit="m")
+    foot: float = positive(
+        0.2,
+        "Width of the largest slice above which it is a shadow on the floor.",
+        "by hand: 0.10 to 0.15 m of true masks, 0.25 m and more with shadows",
+        "m",
+    )
+    above: float = positive(0.05, "Height above it at which a shadow is no longer seen.", unit="m")
+    thin: float = fraction(
+        0.8,
+        "Greatest area there of a shadow, as a share of the largest slice's.",
+        "by hand: 0.35 to 0.72 in the laboratory",
+    )
+    lowest: float = fraction(
+        0.1, "Area of the lowest slice of feet, as a share of the largest slice's."
+    )
+
+
 class PersonConfig(Config):
     """Settings of the calibration of cameras by a person who walks about."""
 
@@ -335,4 +385,6 @@ class PersonConfig(Config):
         AdjustmentConfig, "Adjustment of all cameras to the silhouettes."
     )
     floor: FloorFitConfig = part(FloorFitConfig, "Up, floor and scale from the person.")
+    verticals: VerticalConfig = part(VerticalConfig, "Up from the vertical edges of the room.")
+    slices: SliceConfig = part(SliceConfig, "Height of the floor from slices of the person's hull.")
     points: PointsConfig = part(PointsConfig, "Calibration by keypoints.")

@@ -17,6 +17,7 @@ from psfs.cameras.scaling import scale_picture
 from psfs.diagnostics.small_views import Outline, Shrink, extract_outline
 from psfs.footage.layouts.common import Footage
 from psfs.self_calibration.config import OutlineConfig, PersonConfig
+from psfs.self_calibration.verticals import find_edges
 from psfs.sequence import Frame
 from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
 
@@ -27,17 +28,29 @@ _SILHOUETTES = SilhouetteConfig(
 
 
 def extract_outlines(
-    footage: Footage, view: int, factor: float, device: Device | NumpyDevice, config: PersonConfig
-) -> Iterator[Outline | None]:
+    footage: Footage, view: int, empty: Background | None, factor: float,
+    device: Device | NumpyDevice, config: PersonConfig,
+) -> Iterator[Outline | None]:  # fmt: skip
     """Yield the outlines of the person in the first pictures of a camera, each silhouette by
-    itself. factor: of the pictures that are used, at most 1."""
-    for mask in _silhouettes(footage, view, factor, device, config.most_frames):
+    itself. empty: its empty scene, see `estimate_empty_scene`. factor: of the pictures that are
+    used, at most 1."""
+    for mask in _silhouettes(footage, view, empty, factor, device, config.most_frames):
         yield outline_person(mask, config.outline)
 
 
+def find_empty_edges(empty: Background | None, factor: float, config: PersonConfig) -> np.ndarray:
+    """Return the straight edges (N, 2, 2) px of a camera's empty scene, in pictures scaled by
+    `factor`; none without it."""
+    if empty is None:
+        return np.zeros((0, 2, 2))
+    picture = np.rint(empty.mean[0]).astype(np.uint8)
+    return find_edges(scale_picture(picture, factor), config.verticals)
+
+
 def _silhouettes(
-    footage: Footage, view: int, factor: float, device: Device | NumpyDevice, most: int
-) -> Iterator[np.ndarray]:
+    footage: Footage, view: int, empty: Background | None, factor: float,
+    device: Device | NumpyDevice, most: int,
+) -> Iterator[np.ndarray]:  # fmt: skip
     """Yield the silhouettes (h, w) bool of a camera."""
     if footage.masks is not None:
         masks = footage.masks[view]
@@ -49,17 +62,19 @@ def _silhouettes(
     media = footage.images[view]
     rig = CameraRig((footage.rig[view],))
     shrink = Shrink(rig, factor)
-    background = shrink.background(_empty_scene(footage, view, rig))
+    background = shrink.background(empty)
     evidence_of = make_evidence_function(device, shrink.small, background, _SILHOUETTES)
     for index, picture in enumerate(media.frames(range(min(most, media.count)))):
         yield evidence_of(shrink.frame(Frame(index, picture[None], None)))[0] > 0
 
 
-def _empty_scene(footage: Footage, view: int, rig: CameraRig) -> Background:
-    """Return the empty scene of a camera: from its own film, else the median of the take."""
+def estimate_empty_scene(footage: Footage, view: int) -> Background | None:
+    """Return the empty scene of a camera: from its own film, else the median of the take; None if
+    there are masks alone."""
     if footage.background is not None:
-        return estimate_background(rig, (footage.background[view],))
-    assert footage.images is not None
+        return estimate_background(CameraRig((footage.rig[view],)), (footage.background[view],))
+    if footage.images is None:
+        return None
     media = footage.images[view]
     model = BackgroundModelConfig()
     frames = np.stack(list(media.frames(media.spread(model.samples))))

@@ -31,7 +31,8 @@ class PersonTake:
 
     cameras: small, with the intrinsics that are kept. outlines: [view][frame]. points: their
     tangent points. views: of every camera its tilt and height at several tilts, in every `step`-th
-    frame. bobbing: (V, F) the head's ups and downs. most: the greatest lag in steps.
+    frame. bobbing: (V, F) the head's ups and downs. edges: (N, 2, 2) px each, the straight edges of
+    the empty room. most: the greatest lag in steps.
     """
 
     cameras: Sequence[Camera]
@@ -39,13 +40,15 @@ class PersonTake:
     points: PersonPoints
     views: Sequence[list[UprightView]]
     bobbing: Sequence[np.ndarray]
+    edges: Sequence[np.ndarray]
     step: int
     most: int
 
     @classmethod
     def create(
-        cls, cameras: Sequence[Camera], outlines: Outlines, rate: float, config: PersonConfig
-    ) -> PersonTake:
+        cls, cameras: Sequence[Camera], outlines: Outlines, edges: Sequence[np.ndarray],
+        rate: float, config: PersonConfig,
+    ) -> PersonTake:  # fmt: skip
         """Measure what each camera tells from outlines at `rate` per second. Raises InputError if
         one seldom sees the whole person."""
         check_seen(cameras, outlines, config)
@@ -57,7 +60,7 @@ class PersonTake:
             for hulls, own in zip(points.hulls, views, strict=True)
         ]
         most = int(np.ceil(config.longest_lag * rate / step))
-        return cls(cameras, outlines, points, views, bobbing, step, most)
+        return cls(cameras, outlines, points, views, bobbing, edges, step, most)
 
     @property
     def ups(self) -> list[np.ndarray]:
@@ -72,6 +75,7 @@ class PersonTake:
             self.points.select(views),
             [self.views[view] for view in views],
             [self.bobbing[view] for view in views],
+            [self.edges[view] for view in views],
             self.step,
             self.most,
         )

@@ -1,4 +1,4 @@
-"""The world's axes and scale from the person: the floor under the feet, and the stature."""
+"""The world's axes and scale: up from the room or the person, floor and scale from the person."""
 
 from __future__ import annotations
 
@@ -10,7 +10,11 @@ import numpy as np
 from psfs.calibration.scene import CalibrationScene, rigid_transform
 from psfs.cameras.camera import CameraRig
 from psfs.diagnostics.frontier import FrontierPoints
+from psfs.self_calibration.adjustment import Adjusted, PersonPoints
 from psfs.self_calibration.config import FloorFitConfig, PersonConfig
+from psfs.self_calibration.floor import measure_floor
+from psfs.self_calibration.take import PersonTake
+from psfs.self_calibration.verticals import fit_vertical
 
 
 def triangulate_points(rig: CameraRig, points: FrontierPoints) -> np.ndarray:
@@ -31,27 +35,58 @@ def triangulate_points(rig: CameraRig, points: FrontierPoints) -> np.ndarray:
 
 
 def align_to_person(
-    rig: CameraRig, ups: Sequence[np.ndarray], points: FrontierPoints, config: PersonConfig
+    found: Adjusted, take: PersonTake, points: FrontierPoints, config: PersonConfig
 ) -> CameraRig:
     """Return the rig in metres with Z up and Z = 0 on the floor, below the person's middle.
 
-    ups: (3,) of each camera in its own axes. points: where silhouettes touch common planes.
-    X is the first camera's right.
+    Up is that of the room's vertical edges, if these are clear, else of the floor below the lowest
+    points. points: where silhouettes touch common planes. X is the first camera's right.
     """
-    floor = config.floor
-    up = np.mean([camera.R.T @ own for camera, own in zip(rig, ups, strict=True)], axis=0)
-    places = triangulate_points(rig, points)
+    ups = [camera.R.T @ own for camera, own in zip(found.rig, take.ups, strict=True)]
+    rig = _place(found.rig, np.mean(ups, axis=0), points, config)
+    low, _ = _frame_extremes(triangulate_points(rig, points), points.frames)
+    slope = fit_floor(low, config.floor)
+    rig = _place(rig, np.array([-slope[0], -slope[1], 1.0]), points, config)
+    rig = level_rig(Adjusted(rig, found.lags, found.last), take.points, take.edges, points, config)
+    return _place(rig, np.array([0.0, 0.0, 1.0]), points, config, floor=0.0)
+
+
+def level_rig(
+    found: Adjusted, person: PersonPoints, edges: Sequence[np.ndarray], points: FrontierPoints,
+    config: PersonConfig,
+) -> CameraRig:  # fmt: skip
+    """Return a rig in metres, turned to the room's vertical edges [view] (N, 2, 2) px if these are
+    clear, with Z = 0 on the floor.
+
+    found: Z is up to some degrees, and Z = 0 below the person to some decimetres.
+    """
+    rig = found.rig
+    up = fit_vertical(rig, edges, np.array([0.0, 0.0, 1.0]), config.verticals)
+    if up is not None:
+        rig = _transform(rig, turn_to_up(up, np.array([1.0, 0.0, 0.0])), np.zeros(3))
+    shifts, places = np.round(found.lags).astype(int), measure_places(rig, points)
+    floor = measure_floor(rig, person.contours, shifts, *places, config.slices)
+    return _transform(rig, np.eye(3), np.array([0.0, 0.0, -floor]))
+
+
+def _transform(rig: CameraRig, R: np.ndarray, shift: np.ndarray) -> CameraRig:
+    return CameraRig(CalibrationScene(rig.cameras, {}).transform(rigid_transform(R, shift)).cameras)
+
+
+def _place(
+    rig: CameraRig, up: np.ndarray, points: FrontierPoints, config: PersonConfig,
+    floor: float | None = None,
+) -> CameraRig:  # fmt: skip
+    """Return the rig turned to `up` (3,), with the person's stature and the origin below the
+    person's middle at the height `floor`, by default at that of the lowest points."""
     R = turn_to_up(up, rig[0].R[0])
-    low, _ = _frame_extremes(places @ R.T, points.frames)
-    slope = fit_floor(low, floor)
-    R = turn_to_up(R.T @ np.array([-slope[0], -slope[1], 1.0]), rig[0].R[0])
-    local = places @ R.T
-    low, top = _frame_extremes(local, points.frames)
-    lowest = np.median(low[:, 2])
-    factor = config.stature / (np.percentile(top[:, 2], floor.standing) - lowest)
-    origin = np.array([*np.median(local[:, :2], axis=0), lowest])
-    turned = CalibrationScene(rig.cameras, {}).transform(rigid_transform(R, -origin))
-    return CameraRig(tuple(replace(camera, t=camera.t * factor) for camera in turned.cameras))
+    places = triangulate_points(rig, points) @ R.T
+    low, top = _frame_extremes(places, points.frames)
+    lowest = np.median(low[:, 2]) if floor is None else floor
+    factor = config.stature / (np.percentile(top[:, 2], config.floor.standing) - lowest)
+    origin = np.array([*np.median(places[:, :2], axis=0), lowest])
+    turned = _transform(rig, R, -origin)
+    return CameraRig(tuple(replace(camera, t=camera.t * factor) for camera in turned))
 
 
 def fit_floor(low: np.ndarray, config: FloorFitConfig) -> np.ndarray:

@@ -33,6 +33,7 @@ from psfs.self_calibration.upright import fit_upright
 
 RATE, FRAMES, STATURE = 30.0, 100, 1.77
 LAGS = (0, 4, -3, 6)
+UNSEEN = [np.zeros((0, 2, 2))] * 4  # no edges of a room
 CONFIG = PersonConfig(
     stature=STATURE, longest_lag=0.35, candidates=6, angles=24,
     growth=GrowthConfig(
@@ -123,7 +124,7 @@ def test_one_camera_tells_its_tilt_and_height():
 
 
 def test_cameras_times_floor_and_scale_are_found():
-    found = calibrate_by_person(uncalibrated(), outlines(), RATE, CONFIG)
+    found = calibrate_by_person(uncalibrated(), outlines(), UNSEEN, RATE, CONFIG)
     np.testing.assert_allclose(found.lags, LAGS, atol=0.03)
     centres, truth = found.rig.centres, np.array([camera.centre for camera in CAMERAS])
     own, true = (np.linalg.norm(c[:, None] - c[None], axis=-1) for c in (centres, truth))
@@ -142,7 +143,7 @@ def test_the_rig_is_grown_camera_by_camera_if_no_arrangement_fits(monkeypatch):
     start = [(wrong, np.array(LAGS) + np.array([0.0, 1, -1, 1]))]
     monkeypatch.setattr(calibrator, "_search", lambda *_: start)
     few = CONFIG.replace(growth=CONFIG.growth.replace(tried=4, kept=(3, 2, 1)))
-    found = calibrate_by_person(uncalibrated(), [own[:80] for own in outlines()], RATE, few)
+    found = calibrate_by_person(uncalibrated(), [own[:80] for own in outlines()], UNSEEN, RATE, few)
     np.testing.assert_allclose(found.lags, LAGS, atol=0.05)
     for camera, true in zip(found.rig, CAMERAS, strict=True):
         turn = camera.R @ found.rig[0].R.T @ CAMERAS[0].R @ true.R.T
@@ -151,7 +152,7 @@ def test_the_rig_is_grown_camera_by_camera_if_no_arrangement_fits(monkeypatch):
 
 def test_a_further_camera_is_placed_beside_a_rig_that_is_found():
     """Of the first three cameras the rig is known, of the last one only the lens."""
-    take = PersonTake.create(uncalibrated(), outlines(), RATE, CONFIG)
+    take = PersonTake.create(uncalibrated(), outlines(), UNSEEN, RATE, CONFIG)
     found = Adjusted(CameraRig(tuple(CAMERAS[:3])), np.array(LAGS[:3], float), None)
     addition = CameraAddition(found, [0, 1, 2], take, CONFIG)
     camera, lag = addition.add(3)
@@ -254,7 +255,7 @@ def test_a_given_start_is_adjusted_in_its_own_world():
         start.append(replace(camera, R=R, t=-R @ (camera.centre + rng.normal(0, 0.03, 3))))
     lags = np.add(LAGS, [0, 0.5, -0.5, 0.4])
     quick = CONFIG.replace(adjustment=CONFIG.adjustment.replace(first=2, second=3))
-    found = adjust_calibration(CameraRig(tuple(start)), lags, outlines(), RATE, quick)
+    found = adjust_calibration(CameraRig(tuple(start)), lags, outlines(), UNSEEN, RATE, quick)
     np.testing.assert_allclose(found.lags, LAGS, atol=0.04)
     own, true = (np.array([c.centre for c in rig]) for rig in (found.rig, CAMERAS))
     np.testing.assert_allclose(own, true, atol=0.25)  # the world is the start's
@@ -271,12 +272,12 @@ def test_the_cameras_that_see_most_are_searched_first():
 def test_a_person_seldom_seen_is_refused_with_what_to_film():
     few = [own[:30] for own in outlines()]
     with pytest.raises(InputError, match=r"a: the whole person is in 30 of 30.*film one person"):
-        calibrate_by_person(uncalibrated(), few, RATE, CONFIG)
+        calibrate_by_person(uncalibrated(), few, UNSEEN, RATE, CONFIG)
 
 
 def test_two_cameras_are_refused():
     with pytest.raises(InputError, match="2 cameras; expected three or more"):
-        calibrate_by_person(uncalibrated()[:2], [[], []], RATE, CONFIG)
+        calibrate_by_person(uncalibrated()[:2], [[], []], UNSEEN[:2], RATE, CONFIG)
 
 
 def test_unrelated_films_are_refused():
@@ -285,7 +286,9 @@ def test_unrelated_films_are_refused():
     cameras = [*uncalibrated()[:2], uncalibrated()[3]]
     growth = CONFIG.growth.replace(tried=2, kept=(2, 1), places=2)
     with pytest.raises(InputError, match=r"those of d and .* film one person"):
-        calibrate_by_person(cameras, own, RATE, CONFIG.replace(candidates=3, growth=growth))
+        calibrate_by_person(
+            cameras, own, UNSEEN[:3], RATE, CONFIG.replace(candidates=3, growth=growth)
+        )
 
 
 def test_a_camera_that_shares_nothing_is_refused(monkeypatch):
@@ -294,13 +297,13 @@ def test_a_camera_that_shares_nothing_is_refused(monkeypatch):
     own = [*outlines()[:3], [None] * 60 + outlines()[3][:40]]
     own[:3] = [[*of[:55], *[None] * 45] for of in own[:3]]
     with pytest.raises(InputError, match=r"d shares too few .*film one person"):
-        calibrate_by_person(uncalibrated(), own, RATE, CONFIG)
+        calibrate_by_person(uncalibrated(), own, UNSEEN, RATE, CONFIG)
 
 
 def test_one_who_stands_still_is_refused():
     still = [[own[50]] * 60 for own in outlines()]
     with pytest.raises(InputError, match=r"hardly moves: .* by 0.0 % .* expected 3 % .*film one"):
-        calibrate_by_person(uncalibrated(), still, RATE, CONFIG)
+        calibrate_by_person(uncalibrated(), still, UNSEEN, RATE, CONFIG)
 
 
 def test_a_camera_differs_by_the_median_of_its_pairs():

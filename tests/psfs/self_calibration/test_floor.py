@@ -1,0 +1,70 @@
+"""The floor below feet, and below feet in their shadow."""
+
+import cv2
+import numpy as np
+import pytest
+
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.diagnostics.frontier import SilhouetteContours
+from psfs.diagnostics.small_views import extract_outline
+from psfs.self_calibration.config import SliceConfig
+from psfs.self_calibration.floor import measure_floor
+
+
+def make_rig():
+    cameras = []
+    for k in range(4):
+        forward = np.array([-np.cos(1.6 * k), -np.sin(1.6 * k), -0.3 - 0.05 * k])
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        R = np.stack([right, np.cross(forward, right), forward])
+        K = np.array([[420.0, 0, 320], [0, 420, 240], [0, 0, 1]])
+        centre = np.array([0, 0, 0.5]) - 4 * forward
+        cameras.append(Camera(f"c{k}", K, np.zeros(5), R, -R @ centre, (640, 480)))
+    return CameraRig(tuple(cameras))
+
+
+def draw(camera, x, shadow):
+    """Two legs on feet whose soles are at Z = 0, at some x, m, and perhaps their shadow."""
+    mask = np.zeros((480, 640), np.uint8)
+
+    def fill(points):
+        pixels = camera.project(points)[0].astype(np.float32)
+        cv2.fillConvexPoly(mask, cv2.convexHull(pixels).astype(np.int32), 1)
+
+    corners = np.stack(np.meshgrid([-1, 1], [-1, 1], [0, 1]), -1).reshape(-1, 3)
+    for y in (-0.12, 0.12):
+        fill(np.array([x, y, 0]) + corners * [0.12, 0.045, 0.08])
+        fill(np.array([x - 0.07, y, 0.05]) + corners * [0.05, 0.045, 0.8])
+    fill(np.array([x - 0.07, 0, 0.85]) + corners * [0.1, 0.17, 0.6])
+    if shadow:
+        angles = np.linspace(0, 2 * np.pi, 40)
+        fill(np.array([x, 0, 0]) + 0.3 * np.stack([np.cos(angles), np.sin(angles), 0 * angles], -1))
+    return mask > 0
+
+
+@pytest.mark.parametrize("shadow", [False, True])
+@pytest.mark.parametrize("height", [0.06, -0.1])
+def test_the_floor_is_found_with_and_without_a_shadow(shadow, height):
+    rig, places = make_rig(), np.array([[-0.3, 0], [0.2, 0]])
+    contours = [
+        SilhouetteContours([extract_outline(draw(camera, x, shadow)) for x, _ in places])
+        for camera in rig
+    ]
+    moved = [
+        Camera(c.name, c.K, c.distortion, c.R, c.t - c.R @ np.array([0, 0, height]), c.size)
+        for c in rig
+    ]
+    frames, shifts = np.array([5, 6]), np.full(4, -5)
+    config = SliceConfig(side=0.45)
+    found = measure_floor(CameraRig(tuple(moved)), contours, shifts, frames, places, config)
+    assert abs(found - height) < (0.011 if shadow else 0.035)  # hulls bulge below soles
+
+
+def test_nobody_tells_no_floor():
+    contours = [SilhouetteContours([None])] * 4
+    zeros = np.zeros(4, int)
+    assert (
+        measure_floor(make_rig(), contours, zeros, zeros[:1], np.zeros((1, 2)), SliceConfig()) == 0
+    )
