@@ -53,6 +53,13 @@ class RecoveryConfig(Config):
     longer: int = natural(
         2, "Factor of the number of layers in these searches; the SIR filter has none."
     )
+    agreement: float = positive(
+        0.15,
+        "Mean distance of the joints up to which the search around the last pose confirms the "
+        "tracker's estimate of a lost frame.",
+        "by hand, tried on `four2` of scripts/people_takes.py",
+        "m",
+    )
     everywhere_too: bool = setting(
         False,
         "Whether to search everywhere even if a pose near the last one fits; used for bodies "

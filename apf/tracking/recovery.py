@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from apf.body.kinematics import posed_joints
 from apf.filters.base import DeviceTracker, Estimate, Tracker
 from apf.likelihood.observations import Observation
 from apf.tracking.config import RecoveryConfig
@@ -56,7 +57,8 @@ class RecoveringTracker:
     more noise and more layers. everywhere: returns start poses (D,) from an observation, for the
     case that this search fails; None if there is no such search. enough: whether an observation
     shows enough of the person to search by it; by default always. Estimates of lost frames hold the
-    last good pose.
+    last good pose, unless the first of these searches confirms the tracker's: then the pictures are
+    poor, and the pose goes on.
     """
 
     def __init__(
@@ -105,8 +107,16 @@ class RecoveringTracker:
         self._tracker.start(self._pose if found.lost else found.pose)
         return found
 
+    def _agree(self, one: Estimate, other: Estimate) -> bool:
+        """Return whether two estimates have the joints at nearly the same places, and neither a
+        misfit from `RecoveryConfig.worst` on."""
+        config, body = self._judge.config, one.body
+        places = posed_joints(body, np.stack([one.pose, other.pose]))
+        apart = np.linalg.norm(places[0] - places[1], axis=-1).mean()
+        return bool(max(one.misfit, other.misfit) < config.worst and apart < config.agreement)
+
     def _reacquire(self, observation: Observation, lost: Estimate) -> Estimate:
-        found = self._search_around(self._pose, observation, LOCAL_RESTART)
+        near = found = self._search_around(self._pose, observation, LOCAL_RESTART)
         config = self._judge.config
         again = self._n_lost % config.retry == 0 and (found.lost or config.everywhere_too)
         if again and self._everywhere is not None:
@@ -115,6 +125,8 @@ class RecoveringTracker:
                 for pose in self._everywhere(observation)
             ]
             found = min([found, *tried], key=lambda estimate: estimate.misfit)
+        if found.lost and self._agree(near, lost):
+            self._pose = lost.pose
         return lost if found.lost else _match_layers(found, lost)
 
     def _search_around(self, pose: np.ndarray, observation: Observation, restart: int) -> Estimate:

@@ -39,6 +39,7 @@ class OnALine:
 
     reach: float
     n_layers: int = 2
+    least: float = 0.2
     at: float = 0.0
     starts: list[float] = field(default_factory=list)
 
@@ -49,11 +50,10 @@ class OnALine:
     def step(self, person: float) -> Estimate:
         if abs(person - self.at) <= self.reach:
             self.at = person
-        misfit = min(2.0, 0.2 + abs(person - self.at))
+        misfit = min(2.0, self.least + abs(person - self.at))
         ones = np.ones(self.n_layers)
-        return Estimate(
-            STICK, np.array([self.at]), 0.1 * np.ones(1), ones, ones, ones, misfit=misfit
-        )
+        pose = np.concatenate([[self.at], SONG.rest_pose[1:]])
+        return Estimate(SONG, pose, 0.1 * ones, ones, ones, ones, misfit=misfit)
 
 
 def on_a_line(everywhere: bool = False) -> RecoveringTracker:
@@ -89,6 +89,17 @@ def test_a_person_who_is_gone_is_lost_and_the_last_good_pose_held() -> None:
     assert [e.pose[0] for e in found] == [0.0, 0.05, 0.05, 0.05, 0.1, 0.15]
     assert found[2].confidence < 0.1 < 0.9 < found[4].confidence
     assert all(e.restart == TRACKED for e in found)
+
+
+@pytest.mark.parametrize(("misfit", "stands_still"), [(0.7, False), (0.95, True)])
+def test_a_misfitting_pose_that_two_searches_find_is_followed(
+    misfit: float, stands_still: bool
+) -> None:
+    """Hulls of few cameras misfit the right pose; from `worst` on nobody is seen."""
+    tracker = RecoveringTracker(OnALine(0.1, least=misfit), lambda: OnALine(1.0, least=misfit))
+    found = run(tracker, [0.05, 0.1, 0.15])
+    assert all(e.lost and e.restart == TRACKED for e in found)
+    assert [e.pose[0] for e in found] == ([0.0] * 3 if stands_still else [0.05, 0.1, 0.15])
 
 
 def test_poor_silhouettes_misfit_a_person_who_is_followed() -> None:
