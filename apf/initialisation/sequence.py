@@ -61,13 +61,12 @@ def initialise(
         )  # fmt: skip
 
     start = found(config)
-    factor, frames = config.acceptance.longer, config.frames
-    seen_whole = len(session.frames) * abs(session.frames.step) <= (
-        frames.duration * session.sequence.fps
-    )
-    if seen_whole or start.rival >= config.acceptance.ambiguous:
+    if start.rival >= config.acceptance.ambiguous:
         return start
+    factor, frames = config.acceptance.longer, config.frames
     wider = frames.replace(duration=factor * frames.duration, n_fitted=2 * frames.n_fitted)
+    if _count_fitted(session, wider) <= _count_fitted(session, frames):
+        return start  # the take ends before
     try:
         again = found(config.replace(frames=wider))
     except StartError:
@@ -171,6 +170,12 @@ def check_rate(sequence: Sequence, step: int) -> None:
             f"{sequence.name}: {fps:g} frames per second to be tracked; expected at least "
             f"{SLOWEST:g}: people move too far in between"
         )
+
+
+def _count_fitted(session: Session, config: FrameChoice) -> int:
+    """Return how many of the session's frames the body is fitted to."""
+    frames, every = frames_to_fit(session.frames, session.sequence.fps, config)
+    return len(frames[::every])
 
 
 def frames_to_fit(chosen: range, fps: float, config: FrameChoice) -> tuple[range, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,13 +25,34 @@ class StandingPeople:
     frames: np.ndarray
     places: np.ndarray
 
-    def contain(self, points: np.ndarray, number: int) -> np.ndarray:
+    def select(self, people: Sequence[int]) -> StandingPeople:
+        """Return the places of some of the people."""
+        return StandingPeople(self.frames, self.places[:, list(people)])
+
+    def contain(self, points: np.ndarray, number: int, girth: float = 1.0) -> np.ndarray:
         """Return (N,) bool: which of the points (N, 3) m lie in the people's space in a frame, or
-        in the nearest one whose places are known."""
-        nearest = int(np.abs(self.frames - number).argmin())
+        in the nearest one whose places are known. girth: factor of the radii."""
         inside = np.zeros(len(points), bool)
-        for x, y, top in self.places[nearest]:
+        for x, y, top in self._find(number):
             share = points[:, 2] / top
-            radius = top * np.interp(share, _HEIGHTS, _RADII, right=0)
+            radius = girth * top * np.interp(share, _HEIGHTS, _RADII, right=0)
             inside |= np.hypot(points[:, 0] - x, points[:, 1] - y) < radius
         return inside
+
+    def rings(self, number: int, girth: float, n_points: int) -> np.ndarray:
+        """Return points (P, R, n_points, 3) m on circles around each person's axis, from the feet
+        up, on the surface of that space in a frame; NaN for who is not seen."""
+        angles = 2 * np.pi / n_points * np.arange(n_points)
+        around = np.stack([np.cos(angles), np.sin(angles)], -1)
+        places = self._find(number)
+        flat = places[:, None, None, :2] + (
+            girth * places[:, 2, None, None, None] * _RADII[:, None, None] * around
+        )
+        heights = np.broadcast_to((places[:, 2:] * _HEIGHTS)[..., None, None], (*flat.shape[:3], 1))
+        return np.concatenate([flat, heights], -1)
+
+    def _find(self, number: int) -> np.ndarray:
+        """Return the places (P, 3) in a frame, or in the nearest one."""
+        nearest = int(np.abs(self.frames - number).argmin())
+        found: np.ndarray = self.places[nearest]
+        return found

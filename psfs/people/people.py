@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from psfs.backend import make_evidence_function
+from psfs.background.standing import StandingPeople
 from psfs.common.numbers import select_span
 from psfs.diagnostics.small_views import Shrink
 from psfs.people.coarse_voxels import CoarseFrame, CoarseVoxels
@@ -43,12 +44,14 @@ class Person:
 @dataclass(frozen=True, eq=False)
 class People:
     """The people in `frames`, the largest first, in coarse voxels of `grid`; `objects`: the number
-    of other things that move."""
+    of other things that move. places: where they stand, if that is known to help where the
+    silhouettes are poor."""
 
     frames: range
     grid: VoxelGrid
     persons: tuple[Person, ...]
     objects: int = 0
+    places: StandingPeople | None = None
 
     def __len__(self) -> int:
         return len(self.persons)
@@ -64,15 +67,16 @@ class People:
 
     def during(self, frames: range) -> People:
         """Return those who are seen in `frames`, there alone."""
-        limited = (
+        limited = [
             Person(
                 person.frames[np.isin(person.frames, frames)],
                 {index: voxels for index, voxels in person.voxels.items() if index in frames},
             )
             for person in self.persons
-        )
-        shown = tuple(person for person in limited if len(person.frames))
-        return People(frames, self.grid, shown, self.objects)
+        ]
+        shown = [number for number, person in enumerate(limited) if len(person.frames)]
+        places = self.places and self.places.select(shown)
+        return People(frames, self.grid, tuple(limited[k] for k in shown), self.objects, places)
 
     def box(self, margin: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest and highest corner (3,), m, of the box around everybody's voxels, and
@@ -145,10 +149,14 @@ def _reveal(session: Session, people: People, number: int | None) -> People:
     """Return people who keep still and hide the background, followed again before one that takes
     account of them."""
     config = PeopleConfig()
-    voxels = [person.voxels for person in people]
-    places = find_places(people.grid, people.frames, voxels, config.standing)
-    revise_background(session, places)
+
+    def places(people: People) -> StandingPeople:
+        voxels = [person.voxels for person in people]
+        return find_places(people.grid, people.frames, voxels, config.standing)
+
+    revise_background(session, places(people))
     people = _Search(session, config, 1, len(people)).run()
+    people = replace(people, places=places(people))
     session.replace_result((follow_people, number, config), people)
     return people
 

@@ -23,14 +23,13 @@ from psfs.cameras.footprints import voxel_footprints
 from psfs.common.numbers import select_span
 from psfs.people.config import SeparationConfig
 from psfs.people.contact import SplitCloud, find_contacts, split_cloud
+from psfs.people.ghosts import Ghosts
 from psfs.people.people import People
 from psfs.session import Session, SessionSettings
-from psfs.silhouettes.hidden import UNKNOWN
+from psfs.silhouettes.hidden import UNKNOWN, UNKNOWN_MASK
 from psfs.volume import Volume, automatic_grid, find_volume
 from psfs.voxels.config import ReconstructionConfig
 
-#: Value of masks that says nothing.
-_UNKNOWN_MASK = 128
 #: Depth where nothing is drawn, m.
 FAR = 1e6
 
@@ -53,10 +52,15 @@ def separate(
     for frame in everybody.sequence.frames(everybody.settings.selection):
         cloud = reconstruct(frame).cloud()
         split = split_cloud(cloud, people, frame.index, config, contacts[frame.index])
+        ghosts = people.places and Ghosts(session.rig, people.places, frame.index)
+        if ghosts:
+            split = ghosts.drop(split)
         for box, points in zip(boxes, split.clouds, strict=False):
             if len(points):
                 box.append(np.stack([points.min(0), points.max(0)]))
         masks = attribution(reconstruct.evidence(), split, footprints)
+        if ghosts:
+            ghosts.hide_others(masks)
         for number, own in enumerate(masks):
             store.add(number, frame.index, own)
         if progress is not None:
@@ -89,7 +93,7 @@ def _person_session(
     sequence = session.sequence.with_masks(lambda index: store.get(number, index))
     sequence.rig = with_hidden_maps(session.rig)
     changes = {
-        "silhouette": {"evidence": {"unknown_mask": _UNKNOWN_MASK}},
+        "silhouette": {"evidence": {"unknown_mask": UNKNOWN_MASK}},
         "occupancy": {"min_cameras": 1},  # what others hide is not seen, yet may be occupied
     }
     settings = SessionSettings(
@@ -144,7 +148,7 @@ class Attribution:
                 )  # fmt: skip
                 if len(near):
                     _, (away,) = self._draw(view, [near], footprints, counts.shape)
-                    mask[(away == 0) & (mask == 0) & (counts > 0)] = _UNKNOWN_MASK
+                    mask[(away == 0) & (mask == 0) & (counts > 0)] = UNKNOWN_MASK
                 masks[number, view] = mask
         return masks
 
@@ -168,16 +172,16 @@ class Attribution:
         mine = (beside <= other_beside) & (beside < self.limits.beside)
         mask = np.where(mine | (counts <= 0), plain, 0).astype(np.uint8)
         hidden = (beside == 0) & (other_depth < depth - self.limits.before) & (counts > 0)
-        mask[hidden] = _UNKNOWN_MASK
+        mask[hidden] = UNKNOWN_MASK
         return mask
 
     def _masks_of_counts(self) -> np.ndarray:
         """Return the mask (256,) uint8 for each count of evidence, by its bits."""
         counts = np.arange(256).astype(np.uint8).view(np.int8)
         masks = np.rint(255 * self.config.silhouette.evidence.likelihood(counts)).astype(int)
-        masks = np.where((masks == _UNKNOWN_MASK) & (counts != 0), _UNKNOWN_MASK + 1, masks)
-        masks = np.where(masks == _UNKNOWN_MASK, _UNKNOWN_MASK - 1, masks)
-        masks[counts == UNKNOWN] = _UNKNOWN_MASK
+        masks = np.where((masks == UNKNOWN_MASK) & (counts != 0), UNKNOWN_MASK + 1, masks)
+        masks = np.where(masks == UNKNOWN_MASK, UNKNOWN_MASK - 1, masks)
+        masks[counts == UNKNOWN] = UNKNOWN_MASK
         return np.clip(masks, 0, 255).astype(np.uint8)
 
 

@@ -9,6 +9,7 @@ from helpers import footage, scenes
 
 from cl import NumpyDevice
 from psfs.background.config import UNKNOWN, EvidenceConfig
+from psfs.background.standing import StandingPeople
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.people.config import SeparationConfig
@@ -132,7 +133,8 @@ def test_sessions_of_frames_from_the_last_to_the_first(tmp_path: Path) -> None:
         Person(np.array(seen), {index: block(x) for index in seen})
         for x, seen in ((-0.5, [0, 1, 2]), (0.5, [1, 3]))
     ]
-    people = People(session.frames, GRID, tuple(persons))
+    places = StandingPeople(np.array([2]), np.array([[[-0.5, 0, 1.5], [0.5, 0, 1.5]]]))
+    people = People(session.frames, GRID, tuple(persons), places=places)
     assert people.counts.tolist() == [1, 1, 2, 1]
     nobody = People(session.frames, GRID, ())
     assert nobody.counts.tolist() == [0, 0, 0, 0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from psfs.background.standing import StandingPeople
+from psfs.people.people import People, Person
 from psfs.people.standing import find_places
 from psfs.voxels.grid import VoxelGrid
 
@@ -39,3 +40,12 @@ def test_people_take_up_space_about_their_axes() -> None:
     moved = points + np.array([0.5, 0, 0])
     # The second person is not seen there and takes up none.
     np.testing.assert_array_equal(people.contain(moved, 90), [1, 1, 0, 0, 0])
+
+
+def test_places_stay_with_those_who_are_seen_in_some_frames() -> None:
+    persons = tuple(Person(np.array(seen), {}) for seen in ([0, 1], [3], [2, 3]))
+    places = StandingPeople(np.arange(4), np.random.default_rng(0).normal(size=(4, 3, 3)))
+    late = People(range(4), GRID, persons, places=places).during(range(2, 4))
+    assert late.places is not None and len(late) == 2
+    np.testing.assert_array_equal(late.places.places, places.places[:, 1:])
+    assert People(range(4), GRID, persons).during(range(2, 4)).places is None

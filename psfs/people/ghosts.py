@@ -1,0 +1,82 @@
+"""The part of a hull that nothing fills, between people who stand, and what shows only one of them.
+
+If cameras face each other, the hull of two people before a poor background reaches from one to the
+other. Each one's part of it then covers the other in pictures, and the other's foreground would
+count as theirs.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from psfs.background.standing import StandingPeople
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.people.contact import SplitCloud
+from psfs.silhouettes.hidden import UNKNOWN_MASK
+
+#: Factor of the radii of the inside of a person who stands, which then holds the person but for
+#: lifted arms and legs.
+_GIRTH = 2.0
+#: Least number of cameras in which a voxel shows beside all people.
+_LEAST_FREE = 2
+#: Points of a ring around a person's axis.
+_RING = 16
+
+
+class Ghosts:
+    """The pixels that people who stand cover in one frame, by which ghosts are known.
+
+    covered: (P, V, H, W) bool, the pixels that each person may cover but for lifted limbs.
+    """
+
+    def __init__(self, rig: CameraRig, standing: StandingPeople, frame: int) -> None:
+        self._rig, self._standing, self._frame = rig, standing, frame
+        shape = len(rig), rig.height, rig.width
+        rings = standing.rings(frame, _GIRTH, _RING)
+        self.covered = np.zeros((len(rings), *shape), bool)
+        for covered, person in zip(self.covered, rings, strict=True):
+            for camera, picture in zip(rig, covered, strict=True):
+                _draw(camera, person, picture)
+
+    def drop(self, split: SplitCloud) -> SplitCloud:
+        """Return what is left of people's voxels: those inside the space that the person takes up,
+        and those that two cameras show beside all people."""
+        clouds = self._keep(split.clouds)
+        sole = clouds if split.sole is split.clouds else self._keep(split.sole)
+        return SplitCloud(clouds, sole, split.near)
+
+    def hide_others(self, masks: np.ndarray) -> None:
+        """Make unknown, in the masks (P, V, H, W) of people, the foreground that another one covers
+        and the person does not."""
+        for number, mask in enumerate(masks):
+            others = np.delete(self.covered, number, axis=0).any(0)
+            mask[others & ~self.covered[number] & (mask > UNKNOWN_MASK)] = UNKNOWN_MASK
+
+    def _keep(self, clouds: list[np.ndarray]) -> list[np.ndarray]:
+        kept = []
+        for number, points in enumerate(clouds[:-1]):
+            inside = self._standing.select([number]).contain(points, self._frame, _GIRTH)
+            kept.append(points[inside | self._free(points)])
+        return [*kept, *clouds[-1:]]
+
+    def _free(self, points: np.ndarray) -> np.ndarray:
+        """Return (N,) bool: the points (N, 3) m that enough cameras show beside all people."""
+        anybody = np.logical_or.reduce(self.covered)
+        free = np.zeros(len(points), int)
+        for camera, covered in zip(self._rig, anybody, strict=True):
+            inside, row, column, _ = camera.look_up(points)
+            free[inside] += ~covered[row, column]
+        return free >= _LEAST_FREE
+
+
+def _draw(camera: Camera, rings: np.ndarray, picture: np.ndarray) -> None:
+    """Mark in the picture (H, W) bool the hulls of each two rings (R, n, 3) m that follow each
+    other; rings that the camera does not show are left out."""
+    pixels, depths = camera.project(rings)
+    seen = np.logical_and.reduce(depths > 0, axis=1)
+    drawn = np.zeros(picture.shape, np.uint8)
+    for low in np.flatnonzero(seen[:-1] & seen[1:]):
+        both = np.rint(pixels[low : low + 2].reshape(-1, 2)).astype(np.int32)
+        cv2.fillConvexPoly(drawn, cv2.convexHull(both), 1)
+    picture |= drawn > 0
