@@ -115,6 +115,7 @@ def read_body(folder: Path) -> BodyModel:
         sigma=sigma,
         rest_pose=read_poses(folder / "InitialPose.txt")[0],
         posture_sigma=np.full(_N_DOF, np.inf),
+        posture_rise=np.zeros(_N_DOF),
         edges=tuple((names.index(a), names.index(b)) for a, b in _EDGES),
     )
 

@@ -80,6 +80,8 @@ class BodyModel:
     dof_names: (D,). lower, upper: (D,) limits, infinite where free. sigma: (D,) standard deviation
     of the change from one frame to the next at 60 frames/s. rest_pose: (D,) standing.
     posture_sigma: (D,) standard deviation from rest of the posture prior; infinite for a flat one.
+    posture_rise: (D,) by how much the posture prior's mean rises from rest where the child of the
+    axis' bone points up, see `posture_means`; 0 where it stays at rest.
     edges: joint pairs to draw. apart: pairs of cones that must not overlap.
     """
 
@@ -93,6 +95,7 @@ class BodyModel:
     sigma: np.ndarray
     rest_pose: np.ndarray
     posture_sigma: np.ndarray
+    posture_rise: np.ndarray
     edges: tuple[tuple[int, int], ...]
     apart: tuple[tuple[int, int], ...] = ()
 
@@ -109,6 +112,17 @@ class BodyModel:
     def angles(self) -> list[int]:
         """Indices in the pose of the rotations, rad."""
         return [axis.dof for bone in self.bones for axis in bone.axes if axis.kind[0] == "r"]
+
+    @property
+    def lifted_bones(self) -> np.ndarray:
+        """Bones (D,) with whose lift the posture prior's mean rises: the child of the axis' bone;
+        -1 where it does not rise."""
+        lifted = np.full(self.n_dof, -1)
+        for number, child in enumerate(self.bones):
+            if child.parent >= 0:
+                rising = [axis.dof for axis in self.bones[child.parent].axes]
+                lifted[[dof for dof in rising if self.posture_rise[dof]]] = number
+        return lifted
 
     @property
     def joint_names(self) -> list[str]:

@@ -30,6 +30,7 @@ class AxisEntry(_Entry):
     """A free axis.
 
     limits, rest: m or rad. sigma: per frame at 60 frames/s. posture_sigma: of the posture prior.
+    posture_rise: of the posture prior's mean, for the axes of a bone with a parent and a child.
     """
 
     axis: Literal["tx", "ty", "tz", "rx", "ry", "rz", "-tx", "-ty", "-tz", "-rx", "-ry", "-rz"]
@@ -39,6 +40,7 @@ class AxisEntry(_Entry):
     limits: Annotated[list[Bound], Field(min_length=2, max_length=2)] = [-math.inf, math.inf]
     rest: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
     posture_sigma: Annotated[float, Field(gt=0, allow_inf_nan=True)] = math.inf
+    posture_rise: Annotated[float, Field(ge=-math.pi, le=math.pi)] = 0.0
 
 
 class BoneEntry(_Entry):

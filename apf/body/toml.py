@@ -67,7 +67,7 @@ def _parse(entry: BodyEntry) -> BodyModel:
     if not ordered.all():
         wrong = dofs[int(np.argmin(ordered))][0]
         raise ValueError(f"{wrong}: the lower limit is not below the upper one")
-    return BodyModel(
+    body = BodyModel(
         name=entry.name,
         bones=bones,
         cones=tuple(_parse_cone(cone, names) for cone in entry.cone),
@@ -81,9 +81,17 @@ def _parse(entry: BodyEntry) -> BodyModel:
         sigma=np.array([axis.sigma for _, axis in dofs], float),
         rest_pose=np.array([axis.rest for _, axis in dofs], float),
         posture_sigma=np.array([axis.posture_sigma for _, axis in dofs], float),
+        posture_rise=np.array([axis.posture_rise for _, axis in dofs], float),
         edges=_parse_pairs(entry.edges, joint_names, "joint"),
         apart=_parse_pairs(entry.apart, cone_names, "cone"),
     )
+    for dof in np.flatnonzero(body.posture_rise):
+        child = body.bones[body.lifted_bones[dof]]
+        if body.lifted_bones[dof] < 0 or body.bones[child.parent].parent < 0:
+            raise ValueError(
+                f"{body.dof_names[dof]} has a posture_rise; expected a bone with parent and child"
+            )
+    return body
 
 
 def _check_extent(body: BodyModel) -> None:
@@ -244,5 +252,6 @@ def _axis_entry(body: BodyModel, axis: FreeAxis) -> dict[str, object]:
         "sigma": float(body.sigma[axis.dof]),
         "rest": float(body.rest_pose[axis.dof]),
         "posture_sigma": float(body.posture_sigma[axis.dof]),
+        "posture_rise": float(body.posture_rise[axis.dof]),
         "limits": [lower, upper],
     }

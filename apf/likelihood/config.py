@@ -127,8 +127,9 @@ class LikelihoodConfig(Config):
     )
     posture_prior_weight: float = nonnegative(
         0.02,
-        "Weight of the squared distance from the rest pose, in the body's posture sigmas, "
-        "counted once per camera; it determines the pose of hidden arms.",
+        "Weight of the squared distance from the posture prior's mean, the rest pose but for what "
+        "rises with the arm, in the body's posture sigmas, counted once per camera; it determines "
+        "the pose of hidden arms.",
         "tuned: 0.04 loses raised arms of low contrast, 0.01 loses more arms with 4 cameras",
     )
     surface_scale: float = positive(

@@ -66,8 +66,10 @@ def make_sample_rows(sampling: np.ndarray) -> np.ndarray:
 
 
 def posture_prior(body: BodyModel) -> np.ndarray:
-    """Return (D, 2) float32 rest pose and 1 / sigma, which is 0 for a uniform prior."""
-    return np.stack([body.rest_pose, 1 / body.posture_sigma], -1).astype(np.float32)
+    """Return (D, 4) float32: rest pose, 1 / sigma, which is 0 for a uniform prior, and the rise of
+    the mean with the lift of which bone."""
+    prior = [body.rest_pose, 1 / body.posture_sigma, body.posture_rise, body.lifted_bones]
+    return np.stack(prior, -1).astype(np.float32)
 
 
 def _frame_array_shapes(

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from apf.body.cones import overlap_errors, project_outlines
-from apf.body.kinematics import posed_cones
+from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.term import SharedTwin, TermTwin
@@ -83,8 +83,22 @@ def surface_errors(points: np.ndarray, cones: np.ndarray, scale: float) -> np.nd
 
 def posture_errors(body: BodyModel, poses: np.ndarray) -> np.ndarray:
     """Return (N,) the sum over the degrees of freedom of the squared distance of poses (N, D) from
-    rest, in the body's posture sigmas."""
-    return np.sum(((poses - body.rest_pose) / body.posture_sigma) ** 2, 1)
+    the posture prior's mean, in the body's posture sigmas."""
+    return np.sum(((poses - posture_means(body, poses)) / body.posture_sigma) ** 2, 1)
+
+
+def posture_means(body: BodyModel, poses: np.ndarray) -> np.ndarray:
+    """Return the posture prior's means (N, D): rest plus the body's `posture_rise` times the fourth
+    power of (1 - c) / 2, where c is the cosine between the z axes of the bone's child and parent, 1
+    for an arm that hangs down."""
+    means = np.tile(body.rest_pose, (len(poses), 1))
+    rising = np.flatnonzero(body.posture_rise)
+    up = bone_matrices(body, poses)[0][..., 2]
+    for dof, child in zip(rising, body.lifted_bones[rising], strict=True):
+        parent = body.bones[body.bones[child].parent].parent
+        lift = (1 - np.sum(up[:, child] * up[:, parent], -1)) / 2
+        means[:, dof] += body.posture_rise[dof] * lift**4
+    return means
 
 
 class FrameEvidence(NamedTuple):

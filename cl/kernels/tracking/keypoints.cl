@@ -5,16 +5,17 @@
 #endif
 #include "common/kinematics.h"
 #include "common/observed.h"
+#include "common/posture.h"
 #include "common/reduction.h"
 
 // Sums up what the observations of a frame miss, each at most 1, and adds to the errors `weight`
 // times the sum over the most there could be, or over their number where `per_seen` (1 without any); or puts
 // it there, where not `adds`. exchange: what it costs that a point is taken for its partner.
-// posture: rest and 1 / sigma of every degree of freedom, whose squared distances are added with
-// their own weight. One work-group per pack of particles.
+// posture: see posture.h; its error is added with a weight of its own. One work-group per pack of
+// particles.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void score_points(int n_particles, int adds, int per_seen, float weight, float reach,
-                  float exchange, float posture_weight, __global const float2 *posture,
+                  float exchange, float posture_weight, __global const float4 *posture,
                   __global const float *poses, __global const float *table,
                   __global const float *cameras, __global const float4 *observed,
                   __global float *errors)
@@ -29,12 +30,9 @@ void score_points(int n_particles, int adds, int per_seen, float weight, float r
     vfloat sum = missed_by_all(lane, reach, exchange, cameras, observed, frames);
     const float most_seen = per_seen ? (float)n : observed_most(observed);
     sum = n > 0 ? sum * (weight / most_seen) : (vfloat)(per_seen && lane == 0 ? weight : 0.0f);
-    for (int dof = lane; dof < (posture_weight > 0.0f ? N_DOF : 0); dof += GROUP) {
-#define VALUE(l) poses[lane_index(first, 0x##l, n_particles) * N_DOF + dof]
-        const vfloat bent = posture[dof].y * (PACK_OF(vfloat, VALUE) - posture[dof].x);
-#undef VALUE
-        sum += posture_weight * bent * bent;
-    }
+    if (posture_weight > 0.0f)
+        sum += posture_weight *
+               posture_error(lane, posture, poses, first, n_particles, body, frames);
     sum = group_sum_of_packs(sums, sum);
     if (lane == 0) {
         float lanes[PACK];

@@ -8,6 +8,7 @@
 #endif
 #include "common/observed.h"
 #include "common/packed_cones.h"
+#include "common/posture.h"
 #include "common/reduction.h"
 #include "tracking/samples.h"
 
@@ -196,21 +197,6 @@ INLINED vfloat overlap(int n_pairs, __global const int2 *pairs, __local const vf
     return sum;
 }
 
-// Sum over this item's share of the degrees of freedom of the squared distance from rest, in the
-// posture's sigmas: posture has (rest, 1 / sigma), the latter 0 where all values are as likely.
-static inline vfloat posture_error(__global const float2 *posture, __global const float *poses,
-                                   int first, int n_particles)
-{
-    vfloat sum = 0.0f;
-    for (int dof = lane_from(7); dof < N_DOF; dof += GROUP) {
-#define VALUE(l) poses[lane_index(first, 0x##l, n_particles) * N_DOF + dof]
-        const vfloat bent = posture[dof].y * (PACK_OF(vfloat, VALUE) - posture[dof].x);
-#undef VALUE
-        sum += bent * bent;
-    }
-    return sum;
-}
-
 // The exponent of Song et al. eq. (16) with its sign put right: the sum over cameras of edge and
 // silhouette error, to which surface, overlap and posture error are added once per camera. Cameras
 // that see no sample are replaced by the mean of the others; if no camera sees any, by the worst.
@@ -228,7 +214,7 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
                  __local float4 *rows,
                  int n_points, int first_point, int stride, float scale,
                  __global const float4 *points, int n_pairs, __global const int2 *pairs,
-                 __global const float2 *posture, float4 weights, float posture_weight,
+                 __global const float4 *posture, float4 weights, float posture_weight,
                  __global const uchar *codes, __global const char *ratios, int n_per_run,
                  int table_size, __global const int *row_parts, float colour_weight,
                  __global const uchar *contours, float contour_weight,
@@ -258,7 +244,8 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
     if (weights.w > 0.0f && n_pairs > 0)
         sum += weights.w / (3 * n_pairs) * overlap(n_pairs, pairs, cones, spans);
     if (posture_weight > 0.0f)
-        sum += posture_weight * posture_error(posture, poses, first, n_particles);
+        sum += posture_weight * posture_error(lane_from(7), posture, poses, first, n_particles,
+                                              body, frames);
 
 #define TABLE(l) (lane_index(first, 0x##l, n_particles) / n_per_run * table_size)
     const picture_cues cues = {codes,    ratios,         PACK_OF(vint, TABLE), row_parts,

@@ -24,7 +24,7 @@ SONG = load_body("song31")
 
 def assert_same(a: BodyModel, b: BodyModel) -> None:
     assert (a.name, a.dof_names, a.edges, a.apart) == (b.name, b.dof_names, b.edges, b.apart)
-    for field in ("lower", "upper", "sigma", "rest_pose", "posture_sigma"):
+    for field in ("lower", "upper", "sigma", "rest_pose", "posture_sigma", "posture_rise"):
         np.testing.assert_array_equal(getattr(a, field), getattr(b, field))
     for x, y in zip(a.bones, b.bones, strict=True):
         assert (x.name, x.parent, x.axes) == (y.name, y.parent, y.axes)
@@ -71,7 +71,8 @@ def test_song32_is_song31_with_a_trunk_that_bends_sideways() -> None:
     for entry in entries:
         for bone in entry["bone"]:
             for axis in bone["axes"]:
-                axis.pop("posture_sigma", None)
+                for prior in ("posture_sigma", "posture_rise"):
+                    axis.pop(prior, None)
     assert entries[0] == entries[1]
     bent = load_body("song32")
     assert bent.n_dof == 32
@@ -157,7 +158,7 @@ def test_saved_bodies_come_back(name: str, tmp_path: Path) -> None:
 
 
 def test_scaled_bodies_come_back(tmp_path: Path) -> None:
-    body = SONG.scaled({"calf": 1.1, "thorax": 0.93}, radii=1.07)
+    body = load_body("song32").scaled({"calf": 1.1, "thorax": 0.93}, radii=1.07)
     save_body(tmp_path / "copy.toml", body)
     assert_same(load_body(str(tmp_path / "copy.toml")), body)
 
@@ -177,6 +178,7 @@ BAD = {
     "sigma not a number": ("sigma = 0.05", "sigma = nan", "sigma"),
     "no sigma": ("sigma = 0.05, ", "", "sigma"),
     "no posture": ("sigma = 0.05", "sigma = 0.05, posture_sigma = 0.0", "posture_sigma"),
+    "nothing to rise with": ("sigma = 0.05", "sigma = 0.05, posture_rise = 0.1", "bend"),
     "text for a number": ("sigma = 0.05", 'sigma = "wide"', "wide"),
     "turned by no rotation": ("[0.0, 0.8, 0.6]]", "[0.0, 0.8, 0.7]]", "rotation"),
     "a mirror": ("[0.0, 0.8, 0.6]]", "[0.0, -0.8, -0.6]]", "rotation"),

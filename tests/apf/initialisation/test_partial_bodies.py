@@ -50,7 +50,7 @@ def without(body: BodyModel, *words: str) -> BodyModel:
     )
     cones = [i for i, cone in enumerate(body.cones) if cone.bone in new]
     joints = [i for i, joint in enumerate(body.joints) if joint.bone in new]
-    arrays = ("lower", "upper", "sigma", "rest_pose", "posture_sigma")
+    arrays = ("lower", "upper", "sigma", "rest_pose", "posture_sigma", "posture_rise")
     return replace(
         body,
         name="armless",

@@ -203,3 +203,15 @@ def test_posture_error_counts_sigmas_from_rest() -> None:
     poses[2, bound[:2]] -= body.posture_sigma[bound[:2]]
     poses[:, np.isinf(body.posture_sigma)] += 5.0  # no value is likelier
     np.testing.assert_allclose(posture_errors(body, poses), [0, 4, 2], atol=1e-12)
+
+
+def test_the_clavicle_that_fits_best_rises_with_the_arm() -> None:
+    body = bodies.named("song32")
+    clavicle, arm = (body.dof_names.index(f"r_{name}.rx") for name in ("clavicle", "upper_arm"))
+    angles = np.linspace(0, 0.5, 501)
+    best = []
+    for lifted in (0.0, np.pi / 2, 2.6):  # relative to the clavicle, whose rise adds to it
+        poses = np.tile(body.rest_pose, (len(angles), 1))
+        poses[:, clavicle], poses[:, arm] = angles, lifted
+        best.append(angles[posture_errors(body, poses).argmin()])
+    assert best[0] == 0 and 0.02 < best[1] < 0.05 and 0.4 < best[2] < 0.45
