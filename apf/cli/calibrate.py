@@ -92,4 +92,6 @@ def _as_person_calibration(found: PointCalibration) -> PersonCalibration:
     middle = middle[np.isfinite(middle).all(axis=1)]
     path = float(np.sqrt(np.linalg.eigvalsh(np.cov(middle.T))[-1]))
     residual = float(np.median(found.errors))
-    return PersonCalibration(found.rig, found.lags, residual, count, found.errors, path)
+    return PersonCalibration(
+        found.rig, found.lags, residual, count, found.errors, path, levelled=False
+    )

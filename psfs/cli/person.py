@@ -136,6 +136,11 @@ def write_person_calibration(
             f"no --stature is stated: the person is taken to be {config.stature:g} m tall, which "
             "gives the scale"
         )
+    if not found.levelled:
+        warnings.append(
+            "no clear vertical edges of a room are seen: up is the person's and may be some "
+            "degrees off; lay a board or a wand on the floor where that matters"
+        )
     late = views.timing.count_own_frames((found.lags - min(found.lags)).tolist())
     sync = ",".join(f"{camera.name}={by}" for camera, by in zip(rig, late, strict=True))
     write_toml_tables(out / CALIBRATION, rig)
@@ -161,6 +166,7 @@ def _summary(
         "frontier_points": found.count,
         "residual_px": round(found.residual, 4),
         "path_m": round(found.path, 3),
+        "up_from": "room" if found.levelled else "person",
         "cameras": {
             camera.name: {
                 "late_frames": round(float(lag), 3),

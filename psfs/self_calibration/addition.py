@@ -44,7 +44,7 @@ class CameraAddition:
         own = take.select(core)
         shifts = np.round(found.lags).astype(int)
         touched = own.points.find_all(found.rig.cameras, shifts, config.adjustment.gates[-1])
-        self.rig, self.lags = align_to_person(found, own, touched, config), found.lags
+        (self.rig, _), self.lags = align_to_person(found, own, touched, config), found.lags
         self._frames, self._places = measure_places(self.rig, touched)
         self._walkers, self._azimuths = [], []
         self._hulls = take.trace_hulls()

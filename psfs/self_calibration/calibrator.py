@@ -50,6 +50,7 @@ class PersonCalibration:
     of frame t + lags[v] of camera v. residual: median distance of the frontier points that agree
     from the epipolar lines, px. count: of these points. misfits: (V,) px, see `summarise_pairs`.
     path: standard deviation of the person's places along the main direction of the walk, m.
+    levelled: whether up is that of the room's vertical edges; else it is that of the person.
 
     Standard deviations are not stated: silhouettes are wrong alike in neighbouring frames, so those
     of the least squares are several times too small.
@@ -61,6 +62,7 @@ class PersonCalibration:
     count: int
     misfits: np.ndarray
     path: float
+    levelled: bool
 
 
 def calibrate_by_person(
@@ -108,9 +110,9 @@ def adjust_calibration(
         _rank_starts([(start, lags)], points, step, config, track_silently), points
     )
     best, misfits, touched = _check_fit(best, points, config)
-    last, rig = best.last, level_rig(best, points, edges, touched, config)
+    last, (rig, levelled) = best.last, level_rig(best, points, edges, touched, config)
     path = measure_path(rig, touched)
-    return PersonCalibration(rig, best.lags, last.residual, last.count, misfits, path)
+    return PersonCalibration(rig, best.lags, last.residual, last.count, misfits, path, levelled)
 
 
 def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted | None:
@@ -277,10 +279,10 @@ def _limit_misfit(rig: CameraRig, config: PersonConfig) -> float:
 def _check(best: Adjusted | None, take: PersonTake, config: PersonConfig) -> PersonCalibration:
     """Return the calibration in its world. Raises InputError if it cannot be trusted."""
     best, misfits, touched = _check_fit(best, take.points, config)
-    world = align_to_person(best, take, touched, config)
+    world, levelled = align_to_person(best, take, touched, config)
     path = measure_path(world, touched)
     last = best.last
-    return PersonCalibration(world, best.lags, last.residual, last.count, misfits, path)
+    return PersonCalibration(world, best.lags, last.residual, last.count, misfits, path, levelled)
 
 
 def _check_fit(

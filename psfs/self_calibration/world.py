@@ -36,8 +36,9 @@ def triangulate_points(rig: CameraRig, points: FrontierPoints) -> np.ndarray:
 
 def align_to_person(
     found: Adjusted, take: PersonTake, points: FrontierPoints, config: PersonConfig
-) -> CameraRig:
-    """Return the rig in metres with Z up and Z = 0 on the floor, below the person's middle.
+) -> tuple[CameraRig, bool]:
+    """Return the rig in metres with Z up and Z = 0 on the floor, below the person's middle, and
+    whether up is the room's.
 
     Up is that of the room's vertical edges, if these are clear, else of the floor below the lowest
     points. points: where silhouettes touch common planes. X is the first camera's right.
@@ -47,16 +48,17 @@ def align_to_person(
     low, _ = _frame_extremes(triangulate_points(rig, points), points.frames)
     slope = fit_floor(low, config.floor)
     rig = _place(rig, np.array([-slope[0], -slope[1], 1.0]), points, config)
-    rig = level_rig(Adjusted(rig, found.lags, found.last), take.points, take.edges, points, config)
-    return _place(rig, np.array([0.0, 0.0, 1.0]), points, config, floor=0.0)
+    placed = Adjusted(rig, found.lags, found.last)
+    rig, levelled = level_rig(placed, take.points, take.edges, points, config)
+    return _place(rig, np.array([0.0, 0.0, 1.0]), points, config, floor=0.0), levelled
 
 
 def level_rig(
     found: Adjusted, person: PersonPoints, edges: Sequence[np.ndarray], points: FrontierPoints,
     config: PersonConfig,
-) -> CameraRig:  # fmt: skip
+) -> tuple[CameraRig, bool]:  # fmt: skip
     """Return a rig in metres, turned to the room's vertical edges [view] (N, 2, 2) px if these are
-    clear, with Z = 0 on the floor.
+    clear, with Z = 0 on the floor, and whether they are.
 
     found: Z is up to some degrees, and Z = 0 below the person to some decimetres.
     """
@@ -66,7 +68,7 @@ def level_rig(
         rig = _transform(rig, turn_to_up(up, np.array([1.0, 0.0, 0.0])), np.zeros(3))
     shifts, places = np.round(found.lags).astype(int), measure_places(rig, points)
     floor = measure_floor(rig, person.contours, shifts, *places, config.slices)
-    return _transform(rig, np.eye(3), np.array([0.0, 0.0, -floor]))
+    return _transform(rig, np.eye(3), np.array([0.0, 0.0, -floor])), up is not None
 
 
 def _transform(rig: CameraRig, R: np.ndarray, shift: np.ndarray) -> CameraRig:

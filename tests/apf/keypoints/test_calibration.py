@@ -81,7 +81,8 @@ def test_the_command_writes_cameras_and_names_what_is_missing(
     apart = [np.linalg.norm(of[0] - of[2]) for of in (found.centres, RIG.centres)]
     assert abs(apart[0] / apart[1] - 1) < 0.12
     report = json.loads((out / "calibration.json").read_text())
-    assert report["verdict"].startswith("keypoints are") and report["warnings"]
+    assert report["verdict"].startswith("keypoints are")
+    assert report["up_from"] == "person" and "vertical edges" in report["warnings"][-1]
 
 
 def test_keypoints_without_limbs_are_refused() -> None:

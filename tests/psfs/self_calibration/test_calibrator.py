@@ -247,7 +247,8 @@ def test_a_rig_is_adjusted_until_it_stays():
 
 
 def test_a_given_start_is_adjusted_in_its_own_world():
-    """Cameras turned by two degrees and lags half a frame off; nobody searches."""
+    """Cameras turned by two degrees and lags half a frame off; nobody searches. Corners of the room
+    tell up."""
     rng, start = np.random.default_rng(5), []
     for camera in CAMERAS:
         turn = cv2.Rodrigues(rng.normal(0, np.radians(1.2), 3))[0]
@@ -255,7 +256,12 @@ def test_a_given_start_is_adjusted_in_its_own_world():
         start.append(replace(camera, R=R, t=-R @ (camera.centre + rng.normal(0, 0.03, 3))))
     lags = np.add(LAGS, [0, 0.5, -0.5, 0.4])
     quick = CONFIG.replace(adjustment=CONFIG.adjustment.replace(first=2, second=3))
-    found = adjust_calibration(CameraRig(tuple(start)), lags, outlines(), UNSEEN, RATE, quick)
+    places = rng.uniform(-1, 1, (12, 2))
+    corners = np.stack([np.column_stack([places, np.full(12, z)]) for z in (0.2, 2)], axis=1)
+    edges = [camera.project(corners)[0] for camera in CAMERAS]
+    found = adjust_calibration(CameraRig(tuple(start)), lags, outlines(), edges, RATE, quick)
+    turns = [a.R.T @ b.R for a, b in zip(found.rig, CAMERAS, strict=True)]
+    assert found.levelled and np.mean(turns, axis=0)[2, 2] > np.cos(np.radians(0.6))
     np.testing.assert_allclose(found.lags, LAGS, atol=0.04)
     own, true = (np.array([c.centre for c in rig]) for rig in (found.rig, CAMERAS))
     np.testing.assert_allclose(own, true, atol=0.25)  # the world is the start's
