@@ -120,7 +120,7 @@ def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted 
     starts = _search(take, config, track)
     ranked = _rank_starts(starts, take.points, take.step, config, track)
     best = _adjust_first(ranked, take.points)
-    if best is not None and _fits(best, take.points, config.sure_residual):
+    if best is not None and _worst_misfit(best, take.points) <= config.sure_residual:
         check_unambiguous(best, ranked, take.points, take.step, config)
     elif starts:
         lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
@@ -252,28 +252,20 @@ def _adjust_first(ranked: list[tuple[float, Adjusted]], points: PersonPoints) ->
     return adjust_frontier(ranked[0][1].rig, ranked[0][1].lags, points) if ranked else None
 
 
-def _fits(adjusted: Adjusted, points: PersonPoints, most: float) -> bool:
-    return bool(summarise_pairs(measure_pairs(adjusted, points)).max() <= most)
+def _worst_misfit(adjusted: Adjusted, points: PersonPoints) -> float:
+    misfits = summarise_pairs(measure_pairs(adjusted, points))
+    return float(np.nan_to_num(misfits, nan=np.inf).max())
 
 
 def adjust_grown(
     searched: Adjusted | None, grown: list[tuple[CameraRig, np.ndarray]], points: PersonPoints,
     config: PersonConfig, track: Track,
 ) -> Adjusted | None:  # fmt: skip
-    """Return the rig, searched or grown, by which most frontier points agree after adjustment, of
-    those that are not refused."""
+    """Return the rig, searched or grown, whose worst camera fits best after adjustment."""
     first = [searched, *(adjust_frontier(rig, lags, points) for rig, lags in grown)]
     found = [own for own in first if own is not None]
     final = [adjust_farther(own, points) for own in track(found, len(found), "best rigs")]
-
-    def rank(own: Adjusted) -> tuple[bool, int]:
-        return _fits(own, points, _limit_misfit(own.rig, config)), own.last.count
-
-    return max(final, key=rank, default=None)
-
-
-def _limit_misfit(rig: CameraRig, config: PersonConfig) -> float:
-    return config.worst_residual if len(rig) > 3 else config.worst_of_three
+    return min(final, key=lambda own: _worst_misfit(own, points), default=None)
 
 
 def _check(best: Adjusted | None, take: PersonTake, config: PersonConfig) -> PersonCalibration:
@@ -300,7 +292,7 @@ def _check_fit(
             f"{names[worst]} shares too few pictures of the whole person with two other cameras "
             f"that do not stand opposite to it; {FILM}"
         )
-    most = _limit_misfit(best.rig, config)
+    most = config.worst_residual if len(names) > 3 else config.worst_of_three
     if misfits[worst] > most:
         raise InputError(
             f"the silhouettes fit no arrangement of the cameras: those of {names[worst]} and the "

@@ -302,10 +302,10 @@ class PersonConfig(Config):
         40, "Fewest frames of a camera that must show the whole person.", least=8
     )
     worst_residual: float = positive(
-        1.2,
+        0.95,
         "Greatest distance of the outermost points of a camera and of others from epipolar lines, "
         "the median over the others of medians.",
-        "by hand: up to 0.8 px in right rigs of the laboratory, 2.3 px in the best wrong one",
+        "by hand: up to 0.8 px in right rigs of the laboratory, 1.18 px in the best wrong one",
         "px",
     )
     worst_direction: float = positive(

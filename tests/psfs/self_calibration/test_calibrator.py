@@ -199,8 +199,8 @@ def test_another_place_of_one_camera_is_compared_by_that_camera(monkeypatch):
     calibrator.check_unambiguous(best, [(0.1, best), (0.11, rival)], None, 6, CONFIG)
 
 
-def test_of_grown_rigs_one_that_would_be_refused_is_not_taken(monkeypatch):
-    """Though more points agree by it."""
+def test_of_grown_rigs_the_one_whose_worst_camera_fits_best_is_taken(monkeypatch):
+    """Though more points agree by another."""
     rig, lags = CameraRig(tuple(CAMERAS)), np.array(LAGS, float)
     right, wrong = (
         Adjusted(rig, lags, RigCorrections(np.zeros((4, 8)), np.zeros((4, 8)), 0.2, count))
@@ -208,12 +208,14 @@ def test_of_grown_rigs_one_that_would_be_refused_is_not_taken(monkeypatch):
     )
     monkeypatch.setattr(calibrator, "adjust_frontier", lambda *_: wrong)
     monkeypatch.setattr(calibrator, "adjust_farther", lambda own, _: own)
-    misfits = {2803: [0.4, 0.3, 0.4, 0.4], 2888: [1.3, 1.3, 2.5, 1.2]}
+    misfits = {2803: [0.4, 0.3, 0.4, 0.4], 2888: [0.3, 0.6, 0.6, 0.3]}
     monkeypatch.setattr(calibrator, "measure_pairs", lambda own, _: misfits[own.last.count])
     monkeypatch.setattr(calibrator, "summarise_pairs", np.array)
     grown = [(rig, lags)]
     assert calibrator.adjust_grown(right, grown, None, CONFIG, lambda of, *_: of) is right
-    misfits[2888] = [0.6, 0.6, 0.6, 0.6]
+    misfits[2888] = [np.nan, 0.1, 0.1, np.nan]  # cameras that share nothing
+    assert calibrator.adjust_grown(right, grown, None, CONFIG, lambda of, *_: of) is right
+    misfits[2888] = [0.3, 0.3, 0.2, 0.3]
     assert calibrator.adjust_grown(right, grown, None, CONFIG, lambda of, *_: of) is wrong
 
 
