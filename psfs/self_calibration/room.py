@@ -1,11 +1,11 @@
 """Edges of the empty room as measurements of the cameras' rotations.
 
-Edges of walls, doors, cupboards and floor boards are parallel to a few directions: the vertical and
+Edges of walls, doors, cupboards and floor boards are parallel to a few directions, the vertical and
 some horizontal ones, which all cameras see (vanishing points: Barnard, Artificial Intelligence 21,
 1983; Kosecka & Zhang, ECCV 2002). An edge measures how far its ends are from the line through its
 middle towards the vanishing point. The directions are eliminated from the normal equations, so
-that nothing is said about angles between walls. Frontier points tell badly whether all cameras are
-turned towards a person who is displaced; edges do not depend on the person.
+walls need not stand square. Silhouettes hardly tell a rig whose cameras are all turned a little
+towards one side from a person who stands there; edges do not depend on the person.
 """
 
 from __future__ import annotations
