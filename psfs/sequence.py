@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise, product
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -42,18 +43,24 @@ _QUEUE_BYTES, _QUEUE_FRAMES = 256 * 2**20, 16
 _DEFAULT_FPS = 30.0
 
 
+#: Returns (N,) bool: which of points (N, 3) m may be the person's.
+Space: TypeAlias = Callable[[np.ndarray], np.ndarray]
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """The pictures or masks of all views at one time. Views smaller than the rig's width and height
     are zero padded.
 
     images: (V, H, W, 3) uint8 BGR, or None if there are only masks. masks: (V, H, W) uint8, 255 =
-    person, or None if silhouettes are computed with a `Background`.
+    person, or None if silhouettes are computed with a `Background`. space: where the person may be,
+    None for everywhere.
     """
 
     index: int
     images: np.ndarray | None
     masks: np.ndarray | None
+    space: Space | None = None
 
 
 def frame_input(frame: Frame, background: Background | None) -> np.ndarray:
@@ -104,6 +111,7 @@ class Sequence:
         self.background_kind = self._background_kind()
         self.volume: tuple[np.ndarray, np.ndarray] | None = self._volume()
         self._masks_of: Callable[[int], np.ndarray] | None = None
+        self._space_of: Callable[[int], Space] | None = None
         self._kept: np.ndarray | None = None
         self._n_kept = 0
 
@@ -142,11 +150,15 @@ class Sequence:
         other.rig = rig
         return other
 
-    def with_masks(self, masks_of: Callable[[int], np.ndarray]) -> Sequence:
+    def with_masks(
+        self,
+        masks_of: Callable[[int], np.ndarray],
+        space_of: Callable[[int], Space] | None = None,
+    ) -> Sequence:
         """Return the same views with other silhouettes: the masks (V, H, W) uint8 that `masks_of`
-        returns for the number of a frame."""
+        returns for the number of a frame. space_of: likewise returns where the person may be."""
         other = copy(self)
-        other.background_kind, other._masks_of = "masks", masks_of
+        other.background_kind, other._masks_of, other._space_of = "masks", masks_of, space_of
         vars(other).pop("background", None)  # the property's kept value
         return other
 
@@ -341,8 +353,9 @@ class Sequence:
         self, index: int, decoders: list[Decoder], pool: Threads, mixture: Mixture | None
     ) -> Frame:
         given = None if self._masks_of is None else self._masks_of(index)
+        space = None if self._space_of is None else self._space_of(index)
         if self._kept is not None and index < self._n_kept:
-            return Frame(index, self._kept[index], given)
+            return Frame(index, self._kept[index], given, space)
         shape = (len(self.rig), self.rig.height, self.rig.width)
         keeps, images, masks = self._kept is not None and index == self._n_kept, None, None
         if self.has_images:
@@ -360,9 +373,9 @@ class Sequence:
             masks = pool.map(mixture or self._mixture, range(len(seen)), seen)
         if images is not None:
             pad_pictures(seen, images)
-        frame = Frame(
-            index, images, None if masks is None else pad_pictures(masks, np.empty(shape, np.uint8))
-        )
+        if masks is not None:
+            masks = pad_pictures(masks, np.empty(shape, np.uint8))
+        frame = Frame(index, images, masks, space)
         if keeps:
             self._n_kept = index + 1
         return frame
