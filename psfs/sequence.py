@@ -373,9 +373,8 @@ class Sequence:
             masks = pool.map(mixture or self._mixture, range(len(seen)), seen)
         if images is not None:
             pad_pictures(seen, images)
-        if masks is not None:
-            masks = pad_pictures(masks, np.empty(shape, np.uint8))
-        frame = Frame(index, images, masks, space)
+        padded = None if masks is None else pad_pictures(masks, np.empty(shape, np.uint8))
+        frame = Frame(index, images, padded, space)
         if keeps:
             self._n_kept = index + 1
         return frame
