@@ -35,7 +35,8 @@ from psfs.self_calibration.bobbing import compare_bobbing, refine_lags
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.growth import grow_rigs
 from psfs.self_calibration.pairing import Walker, compare_pair
-from psfs.self_calibration.passes import adjust_farther, settle_by_limbs
+from psfs.self_calibration.passes import adjust_farther, settle_finely
+from psfs.self_calibration.room import RoomEdges, find_room_edges
 from psfs.self_calibration.search import ArrangementSearch
 from psfs.self_calibration.start import place_cameras
 from psfs.self_calibration.take import FILM, Outlines, PersonTake, check_seen
@@ -126,7 +127,13 @@ def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted 
         lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
         grown = grow_rigs(take.cameras, lags, take.points, config, track)
         best = adjust_grown(best, grown, take.points, config, track)
-    return None if best is None else settle_by_limbs(best, take.points)
+    if best is None:
+        return None
+
+    def find_edges(rig: CameraRig) -> RoomEdges | None:
+        return find_room_edges(rig, take.edges, take.find_up(rig), config)
+
+    return settle_finely(best, take.points, find_edges)
 
 
 def _add_others(

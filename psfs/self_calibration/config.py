@@ -237,6 +237,25 @@ class VerticalConfig(Config):
     )
 
 
+class RoomConfig(Config):
+    """Rotations of the cameras from edges of the room that are parallel."""
+
+    SOURCE: ClassVar = "by hand on the eight laboratory takes and Pose2Sim's four videos"
+
+    horizontal: int = natural(2, "Most horizontal directions of edges.")
+    step: float = positive(0.0044, "Step of the horizontal directions that are tried.", unit="rad")
+    width: float = positive(
+        1.5, "Distance of an edge's ends at which it has a quarter of its weight.", unit="px"
+    )
+    longest: float = positive(60.0, "Half length from which on edges count alike.", unit="px")
+    clear: float = setting(
+        2.0, "Multiple of the median direction's weight that a direction needs.", least=1
+    )
+    gate: float = positive(4.0, "Greatest distance of an edge's ends.", unit="px")
+    noise: float = positive(0.15, "Least standard deviation of that distance.", unit="px")
+    information: float = positive(4.0, "Independent measurements per edge.")
+
+
 class SliceConfig(Config):
     """Height of the floor from slices of the person's hull."""
 
@@ -353,5 +372,6 @@ class PersonConfig(Config):
     )
     floor: FloorFitConfig = part(FloorFitConfig, "Up, floor and scale from the person.")
     verticals: VerticalConfig = part(VerticalConfig, "Up from the vertical edges of the room.")
+    room: RoomConfig = part(RoomConfig, "Rotations of the cameras from edges of the room.")
     slices: SliceConfig = part(SliceConfig, "Height of the floor from slices of the person's hull.")
     points: PointsConfig = part(PointsConfig, "Calibration by keypoints.")

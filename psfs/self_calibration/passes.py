@@ -8,10 +8,10 @@ from functools import partial
 import cv2
 import numpy as np
 
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.frontier import FrontierPoints, SilhouetteContours
-from psfs.diagnostics.limbs import LimbViews
-from psfs.diagnostics.refinement import correct_camera
+from psfs.diagnostics.limbs import LimbPoints, LimbViews
+from psfs.diagnostics.refinement import N_PARAMETERS, Measure, correct_camera
 from psfs.self_calibration.adjustment import (
     Adjusted,
     MeasureShifted,
@@ -19,6 +19,7 @@ from psfs.self_calibration.adjustment import (
     adjust_rounds,
     measure_turn,
 )
+from psfs.self_calibration.room import RoomEdges
 
 
 def adjust_farther(start: Adjusted, points: PersonPoints) -> Adjusted:
@@ -62,16 +63,40 @@ def settle(
     return found
 
 
-def settle_by_limbs(start: Adjusted, points: PersonPoints) -> Adjusted:
-    """Adjust a rig until it stays, then to points on limbs' axes, too."""
+def settle_finely(
+    start: Adjusted, points: PersonPoints, find_edges: Callable[[CameraRig], RoomEdges | None]
+) -> Adjusted:  # fmt: skip
+    """Adjust a rig to frontier points and the room's edges until it stays, then to points on limbs'
+    axes, too. find_edges: returns the edges' measurements of a rig, if they are clear."""
     views = LimbViews.create(points.hulls, points.contours, points.config.limbs)
     waists = [_find_waists(contours) for contours in points.contours]
 
-    def prepare(found: Adjusted) -> MeasureShifted:
-        limbs = views.find_points(found.rig.cameras, found.lags)
-        return lambda shifts: (limbs.bind(shifts), partial(_group, waists=waists, shifts=shifts))
+    def prepare(found: Adjusted, limbs: LimbPoints | None = None) -> MeasureShifted:
+        room = find_edges(found.rig)
 
-    return settle(settle(start, points), points, prepare)
+        def measure(shifts: np.ndarray) -> tuple[Measure, Callable[[FrontierPoints], np.ndarray]]:
+            further: list[Measure] = [] if room is None else [room]
+            further += [] if limbs is None else [limbs.bind(shifts)]
+            return partial(_add_up, further), partial(_group, waists=waists, shifts=shifts)
+
+        return measure
+
+    def prepare_limbs(found: Adjusted) -> MeasureShifted:
+        return prepare(found, views.find_points(found.rig.cameras, found.lags))
+
+    return settle(settle(start, points, prepare), points, prepare_limbs)
+
+
+def _add_up(
+    further: Sequence[Measure], cameras: Sequence[Camera], offsets: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the normal matrix and the gradient of several measurements."""
+    size = len(cameras) * N_PARAMETERS
+    normal, gradient = np.zeros((size, size)), np.zeros(size)
+    for measure in further:
+        more, pull = measure(cameras, offsets)
+        normal, gradient = normal + more, gradient + pull
+    return normal, gradient
 
 
 def _find_waists(contours: SilhouetteContours) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cl import InputError
-from psfs.cameras.camera import Camera
+from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.small_views import Outline
@@ -62,10 +62,11 @@ class PersonTake:
         most = int(np.ceil(config.longest_lag * rate / step))
         return cls(cameras, outlines, points, views, bobbing, edges, step, most)
 
-    @property
-    def ups(self) -> list[np.ndarray]:
-        """Up (3,) of every camera in its own axes."""
-        return [own[0].axes[2] for own in self.views]
+    def find_up(self, rig: CameraRig) -> np.ndarray:
+        """Return the mean of what the cameras of a rig tell of up (3,)."""
+        pairs = zip(rig, self.views, strict=True)
+        up: np.ndarray = np.mean([camera.R.T @ own[0].axes[2] for camera, own in pairs], axis=0)
+        return up
 
     def select(self, views: Sequence[int]) -> PersonTake:
         """Return what some of the cameras tell."""

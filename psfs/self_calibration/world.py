@@ -43,8 +43,7 @@ def align_to_person(
     Up is that of the room's vertical edges, if these are clear, else of the floor below the lowest
     points. points: where silhouettes touch common planes. X is the first camera's right.
     """
-    ups = [camera.R.T @ own for camera, own in zip(found.rig, take.ups, strict=True)]
-    rig = _place(found.rig, np.mean(ups, axis=0), points, config)
+    rig = _place(found.rig, take.find_up(found.rig), points, config)
     low, _ = _frame_extremes(triangulate_points(rig, points), points.frames)
     slope = fit_floor(low, config.floor)
     rig = _place(rig, np.array([-slope[0], -slope[1], 1.0]), points, config)

@@ -1,10 +1,13 @@
-"""Up from the vertical edges of a room."""
+"""Up and rotations of cameras from the edges of a room."""
 
 import cv2
 import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.self_calibration.config import VerticalConfig
+from psfs.diagnostics.refinement import correct_camera
+from psfs.self_calibration.adjustment import measure_turn
+from psfs.self_calibration.config import PersonConfig, VerticalConfig
+from psfs.self_calibration.room import find_room_edges
 from psfs.self_calibration.verticals import find_edges, fit_vertical
 
 CONFIG = VerticalConfig()
@@ -57,3 +60,74 @@ def test_edges_of_a_picture_are_found_to_a_fraction_of_a_pixel():
     upright = edges[np.abs(edges[:, 0, 0] - edges[:, 1, 0]) < 1]
     assert len(edges) == 4 and len(upright) == 2
     np.testing.assert_allclose(np.sort(upright[..., 0].mean(axis=1)), [100, 161], atol=1)
+
+
+def make_room(rig, rng, directions):
+    """Each camera's edges, 0.2 px wrong: ten along each direction and twenty in any."""
+    found = []
+    for camera, clutter in zip(rig, make_edges(rig, rng, 0), strict=True):
+        along = 0.5 * np.repeat(directions, 10, axis=0)
+        middles = rng.uniform([-1.2, -1.2, 0], [1.2, 1.2, 2], (len(along), 3))
+        ends = camera.project(np.stack([middles - along, middles + along], 1))[0]
+        found.append(np.concatenate([ends + rng.normal(0, 0.2, ends.shape), clutter[:20]]))
+    return found
+
+
+def turn_cameras(rig, rng):
+    """The rig with cameras turned by half a degree about each axis, and refocused by 2 %."""
+    steps = np.zeros((len(rig), 8))
+    steps[:, :3] = rng.choice([-1, 1], (len(rig), 3)) * np.radians(0.5)
+    return CameraRig(tuple(correct_camera(c, own) for c, own in zip(rig, steps, strict=True)))
+
+
+def solve(rig, room, free):
+    """The rig adjusted to the edges alone, its first camera held, in the `free` corrections."""
+    held = np.ones((len(rig), 8), bool)
+    held[1:, free] = False
+    for _ in range(8):
+        normal, gradient = room(rig.cameras, np.zeros(len(rig)))
+        step = -np.linalg.solve(normal + np.diag(1e12 * held.ravel() + 1e-9), gradient)
+        pairs = zip(rig, step.reshape(-1, 8), strict=True)
+        rig = CameraRig(tuple(correct_camera(camera, own) for camera, own in pairs))
+    return rig
+
+
+def test_walls_that_do_not_stand_square_tell_all_rotations():
+    rig, rng = make_rig(), np.random.default_rng(1)
+    walls = np.radians([20.0, 95.0])
+    directions = [[0, 0, 1.0], *np.column_stack([np.cos(walls), np.sin(walls), [0, 0]])]
+    edges = make_room(rig, rng, directions)
+    turned = turn_cameras(rig, rng)
+    room = find_room_edges(turned, edges, LEAN, PersonConfig())
+    before, after = (
+        np.degrees(measure_turn(of.cameras, rig.cameras))
+        for of in (turned, solve(turned, room, slice(3)))
+    )
+    assert after < 0.3 * before
+
+
+def test_edges_tell_a_focal_length():
+    rig, rng = make_rig(), np.random.default_rng(4)
+    edges = make_room(rig, rng, np.eye(3))
+    longer = np.zeros(8)
+    longer[6] = 0.06
+    cameras = CameraRig((*rig.cameras[:2], correct_camera(rig[2], longer)))
+    found = solve(cameras, find_room_edges(cameras, edges, LEAN, PersonConfig()), [6])
+    np.testing.assert_allclose(found[2].K[0, 0], 500, atol=8)
+
+
+def test_edges_in_any_direction_measure_nothing():
+    rig, rng = make_rig(), np.random.default_rng(2)
+    assert find_room_edges(rig, make_edges(rig, rng, 0), LEAN, PersonConfig()) is None
+
+
+def test_upright_edges_alone_do_not_tell_turns_about_the_vertical():
+    rig, rng = make_rig(), np.random.default_rng(3)
+    room = find_room_edges(rig, make_room(rig, rng, [[0, 0, 1.0]]), LEAN, PersonConfig())
+    about = np.zeros(24)
+    for view, camera in enumerate(rig):
+        about[8 * view : 8 * view + 3] = (-1) ** view * camera.R[:, 2]
+    tipped = np.zeros(24)
+    tipped[:3] = rig[0].R[:, 0]
+    normal, _ = room(rig.cameras, np.zeros(3))
+    assert about @ normal @ about < 0.02 * (tipped @ normal @ tipped)
