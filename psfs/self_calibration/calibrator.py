@@ -121,8 +121,9 @@ def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted 
     starts = _search(take, config, track)
     ranked = _rank_starts(starts, take.points, take.step, config, track)
     best = _adjust_first(ranked, take.points)
+    rival = None
     if best is not None and _worst_misfit(best, take.points) <= config.sure_residual:
-        check_unambiguous(best, ranked, take.points, take.step, config)
+        rival = find_rival(best, ranked, take.points, take.step, config)
     elif starts:
         lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
         grown = grow_rigs(take.cameras, lags, take.points, config, track)
@@ -133,7 +134,11 @@ def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted 
     def find_edges(rig: CameraRig) -> RoomEdges | None:
         return find_room_edges(rig, take.edges, take.find_up(rig), config)
 
-    return settle_finely(best, take.points, find_edges)
+    best = settle_finely(best, take.points, find_edges)
+    if rival is not None:  # gait repeats itself: limbs and the room tell more
+        rival = settle_finely(rival, take.points, find_edges)
+        check_unambiguous(best, rival, take.points, take.step, config)
+    return best
 
 
 def _add_others(
@@ -211,24 +216,25 @@ def _differ(first: Adjusted, second: Adjusted, step: int, config: PersonConfig) 
     return turn > config.growth.same or late > config.search.same_lag * step
 
 
-def check_unambiguous(
+def find_rival(
     best: Adjusted, ranked: list[tuple[float, Adjusted]], points: PersonPoints, step: int,
     config: PersonConfig,
-) -> None:  # fmt: skip
-    """Raise InputError if another arrangement fits every camera about as well as the best.
-
-    Cameras are compared one by one, for most of them may stand the same in both. Misfits below the
-    contours' noise are alike. An arrangement that becomes the best one when it is adjusted is not
-    another.
-    """
+) -> Adjusted | None:  # fmt: skip
+    """Return another arrangement that fits every camera about as well as the best, if there is
+    one. An arrangement that becomes the best one when it is adjusted is not another."""
     if len(ranked) < 2 or ranked[1][0] > config.distinct * ranked[0][0]:
-        return
+        return None
     rival = adjust_frontier(ranked[1][1].rig, ranked[1][1].lags, points)
-    if rival is None or not _differ(rival, best, step, config):
+    return rival if rival is not None and _fit_alike(best, rival, points, step, config) else None
+
+
+def check_unambiguous(
+    best: Adjusted, rival: Adjusted, points: PersonPoints, step: int, config: PersonConfig
+) -> None:
+    """Raise InputError if the rival fits every camera about as well as the best."""
+    if not _fit_alike(best, rival, points, step, config):
         return
     own, other = (summarise_pairs(measure_pairs(of, points)) for of in (best, rival))
-    if (other > config.distinct * np.maximum(own, config.adjustment.narrow.noise)).any():
-        return
     late = float(np.abs(rival.lags - best.lags).max())
     turn = np.degrees(measure_turn(best.rig.cameras, rival.rig.cameras))
     raise InputError(
@@ -237,6 +243,19 @@ def check_unambiguous(
         "somebody who walks on a circle; film one person who walks straight lines to and fro, "
         "turns and stops"
     )
+
+
+def _fit_alike(
+    best: Adjusted, rival: Adjusted, points: PersonPoints, step: int, config: PersonConfig
+) -> bool:
+    """Return whether two rigs are different arrangements of which the second fits no camera worse.
+
+    Cameras are compared one by one, for most of them may stand the same in both. Misfits below the
+    contours' noise are alike.
+    """
+    own, other = (summarise_pairs(measure_pairs(of, points)) for of in (best, rival))
+    worse = other > config.distinct * np.maximum(own, config.adjustment.narrow.noise)
+    return _differ(rival, best, step, config) and not worse.any()
 
 
 def check_directions(best: Adjusted, config: PersonConfig) -> None:

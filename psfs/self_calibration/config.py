@@ -177,7 +177,9 @@ class AdjustmentConfig(Config):
         noise=0.25,
         **_ALIKE,
     )
-    limbs: LimbConfig = part(LimbConfig, "Medial axes of limbs, in the last passes.")
+    limbs: LimbConfig = part(
+        LimbConfig, "Medial axes of limbs, in the last passes.", per_camera=2400
+    )
     lens: float = positive(
         0.03,
         "Step of the focal length's logarithm in each round, where only an angle of view is "
@@ -253,7 +255,9 @@ class RoomConfig(Config):
     )
     gate: float = positive(4.0, "Greatest distance of an edge's ends.", unit="px")
     noise: float = positive(0.15, "Least standard deviation of that distance.", unit="px")
-    information: float = positive(4.0, "Independent measurements per edge.")
+    information: float = positive(
+        8.0, "Independent measurements per edge; more than one, for silhouettes are wrong alike."
+    )
 
 
 class SliceConfig(Config):

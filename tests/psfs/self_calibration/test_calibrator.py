@@ -176,10 +176,11 @@ def test_somebody_on_a_circle_is_refused():
         for rig, own in zip(rigs, lags, strict=True)
     ]
     points = PersonPoints(CAMERAS, outlines(), CONFIG.adjustment)
+    rival = calibrator.find_rival(ranked[0][1], ranked, points, 6, CONFIG)
     with pytest.raises(InputError, match=r"two arrangements .* up to 30 frames, .* by 29 degrees"):
-        calibrator.check_unambiguous(ranked[0][1], ranked, points, 6, CONFIG)
+        calibrator.check_unambiguous(ranked[0][1], rival, points, 6, CONFIG)
     ranked[1] = (0.15, ranked[1][1])
-    calibrator.check_unambiguous(ranked[0][1], ranked, points, 6, CONFIG)
+    assert calibrator.find_rival(ranked[0][1], ranked, points, 6, CONFIG) is None
 
 
 def test_another_place_of_one_camera_is_compared_by_that_camera(monkeypatch):
@@ -190,13 +191,17 @@ def test_another_place_of_one_camera_is_compared_by_that_camera(monkeypatch):
     monkeypatch.setattr(calibrator, "adjust_frontier", lambda *_: rival)
     monkeypatch.setattr(calibrator, "measure_pairs", lambda of, _: misfits[int(of.lags[2])])
     monkeypatch.setattr(calibrator, "summarise_pairs", np.array)
-    calibrator.check_unambiguous(best, [(0.1, best), (0.11, rival)], None, 6, CONFIG)
+    ranked = [(0.1, best), (0.11, rival)]
+    assert calibrator.find_rival(best, ranked, None, 6, CONFIG) is None
     misfits[60][2] = 0.4
+    assert calibrator.find_rival(best, ranked, None, 6, CONFIG) is rival
     with pytest.raises(InputError, match=r"to 0\.70 and 0\.65 px: times differ by up to 60 frames"):
-        calibrator.check_unambiguous(best, [(0.1, best), (0.11, rival)], None, 6, CONFIG)
+        calibrator.check_unambiguous(best, rival, None, 6, CONFIG)
+    misfits[60][2] = 0.6  # after the last passes
+    calibrator.check_unambiguous(best, rival, None, 6, CONFIG)
     # Adjusted, it becomes the best one.
     monkeypatch.setattr(calibrator, "adjust_frontier", lambda *_: best)
-    calibrator.check_unambiguous(best, [(0.1, best), (0.11, rival)], None, 6, CONFIG)
+    assert calibrator.find_rival(best, ranked, None, 6, CONFIG) is None
 
 
 def test_of_grown_rigs_the_one_whose_worst_camera_fits_best_is_taken(monkeypatch):
