@@ -8,11 +8,9 @@ from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from collections.abc import Sequence as Items
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise, product
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 
@@ -27,6 +25,8 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up
 from psfs.common.files import resolve_path
 from psfs.common.ranges import check_kind
+from psfs.footage.frame import Frame as Frame
+from psfs.footage.frame import Space
 from psfs.footage.layouts import Footage, find_layout
 from psfs.footage.media import Decoder, Media, pad_pictures
 from psfs.footage.memory import FRAME_MEMORY, frame_memory_limit
@@ -41,26 +41,6 @@ from psfs.footage.timing import find_timing, synchronise
 #: Greatest memory and number of frames that are decoded ahead.
 _QUEUE_BYTES, _QUEUE_FRAMES = 256 * 2**20, 16
 _DEFAULT_FPS = 30.0
-
-
-#: Returns (N,) bool: which of points (N, 3) m may be the person's.
-Space: TypeAlias = Callable[[np.ndarray], np.ndarray]
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """The pictures or masks of all views at one time. Views smaller than the rig's width and height
-    are zero padded.
-
-    images: (V, H, W, 3) uint8 BGR, or None if there are only masks. masks: (V, H, W) uint8, 255 =
-    person, or None if silhouettes are computed with a `Background`. space: where the person may be,
-    None for everywhere.
-    """
-
-    index: int
-    images: np.ndarray | None
-    masks: np.ndarray | None
-    space: Space | None = None
 
 
 def frame_input(frame: Frame, background: Background | None) -> np.ndarray:
