@@ -11,8 +11,10 @@ import numpy as np
 
 from cl.array import Array
 from cl.device import Device
+from cl.fill import Fill
 from cl.launch import Launch, Step
 from cl.signature import KERNEL, Argument, Parameter, signatures, without_comments
+from cl.staging import Copy
 
 T = TypeVar("T")
 #: Bytes in which the places of arrays are counted.
@@ -39,9 +41,10 @@ class Batch:
 
     `run(actions)` performs an action of each object, and enqueues what they enqueue. Launches of
     the objects that differ only in their arrays and numbers become one launch, in which each object
-    has its own work-groups; other commands follow each other. For this, the first arrays that the
-    objects allocate in their actions lie in one buffer, the second ones in another, and so on.
-    Results are bit-equal to those of one action after the other.
+    has its own work-groups; fills and copies of large arrays become one; other commands follow each
+    other. For this, the first arrays that the objects allocate in their actions lie in one buffer,
+    the second ones in another, and so on. Results are bit-equal to those of one action after the
+    other.
 
     joins: whether launches are joined; by default on GPUs, which have room for several at once.
     """
@@ -83,15 +86,28 @@ class Batch:
             return [step for own in commands for step in own]
         plan: list[Step] = []
         for steps in zip(*commands, strict=True):
-            launches = [step for step in steps if isinstance(step, Launch)]
-            if len(launches) < len(steps):
-                plan += steps
-                continue
+            joined = self._join(steps)
+            plan += steps if joined is None else [joined]
+        return plan
+
+    def _join(self, steps: Sequence[Step]) -> Step | None:
+        """Return one step for one of each object; None if there is none."""
+        launches = [step for step in steps if isinstance(step, Launch)]
+        if len(launches) == len(steps):
             key = tuple(map(id, steps))
             if key not in self._joined:
                 self._joined[key] = _JoinedLaunch(self._device, launches)
-            plan.append(self._joined[key])
-        return plan
+            return self._joined[key]
+        fills = [step for step in steps if isinstance(step, Fill)]
+        if len(fills) == len(steps) and len({fill.value for fill in fills}) == 1:
+            filled = self._memory.join([fill.array for fill in fills])
+            return None if filled is None else Fill(filled, fills[0].value)
+        copies = [step for step in steps if isinstance(step, Copy)]
+        if len(copies) == len(steps):
+            source = self._memory.join([copy.source for copy in copies])
+            target = self._memory.join([copy.target for copy in copies])
+            return None if source is None or target is None else Copy(source, target)
+        return None
 
     @property
     def n_joined(self) -> int:
@@ -124,6 +140,18 @@ class _Memory:
             return whole, member * apart
 
         return allocate
+
+    def join(self, arrays: Sequence[Array]) -> Array | None:
+        """Return the memory of one array of each object, flat; None unless they follow each other
+        with nothing between them but alignment."""
+        first = arrays[0]
+        apart = -(-first.nbytes // self._align) * self._align
+        for k, array in enumerate(arrays):
+            same = array.whole is first.whole and array.nbytes == first.nbytes
+            if not same or array.start != first.start + k * apart:
+                return None
+        size = ((len(arrays) - 1) * apart + first.nbytes) // first.dtype.itemsize
+        return Array(first.device, first.whole, (size,), first.dtype, first.start)
 
 
 class _JoinedLaunch:

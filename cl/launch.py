@@ -162,8 +162,7 @@ def _raw_sizes(
     """Return the arguments of clEnqueueNDRangeKernel after the queue: no offset, no events."""
     sizes = ctypes.c_size_t * len(global_size)
     shape = sizes(*global_size), sizes(*local_size) if local_size else None
-    dimensions, none = ctypes.c_uint(len(global_size)), ctypes.c_uint(0)
-    return ctypes.c_void_p(kernel.int_ptr), dimensions, None, *shape, none, None, None
+    return ctypes.c_void_p(kernel.int_ptr), len(global_size), None, *shape, 0, None, None
 
 
 def _pad(global_size: tuple[int, ...], local_size: tuple[int, ...] | None) -> tuple[int, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -132,6 +133,23 @@ class Upload:
         self._next = 1 - self._next
 
 
+@dataclass(frozen=True)
+class Copy:
+    """A copy on the device of an array to another of the same size, done when called."""
+
+    source: Array
+    target: Array
+
+    def __call__(self) -> None:
+        source, target, device = self.source, self.target, self.source.device
+        with raise_device_errors(device.name, "a copy"):
+            event = pyopencl.enqueue_copy(
+                device.queue, target.whole, source.whole, byte_count=source.nbytes,
+                src_offset=source.start, dst_offset=target.start,
+            )  # fmt: skip
+        device.record("copy", event)
+
+
 class Ahead:
     """Double buffer: the arrays `written` for the next frame, and the arrays `read` by the search
     of the current one, both of `shapes` and types and zero at first. `show()` copies the former to
@@ -151,26 +169,21 @@ class Ahead:
         align = max(1, device.handle.mem_base_addr_align // 8)
         sizes = [math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in shapes]
         places = np.cumsum([0, *(-(-max(1, size) // align) * align for size in sizes)])
-        self._whole = [device.zeros((int(places[-1]),), np.uint8, what) for _ in range(2)]
+        whole = [device.zeros((int(places[-1]),), np.uint8, what) for _ in range(2)]
+        self._copy = Copy(*whole)
         self.written, self.read = (
             [
                 part.region(int(place), *each)
                 for place, each in zip(places[:-1], shapes, strict=True)
             ]
-            for part in self._whole
+            for part in whole
         )
 
     def show(self) -> None:
         """Enqueue the copy from `written` to `read`, in order with other commands of the queue."""
         if self.read is self.written:
             return
-        source, target = self._whole
-        with raise_device_errors(self._device.name, "a copy"):
-            event = pyopencl.enqueue_copy(
-                self._device.queue, target.whole, source.whole, byte_count=source.nbytes,
-                src_offset=source.start, dst_offset=target.start,
-            )  # fmt: skip
-        self._device.record("copy", event)
+        self._device.enqueue([self._copy])
 
 
 def allocate_pinned(

@@ -144,6 +144,7 @@ class Reconstructor:
         else:
             self.silhouette.input.set(frame_input(frame, self.silhouette.background))
         self._ahead, self.voxels.frame = None, frame
+        self.surface.list.restrict(None if frame.space is None else self.grid.fill(frame.space))
         self._carve()
         if foreground is not None:
             for _ in range(looks_again(before is None, new, appearance)):

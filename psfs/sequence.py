@@ -8,7 +8,6 @@ from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from collections.abc import Sequence as Items
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise, product
 from pathlib import Path
@@ -26,6 +25,8 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up
 from psfs.common.files import resolve_path
 from psfs.common.ranges import check_kind
+from psfs.footage.frame import Frame as Frame
+from psfs.footage.frame import Space
 from psfs.footage.layouts import Footage, find_layout
 from psfs.footage.media import Decoder, Media, pad_pictures
 from psfs.footage.memory import FRAME_MEMORY, frame_memory_limit
@@ -40,20 +41,6 @@ from psfs.footage.timing import find_timing, synchronise
 #: Greatest memory and number of frames that are decoded ahead.
 _QUEUE_BYTES, _QUEUE_FRAMES = 256 * 2**20, 16
 _DEFAULT_FPS = 30.0
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """The pictures or masks of all views at one time. Views smaller than the rig's width and height
-    are zero padded.
-
-    images: (V, H, W, 3) uint8 BGR, or None if there are only masks. masks: (V, H, W) uint8, 255 =
-    person, or None if silhouettes are computed with a `Background`.
-    """
-
-    index: int
-    images: np.ndarray | None
-    masks: np.ndarray | None
 
 
 def frame_input(frame: Frame, background: Background | None) -> np.ndarray:
@@ -104,6 +91,7 @@ class Sequence:
         self.background_kind = self._background_kind()
         self.volume: tuple[np.ndarray, np.ndarray] | None = self._volume()
         self._masks_of: Callable[[int], np.ndarray] | None = None
+        self._space_of: Callable[[int], Space] | None = None
         self._kept: np.ndarray | None = None
         self._n_kept = 0
 
@@ -142,11 +130,15 @@ class Sequence:
         other.rig = rig
         return other
 
-    def with_masks(self, masks_of: Callable[[int], np.ndarray]) -> Sequence:
+    def with_masks(
+        self,
+        masks_of: Callable[[int], np.ndarray],
+        space_of: Callable[[int], Space] | None = None,
+    ) -> Sequence:
         """Return the same views with other silhouettes: the masks (V, H, W) uint8 that `masks_of`
-        returns for the number of a frame."""
+        returns for the number of a frame. space_of: likewise returns where the person may be."""
         other = copy(self)
-        other.background_kind, other._masks_of = "masks", masks_of
+        other.background_kind, other._masks_of, other._space_of = "masks", masks_of, space_of
         vars(other).pop("background", None)  # the property's kept value
         return other
 
@@ -341,8 +333,9 @@ class Sequence:
         self, index: int, decoders: list[Decoder], pool: Threads, mixture: Mixture | None
     ) -> Frame:
         given = None if self._masks_of is None else self._masks_of(index)
+        space = None if self._space_of is None else self._space_of(index)
         if self._kept is not None and index < self._n_kept:
-            return Frame(index, self._kept[index], given)
+            return Frame(index, self._kept[index], given, space)
         shape = (len(self.rig), self.rig.height, self.rig.width)
         keeps, images, masks = self._kept is not None and index == self._n_kept, None, None
         if self.has_images:
@@ -360,9 +353,8 @@ class Sequence:
             masks = pool.map(mixture or self._mixture, range(len(seen)), seen)
         if images is not None:
             pad_pictures(seen, images)
-        frame = Frame(
-            index, images, None if masks is None else pad_pictures(masks, np.empty(shape, np.uint8))
-        )
+        padded = None if masks is None else pad_pictures(masks, np.empty(shape, np.uint8))
+        frame = Frame(index, images, padded, space)
         if keeps:
             self._n_kept = index + 1
         return frame

@@ -282,8 +282,7 @@ def begin_searches(
     device = trackers[0].device
     batch = batch or Batch(device, 1)
     with device.enqueue_on(queue) as own:
-        for show in shows:
-            show()
+        batch.run(shows)
         device.make_wait(own)  # the next observations overwrite these
         batch.run([partial(tracker.enqueue_search, queue) for tracker in trackers])
         batch.run(finish)

@@ -96,9 +96,13 @@ def _find(
     sequence, device, chosen = session.sequence, session.device, session.frames
     check_rate(sequence, chosen.step)
     grid = automatic_grid(session)
-    reconstruct = session.reconstructor(grid)
+    carve = session.reconstructor(grid)
     frames, every = frames_to_fit(chosen, sequence.fps, config.frames)
     noise = FilterConfig().scale_to_rate(sequence.fps / frames.step).search.noise
+
+    def reconstruct(frame: Frame) -> Voxels | HostVoxels:
+        # The ghosts stay: without them more starts of people who stand face the wrong way.
+        return carve(replace(frame, space=None))
 
     def shown(frames: range) -> list[StoredVoxels | HostVoxels]:
         wanted = sequence.frames(slice(frames.start, frames.stop, frames.step))

@@ -79,12 +79,12 @@ class Contours(Term):
         shape: dict[str, Argument] = {"width": rig.width, "height": rig.height, "maps": self._maps}
         return [
             self.launch(
-                "differentiate", self._size(MARGIN), self._group(), **shape,
+                "differentiate", self._size(MARGIN), row_group(self.device), **shape,
                 pictures=pictures, gradients=self._gradients,
             ),
             self.launch(
                 "find_contours", self._size(OUTER_MARGIN),
-                self._group(), **shape, contrast=full_contrast(self._settings),
+                row_group(self.device), **shape, contrast=full_contrast(self._settings),
                 gradients=self._gradients, contours=self.contours,
             ),
         ]  # fmt: skip
@@ -93,8 +93,3 @@ class Contours(Term):
         """Return the number of strips in a row, of rows and of cameras."""
         rig = self._rig
         return -(-(rig.width - 2 * margin) // _STRIP), rig.height - 2 * margin, len(rig)
-
-    def _group(self) -> tuple[int, int, int] | None:
-        """Return the work-group for a CPU, a row of strips: with the work-group that PoCL chooses,
-        `find_contours` takes twice as long."""
-        return None if self.device.is_gpu else row_group(self.device)

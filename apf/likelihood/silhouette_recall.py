@@ -10,6 +10,7 @@ from apf.scene import Scene
 from cl import Array, Kernel, Launch
 from cl.workgroups import pack_defines
 from psfs.common.cones import CONE_FLOATS
+from psfs.voxels.device_voxels import CarvedVoxels
 
 #: Items that a GPU takes for a pose: mostly few are judged, each has a multiprocessor to itself.
 _GROUP = 512
@@ -23,32 +24,44 @@ class SilhouetteRecall:
 
     Song et al. eq. (15) only measures whether the body lies within the silhouettes, so that both
     legs can lie in the silhouette of one. This term measures the reverse, as Rymut 2016 eq. (4.42).
-    `pixels`: two arrays (V, K, 2); `observe` writes the first and the launches read the second.
-    Twin: reference/likelihood/silhouette_recall.py.
+    `points`, `pixels`: two arrays (K, 4) and (V, K, 2) each; `sampling_launch` writes the first and
+    the launches read the second. Twin: reference/likelihood/silhouette_recall.py.
     """
 
     def __init__(
-        self, scene: Scene, cameras: Array, points: Array, pixels: tuple[Array, Array]
+        self,
+        scene: Scene,
+        cameras: Array,
+        points: tuple[Array, Array],
+        pixels: tuple[Array, Array],
     ) -> None:
         device, body, rig = scene.opencl, scene.body, scene.rig
         self.device = device
-        self._n_views, self._n_points = len(rig), points.shape[0]
-        self._cameras, self._points = cameras, points
+        self._n_views, self._n_points = len(rig), points[0].shape[0]
+        self._cameras, self._points, self._pixels = cameras, points, pixels
         self._defines = pack_defines(device, _GROUP) | {"N_CONES": len(body.cones)}
         together = min(_VIEWS, 1 << (len(rig) - 1).bit_length())
         self._defines |= rig.defines
         self._defines["VIEWS"] = min(together, self._defines["GROUP"])
-        self._pixels = pixels[1]
         self._cones: dict[int, Array] = {}  # by number of poses: launches share buffers
-        self.observe = device.launch(
-            self._kernel("project_points"),
-            (-(-self._n_points // self._defines["PACK"]), self._n_views),
-            (64, 1),
+
+    def sampling_launch(self, voxels: CarvedVoxels) -> Launch:
+        """Return the launch that samples the surface of a frame; its argument `origin_size` is to
+        be set."""
+        return self.device.launch(
+            self._kernel("sample_surface"),
+            (-(-self._n_points // self._defines["PACK"]),),
+            (64,),
             n_points=self._n_points,
             n_views=self._n_views,
-            points=points,
-            cameras=cameras,
-            pixels=pixels[0],
+            count=voxels.count,
+            surface=voxels.surface,
+            ny=voxels.grid.shape[1],
+            nz=voxels.grid.shape[2],
+            origin_size=(0.0, 0.0, 0.0, 0.0),
+            cameras=self._cameras,
+            points=self._points[0],
+            pixels=self._pixels[0],
         )
 
     def cone_buffer(self, n: int) -> Array:
@@ -62,7 +75,7 @@ class SilhouetteRecall:
         """Return the launch that adds the term to `errors` (n,): `weight` times the uncovered share
         of the samples in `subset`, once per camera.
 
-        The posed cones must be in `cone_buffer(n)`; call `observe()` first in every frame."""
+        The posed cones must be in `cone_buffer(n)`."""
         n = errors.size
         return self.device.launch(
             self._kernel("add_uncovered"),
@@ -75,7 +88,7 @@ class SilhouetteRecall:
             weight=weight,
             cones=self.cone_buffer(n),
             cameras=self._cameras,
-            pixels=self._pixels,
+            pixels=self._pixels[1],
             errors=errors,
         )
 

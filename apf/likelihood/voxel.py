@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pyopencl
@@ -115,12 +114,12 @@ class VoxelLikelihood(Likelihood):
                 "depends on the track so far; expected none"
             )
         device, body, rig = scene.opencl, scene.body, scene.rig
-        self.device, self.rig, self.config, self._scene = device, rig, config, scene
+        self.device, self.rig, self.config = device, rig, config
         self.unit = float(len(rig))
         self._grid: VoxelGrid | None = None
         self._voxels: CarvedVoxels | None = None
         self._ahead = Ahead(device, _frame_array_shapes(rig, config), "what is seen of a frame")
-        maps, contours, codes, points, self._pixels = zip(
+        maps, contours, codes, points, pixels = zip(
             self._ahead.written, self._ahead.read, strict=True
         )
         join = config.reprojection.foreground_join
@@ -137,12 +136,10 @@ class VoxelLikelihood(Likelihood):
         self._cameras = device.to_device(rig.packed(), "the cameras")
         self.n_launchers = 0
         self._scores: list[Launch] = []
-        self._sampled, self.points = points
+        self.points = points[1]
         self.errors = device.empty((n_runs * n_particles,), np.float32, "the errors")
         self.misfits = device.zeros((n_runs,), np.float32)
-        self._recall: SilhouetteRecall | None = None
-        if config.silhouette_recall_weight > 0:
-            self._recall = self._silhouette_recall()
+        self._recall = SilhouetteRecall(scene, self._cameras, points, pixels)
         self._row_parts = device.to_device(list_scored_parts(body, rows))
         self._point_arguments: dict[str, Argument] = {
             "observed": None, "point_weight": 0.0, "point_reach": 1.0, "exchange": 0.0
@@ -161,7 +158,6 @@ class VoxelLikelihood(Likelihood):
         self._weighed: list[Launch] = []
 
     def change_body(self, body: BodyModel) -> None:
-        self._scene = replace(self._scene, body=body)
         self._body.set(pack_body(body))
         self._posture.set(posture_prior(body))
         rows = make_sample_rows(choose_cone_sampling(body, self.config.reprojection.sample_spacing))
@@ -194,14 +190,12 @@ class VoxelLikelihood(Likelihood):
         self.reprojection(voxels)
         if voxels is not self._voxels:
             self._voxels, self._grid = voxels, None
-            self._sample_surface = self._surface_launch(voxels)
+            self._sample_surface = self._recall.sampling_launch(voxels)
         if voxels.grid is not self._grid:
             self._grid = voxels.grid
             position = [*voxels.grid.origin, voxels.grid.voxel_size]
             self._sample_surface.set(origin_size=position)
         self._sample_surface()
-        if self._recall is not None:
-            self._recall.observe()
         pictures = voxels.pictures() if self._uses_pictures else None
         weights: dict[str, float] = {}
         for term in self.terms.values():
@@ -267,8 +261,6 @@ class VoxelLikelihood(Likelihood):
         score.set(**self._weights)
         launches = [score]
         if recall_weight > 0:
-            if self._recall is None:  # for rescoring alone; before the first frame
-                self._recall = self._silhouette_recall()
             score.set(posed=self._recall.cone_buffer(n))
             launches.append(self._recall.launch(subset, recall_weight, errors))
         for name, term in self.terms.items():
@@ -355,23 +347,6 @@ class VoxelLikelihood(Likelihood):
                 f"{self.device.name}"
             )
         return defines | {"VIEWS": min(views, len(self.rig), defines["GROUP"])}
-
-    def _surface_launch(self, voxels: CarvedVoxels) -> Launch:
-        return self.device.launch(
-            self._kernel("sample_surface"),
-            (self.config.samples.n_points,),
-            (64,),
-            n_points=self.config.samples.n_points,
-            count=voxels.count,
-            surface=voxels.surface,
-            ny=voxels.grid.shape[1],
-            nz=voxels.grid.shape[2],
-            origin_size=(0.0, 0.0, 0.0, 0.0),
-            points=self._sampled,
-        )
-
-    def _silhouette_recall(self) -> SilhouetteRecall:
-        return SilhouetteRecall(self._scene, self._cameras, self._sampled, self._pixels)
 
     def _kernel(self, name: str) -> Kernel:
         return self.device.kernel("tracking/likelihood", name, **self._defines, **CONE_DEFINES)

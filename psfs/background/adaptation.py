@@ -18,15 +18,15 @@ from psfs.cameras.cells import CELL, cells
 class AdaptationArrays:
     """The kernel's arrays on the device.
 
-    images: (V, H, W, 3) uint8 pictures. evidence: (V, H, W) int8. marks: (V, rows, columns) uint8
-    of the cells that show voxels, with a border as wide as their influence. sizes: (V, 2) int32 of
+    images: (V, H, W, 3) uint8 pictures. evidence: (V, H, W) int8. near: (V, rows, columns) uint8
+    of the cells near those that show voxels. sizes: (V, 2) int32 of
     the pictures. light: (V, LIGHT_FLOATS) float32 of the frame. background: (V, 8, H, W) float32,
     which is updated, see `background_planes`.
     """
 
     images: Array
     evidence: Array
-    marks: Array
+    near: Array
     sizes: Array
     light: Array
     background: Array
@@ -55,7 +55,6 @@ class Adaptation:
         parts = _parts(device)
         size = (blocks, parts * -(-rows // config.period), len(rig))
         defines = _defines(device, rig, config, background)
-        defines["REACH"] = (arrays.marks.shape[1] - rows) // 2
         adapt = device.kernel("reconstruction/adaptation", "adapt", **defines)
         # Each phase has its own launch, created on first use: setting an argument takes longer than
         # the launch itself.
@@ -74,7 +73,7 @@ class Adaptation:
         self._planes = arrays.background
 
     def __call__(self) -> None:
-        """Enqueue the update by the frame whose silhouettes and marks are on the device."""
+        """Enqueue the update by the frame whose silhouettes and voxels are on the device."""
         self._of_phase(phase=self._frames % self._period)()
         self._frames += 1
 
@@ -93,7 +92,7 @@ def _parts(device: Device) -> int:
 def _defines(
     device: Device, rig: CameraRig, config: AdaptationConfig, background: BackgroundConfig
 ) -> dict[str, int | float]:
-    """Return the definitions of adaptation.cl except the border of its marks."""
+    """Return the definitions of adaptation.cl."""
     return {
         **size_defines(device, rig.picture),
         "CELL": CELL,

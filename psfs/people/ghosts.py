@@ -40,8 +40,7 @@ class Ghosts:
                 _draw(camera, person, picture)
 
     def drop(self, split: SplitCloud) -> SplitCloud:
-        """Return what is left of people's voxels: those inside the space that the person takes up,
-        and those that two cameras show beside all people."""
+        """Return what is left of people's voxels, see `find_own`."""
         clouds = self._keep(split.clouds)
         sole = clouds if split.sole is split.clouds else self._keep(split.sole)
         return SplitCloud(clouds, sole, split.near)
@@ -53,11 +52,15 @@ class Ghosts:
             others = np.delete(self.covered, number, axis=0).any(0)
             mask[others & ~self.covered[number] & (mask > UNKNOWN_MASK)] = UNKNOWN_MASK
 
+    def find_own(self, number: int, points: np.ndarray) -> np.ndarray:
+        """Return (N,) bool: which of the points (N, 3) m may be a person's: those inside the space
+        that the person takes up, and those that two cameras show beside all people."""
+        own = self._standing.select([number]).contain(points, self._frame, _GIRTH)
+        own[~own] = self._free(points[~own])
+        return own
+
     def _keep(self, clouds: list[np.ndarray]) -> list[np.ndarray]:
-        kept = []
-        for number, points in enumerate(clouds[:-1]):
-            inside = self._standing.select([number]).contain(points, self._frame, _GIRTH)
-            kept.append(points[inside | self._free(points)])
+        kept = [points[self.find_own(k, points)] for k, points in enumerate(clouds[:-1])]
         return [*kept, *clouds[-1:]]
 
     def _free(self, points: np.ndarray) -> np.ndarray:
@@ -68,6 +71,13 @@ class Ghosts:
             inside, row, column, _ = camera.look_up(points)
             free[inside] += ~covered[row, column]
         return free >= _LEAST_FREE
+
+
+def find_own(
+    rig: CameraRig, standing: StandingPeople, number: int, frame: int, points: np.ndarray
+) -> np.ndarray:
+    """Return (N,) bool: which of the points (N, 3) m may be a person's, see `Ghosts.find_own`."""
+    return Ghosts(rig, standing, frame).find_own(number, points)
 
 
 def _draw(camera: Camera, rings: np.ndarray, picture: np.ndarray) -> None:

@@ -14,6 +14,7 @@ import threading
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -23,7 +24,7 @@ from psfs.cameras.footprints import voxel_footprints
 from psfs.common.numbers import select_span
 from psfs.people.config import SeparationConfig
 from psfs.people.contact import SplitCloud, find_contacts, split_cloud
-from psfs.people.ghosts import Ghosts
+from psfs.people.ghosts import Ghosts, find_own
 from psfs.people.people import People
 from psfs.session import Session, SessionSettings
 from psfs.silhouettes.hidden import UNKNOWN, UNKNOWN_MASK
@@ -90,7 +91,12 @@ def _person_session(
 ) -> Session:
     """Return the session of one person."""
     selection = select_span(people.persons[number].frames, session.frames.step)
-    sequence = session.sequence.with_masks(lambda index: store.get(number, index))
+    places, rig = people.places, session.rig
+    sequence = session.sequence.with_masks(
+        lambda index: store.get(number, index),
+        # The person's own masks hold ghosts that all cameras see before or behind people.
+        None if places is None else lambda index: partial(find_own, rig, places, number, index),
+    )
     sequence.rig = with_hidden_maps(session.rig)
     changes = {
         "silhouette": {"evidence": {"unknown_mask": UNKNOWN_MASK}},

@@ -128,6 +128,8 @@ class NumpyReconstructor:
         padded = occupancy(self.rig, self.grid, evidence, step, config, body=body)
         probability = smooth(padded, config.smoothing == "faces")
         occupied = probability > config.threshold
+        if frame.space is not None:
+            occupied &= self.grid.fill(frame.space)
         surface = surface_voxels(occupied, config.closed_surface)
         colours = None
         if frame.images is not None:

@@ -69,8 +69,8 @@ class Foreground:
     """The person's colours and location, fitted to the voxels of a frame and used as a prior for
     the silhouettes of the next frame.
 
-    marks: (V, rows, columns) uint8 with a border of `reach` cells, 1 where voxels reproject.
-    `learn` fills them and the `prior`.
+    near: (V, rows, columns) uint8, 1 where voxels reproject within `reach` cells. `learn` fills it
+    and the `prior`.
 
     Three rules keep the model from confirming its own errors: only pixels that look like foreground
     and lie where voxels reproject are counted; a frame that looks like foreground all over is
@@ -97,7 +97,9 @@ class Foreground:
         views, rows, columns = prior.location.shape
         border = 2 * config.appearance.reach
         marked = (views, rows + border, columns + border)
-        self.marks = device.zeros(marked, np.uint8, "the location prior")
+        self.near = device.zeros((views, rows, columns), np.uint8, "the location prior")
+        # With a border, cleared at the end of every frame.
+        self._marks = device.zeros(marked, np.uint8, "the location prior")
         histograms = (prior.colours.shape[0], BINS**3 + 1)
         self._counts = device.zeros(histograms, np.int32, "the colour histograms")
         self._memory = device.zeros(histograms, np.float32, "the colour histograms")
@@ -115,7 +117,6 @@ class Foreground:
             self._position = position
             self._geometry.set(np.array(position, np.float32))
             self._extents.set(voxel_footprints(self._coarse, grid.voxel_size).astype(np.float32))
-        self.marks.fill(0)
         for launch in self._launches:
             launch()
 
@@ -125,7 +126,7 @@ class Foreground:
 
     def restart(self) -> None:
         """Clear the whole model."""
-        for array in (*self.prior, self.marks, self._counts, self._memory):
+        for array in (*self.prior, self.near, self._marks, self._counts, self._memory):
             array.fill(0)
 
     def _attach(self, voxels: SurfaceVoxels) -> None:
@@ -144,7 +145,7 @@ class Foreground:
             kernel = device.kernel("reconstruction/appearance", name, **defines)
             return device.launch(kernel, size, local, **arguments)
 
-        seen = {"n_surface": voxels.count, "marks": self.marks}
+        seen = {"n_surface": voxels.count, "marks": self._marks}
         self._launches = [
             launch(
                 "mark",
@@ -169,6 +170,7 @@ class Foreground:
                 evidence=self._evidence,
                 parts=self.prior.parts,
                 location=self.prior.location,
+                near=self.near,
                 counts=self._counts,
             ),
             launch("fade", bins, (64, 1), counts=self._counts, memory=self._memory, most=most),
@@ -179,6 +181,8 @@ class Foreground:
                 counts=self._counts,
                 memories=self._memory,
                 tables=self.prior.colours,
+                n_marks=self._marks.size,
+                marks=self._marks,
             ),
         ]
 

@@ -56,7 +56,6 @@ class Silhouette:
         self.device, self._config = device, config or SilhouetteConfig()
         self._n_parts = n_parts
         self.rig, self.background = rig, background
-        self._shown: Array | None = None
         self.foreground: Foreground | None = None
         self.adaptation: Adaptation | None = None
         shape = (len(rig), rig.height, rig.width)
@@ -87,8 +86,6 @@ class Silhouette:
 
     def compute(self) -> Array:
         """Enqueue the evidence maps of the pictures or masks in `input`."""
-        if self._shown is not None:
-            self._shown.fill(0)
         for launch in self._launches:
             launch()
         return self.evidence
@@ -115,9 +112,20 @@ class Silhouette:
         table = device.to_device(config.evidence.ratio_counts(), "the evidence table")
         mapped = {"ratios": ratios, "sizes": self._sizes, "table": table}
         mapped["evidence"] = self.evidence
-        launches = [*before, self._launch("silhouette", "silhouette", self._packs(), **mapped)]
-        plain = not config.rim.on and not config.smoothing.reach
-        return launches if plain or not scene else [*launches, *self._rims(scene, mapped)]
+        plain = not scene or not (config.rim.on or config.smoothing.reach)
+        shown = None if plain else self._foreground_spans()
+        launches = [
+            *before,
+            self._launch("silhouette", "silhouette", self._packs(), **mapped, shown=shown),
+        ]
+        return launches if shown is None else [*launches, *self._rims(scene, mapped, shown)]
+
+    def _foreground_spans(self) -> Array:
+        """Return an array (V, rows + 2, spans + 2) for which spans of pixels show foreground; its
+        border is and stays 0."""
+        rows, _ = cells(self.rig)
+        shape = (len(self.rig), rows + 2, -(-self.rig.width // SPAN) + 2)
+        return self.device.zeros(shape, np.uint8, "the foreground's spans")
 
     def _before_scene(
         self, background: Background, ratios: Array
@@ -179,21 +187,20 @@ class Silhouette:
         device, rig, config, shown = self.device, self.rig, self._config, self.input
         self.foreground = Foreground(device, rig, config, shown, self.evidence, prior)
         if config.adaptation.rate:
-            frame = (shown, self.evidence, self.foreground.marks, self._sizes)
+            frame = (shown, self.evidence, self.foreground.near, self._sizes)
             arrays = AdaptationArrays(*frame, light, scene)
             rates = (config.adaptation, config.background)
             self.adaptation = Adaptation(device, rig, *rates, arrays)
 
-    def _rims(self, scene: dict[str, Array], mapped: dict[str, Array]) -> list[Launch]:
+    def _rims(
+        self, scene: dict[str, Array], mapped: dict[str, Array], shown: Array
+    ) -> list[Launch]:
         """Return the launches that recompute the log ratios of the rim's pixels and smooth the
         evidence near foreground."""
         rows, _ = cells(self.rig)
-        shape = (len(self.rig), rows + 2, -(-self.rig.width // SPAN) + 2)
-        self._shown = self.device.zeros(shape, np.uint8, "the foreground's spans")
         columns = -(-self.rig.width // max(CELL, pixel_pack(self.device, self.rig.width)))
         luma = scene.pop("luma")
-        both = {"shown": self._shown, "evidence": self.evidence}
-        rim = {**scene, **both, "ratios": mapped["ratios"]}
+        rim = {**scene, "shown": shown, "evidence": self.evidence, "ratios": mapped["ratios"]}
         return [
             self._launch("silhouette", "rim", (columns, rows), **rim),
             self._launch(
@@ -202,7 +209,7 @@ class Silhouette:
                 self._packs(),
                 **mapped,
                 luma=luma,
-                shown=self._shown,
+                shown=shown,
             ),
         ]
 

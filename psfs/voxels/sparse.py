@@ -69,6 +69,7 @@ class SparseSurface:
             **inputs,
             threshold=bricks.threshold,
             slots=self.slots,
+            bits=self._bits,
         )
         groups = min(n_bricks, 16 * device.info.compute_units if device.is_gpu else 64)
         self._launch = device.launch(
@@ -89,7 +90,6 @@ class SparseSurface:
         )
 
     def __call__(self) -> None:
-        self._bits.fill(0)
         self._bricks()
         self._find()
         self._launch()

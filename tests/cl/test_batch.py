@@ -12,6 +12,7 @@ import pytest
 
 from cl import Array, Device, Launch
 from cl.batch import Batch
+from cl.staging import Copy
 
 SOURCE = """
 // Adds up what differs between objects: number, array, place in the grid.
@@ -148,3 +149,27 @@ def test_what_waits_for_the_device_gets_what_was_collected_before_it(device: Dev
     for command in commands:
         command()
     assert array.get().tolist() == [5.0] * 4
+
+
+@pytest.mark.parametrize(("size", "commands"), [(20_001, 2), (50, 4)], ids=["large", "small"])
+def test_fills_and_copies_of_large_arrays_are_joined(
+    device: Device, monkeypatch: pytest.MonkeyPatch, size: int, commands: int
+) -> None:
+    batch = Batch(device, 2, joins=True)
+    pairs = batch.run([lambda: [device.zeros((size,), np.float32) for _ in range(2)]] * 2)
+    sent: list[str] = []
+    for name in ("enqueue_fill_buffer", "enqueue_copy"):
+        plain = getattr(pyopencl, name)
+        monkeypatch.setattr(
+            pyopencl, name, lambda *a, _plain=plain, **k: (sent.append(""), _plain(*a, **k))[1]
+        )
+
+    def run(source: Array, target: Array, value: float) -> None:
+        source.fill(value)
+        device.enqueue([Copy(source, target)])
+
+    batch.run([partial(run, *pair, 3.0) for pair in pairs])
+    assert len(sent) == commands
+    batch.run([partial(run, *pair, 4.0 + k) for k, pair in enumerate(pairs)])
+    for k, (_, target) in enumerate(pairs):
+        np.testing.assert_array_equal(target.get(), np.full(size, 4.0 + k, np.float32))

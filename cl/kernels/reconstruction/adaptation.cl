@@ -1,30 +1,24 @@
 // The background follows the scene's light where nobody stands; twin: reference/adaptation.py.
 // PARTS work-items per block of the picture, every PERIOD-th row of blocks a time; a block is as
 // high as a cell of CELL x CELL pixels and as wide as a cell or a pack.
-// Defines: CELL; PARTS (divides CELL); REACH (cells of border of the marks); PERIOD; NEAREST
+// Defines: CELL; PARTS (divides CELL); PERIOD; NEAREST
 // (squared distance); LEAST_VARIANCE; WIDTH_GREY, WIDTH_COLOUR of the light factor
 // (psfs/background/config.py); PACK. rates: of the mean and of the variance.
 #if !defined(CELL) || !defined(LEAST_VARIANCE) || !defined(NEAREST) || !defined(PACK) || \
-    !defined(PARTS) || !defined(PERIOD) || !defined(REACH) || !defined(WIDTH_COLOUR) || \
-    !defined(WIDTH_GREY)
-#error "reconstruction/adaptation.cl needs CELL, LEAST_VARIANCE, NEAREST, PACK, PARTS, PERIOD, REACH, WIDTH_COLOUR and WIDTH_GREY"
+    !defined(PARTS) || !defined(PERIOD) || !defined(WIDTH_COLOUR) || !defined(WIDTH_GREY)
+#error "reconstruction/adaptation.cl needs CELL, LEAST_VARIANCE, NEAREST, PACK, PARTS, PERIOD, WIDTH_COLOUR and WIDTH_GREY"
 #endif
 #include "reconstruction/background.h"
 #include "reconstruction/cells.h"
 
-#define MARKS_X (CELLS_X + 2 * REACH)
-#define MARKS_Y (CELLS_Y + 2 * REACH)
 #define BLOCK (CELL > PACK ? CELL : PACK)
 #define BLOCKS_X ((WIDTH + BLOCK - 1) / BLOCK)
 
-// Does a voxel show in the cells around, or foreground in the cell?
-static inline int is_person(int2 picture, __global const uchar *marks, __global const char *evidence, int x,
+// Does a voxel show near the cell, or foreground in it?
+static inline int is_person(int2 picture, __global const uchar *near, __global const char *evidence, int x,
                             int y)
 {
-    int found = 0;
-    for (int row = 0; row <= 2 * REACH; ++row)
-        for (int column = 0; column <= 2 * REACH; ++column)
-            found |= marks[(y + row) * MARKS_X + x + column];
+    int found = near[y * CELLS_X + x];
     const int bottom = min(CELL * (y + 1), HEIGHT), right = min(CELL * (x + 1), WIDTH);
     for (int row = CELL * y; row < bottom; ++row)
         for (int column = CELL * x; column < right; ++column)
@@ -56,9 +50,10 @@ static inline vfloat follow(float2 rates, vfloat d, vfloat weight, vfloat *mean)
     return most(before + rates.y * (d * d - before), LEAST_VARIANCE);
 }
 
-// `background` holds the planes of log_ratio in silhouette.cl; `light` that of light.cl.
+// `background` holds the planes of log_ratio in silhouette.cl; `light` that of light.cl, `near` that of
+// appearance.cl.
 __kernel void adapt(int2 picture, __global const uchar *restrict images, __global const char *restrict evidence,
-                    __global const uchar *restrict marks, __global const int2 *restrict sizes,
+                    __global const uchar *restrict near, __global const int2 *restrict sizes,
                     __global const float *restrict light, float2 rates, const int phase,
                     __global float *restrict background)
 {
@@ -68,7 +63,7 @@ __kernel void adapt(int2 picture, __global const uchar *restrict images, __globa
     int hidden[BLOCK / CELL];
     for (int k = 0; k < BLOCK / CELL; ++k) {
         const int x = block * (BLOCK / CELL) + k;
-        hidden[k] = x >= CELLS_X || is_person(picture, marks + view * MARKS_X * MARKS_Y,
+        hidden[k] = x >= CELLS_X || is_person(picture, near + view * CELLS_X * CELLS_Y,
                                               evidence + view * PIXELS, x, y);
     }
     __global const float *own_light = light + LIGHT_FLOATS * view;

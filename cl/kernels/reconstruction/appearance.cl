@@ -38,24 +38,25 @@ __kernel void mark(int2 picture, int3 grid, __global const float *restrict camer
     }
 }
 
-// Log odds of foreground in the next frame: by `odds` from the number of marks within REACH cells;
-// none when there is nobody. Counts the colours of marked cells that look like foreground, and in
+// Log odds of foreground in the next frame: by `odds` from the number of marks within REACH cells,
+// `near` if there are any; none when there is nobody. Counts the colours of marked cells that look like foreground, and in
 // the histograms of parts those of cells within a drawn part, where the log odds were above 0.
 __kernel void observe(int2 picture, __global const uchar *restrict marks, __global const char *restrict odds,
                       __global const int *restrict n_surface,
                       __global const uchar *restrict images, __global const char *restrict evidence,
                       __global const char *restrict parts, __global char *restrict location,
-                      __global int *restrict counts)
+                      __global uchar *restrict near, __global int *restrict counts)
 {
     const int x = get_global_id(0), y = get_global_id(1), view = get_global_id(2);
     if (x >= CELLS_X || y >= CELLS_Y) return;
     __global const uchar *corner = marks + (view * MARKS_Y + y) * MARKS_X + x;
-    int near = 0;
+    int n_near = 0;
     for (int row = 0; row <= 2 * REACH; ++row)
-        for (int column = 0; column <= 2 * REACH; ++column) near += corner[row * MARKS_X + column];
+        for (int column = 0; column <= 2 * REACH; ++column) n_near += corner[row * MARKS_X + column];
     const int cell = (view * CELLS_Y + y) * CELLS_X + x;
     const int part = PARTS && location[cell] > 0 ? parts[cell] : 0;
-    location[cell] = *n_surface >= MIN_SURFACE ? odds[near] : (char)0;
+    location[cell] = *n_surface >= MIN_SURFACE ? odds[n_near] : (char)0;
+    near[cell] = n_near > 0;
 
     const int column = CELL * x + CELL / 2, row = CELL * y + CELL / 2;
     const int marked = corner[REACH * MARKS_X + REACH];
@@ -86,11 +87,14 @@ __kernel void fade(int most, __global const int *restrict counts, __global float
 
 // Log density of the colours of the person and of each part over the uniform one, in 1 / STEPS nats. The histogram is
 // blurred by (1 2 1) / 4 along each channel, mixed with PRIOR samples of every colour alike, and
-// keeps a share UNIFORM of colours never seen. The counts are cleared for the next frame.
+// keeps a share UNIFORM of colours never seen. The counts and the n_marks marks are cleared for the
+// next frame.
 __kernel void colour_table(__global const float *restrict memories, __global char *restrict tables,
-                           __global int *restrict counts)
+                           __global int *restrict counts, int n_marks, __global uchar *restrict marks)
 {
     const int bin = get_global_id(0), part = get_global_id(1);
+    if (part == 0)
+        for (int i = bin; i < n_marks; i += get_global_size(0)) marks[i] = 0;
     __global const float *memory = memories + part * (N_BINS + 1);
     if (bin <= N_BINS) counts[part * (N_BINS + 1) + bin] = 0;
     if (bin >= N_BINS) return;

@@ -187,8 +187,8 @@ static inline int may_hold(int2 picture, int n_cameras, int min_cameras, float t
 }
 
 // Lists the bricks in or beside which a voxel can be occupied after smoothing: `slots` is their
-// place in the list, or -1. One work-group per coarse brick. What lies two voxels beyond the
-// brick counts: so its neighbours' values are exact as well.
+// place in the list, or -1. Clears the `bits` of all. One work-group per coarse brick. What lies two
+// voxels beyond the brick counts: so its neighbours' values are exact as well.
 __kernel void find_bricks(int2 picture, int3 grid, int n_cameras, int min_cameras,
                           float threshold, __global const float *restrict cameras,
                           __global const float *restrict reach,
@@ -197,7 +197,7 @@ __kernel void find_bricks(int2 picture, int3 grid, int n_cameras, int min_camera
                           __global const float *restrict geometry,
                           __global const float *restrict body,
                           __global int *restrict slots, __global int *restrict bricks,
-                          __global int *restrict n_active)
+                          __global int *restrict n_active, __global ushort *restrict bits)
 {
     const int3 corner = (int3)(get_group_id(2) * CX, get_group_id(1) * CY, get_group_id(0) * CZ);
     const int3 size = (int3)(BX, BY, BZ);
@@ -215,6 +215,14 @@ __kernel void find_bricks(int2 picture, int3 grid, int n_cameras, int min_camera
             bricks[slot] = at;
         }
         slots[at] = slot;
+    }
+    // The lowest coarse brick clears whole rows along z, and those beside each other at once.
+    const int end_x = min((corner.x + CX) * BX, NX), end_y = min((corner.y + CY) * BY, NY);
+    for (int x = corner.x * BX; x < (corner.z == 0 ? end_x : 0); ++x) {
+        const int end = (x * NY + end_y) * BRICKS_Z;
+        for (int word = (x * NY + corner.y * BY) * BRICKS_Z + get_local_id(0); word < end;
+             word += FIND_LANES)
+            bits[word] = 0;
     }
 }
 

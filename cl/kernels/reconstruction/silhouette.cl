@@ -151,11 +151,27 @@ static inline vchar evidence_of(int2 picture, __global const char *ratios,
     return TO_CHAR(in_picture(sizes, view, x, y) ? counts : 0);
 }
 
+// Blocks of the picture: as high as a cell, as wide as a cell or a pack; and spans of SPAN pixels, a
+// whole number of blocks.
+#define SPANS_X ((WIDTH + SPAN - 1) / SPAN)
+#define BLOCK (CELL > PACK ? CELL : PACK)
+#define BLOCKS_X ((WIDTH + BLOCK - 1) / BLOCK)
+
+// Where the span that has a pixel lies in the maps of spans.
+static inline int span_place(int2 picture, int view, int x, int y)
+{
+    return (view * (CELLS_Y + 2) + y / CELL + 1) * (SPANS_X + 2) + x / SPAN + 1;
+}
+
+// Evidence of the pixels. Clears `shown`, if there is one: which spans show foreground, see `rim`.
 __kernel void silhouette(int2 picture, __global const char *restrict ratios, __global const int2 *restrict sizes,
-                         __global const char *restrict table, __global char *restrict evidence)
+                         __global const char *restrict table, __global char *restrict evidence,
+                         __global uchar *restrict shown)
 {
     const int x = PACK_BEGIN((int)get_global_id(0)), y = get_global_id(1), view = get_global_id(2);
-    if (get_global_id(0) * PACK >= WIDTH || y >= HEIGHT) return;
+    const int begin = get_global_id(0) * PACK;
+    if (begin >= WIDTH || y >= HEIGHT) return;
+    if (shown && begin % SPAN == 0 && y % CELL == 0) shown[span_place(picture, view, begin, y)] = 0;
     STORE_PACK(evidence_of(picture, ratios, sizes, table, view, x, y),
                evidence + view * PIXELS + y * WIDTH + x);
 }
@@ -200,18 +216,6 @@ static inline vfloat mixed(int2 picture, __global const uchar *colour,
         nearest = (on_rim & (left < nearest)) ? left : nearest;
     }
     return STEPS * (LOAD_PACK(plane + 6 * PIXELS) - light[10] - RIM_COST - 0.5f * nearest);
-}
-
-// Blocks of the picture: as high as a cell, as wide as a cell or a pack; and spans of SPAN pixels, a
-// whole number of blocks.
-#define SPANS_X ((WIDTH + SPAN - 1) / SPAN)
-#define BLOCK (CELL > PACK ? CELL : PACK)
-#define BLOCKS_X ((WIDTH + BLOCK - 1) / BLOCK)
-
-// Where the span that has a pixel lies in the maps of spans.
-static inline int span_place(int2 picture, int view, int x, int y)
-{
-    return (view * (CELLS_Y + 2) + y / CELL + 1) * (SPANS_X + 2) + x / SPAN + 1;
 }
 
 // Gives the pixels of the person's rim that are mixed the ratios of `mixed`, where these are

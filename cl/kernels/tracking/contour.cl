@@ -37,10 +37,11 @@ static inline short8 hidden_in(__global const uchar *maps, size_t at)
     return convert_short8(((silhouette ^ silhouette >> (uchar8)7) & (uchar8)1) != (uchar8)0);
 }
 
-// Is this item beyond the end of its row?
-static inline bool beyond_row(int width, int margin)
+// Is this item beyond the end of its row, or beyond the last row?
+static inline bool is_outside(int width, int height, int margin)
 {
-    return margin + STRIP * (int)get_global_id(0) >= width - margin;
+    return margin + STRIP * (int)get_global_id(0) >= width - margin ||
+           margin + (int)get_global_id(1) >= height - margin;
 }
 
 // The first pixel of this item's strip; the last one of a row overlaps the one before.
@@ -62,7 +63,7 @@ static inline short8 shown_in(__global const uchar *maps, size_t at)
 __kernel void differentiate(int width, int height, __global const uchar *maps,
                             __global const uchar *pictures, __global short *gradients)
 {
-    if (beyond_row(width, MARGIN)) return;
+    if (is_outside(width, height, MARGIN)) return;
     const int x = strip_of(width, MARGIN), y = (int)get_global_id(1) + MARGIN;
     const size_t view = get_global_id(2), size = (size_t)width * height;
     const size_t within = (size_t)y * width + x, at = view * size + within;
@@ -97,7 +98,7 @@ __kernel void differentiate(int width, int height, __global const uchar *maps,
 __kernel void find_contours(int width, int height, int contrast, __global const uchar *maps,
                             __global const short *gradients, __global uchar *contours)
 {
-    if (beyond_row(width, OUTER_MARGIN)) return;
+    if (is_outside(width, height, OUTER_MARGIN)) return;
     const int x = strip_of(width, OUTER_MARGIN), y = (int)get_global_id(1) + OUTER_MARGIN;
     const size_t view = get_global_id(2), size = (size_t)width * height;
     const size_t within = (size_t)y * width + x;

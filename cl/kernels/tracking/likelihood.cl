@@ -28,23 +28,6 @@ static inline int lane_from(int begin)
     return (get_local_id(0) + GROUP - begin * GROUP / 8) % GROUP;
 }
 
-// Every (count / n_points)-th surface voxel's centre, so that their number is the same in every
-// frame; points.w is 0 when there is no voxel at all.
-__kernel void sample_surface(int n_points, __global const int *count,
-                             __global const int *surface, int ny, int nz, float4 origin_size,
-                             __global float4 *points)
-{
-    const int k = get_global_id(0);
-    if (k >= n_points) return;
-    if (count[0] == 0) {
-        points[k] = (float4)(0.0f);
-        return;
-    }
-    const int index = surface[(int)((long)k * count[0] / n_points)];
-    const float3 ijk = (float3)(index / (ny * nz), index / nz % ny, index % nz);
-    points[k] = (float4)(origin_size.xyz + (ijk + 0.5f) * origin_size.w, 1.0f);
-}
-
 // Sums of a view's items, in `partial`, N_SUMS x APART, and what ADDERS of them add up, behind that.
 INLINED void store_samples(samples sums, __local vint *partial)
 {

@@ -15,31 +15,43 @@
 // Further out than any picture, and where samples are that have no image.
 #define NOWHERE_SEEN -1e6f
 
-// Pixels (V, K) of the surface samples; NOWHERE_SEEN for those outside of a picture and for none.
-__kernel void project_points(int n_points, int n_views, __global const float4 *points,
-                             __global const float *cameras, __global float2 *pixels)
+// Every (count / n_points)-th surface voxel's centre, so that their number K is the same in every
+// frame; points.w is 0 when there is no voxel at all. And their pixels (V, K): NOWHERE_SEEN for those
+// outside of a picture and for none.
+__kernel void sample_surface(int n_points, int n_views, __global const int *count,
+                             __global const int *surface, int ny, int nz, float4 origin_size,
+                             __global const float *cameras, __global float4 *points,
+                             __global float2 *pixels)
 {
-    const int first = get_global_id(0) * PACK, view = get_global_id(1);
-    if (first >= n_points || view >= n_views) return;
-    __global const float *camera = cameras + view * CAMERA_FLOATS;
+    const int first = get_global_id(0) * PACK, n = *count;
+    if (first >= n_points) return;
+    for (int l = 0; l < PACK && first + l < n_points; ++l) {
+        const int index = n > 0 ? surface[(int)((long)(first + l) * n / n_points)] : 0;
+        const float3 ijk = (float3)(index / (ny * nz), index / nz % ny, index % nz);
+        points[first + l] = n > 0 ? (float4)(origin_size.xyz + (ijk + 0.5f) * origin_size.w, 1.0f)
+                                  : (float4)(0.0f);
+    }
 #define POINT(l) points[lane_index(first, 0x##l, n_points)]
 #define X(l) POINT(l).x
 #define Y(l) POINT(l).y
 #define Z(l) POINT(l).z
-#define W(l) POINT(l).w
-    vfloat x, y;
-    const vfloat depth = camera_project_pack(camera, PACK_OF(vfloat, X), PACK_OF(vfloat, Y),
-                                             PACK_OF(vfloat, Z), &x, &y);
-    const vint seen = (PACK_OF(vfloat, W) > 0.0f) & (depth > 0.0f) & (x >= -0.5f) &
-                      (y >= -0.5f) & (x < camera[23] - 0.5f) & (y < camera[24] - 0.5f);
+    const vfloat px = PACK_OF(vfloat, X), py = PACK_OF(vfloat, Y), pz = PACK_OF(vfloat, Z);
 #undef X
 #undef Y
 #undef Z
-    float xs[PACK], ys[PACK];
-    STORE_PACK(seen ? x : NOWHERE_SEEN, xs);
-    STORE_PACK(seen ? y : NOWHERE_SEEN, ys);
-    for (int l = 0; l < PACK && first + l < n_points; ++l)
-        pixels[view * n_points + first + l] = (float2)(xs[l], ys[l]);
+#undef POINT
+    for (int view = 0; view < n_views; ++view) {
+        __global const float *camera = cameras + view * CAMERA_FLOATS;
+        vfloat x, y;
+        const vfloat depth = camera_project_pack(camera, px, py, pz, &x, &y);
+        const vint seen = (vint)(n > 0 ? -1 : 0) & (depth > 0.0f) & (x >= -0.5f) & (y >= -0.5f) &
+                          (x < camera[23] - 0.5f) & (y < camera[24] - 0.5f);
+        float xs[PACK], ys[PACK];
+        STORE_PACK(seen ? x : NOWHERE_SEEN, xs);
+        STORE_PACK(seen ? y : NOWHERE_SEEN, ys);
+        for (int l = 0; l < PACK && first + l < n_points; ++l)
+            pixels[view * n_points + first + l] = (float2)(xs[l], ys[l]);
+    }
 }
 
 // The edges of the trapezoid that a cone shows to a camera: three times four numbers a, b, c, of

@@ -70,7 +70,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, views: int, n_vo
     assert np.isfinite(project_outlines(rig[0], posed_cones(body, poses))).any()
 
 
-@pytest.mark.parity("tracking/silhouette_recall.project_points")
+@pytest.mark.parity("tracking/silhouette_recall.sample_surface")
 @pytest.mark.parametrize("views", [1, 5])
 @pytest.mark.parametrize("n_points", [1, 37, 300])
 def test_projected_points_agree_with_the_twin(device: Device, views: int, n_points: int) -> None:
@@ -81,7 +81,7 @@ def test_projected_points_agree_with_the_twin(device: Device, views: int, n_poin
     setup = Setup(device, SONG, rig, poses, smooth_maps(rig), config, grid)
     indices = np.sort(np.random.default_rng(views).choice(grid.size, 999, replace=False))
     count, surface = np.array([999], np.int32), device.to_device(indices.astype(np.int32))
-    with traced("tracking/silhouette_recall.project_points") as launches:
+    with traced("tracking/silhouette_recall.sample_surface") as launches:
         setup.likelihood.observe(cloud(grid, surface, device.to_device(count)))
     found = launches[0].after["pixels"].reshape(views, n_points, 2)
     points = sampled_surface(grid.centres(indices), n_points)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers import scenes
+from scipy import ndimage
 
 from cl import Device, InputError
 from psfs.background.adaptation import Adaptation, AdaptationArrays
@@ -36,12 +37,12 @@ def test_the_drift_agrees_with_the_twin(device: Device, views: int) -> None:
     images = np.clip(seen, 0, 255).astype(np.uint8)
     evidence = np.where(random.random(shape) < 0.01, 20, -20).astype(np.int8)
     marks = random.random((views, *cells(rig))) < 0.01
-    reach = CONFIG.appearance.reach
-    bordered = np.pad(marks, ((0, 0), (reach, reach), (reach, reach))).astype(np.uint8)
+    size = 2 * CONFIG.appearance.reach + 1
+    near = ndimage.binary_dilation(marks, np.ones((1, size, size))).astype(np.uint8)
     before = background_planes(plate, CONFIG.background)
     planes = device.to_device(before)
     sizes = np.array([camera.size for camera in rig], np.int32)
-    inputs = (device.to_device(array) for array in (images, evidence, bordered, sizes, light))
+    inputs = (device.to_device(array) for array in (images, evidence, near, sizes, light))
     arrays = AdaptationArrays(*inputs, planes)
     rates = CONFIG.adaptation, CONFIG.background
     ours = Adaptation(device, rig, *rates, arrays)
