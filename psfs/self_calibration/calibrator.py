@@ -102,7 +102,7 @@ def adjust_calibration(
     rate: float, config: PersonConfig,
 ) -> PersonCalibration:  # fmt: skip
     """Adjust small cameras in metres with Z up, and their lags, to outlines [view][frame] at `rate`
-    per second, and up and the floor to the room's `edges` and the silhouettes. The scale stays as
+    per second and to the room's `edges`, and up and the floor to both. The scale stays as
     given. Raises InputError if the silhouettes do not fit."""
     check_seen(start.cameras, outlines, config)
     points = PersonPoints(start.cameras, outlines, config.adjustment)
@@ -110,6 +110,9 @@ def adjust_calibration(
     best = _adjust_first(
         _rank_starts([(start, lags)], points, step, config, track_silently), points
     )
+    up = np.array([0.0, 0.0, 1.0])
+    if best is not None:
+        best = settle_finely(best, points, lambda rig: find_room_edges(rig, edges, up, config))
     best, misfits, touched = _check_fit(best, points, config)
     last, (rig, levelled) = best.last, level_rig(best, points, edges, touched, config)
     path = measure_path(rig, touched)
