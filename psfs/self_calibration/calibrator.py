@@ -10,7 +10,7 @@ adjusted until it stays. Of a large rig some cameras are found so, and the other
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -102,7 +102,7 @@ def adjust_calibration(
     rate: float, config: PersonConfig,
 ) -> PersonCalibration:  # fmt: skip
     """Adjust small cameras in metres with Z up, and their lags, to outlines [view][frame] at `rate`
-    per second, and up and the floor to the room's `edges` and the silhouettes. The scale stays as
+    per second and to the room's `edges`, and up and the floor to both. The scale stays as
     given. Raises InputError if the silhouettes do not fit."""
     check_seen(start.cameras, outlines, config)
     points = PersonPoints(start.cameras, outlines, config.adjustment)
@@ -110,6 +110,9 @@ def adjust_calibration(
     best = _adjust_first(
         _rank_starts([(start, lags)], points, step, config, track_silently), points
     )
+    up = np.array([0.0, 0.0, 1.0])
+    if best is not None:
+        best = settle_finely(best, points, lambda rig: find_room_edges(rig, edges, up, config))
     best, misfits, touched = _check_fit(best, points, config)
     last, (rig, levelled) = best.last, level_rig(best, points, edges, touched, config)
     path = measure_path(rig, touched)
@@ -129,6 +132,12 @@ def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted 
         grown = grow_rigs(take.cameras, lags, take.points, config, track)
         best = adjust_grown(best, grown, take.points, config, track)
     if best is None:
+        if starts:
+            late = _list_lags(take.cameras, lags - lags[0])
+            raise InputError(
+                "no arrangement of the cameras fits the silhouettes; frames late, to about half a "
+                f"frame, by the head's ups and downs: {late}; {FILM}"
+            )
         return None
 
     def find_edges(rig: CameraRig) -> RoomEdges | None:
@@ -264,13 +273,17 @@ def check_directions(best: Adjusted, config: PersonConfig) -> None:
     turns = np.degrees(np.linalg.norm(best.last.sigmas[:, :3], axis=1))
     worst, names = int(np.argmax(turns)), best.rig.names
     if not turns[worst] <= np.degrees(config.worst_direction):
-        late = ", ".join(f"{name} {lag:+.2f}" for name, lag in zip(names, best.lags, strict=True))
+        late = _list_lags(best.rig, best.lags)
         raise InputError(
             f"the silhouettes tell the direction of {names[worst]} to a standard deviation of "
             f"{turns[worst]:.2f} degrees, as of somebody who stays in place; expected "
             f"{np.degrees(config.worst_direction):.2f} or less; the times are found, frames late: "
             f"{late}; {FILM}"
         )
+
+
+def _list_lags(cameras: Iterable[Camera], lags: np.ndarray) -> str:
+    return ", ".join(f"{of.name} {lag:+.2f}" for of, lag in zip(cameras, lags, strict=True))
 
 
 def _adjust_first(ranked: list[tuple[float, Adjusted]], points: PersonPoints) -> Adjusted | None:
@@ -325,8 +338,9 @@ def _check_fit(
             f"other cameras differ by {misfits[worst]:.2f} px, expected at most {most:g} with "
             f"{len(names)} cameras; {FILM}"
         )
-    if np.nanmax(pairs) > config.worst_pair:
-        a, b = divmod(int(np.nanargmax(pairs)), len(names))
+    judged = exclude_lone_pairs(pairs, config)
+    if np.nanmax(judged) > config.worst_pair:
+        a, b = divmod(int(np.nanargmax(judged)), len(names))
         raise InputError(
             f"the silhouettes fit no arrangement of the cameras: those of {names[a]} and "
             f"{names[b]} differ by {pairs[a, b]:.2f} px, expected at most {config.worst_pair:g}; "
@@ -335,3 +349,15 @@ def _check_fit(
     shifts = np.round(best.lags).astype(int)
     touched = points.find_all(best.rig.cameras, shifts, config.adjustment.gates[-1])
     return best, misfits, touched
+
+
+def exclude_lone_pairs(pairs: np.ndarray, config: PersonConfig) -> np.ndarray:
+    """Return the pairs (V, V), px, NaN where both cameras fit all others, two or more each: cameras
+    that face each other may see the same shadow on the floor, which tells nothing then."""
+    judged = pairs.copy()
+    for a, b in np.argwhere(pairs > config.worst_pair):
+        others = [np.delete(pairs[view], [a, b]) for view in (a, b)]
+        known = [own[np.isfinite(own)] for own in others]
+        if all(len(own) >= 2 and own.max() <= config.worst_of_three for own in known):
+            judged[a, b] = np.nan
+    return judged

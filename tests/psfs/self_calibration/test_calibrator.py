@@ -204,6 +204,15 @@ def test_another_place_of_one_camera_is_compared_by_that_camera(monkeypatch):
     assert calibrator.find_rival(best, ranked, None, 6, CONFIG) is None
 
 
+def test_one_pair_of_cameras_may_differ_if_both_fit_all_others():
+    pairs = np.full((4, 4), 0.4)
+    pairs[1, 3] = pairs[3, 1] = 3.8
+    assert np.nanmax(calibrator.exclude_lone_pairs(pairs, CONFIG)) == 0.4
+    for worse in (0.8, np.nan):
+        pairs[1, 2] = pairs[2, 1] = worse
+        assert np.nanmax(calibrator.exclude_lone_pairs(pairs, CONFIG)) == 3.8
+
+
 def test_of_grown_rigs_the_one_whose_worst_camera_fits_best_is_taken(monkeypatch):
     """Though more points agree by another."""
     rig, lags = CameraRig(tuple(CAMERAS)), np.array(LAGS, float)
