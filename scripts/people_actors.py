@@ -4,7 +4,7 @@
 
 DATA holds sequences with truth.npz (`synth_box_4cam`, `hard_chair_6cam` and so on). Their true
 joints move the bones of the synthetic person of `apf synth`, whose own joints are the truth of the
-takes. Without names it writes all. Nobody looked at them before they were measured.
+takes. Without names it writes all. No setting was chosen with them before they were measured.
 """
 
 from __future__ import annotations
