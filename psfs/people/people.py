@@ -44,8 +44,8 @@ class Person:
 @dataclass(frozen=True, eq=False)
 class People:
     """The people in `frames`, the largest first, in coarse voxels of `grid`; `objects`: the number
-    of other things that move. places: where they stand, if the background shows them poorly:
-    then their masks need it, too."""
+    of other things that move. places: where they stand, if that is known to help where the
+    silhouettes are poor."""
 
     frames: range
     grid: VoxelGrid

@@ -19,7 +19,6 @@ from functools import partial
 import cv2
 import numpy as np
 
-from psfs.background.standing import StandingPeople
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.numbers import select_span
@@ -27,7 +26,6 @@ from psfs.people.config import SeparationConfig
 from psfs.people.contact import SplitCloud, find_contacts, split_cloud
 from psfs.people.ghosts import Ghosts, find_own
 from psfs.people.people import People
-from psfs.people.standing import find_places
 from psfs.session import Session, SessionSettings
 from psfs.silhouettes.hidden import UNKNOWN, UNKNOWN_MASK
 from psfs.volume import Volume, automatic_grid, find_volume
@@ -74,17 +72,9 @@ def separate(
         ends = np.array(box or [coarse])  # (N, 2, 3) m
         low, high = ends[:, 0].min(0), ends[:, 1].max(0)
         volumes.append(Volume(low - config.margin, high + config.margin))
-    standing = replace(people, places=people.places or _find_places(people))
     return [
-        _person_session(session, standing, number, box, store) for number, box in enumerate(volumes)
+        _person_session(session, people, number, box, store) for number, box in enumerate(volumes)
     ]
-
-
-def _find_places(people: People) -> StandingPeople | None:
-    """Return where several people stand; None for one, whose hull holds no ghosts of others."""
-    if len(people) < 2:
-        return None
-    return find_places(people.grid, people.frames, [person.voxels for person in people])
 
 
 def join_session(session: Session, people: People, margin: float) -> Session:
