@@ -12,12 +12,13 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from people_takes import render_take
 
-from apf.synthetic import generate
 from apf.synthetic.body import PersonSurface
 from apf.synthetic.config import SceneConfig
 from apf.synthetic.render import SyntheticScene
@@ -252,12 +253,7 @@ def write_take(folder: Path, take: ActedTake, data: Path, device: Device | Numpy
     config = SceneConfig(
         people=len(actors), cameras=take.cameras, seed=take.seed, frames=_FRAMES, fps=30.0
     )
-    made = generate.SyntheticScene
-    generate.SyntheticScene = lambda config, device: _Scene(actors, config, device)  # type: ignore
-    try:
-        generate.generate(folder, config, device)
-    finally:
-        generate.SyntheticScene = made  # type: ignore[misc]
+    render_take(folder, config, device, partial(_Scene, actors))
 
 
 def main() -> None:

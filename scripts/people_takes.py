@@ -12,6 +12,7 @@ import argparse
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -268,18 +269,28 @@ class _Scene(SyntheticScene):
         self._n_balls = max(self._n_balls, *(len(balls) for _, balls, _ in shapes))
 
 
+def render_take(
+    folder: Path,
+    config: SceneConfig,
+    device: Device | NumpyDevice,
+    make_scene: Callable[[SceneConfig, Device | NumpyDevice], SyntheticScene],
+) -> None:
+    """Write a take as `apf synth` does, of another scene."""
+    made = generate.SyntheticScene
+    generate.SyntheticScene = make_scene  # type: ignore
+    try:
+        generate.generate(folder, config, device)
+    finally:
+        generate.SyntheticScene = made  # type: ignore[misc]
+
+
 def write_take(folder: Path, take: TakeOfPeople, device: Device | NumpyDevice) -> None:
     """Write a take as `apf synth` does."""
     config = SceneConfig(
         people=max(2, len(take.movers) + len(take.things)), cameras=take.cameras, seed=take.seed,
         frames=round(SECONDS * FPS), fps=FPS,
     )  # fmt: skip
-    made = generate.SyntheticScene
-    generate.SyntheticScene = lambda config, device: _Scene(take, config, device)  # type: ignore
-    try:
-        generate.generate(folder, config, device)
-    finally:
-        generate.SyntheticScene = made  # type: ignore[misc]
+    render_take(folder, config, device, partial(_Scene, take))
 
 
 def main() -> None:
