@@ -91,7 +91,7 @@ class Sequence:
         self.background_kind = self._background_kind()
         self.volume: tuple[np.ndarray, np.ndarray] | None = self._volume()
         self._masks_of: Callable[[int], np.ndarray] | None = None
-        self._space_of: Callable[[int], Space] | None = None
+        self._space_of: Callable[[int], Space | None] | None = None
         self._kept: np.ndarray | None = None
         self._n_kept = 0
 
@@ -133,10 +133,11 @@ class Sequence:
     def with_masks(
         self,
         masks_of: Callable[[int], np.ndarray],
-        space_of: Callable[[int], Space] | None = None,
+        space_of: Callable[[int], Space | None] | None = None,
     ) -> Sequence:
         """Return the same views with other silhouettes: the masks (V, H, W) uint8 that `masks_of`
-        returns for the number of a frame. space_of: likewise returns where the person may be."""
+        returns for the number of a frame. space_of: likewise returns where the person may be, None
+        for everywhere."""
         other = copy(self)
         other.background_kind, other._masks_of, other._space_of = "masks", masks_of, space_of
         vars(other).pop("background", None)  # the property's kept value

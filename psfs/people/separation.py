@@ -19,13 +19,16 @@ from functools import partial
 import cv2
 import numpy as np
 
+from psfs.background.standing import StandingPeople
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.numbers import select_span
+from psfs.footage.frame import Space
 from psfs.people.config import SeparationConfig
-from psfs.people.contact import SplitCloud, find_contacts, split_cloud
+from psfs.people.contact import Pair, SplitCloud, find_contacts, split_cloud
 from psfs.people.ghosts import Ghosts, find_own
 from psfs.people.people import People
+from psfs.people.standing import find_places
 from psfs.session import Session, SessionSettings
 from psfs.silhouettes.hidden import UNKNOWN, UNKNOWN_MASK
 from psfs.volume import Volume, automatic_grid, find_volume
@@ -72,9 +75,33 @@ def separate(
         ends = np.array(box or [coarse])  # (N, 2, 3) m
         low, high = ends[:, 0].min(0), ends[:, 1].max(0)
         volumes.append(Volume(low - config.margin, high + config.margin))
+    places = people.places or _find_places(people)
     return [
-        _person_session(session, people, number, box, store) for number, box in enumerate(volumes)
+        _person_session(
+            session, people, number, box, store, _find_spaces(session.rig, places, contacts, number)
+        )
+        for number, box in enumerate(volumes)
     ]
+
+
+def _find_places(people: People) -> StandingPeople | None:
+    """Return where several people stand; None for one, whose hull holds no ghosts of others."""
+    if len(people) < 2:
+        return None
+    return find_places(people.grid, people.frames, [person.voxels for person in people])
+
+
+def _find_spaces(
+    rig: CameraRig, places: StandingPeople | None, contacts: dict[int, list[Pair]], number: int
+) -> Callable[[int], Space | None] | None:
+    """Return where a person may be by frame: not where ghosts are, but everywhere in frames in
+    which they touch somebody, whose space holds their arm."""
+    if places is None:
+        return None
+    touching = {frame for frame, pairs in contacts.items() if any(number in pair for pair in pairs)}
+    return lambda index: (
+        None if index in touching else partial(find_own, rig, places, number, index)
+    )
 
 
 def join_session(session: Session, people: People, margin: float) -> Session:
@@ -87,16 +114,17 @@ def join_session(session: Session, people: People, margin: float) -> Session:
 
 
 def _person_session(
-    session: Session, people: People, number: int, volume: Volume, store: MaskStore
+    session: Session,
+    people: People,
+    number: int,
+    volume: Volume,
+    store: MaskStore,
+    space_of: Callable[[int], Space | None] | None,
 ) -> Session:
     """Return the session of one person."""
     selection = select_span(people.persons[number].frames, session.frames.step)
-    places, rig = people.places, session.rig
-    sequence = session.sequence.with_masks(
-        lambda index: store.get(number, index),
-        # The person's own masks hold ghosts that all cameras see before or behind people.
-        None if places is None else lambda index: partial(find_own, rig, places, number, index),
-    )
+    # The person's own masks hold ghosts that all cameras see before or behind people.
+    sequence = session.sequence.with_masks(lambda index: store.get(number, index), space_of)
     sequence.rig = with_hidden_maps(session.rig)
     changes = {
         "silhouette": {"evidence": {"unknown_mask": UNKNOWN_MASK}},
