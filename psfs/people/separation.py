@@ -19,7 +19,6 @@ from functools import partial
 import cv2
 import numpy as np
 
-from psfs.background.standing import StandingPeople
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.numbers import select_span
@@ -75,33 +74,32 @@ def separate(
         ends = np.array(box or [coarse])  # (N, 2, 3) m
         low, high = ends[:, 0].min(0), ends[:, 1].max(0)
         volumes.append(Volume(low - config.margin, high + config.margin))
-    places = people.places or _find_places(people)
+    spaces = _find_spaces(session.rig, people, contacts)
     return [
-        _person_session(
-            session, people, number, box, store, _find_spaces(session.rig, places, contacts, number)
-        )
+        _person_session(session, people, number, box, store, spaces)
         for number, box in enumerate(volumes)
     ]
 
 
-def _find_places(people: People) -> StandingPeople | None:
-    """Return where several people stand; None for one, whose hull holds no ghosts of others."""
-    if len(people) < 2:
-        return None
-    return find_places(people.grid, people.frames, [person.voxels for person in people])
-
-
 def _find_spaces(
-    rig: CameraRig, places: StandingPeople | None, contacts: dict[int, list[Pair]], number: int
-) -> Callable[[int], Space | None] | None:
-    """Return where a person may be by frame: not where ghosts are, but everywhere in frames in
-    which they touch somebody, whose space holds their arm."""
-    if places is None:
-        return None
-    touching = {frame for frame, pairs in contacts.items() if any(number in pair for pair in pairs)}
-    return lambda index: (
-        None if index in touching else partial(find_own, rig, places, number, index)
-    )
+    rig: CameraRig, people: People, contacts: dict[int, list[Pair]]
+) -> Callable[[int, int], Space | None] | None:
+    """Return where a person, by number, may be in a frame: not where ghosts are. Before a good
+    background those who touch somebody may be everywhere: an arm may be in the other's space."""
+    if len(people) < 2:
+        return None  # nobody makes ghosts
+    if people.places is not None:
+        places, contacts = people.places, {}  # ghosts touch as well
+    else:
+        voxels = [person.voxels for person in people]
+        places = find_places(people.grid, people.frames, voxels)
+
+    def find_space(number: int, frame: int) -> Space | None:
+        if any(number in pair for pair in contacts.get(frame, ())):
+            return None
+        return partial(find_own, rig, places, number, frame)
+
+    return find_space
 
 
 def join_session(session: Session, people: People, margin: float) -> Session:
@@ -119,11 +117,12 @@ def _person_session(
     number: int,
     volume: Volume,
     store: MaskStore,
-    space_of: Callable[[int], Space | None] | None,
+    spaces: Callable[[int, int], Space | None] | None,
 ) -> Session:
     """Return the session of one person."""
     selection = select_span(people.persons[number].frames, session.frames.step)
     # The person's own masks hold ghosts that all cameras see before or behind people.
+    space_of = None if spaces is None else partial(spaces, number)
     sequence = session.sequence.with_masks(lambda index: store.get(number, index), space_of)
     sequence.rig = with_hidden_maps(session.rig)
     changes = {
