@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -149,3 +150,26 @@ def test_sessions_of_frames_from_the_last_to_the_first(tmp_path: Path) -> None:
     assert space is not None
     trunks = np.array([[0.5, 0.05, 1.0], [-0.5, 0.05, 1.0]])  # of the person, and of the other
     assert space(trunks).tolist() == [True, False]
+
+
+def test_space_of_others_who_stand_is_no_persons_unless_they_touch(tmp_path: Path) -> None:
+    """They stand apart in the first frame and touch in the second."""
+    sequence = Sequence.open(footage.native(tmp_path / "s", frames=2))
+    session = Session(sequence, NumpyDevice(), SessionSettings(voxel_size=0.2))
+    near = np.abs(GRID.centres() - [0, 0, 1.1]) < [0.25, 0.06, 0.06]
+    arms = np.flatnonzero(near.all(1))
+    left, right = Person(np.arange(2), {}), Person(np.arange(2), {})
+    for person, x in ((left, -0.4), (right, 0.4)):
+        person.voxels.update({0: block(x), 1: np.union1d(block(x), arms)})
+    config, trunks = SeparationConfig(lasting=0.0), np.array([[-0.4, 0.05, 1.0], [0.4, 0.05, 1.0]])
+    people = People(session.frames, GRID, (left, right))
+    for number, own in enumerate(separate(session, people, config=config)):
+        space = own.sequence.read(0).space
+        assert space is not None
+        assert space(trunks).tolist() == [number == 0, number == 1]
+        assert own.sequence.read(1).space is None
+    places = StandingPeople(np.array([0]), np.array([[[-0.4, 0, 1.5], [0.4, 0, 1.5]]]))
+    poor = separate(session, replace(people, places=places), config=config)
+    assert poor[0].sequence.read(1).space is not None  # what touches may be a ghost
+    (alone,) = separate(session, People(session.frames, GRID, (left,), objects=1))
+    assert alone.sequence.read(0).space is None
