@@ -16,8 +16,8 @@ from psfs.people.contact import SplitCloud
 from psfs.silhouettes.hidden import UNKNOWN_MASK
 
 #: Factor of the radii of the inside of a person who stands, which then holds the person but for
-#: lifted arms and legs.
-_GIRTH = 2.0
+#: lifted arms and legs: before a background that shows people poorly, and before a good one.
+_GIRTH_POOR, _GIRTH_GOOD = 2.0, 1.5
 #: Least number of cameras in which a voxel shows beside all people.
 _LEAST_FREE = 2
 #: Points of a ring around a person's axis.
@@ -27,13 +27,17 @@ _RING = 16
 class Ghosts:
     """The pixels that people who stand cover in one frame, by which ghosts are known.
 
-    covered: (P, V, H, W) bool, the pixels that each person may cover but for lifted limbs.
+    covered: (P, V, H, W) bool, the pixels that each person may cover but for lifted limbs. poor:
+    whether the background shows people poorly.
     """
 
-    def __init__(self, rig: CameraRig, standing: StandingPeople, frame: int) -> None:
-        self._rig, self._standing, self._frame = rig, standing, frame
+    def __init__(
+        self, rig: CameraRig, standing: StandingPeople, frame: int, poor: bool = True
+    ) -> None:
+        self._rig, self._standing, self._frame, self._poor = rig, standing, frame, poor
+        self._girth = _GIRTH_POOR if poor else _GIRTH_GOOD
         shape = len(rig), rig.height, rig.width
-        rings = standing.rings(frame, _GIRTH, _RING)
+        rings = standing.rings(frame, self._girth, _RING)
         self.covered = np.zeros((len(rings), *shape), bool)
         for covered, person in zip(self.covered, rings, strict=True):
             for camera, picture in zip(rig, covered, strict=True):
@@ -54,30 +58,35 @@ class Ghosts:
 
     def find_own(self, number: int, points: np.ndarray) -> np.ndarray:
         """Return (N,) bool: which of the points (N, 3) m may be a person's: those inside the space
-        that the person takes up, and those that two cameras show beside all people."""
-        own = self._standing.select([number]).contain(points, self._frame, _GIRTH)
-        own[~own] = self._free(points[~own])
+        that the person takes up, those that two cameras show beside all people, and before a good
+        background those that others hide in no camera that shows them beside the person."""
+        own = self._standing.select([number]).contain(points, self._frame, self._girth)
+        outside = points[~own]
+        others = np.delete(self.covered, number, axis=0).any(0)
+        beside, hidden = np.zeros((2, len(outside)), int)
+        for camera, mine, theirs in zip(self._rig, self.covered[number], others, strict=True):
+            inside, row, column, _ = camera.look_up(outside)
+            beside[inside] += ~mine[row, column]
+            hidden[inside] += (~mine & theirs)[row, column]
+        free = beside - hidden >= _LEAST_FREE
+        own[~own] = free if self._poor else free | (hidden == 0)
         return own
 
     def _keep(self, clouds: list[np.ndarray]) -> list[np.ndarray]:
         kept = [points[self.find_own(k, points)] for k, points in enumerate(clouds[:-1])]
         return [*kept, *clouds[-1:]]
 
-    def _free(self, points: np.ndarray) -> np.ndarray:
-        """Return (N,) bool: the points (N, 3) m that enough cameras show beside all people."""
-        anybody = np.logical_or.reduce(self.covered)
-        free = np.zeros(len(points), int)
-        for camera, covered in zip(self._rig, anybody, strict=True):
-            inside, row, column, _ = camera.look_up(points)
-            free[inside] += ~covered[row, column]
-        return free >= _LEAST_FREE
-
 
 def find_own(
-    rig: CameraRig, standing: StandingPeople, number: int, frame: int, points: np.ndarray
+    rig: CameraRig,
+    standing: StandingPeople,
+    poor: bool,
+    number: int,
+    frame: int,
+    points: np.ndarray,
 ) -> np.ndarray:
     """Return (N,) bool: which of the points (N, 3) m may be a person's, see `Ghosts.find_own`."""
-    return Ghosts(rig, standing, frame).find_own(number, points)
+    return Ghosts(rig, standing, frame, poor).find_own(number, points)
 
 
 def _draw(camera: Camera, rings: np.ndarray, picture: np.ndarray) -> None:

@@ -88,16 +88,15 @@ def _find_spaces(
     background those who touch somebody may be everywhere: an arm may be in the other's space."""
     if len(people) < 2:
         return None  # nobody makes ghosts
-    if people.places is not None:
-        places, contacts = people.places, {}  # ghosts touch as well
-    else:
-        voxels = [person.voxels for person in people]
-        places = find_places(people.grid, people.frames, voxels)
+    poor = people.places is not None
+    voxels = [person.voxels for person in people]
+    places = people.places or find_places(people.grid, people.frames, voxels)
 
     def find_space(number: int, frame: int) -> Space | None:
-        if any(number in pair for pair in contacts.get(frame, ())):
+        touches = any(number in pair for pair in contacts.get(frame, ()))
+        if touches and not poor:  # ghosts before a poor background touch as well
             return None
-        return partial(find_own, rig, places, number, frame)
+        return partial(find_own, rig, places, poor, number, frame)
 
     return find_space
 
