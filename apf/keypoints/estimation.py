@@ -33,8 +33,8 @@ from psfs.silhouettes.config import SilhouetteConfig
 @dataclass(frozen=True)
 class EstimationJob:
     """A job of estimation. overrides: of `Sequence.open`. device: name, for the silhouettes that
-    pictures are cropped by; None for whole pictures. people: where several people stand, each of
-    whom is looked for; None for one person."""
+    pictures are cropped by; None for whole pictures. people: where several people stand, all of
+    them are detected; None for one person."""
 
     folder: Path
     overrides: Mapping[str, Any]
@@ -123,8 +123,8 @@ def _estimate_camera(job: EstimationJob, camera: str, n_frames: int) -> np.ndarr
 def write_openpose(folder: Path, camera: str, points: np.ndarray) -> None:
     """Write one camera's keypoints (P, F, K, 3) of P people in OpenPose's format.
 
-    Each file, `<camera>_<frame:06d>.json`, has the people of whom any point is known. Raises
-    InputError.
+    Each file, `<camera>_<frame:06d>.json`, has the people with at least one known point.
+    Raises InputError.
     """
     for frame, persons in enumerate(points.swapaxes(0, 1)):
         people = [

@@ -19,9 +19,9 @@ _RING = 16
 class PersonFinder:
     """Detection of one of several people in one camera's video.
 
-    The network sees the part of the picture in which the person is during the take. It follows
-    whom it found last; if that is somebody else, it searches again in the region about the person's
-    axis alone.
+    The network sees the part of the picture in which the person is during the take, and follows
+    the person. If it finds somebody else, it searches again in the region about the person's axis
+    alone.
     """
 
     def __init__(
