@@ -13,6 +13,7 @@ from apf.keypoints.config import (
     LagConfig,
     PersonConfig,
     SideConfig,
+    StandingRegionConfig,
 )
 from apf.live.config import CaptureConfig, LiveConfig
 from apf.report.config import MotionConfig, QualityConfig
@@ -34,6 +35,9 @@ class KeypointSettings(Config):
     """Detection, choice and comparison of keypoints."""
 
     crop: CropConfig = part(CropConfig, "Cropping of pictures for the network.")
+    standing: StandingRegionConfig = part(
+        StandingRegionConfig, "Regions in which the network looks for each of several people."
+    )
     persons: PersonConfig = part(PersonConfig, "Choice of the person to follow.")
     association: AssociationConfig = part(
         AssociationConfig, "Assignment of the persons in the pictures to several people."

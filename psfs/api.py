@@ -20,9 +20,10 @@ from psfs.common.ranges import check_kind, check_number
 from psfs.diagnostics.body_agreement import check_body
 from psfs.diagnostics.examination import examine
 from psfs.footage.settings import SequenceSettings
+from psfs.people.volume import hold_people
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
-from psfs.volume import Volume, automatic_grid, find_volume, hold_people
+from psfs.volume import Volume, automatic_grid, find_volume
 from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.clouds import remove_debris
 from psfs.voxels.config import ReconstructionConfig
@@ -63,13 +64,13 @@ def reconstruct(
     device: the device that computes, or its name for `cl.select_device`; by default the fastest
     one. frames: those to reconstruct, all by default. voxel_size: edge of a voxel, m; by default 2
     cm for people. volume: lowest and highest corner (3,) m of the reconstructed box; by default the
-    sequence's, or found, see `automatic_grid`. colour: give the clouds the pictures' colours, if
-    there are pictures. sparse: compute only bricks of voxels that can be occupied, which gives the
-    same voxels in less time and memory. debris: connected parts smaller than this share of the
-    largest are dropped, see `remove_debris`. all_cameras: keep cameras that disagree with the
-    others; by default they are left out, with a warning in the log, see `examine`. config: settings
-    of silhouettes and occupancy. track: folder of `apf track`, or its npz: the tracked body is a
-    prior of the voxels, see `BodyPriorConfig`. Raises InputError if nothing stands out from the
+    sequence's, or found around everybody. colour: give the clouds the pictures' colours, if there
+    are pictures. sparse: compute only bricks of voxels that can be occupied, which gives the same
+    voxels in less time and memory. debris: connected parts smaller than this share of the largest
+    are dropped, see `remove_debris`. all_cameras: keep cameras that disagree with the others; by
+    default they are left out, with a warning in the log, see `examine`. config: settings of
+    silhouettes and occupancy. track: folder of `apf track`, or its npz: the tracked body is a prior
+    of the voxels, see `BodyPriorConfig`. Raises InputError if nothing stands out from the
     background or the track is not of these frames, DeviceError if the device cannot be used.
     """
     check_sequence(sequence, frames)
@@ -77,15 +78,15 @@ def reconstruct(
     check_number("debris", debris, 0, 1)
     if voxel_size is not None:
         check_number("voxel_size, m,", voxel_size, *VOXEL_EDGES)
-    if volume is not None:
-        low, high = SequenceSettings(volume=volume).volume
+    stated = None if volume is None else Volume(*SequenceSettings(volume=volume).volume)
     settings = SessionSettings(config or ReconstructionConfig(), frames or slice(None), voxel_size)
     session = Session(sequence, resolve_device(device), settings)
     body = None if track is None else TrackedBody.open(track)
     session = exclude_inconsistent_cameras(session, all_cameras)
-    hold_people(session, body)
-    if volume is not None:
-        session.replace_result(find_volume, Volume(low, high))
+    if stated is not None:
+        session.replace_result(find_volume, stated)
+    else:
+        hold_people(session, body)
     grid = automatic_grid(session)
     if body is not None:
         check_body(session, body)

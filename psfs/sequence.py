@@ -143,6 +143,12 @@ class Sequence:
         vars(other).pop("background", None)  # the property's kept value
         return other
 
+    @property
+    def limits_space(self) -> bool:
+        """Whether it is known where the person may be, because the silhouettes show people poorly,
+        see `with_masks`."""
+        return self._space_of is not None
+
     def synchronise(self, late: Mapping[str, int]) -> Sequence:
         """Return the same views with late ones shifted; `late`: number of frames of the sequence,
         by the camera's name."""

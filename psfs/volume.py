@@ -12,7 +12,6 @@ from psfs.common.numbers import pick_evenly
 from psfs.common.ranges import LARGEST
 from psfs.sequence import Sequence
 from psfs.session import Session, check_frames
-from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.config import ReconstructionConfig, VolumeConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupied_box import (
@@ -60,18 +59,6 @@ def find_volume(session: Session) -> Volume:
     foreground.
     """
     return session.compute_once(find_volume, lambda: _find_box(session))
-
-
-def hold_people(session: Session, body: TrackedBody | None) -> None:
-    """Extend the volume, unless one is stated, to all of several tracked people."""
-    if body is None or not body.several or session.sequence.volume is not None:
-        return
-    found, (low, high) = find_volume(session), body.box()
-    margin = volume_config(session.sequence, session.reconstruction).margin * (high - low)
-    session.replace_result(
-        find_volume,
-        Volume(np.minimum(found.low, low - margin), np.maximum(found.high, high + margin)),
-    )
 
 
 def volume_config(sequence: Sequence, config: ReconstructionConfig | None = None) -> VolumeConfig:

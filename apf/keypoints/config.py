@@ -44,6 +44,25 @@ class CropConfig(Config):
         return self
 
 
+class StandingRegionConfig(Config):
+    """The regions of pictures in which the network looks for each of several people."""
+
+    SOURCE: ClassVar = "by hand, on Pose2Sim's `Demo_MultiPerson`"
+
+    radius: float = positive(
+        0.5, "Radius of the region about a person's axis, as a share of the height."
+    )
+    above: float = positive(1.25, "Height of the region, as a share of the person's.")
+    trunk: float = fraction(
+        0.67, "Height of the middle of shoulders and hips, as a share of the person's."
+    )
+    reach: float = positive(
+        0.25,
+        "Distance from that place, as a share of the person's height in the picture, beyond which "
+        "keypoints are somebody else's.",
+    )
+
+
 class PersonConfig(Config):
     """Costs in the choice of the person to follow; confidence and size add a score from 0 to 1 in
     every frame."""

@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -19,8 +19,10 @@ import numpy as np
 from apf.keypoints.config import CropConfig
 from apf.keypoints.network import PoseNetwork, check_network
 from apf.keypoints.readers.orders import MEDIAPIPE
+from apf.keypoints.standing import PersonFinder
 from cl import DeviceError, InputError, select_device
 from psfs.backend import make_evidence_function
+from psfs.background.standing import StandingPeople
 from psfs.common.files import write_text
 from psfs.common.regions import keep_large_regions
 from psfs.common.system import ignore_signals
@@ -31,11 +33,13 @@ from psfs.silhouettes.config import SilhouetteConfig
 @dataclass(frozen=True)
 class EstimationJob:
     """A job of estimation. overrides: of `Sequence.open`. device: name, for the silhouettes that
-    pictures are cropped by; None for whole pictures."""
+    pictures are cropped by; None for whole pictures. people: where several people stand, all of
+    them are detected; None for one person."""
 
     folder: Path
     overrides: Mapping[str, Any]
     device: str | None
+    people: StandingPeople | None = None
 
 
 #: Shared between a process and its parent: the number of pictures done by all, and a stop event.
@@ -45,11 +49,12 @@ _shared: dict[str, Any] = {}
 def estimate_keypoints(
     job: EstimationJob, at_once: int | None = None, progress: Callable[[int], object] | None = None
 ) -> Generator[tuple[str, np.ndarray], None, None]:
-    """Yield every camera's name and keypoints (F, 33, 3) px as they finish, in any order.
+    """Yield every camera's name and keypoints (P, F, 33, 3) px of P people as they finish, in any
+    order.
 
-    Keypoints are NaN where nobody was found. at_once: cameras at a time, by default the number of
-    cores. progress: called repeatedly with the number of pictures done. Closing the generator, or a
-    KeyboardInterrupt, ends all work after the current pictures. Raises InputError.
+    Keypoints are NaN where a person was not found. at_once: cameras at a time, by default the
+    number of cores. progress: called repeatedly with the number of pictures done. Closing the
+    generator, or a KeyboardInterrupt, ends all work after the current pictures. Raises InputError.
     """
     check_network()
     sequence = Sequence.open(job.folder, **job.overrides)
@@ -89,33 +94,47 @@ def _set_up_process(done: Any, stop: Any) -> None:
 
 
 def _estimate_camera(job: EstimationJob, camera: str, n_frames: int) -> np.ndarray:
-    """Return one camera's keypoints (F, 33, 3); after a stop, those found before it."""
+    """Return one camera's keypoints (P, F, 33, 3); after a stop, those found before it."""
     sequence = Sequence.open(job.folder, **{**job.overrides, "cameras": [camera]})
-    cropped = _Crop(sequence, job.device) if job.device is not None else None
-    points = np.full((n_frames, len(MEDIAPIPE), 3), np.nan)
-    with closing(PoseNetwork()) as network:
+    n_people = 1 if job.people is None else job.people.places.shape[1]
+    points = np.full((n_people, n_frames, len(MEDIAPIPE), 3), np.nan)
+    with ExitStack() as stack:
+        networks = [stack.enter_context(closing(PoseNetwork())) for _ in range(n_people)]
+        cropped = _Crop(sequence, job.device) if job.device is not None else None
+        view, people = sequence.rig[0], job.people
+        finders = [] if people is None else [
+            PersonFinder(network, view, people, k) for k, network in enumerate(networks)
+        ]  # fmt: skip
         for frame in sequence.frames(slice(n_frames)):
             if _shared["stop"].is_set():
                 break
-            found = find_keypoints(network, frame, sequence.rig[0].size, cropped)
-            if found is not None:
-                points[frame.index] = found
+            picture = first_picture(frame, view.size)
+            found = [find(picture, frame.index) for find in finders] or [
+                find_keypoints(networks[0], frame, view.size, cropped)
+            ]
+            for own, person in zip(points, found, strict=True):
+                if person is not None:
+                    own[frame.index] = person
             with _shared["done"].get_lock():
                 _shared["done"].value += 1
     return points
 
 
 def write_openpose(folder: Path, camera: str, points: np.ndarray) -> None:
-    """Write one camera's keypoints (F, K, 3) in OpenPose's format.
+    """Write one camera's keypoints (P, F, K, 3) of P people in OpenPose's format.
 
-    Each file, `<camera>_<frame:06d>.json`, has one person, or none if all points are missing.
+    Each file, `<camera>_<frame:06d>.json`, has the people with at least one known point.
     Raises InputError.
     """
-    for frame, person in enumerate(points):
-        people = []
-        if np.isfinite(person).any():
-            flat = np.round(np.nan_to_num(person), 3).ravel().tolist()
-            people = [{"person_id": [-1], "pose_keypoints_2d": flat}]
+    for frame, persons in enumerate(points.swapaxes(0, 1)):
+        people = [
+            {
+                "person_id": [-1],
+                "pose_keypoints_2d": np.round(np.nan_to_num(person), 3).ravel().tolist(),
+            }
+            for person in persons
+            if np.isfinite(person).any()
+        ]
         path, content = folder / f"{camera}_{frame:06d}.json", {"version": 1.3, "people": people}
         write_text(path, json.dumps(content))
 
@@ -178,8 +197,7 @@ def find_keypoints(
 
     None if nobody is found, neither in the crop nor in the whole picture.
     """
-    assert frame.images is not None
-    picture = frame.images[0, : size[1], : size[0]]
+    picture = first_picture(frame, size)
     box = cropped(frame) if cropped is not None else None
     if cropped is not None and cropped.moved:
         network.forget()
@@ -190,3 +208,9 @@ def find_keypoints(
             return points + np.array([left, top, 0])
         network.forget()
     return network(picture)
+
+
+def first_picture(frame: Frame, size: tuple[int, int]) -> np.ndarray:
+    """Return the picture (h, w, 3) of the only camera of a frame, whose size is given."""
+    assert frame.images is not None
+    return frame.images[0, : size[1], : size[0]]

@@ -33,7 +33,7 @@ class StandingPeople:
         """Return (N,) bool: which of the points (N, 3) m lie in the people's space in a frame, or
         in the nearest one whose places are known. girth: factor of the radii."""
         inside = np.zeros(len(points), bool)
-        for x, y, top in self._find(number):
+        for x, y, top in self.find(number):
             share = points[:, 2] / top
             radius = girth * top * np.interp(share, _HEIGHTS, _RADII, right=0)
             inside |= np.hypot(points[:, 0] - x, points[:, 1] - y) < radius
@@ -44,14 +44,14 @@ class StandingPeople:
         up, on the surface of that space in a frame; NaN for who is not seen."""
         angles = 2 * np.pi / n_points * np.arange(n_points)
         around = np.stack([np.cos(angles), np.sin(angles)], -1)
-        places = self._find(number)
+        places = self.find(number)
         flat = places[:, None, None, :2] + (
             girth * places[:, 2, None, None, None] * _RADII[:, None, None] * around
         )
         heights = np.broadcast_to((places[:, 2:] * _HEIGHTS)[..., None, None], (*flat.shape[:3], 1))
         return np.concatenate([flat, heights], -1)
 
-    def _find(self, number: int) -> np.ndarray:
+    def find(self, number: int) -> np.ndarray:
         """Return the places (P, 3) in a frame, or in the nearest one."""
         nearest = int(np.abs(self.frames - number).argmin())
         found: np.ndarray = self.places[nearest]

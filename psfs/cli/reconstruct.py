@@ -35,11 +35,10 @@ from psfs.diagnostics.reprojection_iou import (
 )
 from psfs.output import reconstruction_folder
 from psfs.output.preview import draw_preview
-from psfs.people.config import SeparationConfig
-from psfs.people.people import count_people
+from psfs.people.volume import hold_people
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
-from psfs.volume import automatic_grid, describe_expected_person, find_volume, hold_people
+from psfs.volume import automatic_grid, describe_expected_person, find_volume
 from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.clouds import remove_debris, write_cloud
 from psfs.voxels.config import ReconstructionConfig
@@ -144,7 +143,7 @@ class _Job:
         grid: VoxelGrid,
         body: TrackedBody | None = None,
     ) -> None:
-        session = self._session = examination.session
+        session = examination.session
         self.left_out = examination.left_out
         self.out: Path = args.output
         self.debris: float = args.debris
@@ -209,7 +208,6 @@ class _Job:
         cut = describe_cut_silhouettes(self.sequence.rig.names, np.array(self._beyond))
         if cut:
             warn(cut)
-            self._warn_of_people()
         self._state()
         write_settings(self.out, self.args, {"reconstruction": self.config})
         full = [frame["index"] for frame in self.done if frame["surface_voxels"]]
@@ -220,19 +218,6 @@ class _Job:
             run.cloud(index), self.sequence.rig, self.sequence.read(index), title
         )
         write_picture(self.out / "preview.png", picture)
-
-    def _warn_of_people(self) -> None:
-        """State the volume that holds all people, if there are several."""
-        if self.sequence.subject != "person" or self.sequence.volume is not None:
-            return
-        people = count_people(self._session)
-        if len(people) > 1:
-            low, high = people.box(SeparationConfig().margin)
-            wanted = ",".join(f"{end:.1f}" for pair in zip(low, high, strict=True) for end in pair)
-            warn(
-                f"{people.describe()}, and the volume was found around the largest in each of some "
-                f"frames; --volume={wanted} holds all"
-            )
 
     def _summary(self) -> dict[str, Any]:
         return {

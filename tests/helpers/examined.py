@@ -20,13 +20,13 @@ import apf.api
 from apf.body.model import BodyModel
 from apf.cli.takes import people as people_of_takes
 from psfs.cameras.camera import CameraRig
-from psfs.cli import check, info, reconstruct
+from psfs.cli import check, info
 from psfs.diagnostics import examination
 from psfs.diagnostics.alignment import correct_rig
 from psfs.diagnostics.camera_consistency import find_inconsistent_cameras
 from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.occluders import find_hidden_pixels
-from psfs.people import people
+from psfs.people import people, volume
 from psfs.people.people import count_people
 from psfs.session import Session
 from psfs.volume import BoxSearch
@@ -73,7 +73,7 @@ def remembered() -> Iterator[None]:
             patch.setattr(examination, stage.__name__, find_once(stage))
         for stage in (diagnose, find_inconsistent_cameras):
             patch.setattr(check, stage.__name__, find_once(stage))
-        for module in (people, people_of_takes, info, reconstruct):
+        for module in (people, people_of_takes, info, volume):
             patch.setattr(module, "count_people", count_once)
         patch.setattr(BoxSearch, "run", search_once)
         patch.setattr(apf.api, "fit_to_joints", fit_once)

@@ -24,4 +24,11 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="show whole pictures to the network (default: cropped by the silhouette, where the "
         "empty scene is known)",
     )
+    parser.add_argument(
+        "--people",
+        default="1",
+        metavar="N",
+        help="people to find in each picture: a number, or auto for as many as are seen in "
+        "silhouettes (default 1); each where they stand",
+    )
     add_device_flag(parser)

@@ -19,6 +19,7 @@ from apf.cli import main
 from apf.keypoints import Keypoints
 from apf.keypoints.estimation import CropConfig, update_crop
 from apf.keypoints.readers.orders import MEDIAPIPE
+from psfs.background.standing import StandingPeople
 from psfs.common.outputs import output_folder
 
 FRAMES = 6
@@ -125,6 +126,28 @@ def test_keypoints_of_all_cameras_are_written_and_read_back(
     sizes = np.array(shown, int)
     assert (sizes[:-1] <= 200).all()  # cropped, but for the frame that shows nobody
     assert sizes[-1].tolist() == [480, 640]
+
+
+def test_of_several_people_each_is_in_the_files(
+    folder: Path,
+    tmp_path: Path,
+    stand_in: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """One stands where the square is in the last frames but one, the other beside the picture."""
+    camera = psfs.open_sequence(folder).rig[0]
+    middle = camera.centre + 3 * camera.rays(places()[0, 2:3])[0]
+    apart = np.array([middle, middle + 100])
+    standing = StandingPeople(np.zeros(1, int), (apart / [1, 1, 0.67])[None])
+    monkeypatch.setattr("apf.cli.keypoints.command._find_people", lambda *of: standing)
+    out = tmp_path / "pose"
+    command = ["keypoints", str(folder), "-o", str(out), "--people", "2", "--cameras", "cam01"]
+    assert main(command) == 0
+    said = capsys.readouterr().err
+    assert "cam01: person 2 was found in 0 of 6 frames only" in said
+    read = Keypoints.open(out, ["cam01"])
+    np.testing.assert_allclose(read.points[0, 2, 0, :2], places()[0, 2], atol=0.2)
 
 
 def test_whole_pictures_where_asked_for_replace_an_earlier_run(

@@ -174,7 +174,7 @@ def test_json_and_arrays_of_the_same_points_give_the_same_track(
     points = of_poses(sequence.rig, BODY, POSES, noise=0.3, seed=5).points
     np.save(tmp_path / "mediapipe.npy", points)
     for camera, view in zip(sequence.rig.names, points, strict=True):
-        write_openpose(tmp_path / "json" / f"{camera}_json", camera, view)
+        write_openpose(tmp_path / "json" / f"{camera}_json", camera, view[None])
     exact = [Keypoints.open(tmp_path / name, sequence) for name in ("mediapipe.npy", "json")]
     assert exact[0].names == exact[1].names
     np.testing.assert_allclose(exact[0].points, exact[1].points, atol=6e-4)  # as many digits

@@ -1,0 +1,91 @@
+"""Keypoints of several people, by a network that finds one person in a picture, from where each
+stands."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from apf.keypoints.config import StandingRegionConfig
+from apf.keypoints.network import PoseNetwork
+from apf.keypoints.readers.orders import MEDIAPIPE
+from psfs.background.standing import StandingPeople
+from psfs.cameras.camera import Camera
+
+_TRUNK = [MEDIAPIPE.index(n) for n in ("left_shoulder", "right_shoulder", "left_hip", "right_hip")]
+#: Points around a person's axis at each height.
+_RING = 16
+
+
+class PersonFinder:
+    """Detection of one of several people in one camera's video.
+
+    The network sees the part of the picture in which the person is during the take, and follows
+    the person. If it finds somebody else, it searches again in the region about the person's axis
+    alone.
+    """
+
+    def __init__(
+        self,
+        network: PoseNetwork,
+        camera: Camera,
+        people: StandingPeople,
+        person: int,
+        config: StandingRegionConfig | None = None,
+    ) -> None:
+        self._network, self._camera, self._people = network, camera, people
+        self._person, self._config = person, config or StandingRegionConfig()
+        self._follows = False
+        regions = [self._find_region(place) for place in people.places[:, person]]
+        shown = np.array([region for region in regions if region is not None]).reshape(-1, 4)
+        self._crop = np.concatenate(
+            [shown[:, :2].min(0, initial=2**30), shown[:, 2:].max(0, initial=0)]
+        )
+
+    def __call__(self, picture: np.ndarray, number: int) -> np.ndarray | None:
+        """Return the keypoints (33, 3) px of the person in the picture (h, w, 3) of a frame, None
+        if they are not found."""
+        places = self._people.find(number)
+        region = self._find_region(places[self._person])
+        points = None
+        if region is not None and self._follows:
+            points = self._detect(picture, places)
+        if region is not None and points is None:
+            self._network.forget()
+            left, top, right, bottom = region
+            alone = np.full_like(picture, round(picture.mean()))
+            alone[top:bottom, left:right] = picture[top:bottom, left:right]
+            points = self._detect(alone, places)
+        self._follows = points is not None
+        return points
+
+    def _detect(self, picture: np.ndarray, places: np.ndarray) -> np.ndarray | None:
+        """Return the keypoints in a picture, None if they are those of nobody, or of somebody else:
+        far from the person's place of `places` (P, 3), or nearer to another's."""
+        left, top, right, bottom = self._crop
+        points = self._network(picture[top:bottom, left:right])
+        if points is None:
+            return None
+        points = points + np.array([left, top, 0])
+        trunks = places * [1, 1, self._config.trunk]
+        pixels, _ = self._camera.project(trunks)
+        above, _ = self._camera.project(trunks + places * [0, 0, 0.25])
+        height = 4 * np.linalg.norm(above - pixels, axis=1)[self._person]
+        away = np.linalg.norm(pixels - points[_TRUNK, :2].mean(0), axis=1)
+        own = away[self._person]
+        return points if own < self._config.reach * height and own <= np.nanmin(away) else None
+
+    def _find_region(self, place: np.ndarray) -> np.ndarray | None:
+        """Return the region (4,) int, left, top, right, bottom px, about a place (3,): x, y and
+        height of the top, m. None if that is unknown or not in the picture."""
+        if not np.isfinite(place).all():
+            return None
+        angles = 2 * np.pi / _RING * np.arange(_RING)
+        ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(_RING)], axis=1)
+        heights = np.array([0, 0.5, 1]) * self._config.above * place[2]
+        points = np.array([*place[:2], 0]) + self._config.radius * place[2] * ring
+        pixels, depths = self._camera.project(points + heights[:, None, None] * [0, 0, 1])
+        if not (depths > 0).all():
+            return None
+        pixels = np.clip(pixels.reshape(-1, 2), 0, self._camera.size)
+        low, high = np.floor(pixels.min(0)), np.ceil(pixels.max(0))
+        return np.concatenate([low, high]).astype(int) if (high > low + 1).all() else None
