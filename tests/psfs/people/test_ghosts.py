@@ -52,7 +52,7 @@ def test_what_only_people_explain_is_nobodys_part() -> None:
 
 def test_before_a_good_background_others_must_hide_what_is_nobodys_part() -> None:
     rig = facing_rig().subset(["left", "right"])
-    before_trunk, beside_other = [-0.95, 0.0, 1.1], [-0.25, 0.2, 1.1]  # `right` sees the latter so
+    before_trunk, beside_other = [-0.95, 0.0, 1.1], [-0.25, 0.22, 1.1]  # `right` sees the latter so
     points = np.array([before_trunk, beside_other])
     for poor, expected in ((True, [False, False]), (False, [True, False])):
         assert Ghosts(rig, STANDING, 3, poor).find_own(0, points).tolist() == expected
