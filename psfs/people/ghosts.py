@@ -62,7 +62,7 @@ class Ghosts:
         background those that others hide in no camera that shows them beside the person."""
         own = self._standing.select([number]).contain(points, self._frame, self._girth)
         outside = points[~own]
-        others = np.delete(self.covered, number, axis=0).any(0)
+        others = np.logical_or.reduce(np.delete(self.covered, number, axis=0))
         beside, hidden = np.zeros((2, len(outside)), int)
         for camera, mine, theirs in zip(self._rig, self.covered[number], others, strict=True):
             inside, row, column, _ = camera.look_up(outside)
