@@ -31,7 +31,7 @@ from cl import UserError as UserError
 from cl import select_device as select_device
 from psfs.api import check_sequence, exclude_inconsistent_cameras, resolve_device
 from psfs.common.ranges import check_kind, check_number
-from psfs.people.people import follow_several
+from psfs.people.people import count_people, follow_several
 from psfs.people.separation import separate
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
@@ -72,7 +72,8 @@ def track(
     with `Method.create(objective="keypoints")`, which needs no background. reconstruction: settings
     of silhouettes and voxels.
 
-    A KeyboardInterrupt ends the track after the last complete frame. Doubts about the start are
+    Of several people one is tracked, with a warning in the log: `track_people` tracks all. A
+    KeyboardInterrupt ends the track after the last complete frame. Doubts about the start are
     logged as warnings. Raises InputError if nobody is found or a file is invalid, DeviceError if
     the device cannot be used.
     """
@@ -86,6 +87,8 @@ def track(
         Session(sequence, resolve_device(device), settings), method, all_cameras
     )
     sequence = session.sequence
+    if init is None and (method or Method()).uses_voxels:
+        _warn_of_others(session)
     template, keep_shape = load_template(body)
     take_settings = TakeSettings(
         method=method or Method(),
@@ -165,6 +168,15 @@ def _select_cameras(session: Session, method: Method | None, all_cameras: bool) 
         chosen, sequence = session.settings.selection, session.sequence
         raise InputError(f"{chosen} chooses none of the {len(sequence)} frames of {sequence.name}")
     return session
+
+
+def _warn_of_others(session: Session) -> None:
+    """Log a warning if several people are seen."""
+    if session.sequence.subject == "person":
+        people = count_people(session)
+        if len(people) > 1:
+            seen = people.describe()
+            log.warning("%s: %s; one is tracked", session.sequence.name, seen)
 
 
 def _whole_track(take: Take) -> Track:

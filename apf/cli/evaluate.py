@@ -227,7 +227,7 @@ def print_evaluation(evaluation: Evaluation) -> None:
 def print_people_evaluation(evaluation: PeopleEvaluation) -> None:
     """Print a row for each person, and how well people are counted and kept apart."""
     table = Table(title="Distance to the truth", title_justify="left")
-    table.add_column("person")
+    table.add_column("true person")
     table.add_column("track")
     for column in ("frames", "mean, mm", "median, mm", "beyond 150 mm", "in 95 %"):
         table.add_column(column, justify="right")

@@ -32,33 +32,43 @@ def check_start(args: argparse.Namespace) -> None:
 
 
 def find_first_pose(
-    session: Session, args: argparse.Namespace, seed: int, progress: Callable[[], object] | None
+    session: Session,
+    args: argparse.Namespace,
+    seed: int,
+    progress: Callable[[], object] | None,
+    number: int | None = None,
 ) -> tuple[BodyModel, np.ndarray]:
     """Return the body and its first pose (D,) found in the voxels; a body from a file keeps its
-    shape."""
+    shape. number: of one of several people, counted from 1, for messages."""
     template, keep_shape = load_template(args.body)
-    with explain_failed_start(session.sequence):
+    with explain_failed_start(session.sequence, number):
         found = initialise(
             session, template, height=args.height, keep_shape=keep_shape, seed=seed,
             progress=progress,
         )  # fmt: skip
-    warn_of_doubts(session.sequence, found)
+    warn_of_doubts(session.sequence, found, number)
     return found.body, found.pose
 
 
 @contextmanager
-def explain_failed_start(sequence: Sequence) -> Iterator[None]:
-    """Add to the error of a failed start the name of the sequence, and the flags that help."""
+def explain_failed_start(sequence: Sequence, number: int | None = None) -> Iterator[None]:
+    """Add to the error of a failed start the name of the sequence, the number of one of several
+    people, and the flags that help."""
     try:
         yield
     except StartError as error:
-        raise StartError(
-            f"{sequence.name}: {error}; --frames a: begins at another frame, --init gives a first "
-            "pose instead"
-        ) from None
+        instead = "; --frames a: begins at another frame"
+        if number is None:  # --init is of one person
+            instead += ", --init gives a first pose instead"
+        raise StartError(f"{_name(sequence, number)}: {error}{instead}") from None
 
 
-def warn_of_doubts(sequence: Sequence, start: Start) -> None:
-    """Log the doubts about an automatic start as warnings."""
+def warn_of_doubts(sequence: Sequence, start: Start, number: int | None = None) -> None:
+    """Log the doubts about an automatic start as warnings; number: of one of several people."""
+    instead = ", or give --init" if number is None else ""
     for doubt in start.doubts:
-        warn(f"{sequence.name}: {doubt}; look at the overlay, or give --init")
+        warn(f"{_name(sequence, number)}: {doubt}; look at the overlay{instead}")
+
+
+def _name(sequence: Sequence, number: int | None) -> str:
+    return sequence.name if number is None else f"{sequence.name}, person{number}"

@@ -33,7 +33,9 @@ def run(args: argparse.Namespace) -> None:
     if holds_people(folder):
         _run_people(args, folder)
         return
-    track, summary = Track.open(folder), read_summary(folder)
+    track = Track.open(folder)
+    _check_body(track, folder)
+    summary = read_summary(folder)
     if not len(track):
         raise InputError(f"{folder}: holds no tracked frame; expected at least one")
     if summary.get("people", 1) > 1:
@@ -76,9 +78,18 @@ def run(args: argparse.Namespace) -> None:
     stdout.print(f"wrote {folder / PAGE}", soft_wrap=True)
 
 
+def _check_body(track: Track, folder: Path) -> None:
+    """Raise InputError for triangulated points."""
+    if not track.dof_names:
+        raise InputError(
+            f"{folder}: triangulated points, which are not judged; expected the track of a body"
+        )
+
+
 def _run_people(args: argparse.Namespace, folder: Path) -> None:
     """Write the page of several people, and their overlay if it is missing."""
     tracks = PeopleTracks.open(folder)
+    _check_body(tracks[0], folder)
     first = person_folder(folder, 1)
     summary, video = read_summary(first), folder / OVERLAY
     sequence = open_tracked_sequence(first, summary, int(tracks.frames.max()))

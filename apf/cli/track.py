@@ -296,10 +296,11 @@ def _track(
         given=given,
         keypoints=job.keypoints or read_keypoints(args, sequence, examination.diagnosis),
     )
-    with explain_failed_start(sequence):
+    number = job.of_people.get("person")
+    with explain_failed_start(sequence, number):
         take = track_take(session, settings, line, Keeper(job.folders))
     if take.start is not None:
-        warn_of_doubts(sequence, take.start)
+        warn_of_doubts(sequence, take.start, number)
     return take
 
 

@@ -10,8 +10,8 @@ from functools import lru_cache, partial
 import numpy as np
 
 from apf.cli.takes.opened_track import open_given_track
-from apf.studio.folders import find_kind
-from apf.studio.opened import OpenedTracks, add_track, open_track
+from apf.studio.folders import find_kind, list_people
+from apf.studio.opened import OpenedTracks, add_tracks, open_track
 from apf.studio.pictures import draw_people
 from apf.studio.watch import TrackWatch
 from cl import InputError, select_device
@@ -22,11 +22,12 @@ from psfs.page.opened import open_voxels
 
 def run(args: argparse.Namespace) -> None:
     if args.track is not None:
-        track = open_given_track(args)
+        people = list_people(args.track) or [args.track]
+        tracks = {path.name: open_given_track(args, path) for path in people}
         run, frame = open_folder(args)
         mesher = make_mesher(args, run) if args.png is None else None
         voxels = partial(open_voxels, args.out, mesher)
-        _view(args, lambda known: add_track(voxels(), args.track.name, track), frame)
+        _view(args, lambda known: add_tracks(voxels(), tracks), frame)
     elif find_kind(args.out) == "track":
         if args.mesh:
             what = f"{args.out} is a track, without clouds"

@@ -76,10 +76,10 @@ class RunningTake:
     config: ReconstructionConfig | None
 
 
-def add_track(opened: Opened, name: str, track: Track) -> OpenedTracks:
-    """Return opened voxels with the body of a track in them."""
+def add_tracks(opened: Opened, tracks: Mapping[str, Track]) -> OpenedTracks:
+    """Return opened voxels with the bodies of tracks, by name, in them."""
     fields = {one: getattr(opened, one) for one in Opened.__dataclass_fields__}
-    return OpenedTracks(**fields, tracks={name: track})
+    return OpenedTracks(**fields, tracks=tracks)
 
 
 def open_track(

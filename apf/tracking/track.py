@@ -111,11 +111,7 @@ class Track:
 
     def _check(self) -> None:
         n, n_joints = len(self.frames), len(self.joint_names)
-        expected = {
-            "frames": (n,),
-            "poses": (n, len(self.dof_names)),
-            "joints": (n, n_joints, 3),
-        }
+        expected = {"frames": (n,), "poses": (n, len(self.dof_names)), "joints": (n, n_joints, 3)}
         for name, shape in expected.items():
             found = getattr(self, name).shape
             if found != shape:
@@ -211,9 +207,10 @@ class Track:
     def its_body(self) -> BodyModel:
         """The body that was tracked. Raises InputError if the track does not hold it."""
         if self.body is None:
+            what = "body.toml beside track.npz, as `apf track` writes it"
+            what = what if self.dof_names else "another one: triangulated points have none"
             raise InputError(
-                f"the track of {self.body_name} does not hold its body; expected body.toml beside "
-                "track.npz, as `apf track` writes it"
+                f"the track of {self.body_name} does not hold its body; expected {what}"
             )
         return self.body
 
@@ -343,6 +340,9 @@ class Track:
         parts = [] if (path / "track.npz").exists() else sorted(path.glob(PARTS))
         if parts:  # of a run that was killed
             return concatenate_tracks(parts)
+        runs = [run for of in ("", "person*/") for run in path.glob(f"{of}seed*/track.npz")]
+        if runs and not (path / "track.npz").exists():
+            raise InputError(f"{path}: {len(runs)} runs; expected one, as {min(runs).parent}")
         path = path / "track.npz" if path.is_dir() else path
         schema = _FIELDS | {
             _DIAGNOSTIC + name: replace(values, needed=False)

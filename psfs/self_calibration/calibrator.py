@@ -5,12 +5,12 @@ lags are searched in tables of all pairs (`pairing`, `bobbing`, `search`); the b
 adjusted, and the best of these is adjusted to all frontier points (`adjustment`). If none fits, as
 of somebody who stays in place, the rig is grown camera by camera (`growth`). The best rig is
 adjusted until it stays. Of a large rig some cameras are found so, and the others are added to these
-(`addition`).
+(`addition`). What cannot be trusted is refused (`checks`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -19,7 +19,6 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.progress import Track, map_in_threads, track_silently
-from psfs.diagnostics.frontier import FrontierPoints
 from psfs.self_calibration.addition import CameraAddition, choose_core
 from psfs.self_calibration.adjustment import (
     Adjusted,
@@ -27,11 +26,17 @@ from psfs.self_calibration.adjustment import (
     adjust_extremes,
     adjust_frontier,
     measure_misfit,
-    measure_pairs,
-    measure_turn,
-    summarise_pairs,
 )
 from psfs.self_calibration.bobbing import compare_bobbing, refine_lags
+from psfs.self_calibration.checks import (
+    check_directions,
+    check_fit,
+    check_unambiguous,
+    differ,
+    find_rival,
+    list_lags,
+    measure_worst_misfit,
+)
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.growth import grow_rigs
 from psfs.self_calibration.pairing import Walker, compare_pair
@@ -82,7 +87,7 @@ def calibrate_by_person(
     found = best = _find_rig(take.select(core), config, track)
     if found is not None and len(core) < len(cameras):
         best = _add_others(found, core, take, config, track)
-    calibration = _check(best, take, config)
+    calibration = _make_calibration(best, take, config)
     if found is not None:
         check_directions(found, config)
     return calibration
@@ -113,7 +118,7 @@ def adjust_calibration(
     up = np.array([0.0, 0.0, 1.0])
     if best is not None:
         best = settle_finely(best, points, lambda rig: find_room_edges(rig, edges, up, config))
-    best, misfits, touched = _check_fit(best, points, config)
+    best, misfits, touched = check_fit(best, points, config)
     last, (rig, levelled) = best.last, level_rig(best, points, edges, touched, config)
     path = measure_path(rig, touched)
     return PersonCalibration(rig, best.lags, last.residual, last.count, misfits, path, levelled)
@@ -125,19 +130,19 @@ def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted 
     ranked = _rank_starts(starts, take.points, take.step, config, track)
     best = _adjust_first(ranked, take.points)
     rival = None
-    if best is not None and _worst_misfit(best, take.points) <= config.sure_residual:
+    if best is not None and measure_worst_misfit(best, take.points) <= config.sure_residual:
         rival = find_rival(best, ranked, take.points, take.step, config)
     elif starts:
         lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
         grown = grow_rigs(take.cameras, lags, take.points, config, track)
         best = adjust_grown(best, grown, take.points, config, track)
-    if best is None:
-        if starts:
-            late = _list_lags(take.cameras, lags - lags[0])
+        if best is None:
+            late = list_lags(take.cameras, lags - lags[0])
             raise InputError(
                 "no arrangement of the cameras fits the silhouettes; frames late, to about half a "
                 f"frame, by the head's ups and downs: {late}; {FILM}"
             )
+    if best is None:
         return None
 
     def find_edges(rig: CameraRig) -> RoomEdges | None:
@@ -213,87 +218,14 @@ def _rank_starts(
     ranked = sorted(finish(found[: config.finalists]), key=lambda of: of[0])
     if not ranked:
         return []
-    others = [of for of in found if _differ(of[1], ranked[0][1], step, config)]
-    rivals = [of for of in ranked if _differ(of[1], ranked[0][1], step, config)]
+    others = [of for of in found if differ(of[1], ranked[0][1], step, config)]
+    rivals = [of for of in ranked if differ(of[1], ranked[0][1], step, config)]
     return [ranked[0], *sorted([*rivals, *finish(others[:1])], key=lambda of: of[0])[:1]]
-
-
-def _differ(first: Adjusted, second: Adjusted, step: int, config: PersonConfig) -> bool:
-    """Return whether two rigs are different arrangements."""
-    turn = measure_turn(first.rig.cameras, second.rig.cameras)
-    late = float(np.abs(first.lags - second.lags).max())
-    return turn > config.growth.same or late > config.search.same_lag * step
-
-
-def find_rival(
-    best: Adjusted, ranked: list[tuple[float, Adjusted]], points: PersonPoints, step: int,
-    config: PersonConfig,
-) -> Adjusted | None:  # fmt: skip
-    """Return another arrangement that fits every camera about as well as the best, if there is
-    one. An arrangement that becomes the best one when it is adjusted is not another."""
-    if len(ranked) < 2 or ranked[1][0] > config.distinct * ranked[0][0]:
-        return None
-    rival = adjust_frontier(ranked[1][1].rig, ranked[1][1].lags, points)
-    return rival if rival is not None and _fit_alike(best, rival, points, step, config) else None
-
-
-def check_unambiguous(
-    best: Adjusted, rival: Adjusted, points: PersonPoints, step: int, config: PersonConfig
-) -> None:
-    """Raise InputError if the rival fits every camera about as well as the best."""
-    if not _fit_alike(best, rival, points, step, config):
-        return
-    own, other = (summarise_pairs(measure_pairs(of, points)) for of in (best, rival))
-    late = float(np.abs(rival.lags - best.lags).max())
-    turn = np.degrees(measure_turn(best.rig.cameras, rival.rig.cameras))
-    raise InputError(
-        f"two arrangements of the cameras fit alike, to {own.max():.2f} and {other.max():.2f} px: "
-        f"times differ by up to {late:.0f} frames, directions by {turn:.0f} degrees, as of "
-        "somebody who walks on a circle; film one person who walks straight lines to and fro, "
-        "turns and stops"
-    )
-
-
-def _fit_alike(
-    best: Adjusted, rival: Adjusted, points: PersonPoints, step: int, config: PersonConfig
-) -> bool:
-    """Return whether two rigs are different arrangements of which the second fits no camera worse.
-
-    Cameras are compared one by one, for most of them may stand the same in both. Misfits below the
-    contours' noise are alike.
-    """
-    own, other = (summarise_pairs(measure_pairs(of, points)) for of in (best, rival))
-    worse = other > config.distinct * np.maximum(own, config.adjustment.narrow.noise)
-    return _differ(rival, best, step, config) and not worse.any()
-
-
-def check_directions(best: Adjusted, config: PersonConfig) -> None:
-    """Raise InputError if the silhouettes do not tell well enough where the cameras look, as of
-    somebody who stays in place. The times, which silhouettes tell better, are in the message."""
-    turns = np.degrees(np.linalg.norm(best.last.sigmas[:, :3], axis=1))
-    worst, names = int(np.argmax(turns)), best.rig.names
-    if not turns[worst] <= np.degrees(config.worst_direction):
-        late = _list_lags(best.rig, best.lags)
-        raise InputError(
-            f"the silhouettes tell the direction of {names[worst]} to a standard deviation of "
-            f"{turns[worst]:.2f} degrees, as of somebody who stays in place; expected "
-            f"{np.degrees(config.worst_direction):.2f} or less; the times are found, frames late: "
-            f"{late}; {FILM}"
-        )
-
-
-def _list_lags(cameras: Iterable[Camera], lags: np.ndarray) -> str:
-    return ", ".join(f"{of.name} {lag:+.2f}" for of, lag in zip(cameras, lags, strict=True))
 
 
 def _adjust_first(ranked: list[tuple[float, Adjusted]], points: PersonPoints) -> Adjusted | None:
     """Return the first rig after adjustment to all frontier points."""
     return adjust_frontier(ranked[0][1].rig, ranked[0][1].lags, points) if ranked else None
-
-
-def _worst_misfit(adjusted: Adjusted, points: PersonPoints) -> float:
-    misfits = summarise_pairs(measure_pairs(adjusted, points))
-    return float(np.nan_to_num(misfits, nan=np.inf).max())
 
 
 def adjust_grown(
@@ -304,60 +236,15 @@ def adjust_grown(
     first = [searched, *(adjust_frontier(rig, lags, points) for rig, lags in grown)]
     found = [own for own in first if own is not None]
     final = [adjust_farther(own, points) for own in track(found, len(found), "best rigs")]
-    return min(final, key=lambda own: _worst_misfit(own, points), default=None)
+    return min(final, key=lambda own: measure_worst_misfit(own, points), default=None)
 
 
-def _check(best: Adjusted | None, take: PersonTake, config: PersonConfig) -> PersonCalibration:
+def _make_calibration(
+    best: Adjusted | None, take: PersonTake, config: PersonConfig
+) -> PersonCalibration:
     """Return the calibration in its world. Raises InputError if it cannot be trusted."""
-    best, misfits, touched = _check_fit(best, take.points, config)
+    best, misfits, touched = check_fit(best, take.points, config)
     world, levelled = align_to_person(best, take, touched, config)
     path = measure_path(world, touched)
     last = best.last
     return PersonCalibration(world, best.lags, last.residual, last.count, misfits, path, levelled)
-
-
-def _check_fit(
-    best: Adjusted | None, points: PersonPoints, config: PersonConfig
-) -> tuple[Adjusted, np.ndarray, FrontierPoints]:
-    """Return the adjusted rig, the cameras' misfits (V,), px, and its frontier points. Raises
-    InputError if the silhouettes do not fit."""
-    if best is None:
-        raise InputError(f"no arrangement of the cameras fits the silhouettes; {FILM}")
-    names, pairs = best.rig.names, measure_pairs(best, points)
-    misfits = summarise_pairs(pairs)
-    worst = int(np.argmax(misfits))
-    if not np.isfinite(misfits[worst]):
-        raise InputError(
-            f"{names[worst]} shares too few pictures of the whole person with two other cameras "
-            f"that do not stand opposite to it; {FILM}"
-        )
-    most = config.worst_residual if len(names) > 3 else config.worst_of_three
-    if misfits[worst] > most:
-        raise InputError(
-            f"the silhouettes fit no arrangement of the cameras: those of {names[worst]} and the "
-            f"other cameras differ by {misfits[worst]:.2f} px, expected at most {most:g} with "
-            f"{len(names)} cameras; {FILM}"
-        )
-    judged = exclude_lone_pairs(pairs, config)
-    if np.nanmax(judged) > config.worst_pair:
-        a, b = divmod(int(np.nanargmax(judged)), len(names))
-        raise InputError(
-            f"the silhouettes fit no arrangement of the cameras: those of {names[a]} and "
-            f"{names[b]} differ by {pairs[a, b]:.2f} px, expected at most {config.worst_pair:g}; "
-            f"{FILM}"
-        )
-    shifts = np.round(best.lags).astype(int)
-    touched = points.find_all(best.rig.cameras, shifts, config.adjustment.gates[-1])
-    return best, misfits, touched
-
-
-def exclude_lone_pairs(pairs: np.ndarray, config: PersonConfig) -> np.ndarray:
-    """Return the pairs (V, V), px, NaN where both cameras fit all others, two or more each: cameras
-    that face each other may see the same shadow on the floor, which tells nothing then."""
-    judged = pairs.copy()
-    for a, b in np.argwhere(pairs > config.worst_pair):
-        others = [np.delete(pairs[view], [a, b]) for view in (a, b)]
-        known = [own[np.isfinite(own)] for own in others]
-        if all(len(own) >= 2 and own.max() <= config.worst_of_three for own in known):
-            judged[a, b] = np.nan
-    return judged

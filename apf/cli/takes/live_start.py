@@ -132,10 +132,11 @@ def _find_starts(
     )
     begun = Session(session.sequence, session.device, settings)
     beginning = people.during(first)
-    given, seed = [], method.filter.search.seed
+    given: list[Given] = []
+    seed = method.filter.search.seed
     for person, own in zip(beginning, separate(begun, beginning), strict=True):
         if person.frames[0] == frames[0]:
-            given.append(find_first_pose(own, args, seed, None))
+            given.append(find_first_pose(own, args, seed, None, len(given) + 1))
     left = (number or len(beginning)) - len(given)
     if left > 0:
         warn(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -21,12 +22,13 @@ def _same(own: BodyModel, other: BodyModel) -> bool:
     )
 
 
-def open_given_track(args: argparse.Namespace) -> Track:
-    """Return the track at `args.track`, with the body of `--body` if given. Raises InputError, also
-    if a body is needed and the track holds none."""
-    track = Track.open(args.track)
+def open_given_track(args: argparse.Namespace, path: Path | None = None) -> Track:
+    """Return the track at `args.track`, or of one of several people at `path`, with the body of
+    `--body` if given. Raises InputError, also if a body is needed and the track holds none."""
+    path = path or args.track
+    track = Track.open(path)
     if not len(track):
-        raise InputError(f"{args.track}: holds no tracked frame; expected at least one")
+        raise InputError(f"{path}: holds no tracked frame; expected at least one")
     if "cutoff" in args.chosen_flags and args.cutoff >= track.fps / 2:
         raise InputError(
             f"--cutoff is {args.cutoff:g} Hz, which smooths nothing; expected less than half of "
@@ -41,5 +43,5 @@ def open_given_track(args: argparse.Namespace) -> Track:
         if track.dof_names:
             _ = track.its_body
     except InputError as error:
-        raise InputError(f"{args.track}: {error}") from None
+        raise InputError(f"{path}: {error}") from None
     return track

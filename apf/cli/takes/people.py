@@ -109,10 +109,8 @@ def find_persons(
     if wanted == 1 or (wanted is None and sequence.subject == "object"):
         return None
     if wanted is None and (why is not None or given is not None):
-        if why is not None and job.method.uses_voxels:
-            people = count_people(session)
-            if len(people) > 1:
-                warn(f"{sequence.name}: {people.describe()}; one is tracked, as {why}")
+        if why is not None:
+            _warn_of_others(job, session, why)
         return None
     if not job.method.uses_voxels:
         return _find_by_keypoints(job, session, wanted)
@@ -123,11 +121,29 @@ def find_persons(
         warn(f"{sequence.name}: --people is {wanted}; {counted.describe()}")
     if found is None:
         return None
-    stderr.print(f"{sequence.name}: {found.describe()}", soft_wrap=True, markup=False)
+    if wanted is None or found.objects:
+        stderr.print(f"{sequence.name}: {found.describe()}", soft_wrap=True, markup=False)
     keypoints = read_people_keypoints(args, session, found)
     sessions = separate(session, found, lambda: line("people"))
     seen = [person.frames for person in found]
     return Persons(found.frames, seen, sessions, keypoints, found.objects)
+
+
+def _warn_of_others(job: TrackJob, session: Session, why: str) -> None:
+    """Warn that only one person is tracked, if several are seen; why: see `_explain_one_person`."""
+    seen = ""
+    if job.method.objective != "keypoints":
+        if len(session.rig) > 1 and len(people := count_people(session)) > 1:
+            seen = people.describe()
+    elif job.args.keypoints is not None:
+        number = len(open_people_keypoints(job.args, session.sequence, None))
+        seen = _describe_keypoints(number) if number else ""
+    if seen:
+        warn(f"{session.sequence.name}: {seen}; one is tracked, as {why}")
+
+
+def _describe_keypoints(number: int) -> str:
+    return f"{number} people are seen in the keypoints"
 
 
 def _find_by_keypoints(job: TrackJob, session: Session, number: int | None) -> Persons | None:
@@ -148,7 +164,7 @@ def _find_by_keypoints(job: TrackJob, session: Session, number: int | None) -> P
     ]
     shown = [own for own, _ in persons]
     if number is None:
-        counted = f"{len(persons)} people are seen in the keypoints"
+        counted = _describe_keypoints(len(persons))
         stderr.print(f"{session.sequence.name}: {counted}", soft_wrap=True, markup=False)
     return Persons(session.frames, shown, sessions, [keypoints for _, keypoints in persons])
 

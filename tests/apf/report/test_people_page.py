@@ -103,3 +103,23 @@ def test_commands_take_all_people_or_say_why_not(
     capsys.readouterr()
     assert main(["smooth", str(out), "-o", str(tmp_path / "smooth")]) == 2
     assert "of several people; expected one, as" in capsys.readouterr().err
+
+
+def test_folders_that_hold_no_track_of_a_body_say_what_they_hold(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for seed in (0, 1):
+        tracks.walker(N).save(tmp_path / "seeds" / "person1" / f"seed{seed}" / "track.npz")
+    track = tracks.walker(N)
+    points = replace(track, body=None, dof_names=(), poses=track.poses[:, :0])
+    points.save(tmp_path / "points" / "track.npz")
+    for command, said in (
+        (["export", "seeds"], f"2 runs; expected one, as {tmp_path}"),
+        (["report", "points"], "triangulated points, which are not judged; expected the track of"),
+        (
+            ["view", "points", "--png", "x.png"],
+            "expected another one: triangulated points have none",
+        ),
+    ):
+        assert main([command[0], str(tmp_path / command[1]), *command[2:]]) == 2
+        assert said in capsys.readouterr().err

@@ -10,7 +10,7 @@ import pytest
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.refinement import RigCorrections
-from psfs.self_calibration import calibrator
+from psfs.self_calibration import calibrator, checks
 from psfs.self_calibration.addition import CameraAddition, choose_core
 from psfs.self_calibration.adjustment import (
     Adjusted,
@@ -176,11 +176,11 @@ def test_somebody_on_a_circle_is_refused():
         for rig, own in zip(rigs, lags, strict=True)
     ]
     points = PersonPoints(CAMERAS, outlines(), CONFIG.adjustment)
-    rival = calibrator.find_rival(ranked[0][1], ranked, points, 6, CONFIG)
+    rival = checks.find_rival(ranked[0][1], ranked, points, 6, CONFIG)
     with pytest.raises(InputError, match=r"two arrangements .* up to 30 frames, .* by 29 degrees"):
-        calibrator.check_unambiguous(ranked[0][1], rival, points, 6, CONFIG)
+        checks.check_unambiguous(ranked[0][1], rival, points, 6, CONFIG)
     ranked[1] = (0.15, ranked[1][1])
-    assert calibrator.find_rival(ranked[0][1], ranked, points, 6, CONFIG) is None
+    assert checks.find_rival(ranked[0][1], ranked, points, 6, CONFIG) is None
 
 
 def test_another_place_of_one_camera_is_compared_by_that_camera(monkeypatch):
@@ -188,29 +188,29 @@ def test_another_place_of_one_camera_is_compared_by_that_camera(monkeypatch):
     rig = CameraRig(tuple(CAMERAS))
     best, rival = (Adjusted(rig, np.array([0.0, 0, late, 0]), None) for late in (0, 60))
     misfits = {0: [0.3, 0.3, 0.3, 0.7], 60: [0.3, 0.4, 0.6, 0.65]}
-    monkeypatch.setattr(calibrator, "adjust_frontier", lambda *_: rival)
-    monkeypatch.setattr(calibrator, "measure_pairs", lambda of, _: misfits[int(of.lags[2])])
-    monkeypatch.setattr(calibrator, "summarise_pairs", np.array)
+    monkeypatch.setattr(checks, "adjust_frontier", lambda *_: rival)
+    monkeypatch.setattr(checks, "measure_pairs", lambda of, _: misfits[int(of.lags[2])])
+    monkeypatch.setattr(checks, "summarise_pairs", np.array)
     ranked = [(0.1, best), (0.11, rival)]
-    assert calibrator.find_rival(best, ranked, None, 6, CONFIG) is None
+    assert checks.find_rival(best, ranked, None, 6, CONFIG) is None
     misfits[60][2] = 0.4
-    assert calibrator.find_rival(best, ranked, None, 6, CONFIG) is rival
+    assert checks.find_rival(best, ranked, None, 6, CONFIG) is rival
     with pytest.raises(InputError, match=r"to 0\.70 and 0\.65 px: times differ by up to 60 frames"):
-        calibrator.check_unambiguous(best, rival, None, 6, CONFIG)
+        checks.check_unambiguous(best, rival, None, 6, CONFIG)
     misfits[60][2] = 0.6  # after the last passes
-    calibrator.check_unambiguous(best, rival, None, 6, CONFIG)
+    checks.check_unambiguous(best, rival, None, 6, CONFIG)
     # Adjusted, it becomes the best one.
-    monkeypatch.setattr(calibrator, "adjust_frontier", lambda *_: best)
-    assert calibrator.find_rival(best, ranked, None, 6, CONFIG) is None
+    monkeypatch.setattr(checks, "adjust_frontier", lambda *_: best)
+    assert checks.find_rival(best, ranked, None, 6, CONFIG) is None
 
 
 def test_one_pair_of_cameras_may_differ_if_both_fit_all_others():
     pairs = np.full((4, 4), 0.4)
     pairs[1, 3] = pairs[3, 1] = 3.8
-    assert np.nanmax(calibrator.exclude_lone_pairs(pairs, CONFIG)) == 0.4
+    assert np.nanmax(checks.exclude_lone_pairs(pairs, CONFIG)) == 0.4
     for worse in (0.8, np.nan):
         pairs[1, 2] = pairs[2, 1] = worse
-        assert np.nanmax(calibrator.exclude_lone_pairs(pairs, CONFIG)) == 3.8
+        assert np.nanmax(checks.exclude_lone_pairs(pairs, CONFIG)) == 3.8
 
 
 def test_of_grown_rigs_the_one_whose_worst_camera_fits_best_is_taken(monkeypatch):
@@ -223,8 +223,8 @@ def test_of_grown_rigs_the_one_whose_worst_camera_fits_best_is_taken(monkeypatch
     monkeypatch.setattr(calibrator, "adjust_frontier", lambda *_: wrong)
     monkeypatch.setattr(calibrator, "adjust_farther", lambda own, _: own)
     misfits = {2803: [0.4, 0.3, 0.4, 0.4], 2888: [0.3, 0.6, 0.6, 0.3]}
-    monkeypatch.setattr(calibrator, "measure_pairs", lambda own, _: misfits[own.last.count])
-    monkeypatch.setattr(calibrator, "summarise_pairs", np.array)
+    monkeypatch.setattr(checks, "measure_pairs", lambda own, _: misfits[own.last.count])
+    monkeypatch.setattr(checks, "summarise_pairs", np.array)
     grown = [(rig, lags)]
     assert calibrator.adjust_grown(right, grown, None, CONFIG, lambda of, *_: of) is right
     misfits[2888] = [np.nan, 0.1, 0.1, np.nan]  # cameras that share nothing
@@ -238,11 +238,11 @@ def test_a_direction_that_is_badly_known_is_refused():
     found = Adjusted(
         CameraRig(tuple(CAMERAS)), np.array(LAGS, float), RigCorrections(sigmas, sigmas, 0.2, 900)
     )
-    calibrator.check_directions(found, CONFIG)
+    checks.check_directions(found, CONFIG)
     sigmas[2, :3] = 0.007
     said = rf"{CAMERAS[2].name} .* 0\.69 degrees, .* 0\.25 .* late: .* {CAMERAS[1].name} \+4\.00,"
     with pytest.raises(InputError, match=said):
-        calibrator.check_directions(found, CONFIG)
+        checks.check_directions(found, CONFIG)
 
 
 def test_a_rig_is_adjusted_until_it_stays():
