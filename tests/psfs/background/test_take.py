@@ -114,7 +114,7 @@ def test_where_people_stand_their_clothes_are_no_background() -> None:
     shifts = 0.1 * np.stack([np.sin(sway), np.cos(1.7 * sway)], -1)
     rig, _, media = take(shifts, np.ones((10, 3)), (60, 90, 170))
     standing = StandingPeople(np.array([0, 5]), np.tile([0.0, 0.0, 1.5], (2, 1, 1)))
-    beside = StandingPeople(standing.frames, standing.places + [1.2, 0, 0])
+    beside = StandingPeople(standing.frames, standing.places + np.array([1.2, 0, 0]))
     places = (None, standing, beside)
     found = [estimate_background_from_take(rig, media, standing=own) for own in places]
     trunk = np.array([[0, 0, z] for z in np.linspace(0.6, 1.2, 30)])
