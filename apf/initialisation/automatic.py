@@ -41,7 +41,7 @@ def find_start(
     first, the last and some middle ones of the fitted frames, search over all headings. From the
     frame with the best fit, track the body to both ends, and fit its shape to all frames. Repeat
     once from the frame that now fits best, with that shape. Repeat everything with other random
-    numbers, see `StartConfig.for_poor_silhouettes`, while the fit is poor.
+    numbers while the fit is poor.
 
     noise: of a tracker from one of `voxels` to the next, see `SearchConfig`. height: known stature,
     m. keep_shape: the template is the person's own body. progress: called every now and then.
@@ -59,9 +59,8 @@ def find_start(
     while not found or (len(found) < n_attempts and found[-1].registration_error > good):
         other = (seed + (len(found) << 32)) % 2**64
         task = SearchTask(height, keep_shape, other, way)
-        own = config.for_poor_silhouettes() if found else config
-        search = PoseSearch(scene, task, own)
-        tracking = own.filter.with_changes(noise=noise, seed=other)
+        search = PoseSearch(scene, task, config)
+        tracking = config.filter.with_changes(noise=noise, seed=other)
         fitting = _Fitting(search, shown, every, clouds, tracking, progress)
         # the products are small: BLAS threads would only wait for each other
         with threadpool_limits(1, "blas"):

@@ -88,12 +88,6 @@ class PoseSearchConfig(Config):
     n_particles_near: int = setting(100, "Number of particles of the search near a pose.", least=2)
     noise: float = positive(1.0, "Scale of the deviations of `SpreadConfig` in the first layer.")
     noise_decay: float = positive(0.75, "Factor of the noise from layer to layer.")
-    poor: float = setting(
-        3.0,
-        "Factor of these numbers in the attempts after one that fits poorly.",
-        "Pose2Sim's `Demo_MultiPerson`",
-        least=1,
-    )
     near_noise: float = positive(0.1, "Scale of the body's own sigma in the search near a pose.")
     n_limb_starts: int = natural(
         4, "Number of initial poses of a limb's search: the present one, at rest, and random."
@@ -315,14 +309,3 @@ class StartConfig(Config):
         "person, so that a wrongly turned or bent body fills it as well. Silhouettes and edges "
         "therefore have more weight than in tracking.",
     )
-
-    def for_poor_silhouettes(self) -> StartConfig:
-        """Return the settings of the attempts after one that fits poorly: more particles, and a
-        weaker refinement on the voxels."""
-        search = self.search
-        more = search.replace(
-            n_particles_body=round(search.poor * search.n_particles_body),
-            n_particles_limb=round(search.poor * search.n_particles_limb),
-            n_particles_near=round(search.poor * search.n_particles_near),
-        )
-        return self.replace(search=more, filter=self.filter.for_poor_silhouettes())
