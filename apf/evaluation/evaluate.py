@@ -33,10 +33,10 @@ LOST_FRAMES = 10
 
 #: The content of an npz of true joints; m, NaN where missing.
 _TRUTH = {
-    "joint_names": Values(("J",), "text"),
-    "joints": Values(("F", "J", 3), finite=False, low=-1e6, high=1e6),
+    "joint_names": Values(("joints of one person",), "text"),
+    "joints": Values(("frames", "joints of one person", 3), finite=False, low=-1e6, high=1e6),
     "fps": Values(None, low=1e-3, high=1e5),
-    "frames": Values(("F",), "int", low=0, needed=False),
+    "frames": Values(("frames",), "int", low=0, needed=False),
 }
 
 

@@ -28,11 +28,11 @@ from psfs.common.npz import Values, get_scalar, read_npz
 MATCHED = 0.5
 #: The content of an npz of the true joints of several people; m, NaN where missing.
 _TRUTH = {
-    "joint_names": Values(("J",), "text"),
-    "person_names": Values(("P",), "text", needed=False),
-    "joints": Values(("F", "P", "J", 3), finite=False, low=-1e6, high=1e6),
+    "joint_names": Values(("joints",), "text"),
+    "person_names": Values(("people",), "text", needed=False),
+    "joints": Values(("frames", "people", "joints", 3), finite=False, low=-1e6, high=1e6),
     "fps": Values((), low=1e-3, high=1e5),
-    "frames": Values(("F",), "int", low=0, needed=False),
+    "frames": Values(("frames",), "int", low=0, needed=False),
 }
 
 

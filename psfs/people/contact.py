@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from psfs.people.config import SeparationConfig
+from psfs.people.following import find_middle
 from psfs.people.people import People
 from psfs.voxels.grid import VoxelCloud
 
@@ -76,7 +77,7 @@ def split_cloud(
         coarse = trees[one].data
         high = points[:, 2] > config.arms * coarse[:, 2].max()
         reached = owned[one] & high & (nearest[other] < config.reach)
-        outside = np.linalg.norm(points[:, :2] - _axis(coarse), axis=1) > config.core
+        outside = np.linalg.norm(points[:, :2] - find_middle(coarse), axis=1) > config.core
         shared[other] |= reached & outside
         near[other] |= reached & ~outside
     if not (shared.any() or near.any()):
@@ -100,11 +101,6 @@ def _find_pairs(people: People, index: int, apart: float) -> list[Pair]:
     return [
         (one, other)
         for one, other in permutations(trees, 2)
-        if np.linalg.norm(_axis(trees[one].data) - _axis(trees[other].data)) >= apart
+        if np.linalg.norm(find_middle(trees[one].data) - find_middle(trees[other].data)) >= apart
         and trees[one].query(trees[other].data, distance_upper_bound=touch)[0].min() < touch
     ]
-
-
-def _axis(coarse: np.ndarray) -> np.ndarray:
-    """Return where on the floor (2,) most of the coarse voxels (N, 3) are."""
-    return np.asarray(np.median(coarse[:, :2], axis=0))

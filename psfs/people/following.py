@@ -46,7 +46,7 @@ class _ActiveTrajectory:
     def advance(self, points: np.ndarray, reach: float, newest: float) -> _ActiveTrajectory:
         """Return the trajectory with its `points` of the next frame; newest: weight of that step in
         the velocity."""
-        step = np.clip(_middle(points) - _middle(self.points), -reach, reach)
+        step = np.clip(find_middle(points) - find_middle(self.points), -reach, reach)
         return _ActiveTrajectory(self.one, points, (1 - newest) * self.speed + newest * step)
 
 
@@ -172,9 +172,9 @@ class PeopleFollower:
         ]
         if not lost or not free:
             return
-        middles = [_middle(points[regions == region]) for region in free]
+        middles = [find_middle(points[regions == region]) for region in free]
         apart = np.array(
-            [[np.linalg.norm(_middle(moved[k]) - middle) for middle in middles] for k in lost]
+            [[np.linalg.norm(find_middle(moved[k]) - middle) for middle in middles] for k in lost]
         )
         for row, column in zip(*linear_sum_assignment(apart), strict=True):
             if apart[row, column] <= self._reach:
@@ -189,12 +189,14 @@ def _split(points: np.ndarray, moved: list[np.ndarray], axis_weight: float) -> l
     costs = []
     for were in moved:
         distance = cKDTree(were).query(points)[0]
-        costs.append(distance + axis_weight * np.linalg.norm(points[:, :2] - _middle(were), axis=1))
+        costs.append(
+            distance + axis_weight * np.linalg.norm(points[:, :2] - find_middle(were), axis=1)
+        )
     nearest = np.argmin(costs, axis=0)
     return [np.flatnonzero(nearest == k) for k in range(len(moved))]
 
 
-def _middle(points: np.ndarray) -> np.ndarray:
+def find_middle(points: np.ndarray) -> np.ndarray:
     """Return where on the floor (2,) most of the points (N, 3) are."""
     return np.median(points[:, :2], axis=0)
 

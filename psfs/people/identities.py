@@ -11,10 +11,19 @@ from scipy.optimize import linear_sum_assignment
 
 from psfs.people.coarse_voxels import BANDS, likeness
 from psfs.people.config import FollowingConfig, IdentityConfig, PeopleConfig
-from psfs.people.following import Trajectory
+from psfs.people.following import Trajectory, find_middle
 from psfs.voxels.grid import VoxelGrid
 
 T = TypeVar("T")
+
+#: Cost of two trajectories that cannot be of the same person.
+_IMPOSSIBLE = 1e3
+#: A trajectory that begins so soon, s, and so near, m, after another one's end goes on with it,
+#: whatever its colours and size.
+_SOON, _NEAR = 0.5, 0.5
+#: Frames that measure the height of a trajectory, and the share of them in which somebody may
+#: crouch.
+_LOOKS, _CROUCHING = 15, 0.8
 
 
 @dataclass(eq=False)
@@ -35,7 +44,7 @@ class Appearance:
 Seen = dict[Trajectory, Appearance]
 
 
-def volume(one: Trajectory) -> float:
+def count_voxels(one: Trajectory) -> float:
     """Return the median number of voxels."""
     return float(np.median([len(of) for of in one.voxels.values()])) if one.voxels else 0.0
 
@@ -88,13 +97,13 @@ def join_returning(seen: Seen, grid: VoxelGrid, config: IdentityConfig, fps: flo
     joined = dict(seen)
     while True:
         ones = sorted(joined, key=lambda one: int(one.frames[0]))
-        costs = np.full((len(ones), len(ones)), 1e3)
+        costs = np.full((len(ones), len(ones)), _IMPOSSIBLE)
         for i, early in enumerate(ones):
             for j, late in enumerate(ones):
                 if early.frames[-1] < late.frames[0]:
                     costs[i, j] = _cost(early, late, joined, grid, config, fps)
         pairs = [(i, j) for i, j in zip(*linear_sum_assignment(costs), strict=True)
-                 if costs[i, j] < 1e3]  # fmt: skip
+                 if costs[i, j] < _IMPOSSIBLE]  # fmt: skip
         if not pairs:
             return joined
         i, j = min(pairs, key=lambda pair: costs[pair])
@@ -113,21 +122,20 @@ def _cost(
     config: IdentityConfig,
     fps: float,
 ) -> float:
-    """Return how unlike both are, 1e3 where they cannot be the same person."""
+    """Return how unlike both are, `_IMPOSSIBLE` where they cannot be the same person."""
     last, first = int(early.frames[-1]), int(late.frames[0])
     seconds = (first - last) / fps
-    ends = (grid.centres(early.voxels[last]), grid.centres(late.voxels[first]))
-    middles = [np.median(points[:, :2], axis=0) for points in ends]
-    apart = float(np.linalg.norm(middles[0] - middles[1]))
+    ends = grid.centres(early.voxels[last]), grid.centres(late.voxels[first])
+    apart = float(np.linalg.norm(find_middle(ends[0]) - find_middle(ends[1])))
     if apart > config.speed * seconds + config.slack:
-        return 1e3
+        return _IMPOSSIBLE
     alike = likeness(
         seen[early].sum_colours(-np.inf, np.inf), seen[late].sum_colours(-np.inf, np.inf)
     )
-    size = abs(np.log(volume(early) / volume(late)))
-    at_once = seconds < 0.5 and apart < 0.5
+    size = abs(np.log(count_voxels(early) / count_voxels(late)))
+    at_once = seconds < _SOON and apart < _NEAR
     if not at_once and (alike < config.likeness or size > config.size):
-        return 1e3
+        return _IMPOSSIBLE
     return 1 - alike + config.size_weight * size + min(apart, 1.0) * config.distance_weight
 
 
@@ -135,7 +143,7 @@ def is_person(
     one: Trajectory, looks: Appearance, grid: VoxelGrid, largest: float, config: PeopleConfig
 ) -> bool:
     """Return whether a trajectory is a second person beside one of `largest` volume."""
-    if volume(one) < config.least_share * largest:
+    if count_voxels(one) < config.least_share * largest:
         return False
     low, high = np.median(_ends(one, grid), axis=0)
     if high - low + config.voxel < config.least_height or low > config.lowest:
@@ -154,11 +162,11 @@ def is_part(
         return False
     apart = []
     for index in sorted(one.touching):
-        floor = grid.centres(one.voxels[index])[:, :2] if index in one.voxels else np.zeros((0, 2))
         rest = [of.voxels[index] for of in others if index in of.touching and index in of.voxels]
-        if len(floor) and rest:
-            middles = [np.median(grid.centres(own)[:, :2], axis=0) for own in rest]
-            apart.append(np.linalg.norm(np.median(floor, axis=0) - middles, axis=1).min())
+        if index in one.voxels and rest:
+            middles = [find_middle(grid.centres(own)) for own in rest]
+            own = find_middle(grid.centres(one.voxels[index]))
+            apart.append(np.linalg.norm(own - middles, axis=1).min())
     return not apart or float(np.median(apart)) < config.apart
 
 
@@ -166,17 +174,17 @@ def is_tall(one: Trajectory, grid: VoxelGrid, config: PeopleConfig) -> bool:
     """Return whether a trajectory is as high as a person in a fifth of its frames: a trolley, a
     ball or a dog never are, and people who crouch stand up at some time."""
     low, high = _ends(one, grid).T
-    return bool(np.quantile(high - low, 0.8) + config.voxel >= config.tall)
+    return bool(np.quantile(high - low, _CROUCHING) + config.voxel >= config.tall)
 
 
 def _ends(one: Trajectory, grid: VoxelGrid) -> np.ndarray:
-    """Return the lowest and highest voxel (15, 2), m, in frames all over a trajectory."""
-    picked = one.frames[np.linspace(0, len(one.frames) - 1, 15).round().astype(int)]
+    """Return the lowest and highest voxel (_LOOKS, 2), m, in frames all over a trajectory."""
+    picked = one.frames[np.linspace(0, len(one.frames) - 1, _LOOKS).round().astype(int)]
     heights = [grid.centres(one.voxels[int(index)])[:, 2] for index in picked]
     return np.array([(of.min(), of.max()) for of in heights])
 
 
-def present(one: Trajectory, config: FollowingConfig) -> np.ndarray:
+def find_present_frames(one: Trajectory, config: FollowingConfig) -> np.ndarray:
     """Return the frames (F,) in which enough of the person is seen."""
-    least = config.present * volume(one)
+    least = config.present * count_voxels(one)
     return np.array([index for index in one.frames if len(one.voxels[int(index)]) >= least], int)

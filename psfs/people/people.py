@@ -17,13 +17,13 @@ from psfs.people.following import Trajectory, follow
 from psfs.people.identities import (
     Appearance,
     Seen,
+    count_voxels,
+    find_present_frames,
     is_part,
     is_person,
     is_tall,
     join_returning,
-    present,
     undo_swaps,
-    volume,
 )
 from psfs.people.standing import find_places, revise_background
 from psfs.sequence import Frame
@@ -190,29 +190,27 @@ class _Search:
         found = [one for one in found if len(one.voxels) >= max(2, lasting / 2)]
         found = found or follow(frames, grid, self.config, self.rate, self.number)
         if len(found) < 2:
-            persons = tuple(
-                Person(present(one, self.config.following), one.voxels) for one in found
-            )
-            return People(self.frames, grid, persons)
+            return People(self.frames, grid, tuple(map(self._person, found)))
         seen: Seen = {one: Appearance() for one in found}
         self._observe(seen)
         undo_swaps(seen, 2 * fps, self.config.following)
         seen = join_returning(seen, grid, self.config.identity, fps)
-        ranked = sorted(seen, key=lambda one: volume(one) * len(one.voxels), reverse=True)
+        ranked = sorted(seen, key=lambda one: count_voxels(one) * len(one.voxels), reverse=True)
         largest = next((one for one in ranked if is_tall(one, grid, self.config)), ranked[0])
         rest = [one for one in ranked if one is not largest and len(one.voxels) >= lasting]
         chosen = [one for one in rest if self._is_person(one, largest, seen)]
         if self.number is not None:
             others = [one for one in rest if one not in chosen]
             chosen = [*chosen, *others][: self.number - 1]
-        persons = tuple(
-            Person(present(one, self.config.following), one.voxels) for one in (largest, *chosen)
-        )
+        persons = tuple(map(self._person, (largest, *chosen)))
         return People(self.frames, grid, persons, len(rest) - len(chosen))
+
+    def _person(self, one: Trajectory) -> Person:
+        return Person(find_present_frames(one, self.config.following), one.voxels)
 
     def _is_person(self, one: Trajectory, largest: Trajectory, seen: Seen) -> bool:
         grid, others = self.space.grid, [other for other in seen if other is not one]
-        return is_person(one, seen[one], grid, volume(largest), self.config) and not is_part(
+        return is_person(one, seen[one], grid, count_voxels(largest), self.config) and not is_part(
             one, others, grid, self.config.following
         )
 

@@ -67,8 +67,8 @@ def add_track_flags(parser: argparse.ArgumentParser) -> None:
         "--people",
         default="auto",
         metavar="N",
-        help="track N people, each into OUT/person1 and so on; auto: as many as are seen, one of "
-        "them into OUT itself (default: %(default)s)",
+        help="track N people, each into OUT/person1 and so on; auto: as many as are seen, a single "
+        "one into OUT itself (default: %(default)s)",
     )
     add_configs(parser, Settings, "reconstruction")
     add_preset_flag(parser, PRESETS)

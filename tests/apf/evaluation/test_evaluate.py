@@ -219,7 +219,7 @@ def test_plot_of_one_frame_with_a_lost_joint(tmp_path: Path) -> None:
             "out",
             "bad.npz",
             {"joint_names": ["a"], "joints": [1.0], "fps": 60},
-            "expected (F, J, 3)",
+            "expected (frames, joints of one person, 3)",
         ),
         (
             "out",

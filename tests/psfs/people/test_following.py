@@ -13,13 +13,13 @@ from psfs.people.config import PeopleConfig
 from psfs.people.following import Trajectory, follow
 from psfs.people.identities import (
     Appearance,
+    count_voxels,
+    find_present_frames,
     is_part,
     is_person,
     is_tall,
     join_returning,
-    present,
     undo_swaps,
-    volume,
 )
 from psfs.voxels.grid import VoxelGrid
 
@@ -94,7 +94,7 @@ def test_a_low_thing_is_followed_but_no_person() -> None:
     frames = [frame(n, column(0.05 * n, 0), column(1.2, 1.2, 0, 0.5)) for n in range(8)]
     found = follow(frames, GRID, CONFIG, FPS)
     assert len(found) == 2
-    largest = max(volume(one) for one in found)
+    largest = max(count_voxels(one) for one in found)
     assert [is_person(one, Appearance(), GRID, largest, CONFIG) for one in found].count(True) == 1
 
 
@@ -102,7 +102,7 @@ def test_a_trolley_is_no_person_though_it_stands_beside_somebody_all_the_time() 
     frames = [frame(n, column(0, 0), column(0.6, 0, high=1.0)) for n in range(6)]
     person, trolley = follow(frames, GRID, CONFIG, FPS)
     assert is_tall(person, GRID, CONFIG) and not is_tall(trolley, GRID, CONFIG)
-    assert not is_person(trolley, Appearance(), GRID, volume(person), CONFIG)
+    assert not is_person(trolley, Appearance(), GRID, count_voxels(person), CONFIG)
 
 
 @pytest.mark.parametrize(("apart", "part"), [(0.3, True), (0.6, False)])
@@ -128,8 +128,8 @@ def test_nobody_begins_in_a_ghost() -> None:
 
 def test_a_hull_that_nobody_fills_is_no_person() -> None:
     one = follow([frame(n, column(0, 0)) for n in range(5)], GRID, CONFIG, FPS)[0]
-    assert is_person(one, Appearance(unexplained={0: 0.5}), GRID, volume(one), CONFIG)
-    assert not is_person(one, Appearance(unexplained={0: 0.05}), GRID, volume(one), CONFIG)
+    assert is_person(one, Appearance(unexplained={0: 0.5}), GRID, count_voxels(one), CONFIG)
+    assert not is_person(one, Appearance(unexplained={0: 0.05}), GRID, count_voxels(one), CONFIG)
 
 
 def coloured(code: int) -> np.ndarray:
@@ -152,7 +152,7 @@ def test_who_comes_back_is_known_by_the_colours() -> None:
     )
     assert set(joined) == {left, right}
     assert (len(left.voxels), len(right.voxels)) == (6, 12)
-    assert present(right, CONFIG.following).tolist() == [*range(6), *range(20, 26)]
+    assert find_present_frames(right, CONFIG.following).tolist() == [*range(6), *range(20, 26)]
 
 
 def test_an_exchange_in_a_contact_is_undone_by_the_colours() -> None:
