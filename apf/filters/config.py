@@ -337,7 +337,7 @@ class FilterConfig(Config):
         return self.limb_search.reach > 0 and self.refinement.steps > 0
 
     def for_poor_silhouettes(self) -> FilterConfig:
-        """Return the settings for a person whom silhouettes show poorly."""
+        """Return the settings for silhouettes that show the person poorly."""
         refinement = self.refinement
         return self.with_changes(refinement_strength=refinement.poor * refinement.strength)
 
