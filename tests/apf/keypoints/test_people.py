@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import scenes
+from helpers import footage, scenes
 from helpers.keypoints import of_poses
 
 import apf
+import psfs
 from apf.body import load_body
 from apf.keypoints import Keypoints
 from apf.keypoints.readers import deeplabcut
@@ -134,6 +135,19 @@ def test_the_person_that_all_cameras_see_alike_is_followed(tmp_path: Path) -> No
     read = Keypoints.open(tmp_path, RIG)
     np.testing.assert_array_equal(read.points, subject.points)
     assert "up to 2 persons in a picture" in read.notes[0]
+
+
+def test_of_two_alike_one_is_followed_in_all_cameras(tmp_path: Path) -> None:
+    """Each is the larger one in two cameras."""
+    sequence = psfs.open_sequence(footage.native(tmp_path / "take", views=4, frames=FRAMES))
+    both = [walked(dx, dy, sequence.rig) for dx, dy in ((0.5, 0.2), (-0.6, -0.2))]
+    write(tmp_path, "pose2sim", *both)
+    for frame in (1, 4):  # networks do not keep an order
+        path = tmp_path / LAYOUTS["pose2sim"](sequence.rig.names[0], frame)
+        people = json.loads(path.read_text())
+        path.write_text(json.dumps({"people": people["people"][::-1]}))
+    points = Keypoints.open(tmp_path / "pose", sequence).points
+    assert any(np.array_equal(points, one.points, equal_nan=True) for one in both)
 
 
 def test_without_cameras_the_surer_person_is_followed(tmp_path: Path) -> None:
