@@ -59,8 +59,7 @@ def estimate_background_from_take(
     than the foreground's.
 
     standing: places of people, known from an earlier estimate. If that was poor, the space that
-    they take up hides the background, too, nothing is extrapolated into it, and nothing is hidden
-    far from it.
+    they take up hides the background, too, and nothing is extrapolated into it.
     """
     model, config = model or BackgroundModelConfig(), config or TakeConfig()
     factor = rig.factor_within(config.longest_side)
@@ -159,23 +158,20 @@ def _find_hidden(
     unseen = np.stack([of.extrapolate(colours) for of in searches])
     poor = explained < config.still.explained
     if poor and standing is not None:
-        numbers = [view.numbers for view in views]
-        covered = _cover_with_people(hull, standing, numbers)
-        hidden &= _cover_with_people(hull, standing, numbers, config.still.girth)
+        covered = _cover_with_people(hull, standing, [view.numbers for view in views])
         hidden |= covered
         unseen[covered.mean(1) > config.still.covered_share] = np.nan
     return hidden, unseen, poor
 
 
 def _cover_with_people(
-    hull: CoarseHull, standing: StandingPeople, numbers: list[list[int]], girth: float = 1.0
+    hull: CoarseHull, standing: StandingPeople, numbers: list[list[int]]
 ) -> np.ndarray:
-    """Return (V, n, h, w) bool: the pixels where people who stand, `girth` times as stout, appear
-    in the samples, whose frames have these `numbers` in each view."""
+    """Return (V, n, h, w) bool: the pixels where people who stand appear in the samples, whose
+    frames have these `numbers` in each view."""
     samples = zip(*numbers, strict=False)
     shown = [
-        hull.reproject(hull.inside & standing.contain(hull.centres, own[0], girth), 0)
-        for own in samples
+        hull.reproject(hull.inside & standing.contain(hull.centres, own[0]), 0) for own in samples
     ]
     return np.stack(shown, axis=1)
 
