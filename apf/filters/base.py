@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -250,14 +251,20 @@ class DeviceTracker(Tracker):
         """Return the launches of a frame that starts from the particles in set `source`."""
         particles, limb_search, likelihood = self.particles, self._limb_search, self.likelihood
         assert self._misfits is not None
-        misfits: list[Launch] = []
-        if not limb_search.tells_misfits:
-            misfits = likelihood.misfit_launcher(particles.result)
+        frame, result = particles.frame, particles.result
+        search, learning = self._search(source), likelihood.learning_launcher(result)
+        if limb_search.tells_misfits:
+            end = particles.frame_end(self._report)
+            return [
+                *search,
+                *limb_search.launcher(frame, result, end),
+                *learning,
+            ]
         return [
-            *self._search(source),
-            *limb_search.launcher(particles.frame, particles.result),
-            *misfits,
-            *likelihood.learning_launcher(particles.result),
+            *search,
+            *limb_search.launcher(frame, result),
+            *likelihood.misfit_launcher(result),
+            *learning,
             particles.end_frame(
                 limb_search.shift, limb_search.information, limb_search.candidates,
                 limb_search.errors, self._misfits, self._report,
@@ -316,23 +323,31 @@ def unpack_report(
 
     The report holds, each for all runs: `ParticleSet.result` of `n_layers` layers, the lower
     triangle of `Estimate.information` row by row, candidates, their errors, misfits."""
-    report, n_dof, begin = report.astype(np.float64), body.n_dof, 0
-
-    def taken(*shape: int) -> np.ndarray:
-        nonlocal begin
-        begin, first = begin + math.prod(shape), begin
-        return report[first:begin].reshape(shape)
-
-    poses, deviations = taken(n_runs, n_dof), taken(n_runs, n_dof)
-    layers = taken(n_layers, n_runs, 3)
-    information = taken(n_runs, n_dof * (n_dof + 1) // 2)[:, _symmetric_indices(n_dof)]
-    n_candidates = ((report.size - begin) // n_runs - 1) // (n_dof + 1)
-    candidates, errors = taken(n_runs, n_candidates, n_dof), taken(n_runs, n_candidates)
-    misfits = taken(n_runs)
+    report, n_dof = report.astype(np.float64), body.n_dof
+    poses, deviations, layers, packed, candidates, errors, misfits = [
+        report[part].reshape(shape)
+        for part, shape in _report_parts(report.size, n_dof, n_runs, n_layers)
+    ]
     estimates = []
     for run in range(n_runs):
         ess, beta, error = layers[:, run].T
-        found = (poses[run], deviations[run], ess, beta, error, information[run])
+        information = packed[run].take(_symmetric_indices(n_dof))
+        found = (poses[run], deviations[run], ess, beta, error, information)
         chosen_from = candidates[run], errors[run]
         estimates.append(Estimate(body, *found, *chosen_from, float(misfits[run])))
     return estimates
+
+
+@cache
+def _report_parts(
+    size: int, n_dof: int, n_runs: int, n_layers: int
+) -> list[tuple[slice, tuple[int, ...]]]:
+    """Return the place of each part in a report of `size` numbers, and its shape."""
+    n_information = n_dof * (n_dof + 1) // 2
+    others = n_runs * (2 * n_dof + 3 * n_layers + n_information)
+    n_candidates = ((size - others) // n_runs - 1) // (n_dof + 1)
+    shapes: list[tuple[int, ...]] = [(n_runs, n_dof), (n_runs, n_dof), (n_layers, n_runs, 3)]
+    shapes += [(n_runs, n_information), (n_runs, n_candidates, n_dof), (n_runs, n_candidates)]
+    shapes.append((n_runs,))
+    ends = np.cumsum([0, *map(math.prod, shapes)]).tolist()
+    return [(slice(*pair), shape) for pair, shape in zip(pairwise(ends), shapes, strict=True)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from apf.filters.particle_set import seed_words
 from apf.filters.refinement import Refinement
 from apf.likelihood.base import Likelihood
 from cl import Array, Device, Launch, Stage
+from cl.signature import Argument
 
 #: Work-items of a group of the kernel `choose`.
 _GPU_GROUP, _CPU_GROUP = 256, 64
@@ -110,10 +111,13 @@ class LimbSearch(Stage):
         self._limits.set(body.limits)
         self._ranges.set(limb_ranges(body).astype(np.float32))
 
-    def launcher(self, frame: Array, result: Array) -> list[Launch]:
+    def launcher(
+        self, frame: Array, result: Array, end: Mapping[str, Argument] | None = None
+    ) -> list[Launch]:
         """Return the launches of the search, which overwrite the means, `result[:R * D]`.
 
-        frame: (R,) uint32 frame numbers, part of the random numbers' counters.
+        frame: (R,) uint32 frame numbers, part of the random numbers' counters. end: see
+        `ParticleSet.frame_end`, if the last launch ends the frame; this needs `tells_misfits`.
         """
         likelihood, candidates = self.likelihood, self.candidates
         if self.config.refinement.steps == 0 or not likelihood.refines:
@@ -138,7 +142,7 @@ class LimbSearch(Stage):
             launches += likelihood.rescoring_launcher(
                 candidates, self.errors, 1, least_recall, self._all_misfits
             )
-        return [*launches, self._accept(result)]
+        return [*launches, self._accept(result, end or {})]
 
     def _propose(self, frame: Array, result: Array, poses: Array) -> Launch:
         n = poses.shape[0] // self._n_runs
@@ -184,12 +188,16 @@ class LimbSearch(Stage):
             candidates=self.candidates,
         )
 
-    def _accept(self, result: Array) -> Launch:
+    def _accept(self, result: Array, end: Mapping[str, Argument]) -> Launch:
+        without: dict[str, Argument] = {"velocity": 0.0, "n_result": 0, "n_report": 0}
+        without |= {"frames": None, "motion": None, "report": None}
         return self.launch(
             "accept",
-            (max(self.n_dof, self.information.shape[1]), self._n_runs),
-            (64, 1),
+            (self._group,),
+            (self._group,),
             **self._sizes,
+            **without | dict(end),
+            n_runs=self._n_runs,
             margins=(self.config.limb_search.near_margin, self.config.limb_search.far_margin),
             errors=self.errors,
             candidates=self.candidates,

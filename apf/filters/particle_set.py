@@ -11,6 +11,7 @@ from apf.body.model import BodyModel
 from apf.filters.config import SearchConfig
 from apf.filters.layer_noise import layer_sigmas
 from cl import Array, Device, Launch, Stage
+from cl.signature import Argument
 from cl.workgroups import pack_defines
 
 #: Work-items that anneal all particles of a run: a work-group size that devices support.
@@ -203,6 +204,17 @@ class ParticleSet(Stage):
             poses=self.sets[source],
             result=self.result,
         )
+
+    def frame_end(self, report: Array) -> dict[str, Argument]:
+        """Return what the kernel `accept` needs to do the same as `end_frame`."""
+        return {
+            "velocity": self.config.velocity,
+            "n_result": self.result.size,
+            "n_report": report.size,
+            "frames": self.frame,
+            "motion": self.motion,
+            "report": report,
+        }
 
     def end_frame(
         self,

@@ -24,7 +24,7 @@ from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.lens import find_dropped_distortion
 from psfs.diagnostics.picture_faults import find_picture_faults
 from psfs.diagnostics.rig_faults import find_rig_faults
-from psfs.diagnostics.small_views import SmallViews, small_views
+from psfs.diagnostics.small_views import SmallViews, shows_several_people, small_views
 from psfs.diagnostics.tangency import CAP, Tangency
 from psfs.sequence import Sequence
 from psfs.session import Session
@@ -150,7 +150,9 @@ def _explain_misfit(
     shifts = _keep_healing_shifts(tangency, shifts, config)
     late = [_describe_lag(sequence, name, by) for name, by in zip(names, shifts, strict=True) if by]
     compared = tangency.compare(shifts=shifts)
-    foreign = _find_foreign_camera(tangency, names, shifts, config)
+    foreign = None
+    if not shows_several_people(views.silhouettes):  # else cameras may outline different people
+        foreign = _find_foreign_camera(tangency, names, shifts, config)
     if foreign is not None:
         return [foreign, *late]
     if compared.cost > config.disagreeing:

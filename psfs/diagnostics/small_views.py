@@ -26,6 +26,9 @@ from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteCon
 SILHOUETTES = SilhouetteConfig(
     appearance=AppearanceConfig(learn=False), floor=FloorConfig(height=-1000.0)
 )
+#: Least share of silhouettes with two large, high parts that show several people: of takes of two
+#: and three 0.45 and more have such parts, of takes of one at most 0.18 (shadows, furniture).
+_SEVERAL = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +174,19 @@ def extract_outline(mask: np.ndarray, least: int = 40) -> Outline | None:
         return np.asarray(((of <= 1) | (of >= last)).any(axis=1))
 
     return Outline(corners, at_border(corners), int(areas.max()), points, at_border(points))
+
+
+def shows_several_people(silhouettes: np.ndarray) -> bool:
+    """Return whether many of the silhouettes (S, V, h, w) bool have two large, high parts."""
+    counts = []
+    for mask in silhouettes.reshape(-1, *silhouettes.shape[2:]):
+        smooth = cv2.medianBlur(mask.astype(np.uint8), 3)
+        facts = cv2.connectedComponentsWithStats(smooth, connectivity=8)[2][1:]
+        areas, heights = facts[:, cv2.CC_STAT_AREA], facts[:, cv2.CC_STAT_HEIGHT]
+        if len(areas):
+            high = heights >= 0.5 * heights[areas.argmax()]
+            counts.append(np.count_nonzero(high & (areas >= areas.max() / 3)))
+    return bool(np.mean(np.array(counts) > 1) > _SEVERAL) if counts else False
 
 
 class Shrink:

@@ -2,7 +2,7 @@
 
 If cameras face each other, the hull of two people before a poor background reaches from one to the
 other. Each one's part of it then covers the other in pictures, and the other's foreground would
-count as theirs. Before a good background that part is smaller, but an arm between people follows it.
+count as theirs. Before a good background that part is smaller, but arms between people follow it.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@
 #endif
 #include "common/philox.h"
 #include "common/reduction.h"
+#include "tracking/end_frame.h"
 
 #define WHOLE_SET 0xFFFFFFFFu
 
@@ -311,11 +312,7 @@ void estimate(int n, __global const float *weights, __global const float *poses,
     }
 }
 
-// Ends a frame: what to add to the particles before the next one, which is how far the estimate
-// was moved after the mean was taken (shift) and `velocity` times the change since the last frame.
-// motion: runs x N_DOF x (last estimate, what to add).
-// report: all that the host reads: result (n_result), information (n_information), candidates of
-// the limb search (n_candidates) and their errors (n_errors), misfits (n_runs).
+// Ends a frame, see end_frame.h.
 __kernel void end_frame(int n_runs, float velocity, int n_result, int n_information,
                         int n_candidates, int n_errors,
                         __global const uint *frames, __global const float *result,
@@ -324,20 +321,7 @@ __kernel void end_frame(int n_runs, float velocity, int n_result, int n_informat
                         __global const float *misfits, __global float2 *motion,
                         __global float *report)
 {
-    const int id = get_global_id(0);
-    int at = id;
-#define REPORT(values, n) \
-    if (at >= 0 && at < n) report[id] = values[at]; \
-    at -= n;
-    REPORT(result, n_result)
-    REPORT(information, n_information)
-    REPORT(candidates, n_candidates)
-    REPORT(errors, n_errors)
-    REPORT(misfits, n_runs)
-#undef REPORT
-    if (id >= n_runs * N_DOF) return;
-    const float pose = result[id];
-    // The first frame's change is the start's error, not a motion.
-    const float change = frames[id / N_DOF] > 1 ? pose - motion[id].x : 0.0f;
-    motion[id] = (float2)(pose, shift[id] + velocity * change);
+    const frame_end end = {n_runs, velocity, n_result, n_information, n_candidates, n_errors, frames,
+                           result, shift, information, candidates, errors, misfits, motion, report};
+    report_item(&end, get_global_id(0));
 }

@@ -6,6 +6,7 @@
 #error "tracking/limb_search.cl needs GROUP and N_DOF"
 #endif
 #include "common/philox.h"
+#include "tracking/end_frame.h"
 
 #ifndef N_LIMBS
 #define N_LIMBS n_limbs
@@ -114,33 +115,47 @@ void choose(int n_limbs, int n_candidates, int n, int n_near, int layer, float r
     }
 }
 
-// The best of a run's refined candidates becomes its estimate: candidate 0 unless another's error
+// The best of each run's refined candidates becomes its estimate: candidate 0 unless another's error
 // is smaller by more than a share of it, margins.x where a limb moved near where it was, margins.y
 // where it moved anywhere. shift: by how much the estimate moved from the mean; information: of the
-// candidate taken, see refinement.cl; misfits: null, or its, of those of all candidates.
-__kernel void accept(int n_limbs, int n_candidates, float2 margins, __global const float *errors,
-                     __global const float *candidates, __global const float *informations,
-                     __global const float *all_misfits, __global float *result,
-                     __global float *shift, __global float *information, __global float *misfits)
+// candidate taken, see refinement.cl; misfits: null, or its, of those of all candidates. report: null,
+// or the frame ends, see end_frame.h. One work-group for all runs.
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void accept(int n_limbs, int n_candidates, int n_runs, float2 margins, __global const float *errors,
+            __global const float *candidates, __global const float *informations,
+            __global const float *all_misfits, __global float *result, __global float *shift,
+            __global float *information, __global float *misfits, float velocity, int n_result,
+            int n_report, __global const uint *frames, __global float2 *motion,
+            __global float *report)
 {
-    const int id = get_global_id(0), n_information = N_DOF * (N_DOF + 1) / 2;
-    const int run = get_global_id(1), first = run * CANDIDATES;
-    int best = 0;
-    float most = 0.0f;
-    for (int i = 1; i < CANDIDATES; ++i) {
-        const float margin = i > N_LIMBS ? margins.y : margins.x;
-        const float gain = errors[first] - margin * fabs(errors[first]) - errors[first + i];
-        if (gain > most) {
-            most = gain;
-            best = i;
+    const int n_information = N_DOF * (N_DOF + 1) / 2, lane = get_local_id(0);
+    for (int run = 0; run < n_runs; ++run) {
+        const int first = run * CANDIDATES;
+        int best = 0;
+        float most = 0.0f;
+        for (int i = 1; i < CANDIDATES; ++i) {
+            const float margin = i > N_LIMBS ? margins.y : margins.x;
+            const float gain = errors[first] - margin * fabs(errors[first]) - errors[first + i];
+            if (gain > most) {
+                most = gain;
+                best = i;
+            }
         }
+        best += first;
+        for (int dof = lane; dof < N_DOF; dof += GROUP) {
+            const float pose = candidates[best * N_DOF + dof];
+            shift[run * N_DOF + dof] = pose - result[run * N_DOF + dof];
+            result[run * N_DOF + dof] = pose;
+        }
+        for (int i = lane; i < n_information; i += GROUP)
+            information[run * n_information + i] = informations[best * n_information + i];
+        if (lane == 0 && misfits) misfits[run] = all_misfits[best];
     }
-    if (id < N_DOF) {
-        const float pose = candidates[(first + best) * N_DOF + id];
-        shift[run * N_DOF + id] = pose - result[run * N_DOF + id];
-        result[run * N_DOF + id] = pose;
-    }
-    if (id < n_information)
-        information[run * n_information + id] = informations[(first + best) * n_information + id];
-    if (id == 0 && misfits) misfits[run] = all_misfits[first + best];
+    if (!report) return;
+    barrier(CLK_GLOBAL_MEM_FENCE);
+    const int n_candidate_dofs = n_runs * CANDIDATES * N_DOF;
+    const frame_end end = {n_runs, velocity, n_result, n_runs * n_information, n_candidate_dofs,
+                           n_runs * CANDIDATES, frames, result, shift, information, candidates,
+                           errors, misfits, motion, report};
+    for (int id = lane; id < n_report; id += GROUP) report_item(&end, id);
 }

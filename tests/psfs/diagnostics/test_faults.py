@@ -20,6 +20,7 @@ from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.rig_faults import find_rig_faults
 from psfs.diagnostics.sequence_info import rig_warnings
+from psfs.diagnostics.small_views import shows_several_people
 from psfs.sequence import Sequence
 from psfs.session import Session
 from psfs.volume import find_volume
@@ -33,14 +34,17 @@ def masks() -> np.ndarray:
     return film(rig())
 
 
-def film(cameras: CameraRig) -> np.ndarray:
-    """(F, V, h, w) uint8: a block that walks, turns and bobs, past five cameras of one size."""
+def film(cameras: CameraRig, first: int = 0, beside: float = 0.0) -> np.ndarray:
+    """(F, V, h, w) uint8: a block that walks, turns and bobs, past five cameras of one size, as
+    from frame `first` on, and `beside` m to the side."""
     out = np.zeros((FRAMES, len(NAMES), 120, 160), np.uint8)
     heights = np.linspace(0.1, 1.7, 9)
     corners = np.stack(np.meshgrid([-0.3, 0.2], [-0.15, 0.15], heights), -1).reshape(-1, 3)
     for frame in range(FRAMES):
-        turn = cv2.Rodrigues(np.array([0, 0, 0.12 * frame]))[0]
-        place = np.array([0.02 * (frame - 18), 0.3 * np.sin(frame / 5), 0.1 * np.sin(frame / 2)])
+        now = frame + first
+        turn = cv2.Rodrigues(np.array([0, 0, 0.12 * now]))[0]
+        place = np.array([0.02 * (now - 18), 0.3 * np.sin(now / 5), 0.1 * np.sin(now / 2)])
+        place[1] += beside
         for view, camera in enumerate(cameras):
             pixels, _ = camera.project(corners @ turn.T + place)
             hull = cv2.convexHull(np.rint(pixels).astype(np.int32))
@@ -194,6 +198,14 @@ def test_a_camera_of_another_take(tmp_path: Path, masks: np.ndarray) -> None:
     (fault,) = faults(write(tmp_path / "a", spoilt))
     assert fault.kind == "foreign" and fault.cameras == ("c2",)
     assert "another take" in str(fault) and "--sync" not in str(fault)
+
+
+def test_cameras_that_outline_different_people_are_of_one_take(tmp_path: Path) -> None:
+    """Two blocks: each camera outlines the one that it shows larger."""
+    alone = film(rig(), beside=-0.5)
+    both = alone | film(rig(), first=40, beside=0.8)
+    assert not shows_several_people(alone > 0) and shows_several_people(both > 0)
+    assert all(fault.kind != "foreign" for fault in faults(write(tmp_path / "a", both)))
 
 
 @pytest.mark.parametrize("view", [0, 3])

@@ -146,6 +146,7 @@ def test_sessions_of_frames_from_the_last_to_the_first(tmp_path: Path) -> None:
         low, high = People(session.frames, GRID, (person,)).box(margin)
         box = find_volume(own)
         np.testing.assert_allclose([box.low, box.high], [low, high])
+    assert own.sequence.limits_space and not sequence.limits_space
     space = own.sequence.read(2).space
     assert space is not None
     trunks = np.array([[0.5, 0.05, 1.0], [-0.5, 0.05, 1.0]])  # of the person, and of the other
