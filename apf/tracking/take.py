@@ -106,11 +106,11 @@ def track_take(
 
 
 def _is_poor(session: Session, start: Start | None) -> bool:
-    """Return whether silhouettes show the person poorly: an automatic start fits poorly, or ghosts
-    were taken out of the voxels."""
+    """Return whether silhouettes show the person poorly: an automatic start fits poorly, or
+    their background, which is estimated from the take, is poor."""
     if start is not None and start.registration_error > start.config.acceptance.good:
         return True
-    return session.sequence.limits_space
+    return session.sequence.poor_silhouettes
 
 
 def check_terms(sequence: Sequence, method: Method) -> None:

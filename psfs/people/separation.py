@@ -122,7 +122,8 @@ def _person_session(
     selection = select_span(people.persons[number].frames, session.frames.step)
     # The person's own masks hold ghosts that all cameras see before or behind people.
     space_of = None if spaces is None else partial(spaces, number)
-    sequence = session.sequence.with_masks(lambda index: store.get(number, index), space_of)
+    poor = people.places is not None
+    sequence = session.sequence.with_masks(lambda index: store.get(number, index), space_of, poor)
     sequence.rig = with_hidden_maps(session.rig)
     changes = {
         "silhouette": {"evidence": {"unknown_mask": UNKNOWN_MASK}},

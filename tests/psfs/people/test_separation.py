@@ -146,7 +146,7 @@ def test_sessions_of_frames_from_the_last_to_the_first(tmp_path: Path) -> None:
         low, high = People(session.frames, GRID, (person,)).box(margin)
         box = find_volume(own)
         np.testing.assert_allclose([box.low, box.high], [low, high])
-    assert own.sequence.limits_space and not sequence.limits_space
+    assert own.sequence.poor_silhouettes and not sequence.poor_silhouettes
     space = own.sequence.read(2).space
     assert space is not None
     trunks = np.array([[0.5, 0.05, 1.0], [-0.5, 0.05, 1.0]])  # of the person, and of the other
@@ -169,6 +169,7 @@ def test_space_of_others_who_stand_is_no_persons_unless_they_touch(tmp_path: Pat
         assert space is not None
         assert space(trunks).tolist() == [number == 0, number == 1]
         assert own.sequence.read(1).space is None
+        assert not own.sequence.poor_silhouettes
     places = StandingPeople(np.array([0]), np.array([[[-0.4, 0, 1.5], [0.4, 0, 1.5]]]))
     poor = separate(session, replace(people, places=places), config=config)
     assert poor[0].sequence.read(1).space is not None  # what touches may be a ghost
