@@ -9,7 +9,7 @@ COMMANDS = list_commands(
     synth="Make a synthetic sequence of one person or several who walk in a room.",
     calibrate="Find cameras and times from the keypoints of somebody who walks about.",
     keypoints="Find 2-D keypoints in all cameras with MediaPipe Pose, for apf track --keypoints.",
-    track="Reconstruct and track everybody who is seen, frame by frame.",
+    track="Reconstruct and track one person or several, frame by frame.",
     batch="Track many takes, folders or a TOML list of them, on all GPUs or cores, or on a Dask "
     "cluster; a second call does what the first left.",
     live="Track while it happens; frames may be dropped.",

@@ -12,7 +12,7 @@ from psfs.background.standing import StandingPeople
 from psfs.common.numbers import select_span
 from psfs.diagnostics.small_views import Shrink
 from psfs.people.coarse_voxels import CoarseFrame, CoarseVoxels
-from psfs.people.config import PeopleConfig
+from psfs.people.config import AxisConfig, PeopleConfig
 from psfs.people.following import Trajectory, follow
 from psfs.people.identities import (
     Appearance,
@@ -58,6 +58,10 @@ class People:
 
     def __iter__(self) -> Iterator[Person]:
         return iter(self.persons)
+
+    def find_places(self, config: AxisConfig | None = None) -> StandingPeople:
+        """Return where the people stand in each frame."""
+        return find_places(self.grid, self.frames, [one.voxels for one in self], config)
 
     @property
     def counts(self) -> np.ndarray:
@@ -149,14 +153,9 @@ def _reveal(session: Session, people: People, number: int | None) -> People:
     """Return people who keep still and hide the background, followed again before one that takes
     account of them."""
     config = PeopleConfig()
-
-    def places(people: People) -> StandingPeople:
-        voxels = [person.voxels for person in people]
-        return find_places(people.grid, people.frames, voxels, config.standing)
-
-    revise_background(session, places(people))
+    revise_background(session, people.find_places(config.standing))
     people = _Search(session, config, 1, len(people)).run()
-    people = replace(people, places=places(people))
+    people = replace(people, places=people.find_places(config.standing))
     session.replace_result((follow_people, number, config), people)
     return people
 

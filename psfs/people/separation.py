@@ -27,7 +27,6 @@ from psfs.people.config import SeparationConfig
 from psfs.people.contact import Pair, SplitCloud, find_contacts, split_cloud
 from psfs.people.ghosts import Ghosts, find_own
 from psfs.people.people import People
-from psfs.people.standing import find_places
 from psfs.session import Session, SessionSettings
 from psfs.silhouettes.hidden import UNKNOWN, UNKNOWN_MASK
 from psfs.volume import Volume, automatic_grid, find_volume
@@ -89,8 +88,7 @@ def _find_spaces(
     if len(people) < 2:
         return None  # nobody makes ghosts
     poor = people.places is not None
-    voxels = [person.voxels for person in people]
-    places = people.places or find_places(people.grid, people.frames, voxels)
+    places = people.places or people.find_places()
 
     def find_space(number: int, frame: int) -> Space | None:
         touches = any(number in pair for pair in contacts.get(frame, ()))

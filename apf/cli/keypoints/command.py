@@ -18,7 +18,6 @@ from psfs.cli.sequence_flags import collect_overrides, open_sequence
 from psfs.cli.settings import FILE, write_settings
 from psfs.common.outputs import output_folder
 from psfs.people.people import follow_several
-from psfs.people.standing import find_places
 from psfs.sequence import Sequence
 from psfs.session import Session
 
@@ -86,4 +85,4 @@ def _find_people(
         stdout.print(f"{sequence.name}: one person is seen")
         return None
     stdout.print(f"{sequence.name}: {people.describe()}")
-    return find_places(people.grid, people.frames, [person.voxels for person in people])
+    return people.find_places()
