@@ -93,20 +93,16 @@ def _find(
 ) -> Start:
     """Find the person with these settings."""
     check_startable(template)  # before the voxels are carved
-    sequence, device, chosen = session.sequence, session.device, session.frames
+    sequence, device, chosen = session.sequence.for_start(), session.device, session.frames
     check_rate(sequence, chosen.step)
     grid = automatic_grid(session)
     carve = session.reconstructor(grid)
     frames, every = frames_to_fit(chosen, sequence.fps, config.frames)
     noise = FilterConfig().scale_to_rate(sequence.fps / frames.step).search.noise
 
-    def reconstruct(frame: Frame) -> Voxels | HostVoxels:
-        # The ghosts stay: without them more starts of people who stand face the wrong way.
-        return carve(replace(frame, space=None))
-
     def shown(frames: range) -> list[StoredVoxels | HostVoxels]:
         wanted = sequence.frames(slice(frames.start, frames.stop, frames.step))
-        return [store_voxels(device, reconstruct(frame)) for frame in wanted]
+        return [store_voxels(device, carve(frame)) for frame in wanted]
 
     def found(
         voxels: list[StoredVoxels | HostVoxels], body: BodyModel, own_shape: bool = False
@@ -120,7 +116,7 @@ def _find(
     def tall(frame: Frame) -> float:
         if progress is not None:
             progress()
-        return seen_height(reconstruct(frame), config)
+        return seen_height(carve(frame), config)
 
     first = shown(frames)
     heights = [seen_height(voxels, config) for voxels in first]

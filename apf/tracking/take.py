@@ -98,6 +98,8 @@ def track_take(
     began = time.perf_counter()
     points = None if keypoint_fit is None else keypoint_fit.observations
     recovery = RecoveryConfig().for_poor_silhouettes() if _is_poor(session, start) else None
+    if session.sequence.poor_silhouettes:
+        method = method.replace(filter=method.filter.for_poor_silhouettes())
     task = TrackingTask(body, pose, method, settings.run_seeds, points, recovery)
     store = None if keep is None else lambda parts: keep(body, pose, parts)
     tracked = track_frames(session, task, report, store)

@@ -98,6 +98,12 @@ class StillConfig(Config):
         "which several people's places say what they hide.",
         "between `Demo_MultiPerson` (0.40) and hard_duo_6cam (0.53), which loses by it",
     )
+    girth: float = positive(
+        2.5,
+        "Factor of the radii of a person who stands, beyond which nothing is hidden in the estimate"
+        " that people are tracked by: hulls there are mostly nobody's, and an arm that moves does "
+        "not stay in the median.",
+    )
     covered_share: float = fraction(
         0.5,
         "Share of the frames in which the space of a person who stands covers a pixel, above which "

@@ -48,6 +48,7 @@ def estimate_background_from_take(
     model: BackgroundModelConfig | None = None,
     config: TakeConfig | None = None,
     standing: StandingPeople | None = None,
+    near: bool = False,
 ) -> Background:
     """Estimate the background from frames spread over the sequence itself.
 
@@ -59,14 +60,15 @@ def estimate_background_from_take(
     than the foreground's.
 
     standing: places of people, known from an earlier estimate. If that was poor, the space that
-    they take up hides the background, too, and nothing is extrapolated into it.
+    they take up hides the background, too, and nothing is extrapolated into it. near: nothing is
+    hidden far from them.
     """
     model, config = model or BackgroundModelConfig(), config or TakeConfig()
     factor = rig.factor_within(config.longest_side)
     small = rig.scaled(factor)
     with ThreadPoolExecutor(min(_VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
         views = list(pool.map(lambda own: _read_samples(own, factor, model), media))
-        hidden, unseen, poor = _find_hidden(small, views, pool, model, config, standing)
+        hidden, unseen, poor = _find_hidden(small, views, pool, model, config, standing, near)
         shape = (len(rig), rig.height, rig.width, 3)
         mean, std = np.zeros(shape, np.float32), np.full(shape, model.std_floor, np.float32)
 
@@ -114,6 +116,7 @@ def _find_hidden(
     model: BackgroundModelConfig,
     config: TakeConfig,
     standing: StandingPeople | None = None,
+    near: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, bool]:
     """Return the pixels that the person may cover in each sample (V, n, h, w) bool, and the
     extrapolated background's mean and standard deviation (V, h, w, 4), in small pictures; and
@@ -158,20 +161,24 @@ def _find_hidden(
     unseen = np.stack([of.extrapolate(colours) for of in searches])
     poor = explained < config.still.explained
     if poor and standing is not None:
-        covered = _cover_with_people(hull, standing, [view.numbers for view in views])
+        numbers = [view.numbers for view in views]
+        covered = _cover_with_people(hull, standing, numbers)
+        if near:
+            hidden &= _cover_with_people(hull, standing, numbers, config.still.girth)
         hidden |= covered
         unseen[covered.mean(1) > config.still.covered_share] = np.nan
     return hidden, unseen, poor
 
 
 def _cover_with_people(
-    hull: CoarseHull, standing: StandingPeople, numbers: list[list[int]]
+    hull: CoarseHull, standing: StandingPeople, numbers: list[list[int]], girth: float = 1.0
 ) -> np.ndarray:
-    """Return (V, n, h, w) bool: the pixels where people who stand appear in the samples, whose
-    frames have these `numbers` in each view."""
+    """Return (V, n, h, w) bool: the pixels where people who stand, `girth` times as stout, appear
+    in the samples, whose frames have these `numbers` in each view."""
     samples = zip(*numbers, strict=False)
     shown = [
-        hull.reproject(hull.inside & standing.contain(hull.centres, own[0]), 0) for own in samples
+        hull.reproject(hull.inside & standing.contain(hull.centres, own[0], girth), 0)
+        for own in samples
     ]
     return np.stack(shown, axis=1)
 

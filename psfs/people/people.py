@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psfs.backend import make_evidence_function
+from psfs.background.gaussian import Background
 from psfs.background.standing import StandingPeople
 from psfs.common.numbers import select_span
 from psfs.diagnostics.small_views import Shrink
@@ -25,7 +26,7 @@ from psfs.people.identities import (
     join_returning,
     undo_swaps,
 )
-from psfs.people.standing import find_places, revise_background
+from psfs.people.standing import estimate_again, find_places
 from psfs.sequence import Frame
 from psfs.session import Session, check_frames
 from psfs.silhouettes.config import SilhouetteConfig
@@ -45,13 +46,15 @@ class Person:
 class People:
     """The people in `frames`, the largest first, in coarse voxels of `grid`; `objects`: the number
     of other things that move. places: where they stand, if that is known to help where the
-    silhouettes are poor."""
+    silhouettes are poor. background: before which they are then tracked; it shows them thinner than
+    the session's, which their starts need."""
 
     frames: range
     grid: VoxelGrid
     persons: tuple[Person, ...]
     objects: int = 0
     places: StandingPeople | None = None
+    background: Background | None = None
 
     def __len__(self) -> int:
         return len(self.persons)
@@ -80,7 +83,8 @@ class People:
         ]
         shown = [number for number, person in enumerate(limited) if len(person.frames)]
         places = self.places and self.places.select(shown)
-        return People(frames, self.grid, tuple(limited[k] for k in shown), self.objects, places)
+        persons = tuple(limited[k] for k in shown)
+        return replace(self, frames=frames, persons=persons, places=places)
 
     def box(self, margin: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest and highest corner (3,), m, of the box around everybody's voxels, and
@@ -153,9 +157,12 @@ def _reveal(session: Session, people: People, number: int | None) -> People:
     """Return people who keep still and hide the background, followed again before one that takes
     account of them."""
     config = PeopleConfig()
-    revise_background(session, people.find_places(config.standing))
+    first = people.find_places(config.standing)
+    session.revise_background(estimate_again(session, first))
     people = _Search(session, config, 1, len(people)).run()
-    people = replace(people, places=people.find_places(config.standing))
+    places = people.find_places(config.standing)
+    thin = estimate_again(session, first, near=True)
+    people = replace(people, places=places, background=thin)
     session.replace_result((follow_people, number, config), people)
     return people
 

@@ -44,17 +44,37 @@ def separate(
     them. progress: called after each frame."""
     config = config or SeparationConfig()
     everybody = join_session(session, people, config.margin)
-    store = MaskStore(len(session.rig), session.rig.height, session.rig.width)
-    attribution = Attribution(session.rig, session.reconstruction, config)
-    grid = automatic_grid(everybody)
-    footprints = voxel_footprints(session.rig, grid.voxel_size)
+    contacts = find_contacts(people, session.rate, config)
+    store, volumes = _divide(everybody, people, contacts, config, progress)
+    tracked = store
+    if people.background is not None:
+        everybody.revise_background(people.background)
+        tracked, _ = _divide(everybody, people, contacts, config, progress)
+    spaces = _find_spaces(session.rig, people, contacts)
+    return [
+        _person_session(session, people, number, box, (tracked, store), spaces)
+        for number, box in enumerate(volumes)
+    ]
+
+
+def _divide(
+    everybody: Session,
+    people: People,
+    contacts: dict[int, list[Pair]],
+    config: SeparationConfig,
+    progress: Callable[[], object] | None,
+) -> tuple[MaskStore, list[Volume]]:
+    """Return the masks and the volume of each of `people`."""
+    rig, grid = everybody.rig, automatic_grid(everybody)
+    store = MaskStore(len(rig), rig.height, rig.width)
+    attribution = Attribution(rig, everybody.reconstruction, config)
+    footprints = voxel_footprints(rig, grid.voxel_size)
     reconstruct = everybody.reconstructor(grid)
     boxes: list[list[np.ndarray]] = [[] for _ in people]
-    contacts = find_contacts(people, session.rate, config)
     for frame in everybody.sequence.frames(everybody.settings.selection):
         cloud = reconstruct(frame).cloud()
         split = split_cloud(cloud, people, frame.index, config, contacts[frame.index])
-        ghosts = people.places and Ghosts(session.rig, people.places, frame.index)
+        ghosts = people.places and Ghosts(rig, people.places, frame.index)
         if ghosts:
             split = ghosts.drop(split)
         for box, points in zip(boxes, split.clouds, strict=False):
@@ -73,11 +93,7 @@ def separate(
         ends = np.array(box or [coarse])  # (N, 2, 3) m
         low, high = ends[:, 0].min(0), ends[:, 1].max(0)
         volumes.append(Volume(low - config.margin, high + config.margin))
-    spaces = _find_spaces(session.rig, people, contacts)
-    return [
-        _person_session(session, people, number, box, store, spaces)
-        for number, box in enumerate(volumes)
-    ]
+    return store, volumes
 
 
 def _find_spaces(
@@ -113,15 +129,17 @@ def _person_session(
     people: People,
     number: int,
     volume: Volume,
-    store: MaskStore,
+    stores: tuple[MaskStore, MaskStore],
     spaces: Callable[[int, int], Space | None] | None,
 ) -> Session:
-    """Return the session of one person."""
+    """Return the session of one person. stores: the masks to track them by, and those of a
+    start."""
     selection = select_span(people.persons[number].frames, session.frames.step)
     # The person's own masks hold ghosts that all cameras see before or behind people.
     space_of = None if spaces is None else partial(spaces, number)
     poor = people.places is not None
-    sequence = session.sequence.with_masks(lambda index: store.get(number, index), space_of, poor)
+    masks_of = [partial(store.get, number) for store in stores]
+    sequence = session.sequence.with_masks(masks_of[0], space_of, poor, masks_of[1])
     sequence.rig = with_hidden_maps(session.rig)
     changes = {
         "silhouette": {"evidence": {"unknown_mask": UNKNOWN_MASK}},

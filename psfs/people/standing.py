@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from psfs.background.gaussian import Background
 from psfs.background.standing import StandingPeople
 from psfs.background.take import estimate_background_from_take
 from psfs.people.config import AxisConfig
@@ -13,14 +14,12 @@ from psfs.session import Session
 from psfs.voxels.grid import VoxelGrid
 
 
-def revise_background(session: Session, standing: StandingPeople) -> None:
-    """Estimate the session's background again from the take, in which people who keep still hide
-    it where they stand."""
-    sequence = session.sequence
-    assert sequence.footage.images is not None
-    session.revise_background(
-        estimate_background_from_take(sequence.rig, sequence.footage.images, standing=standing)
-    )
+def estimate_again(session: Session, standing: StandingPeople, near: bool = False) -> Background:
+    """Return the background estimated again from the take, in which people who keep still hide it
+    where they stand; see `estimate_background_from_take`."""
+    rig, images = session.rig, session.sequence.footage.images
+    assert images is not None
+    return estimate_background_from_take(rig, images, standing=standing, near=near)
 
 
 def find_places(
