@@ -115,6 +115,8 @@ def test_where_people_stand_their_clothes_are_no_background() -> None:
     rig, _, media = take(shifts, np.ones((10, 3)), (60, 90, 170))
     standing = StandingPeople(np.array([0, 5]), np.tile([0.0, 0.0, 1.5], (2, 1, 1)))
     found = [estimate_background_from_take(rig, media, standing=own) for own in (None, standing)]
+    beside = StandingPeople(standing.frames, standing.places + np.array([1.2, 0, 0]))
+    found.append(estimate_background_from_take(rig, media, standing=beside, near=True))
     trunk = np.array([[0, 0, z] for z in np.linspace(0.6, 1.2, 30)])
     _, row, column, _ = rig[0].look_up(trunk)
     unknown = [own.std[0, row, column].max(-1) > 2 * EXTRAPOLATED for own in found]
@@ -122,6 +124,8 @@ def test_where_people_stand_their_clothes_are_no_background() -> None:
     changed = (found[0].std != found[1].std).any(-1).any(0)
     columns = np.flatnonzero(changed.any(0))
     assert np.ptp(columns) < 50  # nothing far from them
+    shown = [(own.std[0, row, column].max(-1) < EXTRAPOLATED).mean() for own in found]
+    assert shown[0] < 0.1 and shown[2] > 0.9  # nobody hides anything there
 
 
 def swaying(count: int = 12) -> tuple[np.ndarray, np.ndarray]:

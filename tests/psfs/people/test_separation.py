@@ -175,3 +175,21 @@ def test_space_of_others_who_stand_is_no_persons_unless_they_touch(tmp_path: Pat
     assert poor[0].sequence.read(1).space is not None  # what touches may be a ghost
     (alone,) = separate(session, People(session.frames, GRID, (left,), objects=1))
     assert alone.sequence.read(0).space is None
+
+
+def test_starts_have_the_masks_before_the_first_background(tmp_path: Path) -> None:
+    sequence = Sequence.open(footage.native(tmp_path / "s", frames=1))
+    session = Session(sequence, NumpyDevice(), SessionSettings(voxel_size=0.1))
+    assert sequence.for_start() is sequence
+    shown = session.background
+    assert shown is not None
+    other = replace(shown, mean=shown.mean.copy())
+    other.mean[:, 10:40, 20:44] = 255 - other.mean[:, 10:40, 20:44]  # which is foreground
+    places = StandingPeople(np.array([0]), np.array([[[0, 0, 1.5]]]))
+    person = Person(np.array([0]), {0: block(0)})
+    people = People(session.frames, GRID, (person,), places=places, background=other)
+    (own,) = separate(session, people)
+    tracked, start = own.sequence.read(0), own.sequence.for_start().read(0)
+    assert tracked.masks is not None and start.masks is not None
+    assert (tracked.masks > 128).any() and not (start.masks > 128).any()
+    assert start.space is None
