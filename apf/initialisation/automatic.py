@@ -33,6 +33,7 @@ def find_start(
     progress: Callable[[], object] | None = None,
     every: int = 1,
     config: StartConfig | None = None,
+    known: Start | None = None,
 ) -> Start:
     """Fit the template, the scene's body, to the person in the `voxels` (see `store_voxels`) of the
     first frames.
@@ -41,7 +42,8 @@ def find_start(
     first, the last and some middle ones of the fitted frames, search over all headings. From the
     frame with the best fit, track the body to both ends, and fit its shape to all frames. Repeat
     once from the frame that now fits best, with that shape. Repeat everything with other random
-    numbers while the fit is poor.
+    numbers while the fit is poor. known: an earlier start in these frames; search only headings
+    near its own.
 
     noise: of a tracker from one of `voxels` to the next, see `SearchConfig`. height: known stature,
     m. keep_shape: the template is the person's own body. progress: called every now and then.
@@ -58,7 +60,8 @@ def find_start(
     good, n_attempts = config.acceptance.good, config.acceptance.n_attempts
     while not found or (len(found) < n_attempts and found[-1].registration_error > good):
         other = (seed + (len(found) << 32)) % 2**64
-        task = SearchTask(height, keep_shape, other, way)
+        headings = None if known is None else known.headings
+        task = SearchTask(height, keep_shape, other, way, headings)
         search = PoseSearch(scene, task, config)
         tracking = config.filter.with_changes(noise=noise, seed=other)
         fitting = _Fitting(search, shown, every, clouds, tracking, progress)
@@ -234,6 +237,6 @@ def _find_best_frame(
     """Return the frame in which the search fits best, and its hypotheses."""
     n_searched = search.config.frames.n_searched
     tried = sorted({round(k) for k in np.linspace(0, len(clouds) - 1, n_searched)})
-    found = {k: search(voxels[k], clouds[k]) for k in tried}
+    found = {k: search(voxels[k], clouds[k], k) for k in tried}
     best = min(tried, key=lambda k: found[k][0].cost)
     return best, found[best]

@@ -54,13 +54,29 @@ def initialise(
     """
     config = config or StartConfig()
 
-    def found(config: StartConfig) -> Start:
+    def found(config: StartConfig, sequence: Sequence, known: Start | None = None) -> Start:
         return _find(
-            session, template, config,
+            session, template, config, sequence, known,
             height=height, keep_shape=keep_shape, seed=seed, progress=progress,
         )  # fmt: skip
 
-    start = found(config)
+    start = _find_heading(session, config, found)
+    if not session.sequence.poor_silhouettes:
+        return start
+    try:
+        again = found(start.config, session.sequence, start)
+    except StartError:
+        return start
+    return replace(again, rival=start.rival)
+
+
+def _find_heading(
+    session: Session, config: StartConfig, found: Callable[[StartConfig, Sequence], Start]
+) -> Start:
+    """Return what is `found` by the silhouettes of a start, over more frames if another heading
+    fits nearly as well."""
+    sequence = session.sequence.for_start()
+    start = found(config, sequence)
     if start.rival >= config.acceptance.ambiguous:
         return start
     factor, frames = config.acceptance.longer, config.frames
@@ -68,7 +84,7 @@ def initialise(
     if _count_fitted(session, wider) <= _count_fitted(session, frames):
         return start  # the take ends before
     try:
-        again = found(config.replace(frames=wider))
+        again = found(config.replace(frames=wider), sequence)
     except StartError:
         return start
     turned = forward(start.body, start.pose) @ forward(again.body, again.pose) < 0
@@ -85,15 +101,18 @@ def _find(
     session: Session,
     template: BodyModel,
     config: StartConfig,
+    sequence: Sequence,
+    known: Start | None,
     *,
     height: float | None,
     keep_shape: bool,
     seed: int,
     progress: Callable[[], object] | None,
 ) -> Start:
-    """Find the person with these settings."""
+    """Find the person in these views with these settings, with the headings of a start that is
+    known."""
     check_startable(template)  # before the voxels are carved
-    sequence, device, chosen = session.sequence.for_start(), session.device, session.frames
+    device, chosen = session.device, session.frames
     check_rate(sequence, chosen.step)
     grid = automatic_grid(session)
     carve = session.reconstructor(grid)
@@ -105,12 +124,15 @@ def _find(
         return [store_voxels(device, carve(frame)) for frame in wanted]
 
     def found(
-        voxels: list[StoredVoxels | HostVoxels], body: BodyModel, own_shape: bool = False
+        voxels: list[StoredVoxels | HostVoxels],
+        body: BodyModel,
+        own_shape: bool = False,
+        known: Start | None = known,
     ) -> Start:
         scene = Scene(device, sequence.rig, grid, body)
         return find_start(
             scene, voxels, noise, height=height, keep_shape=own_shape, seed=seed,
-            progress=progress, every=every, config=config,
+            progress=progress, every=every, config=config, known=known,
         )  # fmt: skip
 
     def tall(frame: Frame) -> float:
@@ -129,7 +151,8 @@ def _find(
         return found(first, template, keep_shape)
     around = chosen[max(0, chosen.index(upright) - begun // 2) :]
     try:
-        standing = found(shown(frames_to_fit(around, sequence.fps, config.frames)[0]), template)
+        later = shown(frames_to_fit(around, sequence.fps, config.frames)[0])
+        standing = found(later, template, known=None)
     except StartError:
         return found(first, template, keep_shape)
     log.info("%s: measured about frame %d, where the person stands", sequence.name, upright)

@@ -9,6 +9,7 @@ import numpy as np
 from apf.body.model import BodyModel
 from apf.body.stature import stature
 from apf.initialisation.config import StartConfig
+from apf.initialisation.hypotheses import forward
 from cl import InputError
 
 
@@ -51,6 +52,13 @@ class Start:
                 "tracked as if the person stood or walked"
             )
         return found
+
+    @property
+    def headings(self) -> np.ndarray:
+        """Angle (M,) rad of the direction in which the person looks in each fitted frame."""
+        ahead = np.array([forward(self.body, pose) for pose in self.poses])
+        angles: np.ndarray = np.arctan2(ahead[:, 1], ahead[:, 0])
+        return angles
 
     @property
     def height(self) -> float:
