@@ -43,7 +43,7 @@ def find_start(
     frame with the best fit, track the body to both ends, and fit its shape to all frames. Repeat
     once from the frame that now fits best, with that shape. Repeat everything with other random
     numbers while the fit is poor. known: an earlier start in these frames; search only headings
-    near its own.
+    near its own, and refuse others.
 
     noise: of a tracker from one of `voxels` to the next, see `SearchConfig`. height: known stature,
     m. keep_shape: the template is the person's own body. progress: called every now and then.
@@ -69,8 +69,12 @@ def find_start(
         with threadpool_limits(1, "blas"):
             found.append(run_attempt(fitting))
     limit = config.acceptance.hopeless
-    best = min(found, key=lambda one: (one.registration_error > limit, one.fit.cost))
-    if best.registration_error > limit:
+
+    def fails(one: Attempt) -> bool:
+        return one.strays or one.registration_error > limit
+
+    best = min(found, key=lambda one: (fails(one), one.fit.cost))
+    if fails(best):
         raise StartError(
             "no standing or walking person was found in the first frames (registration error "
             f"{best.registration_error:.2f}; expected less than {limit})"
@@ -191,10 +195,12 @@ class _Fitting:
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """The result of one attempt; rival: see `Start`."""
+    """The result of one attempt; rival: see `Start`. strays: whether the person looks elsewhere
+    than is known."""
 
     fit: Fit
     rival: float
+    strays: bool = False
 
     @property
     def registration_error(self) -> float:
@@ -213,7 +219,8 @@ def run_attempt(fitting: _Fitting) -> Attempt:
     if len(fits) > 1:  # some may have reached the same heading
         found = search.distinct([replace(fit.found[0], cost=fit.cost) for fit in fits], 2)
     rival = found[1].cost / found[0].cost if len(found) > 1 else np.inf
-    return Attempt(min(again, fits[0], key=lambda fit: fit.cost), rival)
+    fit = min(again, fits[0], key=lambda fit: fit.cost)
+    return Attempt(fit, rival, search.strays(fit.poses))
 
 
 def _find_people(voxels: Sequence[AnyVoxels], config: StartConfig) -> list[np.ndarray]:

@@ -13,6 +13,7 @@ from apf.filters.base import Tracker
 from apf.initialisation.config import StartConfig
 from apf.initialisation.hypotheses import (
     Hypothesis,
+    find_headings,
     registration_error,
     search_body,
     select_close,
@@ -129,6 +130,14 @@ class PoseSearch:
     def walking_factor(self, body: BodyModel, poses: np.ndarray) -> float:
         """Return the cost factor of poses (M, D), see `hypotheses.walking_factor`."""
         return walking_factor(body, poses, self.task.way, self.config.headings)
+
+    def strays(self, poses: np.ndarray) -> bool:
+        """Return whether poses (M, D) in the fitted frames look elsewhere than is known."""
+        if self.task.headings is None:
+            return False
+        known = self.task.headings[: len(poses)]
+        apart = find_headings(self.template, poses)[: len(known)] - known
+        return bool(np.cos(apart).mean() < np.cos(self.config.headings.separation))
 
     def _hypothesis(
         self, shape: np.ndarray, pose: np.ndarray, error: float, body: BodyModel, cloud: Cloud

@@ -9,7 +9,7 @@ import numpy as np
 from apf.body.model import BodyModel
 from apf.body.stature import stature
 from apf.initialisation.config import StartConfig
-from apf.initialisation.hypotheses import forward
+from apf.initialisation.hypotheses import find_headings
 from cl import InputError
 
 
@@ -56,9 +56,7 @@ class Start:
     @property
     def headings(self) -> np.ndarray:
         """Angle (M,) rad of the direction in which the person looks in each fitted frame."""
-        ahead = np.array([forward(self.body, pose) for pose in self.poses])
-        angles: np.ndarray = np.arctan2(ahead[:, 1], ahead[:, 0])
-        return angles
+        return find_headings(self.body, self.poses)
 
     @property
     def height(self) -> float:
