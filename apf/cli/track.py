@@ -74,10 +74,7 @@ def run(args: argparse.Namespace) -> None:
     if args.method == TRIANGULATE:
         run_triangulate(args, take_names([Path(folder) for folder in args.folders]))
         return
-    method = select_method(args)
-    list_seeds(args, method)
-    read_people_flag(args, method)
-    check_start(args)
+    method = check_flags(args)
     if args.at_once is not None and args.at_once < 1:
         raise InputError(f"--at-once is {args.at_once}; expected at least 1")
     if len(args.folders) == 1:
@@ -95,6 +92,16 @@ def run(args: argparse.Namespace) -> None:
             bar.stop()
 
     track_one(args, device, TakeLine(bar), stop)
+
+
+def check_flags(args: argparse.Namespace) -> Method:
+    """Return the method that the flags of a take ask for. Raises InputError for flags of which
+    another forbids one, before anything is opened."""
+    method = select_method(args)
+    list_seeds(args, method)
+    read_people_flag(args, method)
+    check_start(args)
+    return method
 
 
 @dataclass(frozen=True, eq=False)

@@ -324,7 +324,7 @@ def output_folder(
     real = Path(os.path.realpath(folder))
     if addition and (owner := _find_owner(real)) != real:
         part = os.path.relpath(real, owner)
-        folder, real, expected = owner, owner, [os.path.join(part, name) for name in expected]
+        folder, real, expected = owner, owner, [str(Path(part, name)) for name in expected]
     with _lock:
         outer = _OPEN.get(real)
     if outer is not None:  # a command within a command
