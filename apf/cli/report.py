@@ -103,4 +103,8 @@ def _run_people(args: argparse.Namespace, folder: Path) -> None:
             task = bar.add_task("overlay", total=len(tracks.frames))
             write_people_overlay(video, sequence, tracks, lambda: bar.advance(task))
         page = write_people_page(folder, sequence.name, tracks, video)
+    for number in range(1, len(tracks) + 1):
+        own = person_folder(folder, number)
+        for line in read_summary(own).get("says", ()):
+            stdout.print(f"{own.name}: {line}", soft_wrap=True)
     stdout.print(f"wrote {page}", soft_wrap=True)

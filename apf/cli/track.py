@@ -146,6 +146,9 @@ def track_one(
                 raise KeyboardInterrupt
             for line_of_spread in describe_spread(done.take):
                 stdout.print(line_of_spread)
+        if (args.output / PEOPLE).exists():
+            page = PAGE if (args.output / PAGE).exists() else PEOPLE
+            stdout.print(f"all people together: {args.output / page}", soft_wrap=True)
     return everybody
 
 
@@ -356,7 +359,7 @@ def finish_take(job: TrackJob, examination: Examination, take: Take, line: Line)
             near = compare_with_keypoints(session, track, keypoints)
             quality = Quality(track, None, near, doubts)
         quality = replace(quality, seen=job.seen)
-        files = write_report(folder, take.sequence.name, quality, facts, page=compared)
+        files = write_report(folder, job.title(take.sequence.name), quality, facts, page=compared)
         found.append(Judgement(folder, quality, files))
     return found
 

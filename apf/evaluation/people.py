@@ -167,6 +167,16 @@ def load_followed_truth(track: Track, path: Path) -> tuple[JointSeries, str]:
     if not is_of_people(path):
         return load_truth(path), ""
     truth = load_people_truth(path)
+    try:
+        name = find_followed(track, truth)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return truth[name], name
+
+
+def find_followed(track: Track, truth: dict[str, JointSeries]) -> str:
+    """Return the name of the true person who is nearest to a track, in the mean distance of joints.
+    Raises InputError if no joint is known in any frame in common."""
     own = _points(track.joint_names, track.joints, track.frames, track.frames)
     near = {
         name: _mean_distance(
@@ -176,8 +186,8 @@ def load_followed_truth(track: Track, path: Path) -> tuple[JointSeries, str]:
     }
     name = min(near, key=near.__getitem__)
     if not np.isfinite(near[name]):
-        raise InputError(f"{path}: has no joint in any frame in common with the track")
-    return truth[name], name
+        raise InputError("the track and the truth have no joint in any frame in common")
+    return name
 
 
 def evaluate_tracks(
