@@ -125,7 +125,7 @@ def _live(
             _write_tracks(folder, recorded)
     write_settings(args.output, args, {"method": method, "live": config}, METHOD_FLAGS)
     summary = live.timeline.summary() | {"sizes": result.sizes, "scale": scale}
-    summary |= _write_tracks(args.output, tracks) | _compare(tracks, result, truth)
+    summary |= _write_tracks(args.output, tracks) | compare_with_truth(tracks, result, truth)
     write_json(args.output / "live.json", summary)
     live.timeline.plot(args.output / "timeline.png")
     _print_summary(summary, args.output)
@@ -151,7 +151,9 @@ def _gather(tracks: list[Track]) -> PeopleTracks:
     return PeopleTracks(tuple(tracks), frames, (frames,) * len(tracks))
 
 
-def _compare(tracks: list[Track], result: LiveResult, truth: Truth | None) -> dict[str, Any]:
+def compare_with_truth(
+    tracks: list[Track], result: LiveResult, truth: Truth | None
+) -> dict[str, Any]:
     """Return the errors against the truth, for the summary."""
     if truth is None:
         return {}

@@ -14,14 +14,15 @@ import numpy as np
 from apf.api import load_template, read_given_start
 from apf.backend import check_renderer
 from apf.body import BodyModel, save_body
-from apf.cli.first_pose import check_start, explain_failed_start, warn_of_doubts
+from apf.cli.first_pose import explain_failed_start, warn_of_doubts
 from apf.cli.keypoints.flags import read_keypoints
 from apf.cli.keypoints.triangulate import TRIANGULATE, run_triangulate
-from apf.cli.method_flags import METHOD_FLAGS, select_method
+from apf.cli.method_flags import METHOD_FLAGS
 from apf.cli.takes.corrected import CorrectedTrack, read_corrections_flag, track_with_corrections
-from apf.cli.takes.job import TrackJob, list_seeds, take_names
+from apf.cli.takes.flags import check_flags
+from apf.cli.takes.job import TrackJob, take_names
 from apf.cli.takes.kept_parts import Keeper, remove_parts
-from apf.cli.takes.people import Persons, find_persons, read_people_flag, write_together
+from apf.cli.takes.people import Persons, find_persons, write_together
 from apf.cli.takes.take_report import (
     Judgement,
     Line,
@@ -92,16 +93,6 @@ def run(args: argparse.Namespace) -> None:
             bar.stop()
 
     track_one(args, device, TakeLine(bar), stop)
-
-
-def check_flags(args: argparse.Namespace) -> Method:
-    """Return the method that the flags of a take ask for. Raises InputError for flags of which
-    another forbids one, before anything is opened."""
-    method = select_method(args)
-    list_seeds(args, method)
-    read_people_flag(args, method)
-    check_start(args)
-    return method
 
 
 @dataclass(frozen=True, eq=False)

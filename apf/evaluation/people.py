@@ -194,7 +194,7 @@ def evaluate_tracks(
     tracks: Sequence[Track], seen: Sequence[np.ndarray], path: Path
 ) -> list[Evaluation | None]:
     """Compare the tracks of a take's people with the truth in an npz, each with its person, see
-    `evaluate_people`; None for a track that is nobody's. seen: frames (F,) that show each person.
+    `evaluate_people`; None for a track without a person. seen: frames (F,) that show each person.
     Raises InputError."""
     if len(tracks) == 1:
         return [evaluate(tracks[0], load_followed_truth(tracks[0], path)[0])]

@@ -14,6 +14,7 @@ from typing import NoReturn
 from apf.cli import track
 from apf.cli.commands import COMMANDS
 from apf.cli.method_flags import select_method
+from apf.cli.takes.flags import check_flags
 from apf.cli.takes.job import list_seeds, seed_folders
 from apf.cluster.record import FileFacts, TakeRecord, list_files
 from apf.cluster.take_row import TakeRow, write_thumbnail
@@ -73,7 +74,7 @@ class TakeJob:
             args.people = "1"
         args.configs = {**self.configs, **args.configs}
         try:
-            track.check_flags(args)
+            check_flags(args)
         except InputError as error:
             raise InputError(f"{self.where}: {error}") from None
         return args

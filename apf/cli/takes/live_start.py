@@ -71,7 +71,7 @@ def start_replay(
     if one is None:
         one = find_first_pose(session, args, method.filter.search.seed, None)
     if args.people is None:
-        _warn_of_others(session, frames, one)
+        warn_of_others(session, frames, one)
     return Replay(sequence, frames), LiveStart(grid, *one)
 
 
@@ -129,7 +129,7 @@ def _find_starts(
     """Find everybody that the first of the frames show in which people were counted, each apart
     from the others."""
     frames = people.frames
-    begun = _select_beginning(session, frames, _START_SECONDS)
+    begun = select_beginning(session, frames, _START_SECONDS)
     first = begun.frames
     beginning = people.during(first)
     given: list[Given] = []
@@ -151,7 +151,7 @@ def _find_starts(
     return given
 
 
-def _select_beginning(session: Session, frames: range, seconds: float) -> Session:
+def select_beginning(session: Session, frames: range, seconds: float) -> Session:
     """Return a session of the first `seconds` of some frames."""
     first = frames[: max(_FEWEST_FRAMES, round(seconds * session.sequence.fps / frames.step))]
     selection = select_span(first, first.step)
@@ -159,11 +159,11 @@ def _select_beginning(session: Session, frames: range, seconds: float) -> Sessio
     return Session(session.sequence, session.device, settings)
 
 
-def _warn_of_others(session: Session, frames: range, start: Given) -> None:
+def warn_of_others(session: Session, frames: range, start: Given) -> None:
     """Warn that one person is followed, and which, if the beginning of a recording shows more."""
     if len(session.rig) < 2:
         return
-    people = count_people(_select_beginning(session, frames, _COUNT_SECONDS))
+    people = count_people(select_beginning(session, frames, _COUNT_SECONDS))
     if len(people) > 1:
         x, y, _ = posed_joints(start[0], start[1][None])[0].mean(axis=0)
         warn(
