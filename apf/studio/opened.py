@@ -17,8 +17,7 @@ from apf.report.summary import (
     read_tracked_config,
     read_tracked_grid,
 )
-from apf.studio.folders import list_people
-from apf.tracking.people import PeopleTracks, holds_people, person_folder
+from apf.tracking.people import PeopleTracks, holds_people, list_people, person_folder
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, UserError
 from psfs.page.clouds import CarvedClouds
@@ -85,10 +84,13 @@ class RunningTake:
     config: ReconstructionConfig | None
 
 
-def add_tracks(opened: Opened, tracks: Mapping[str, Track]) -> OpenedTracks:
-    """Return opened voxels with the bodies of tracks, by name, in them."""
+def add_tracks(
+    opened: Opened, tracks: Mapping[str, Track], seen: Mapping[str, np.ndarray]
+) -> OpenedTracks:
+    """Return opened voxels with the bodies of tracks, by name, in them; seen: see
+    `read_seen_frames`."""
     fields = {one: getattr(opened, one) for one in Opened.__dataclass_fields__}
-    return OpenedTracks(**fields, tracks=tracks)
+    return OpenedTracks(**fields, tracks=tracks, seen=seen)
 
 
 def open_track(
@@ -116,7 +118,7 @@ def open_track(
         if running is None:
             return OpenedTracks(
                 folder, frames, first.fps, None, None, remarks=(str(error),), tracks=tracks,
-                seen=_read_seen(folder), people=len(tracks),
+                seen=read_seen_frames(folder), people=len(tracks),
             )  # fmt: skip
         return _open_running(folder, frames, tracks, running, make_device, known)
     summary = summaries[0]
@@ -138,11 +140,11 @@ def open_track(
     quality, look_at = _gather_judgements(list(tracks), summaries)
     return OpenedTracks(
         folder, frames, first.fps, sequence, clouds, tuple(remarks), tracks=tracks,
-        seen=_read_seen(folder), people=summary.get("people", 1), quality=quality, look_at=look_at,
+        seen=read_seen_frames(folder), people=summary.get("people", 1), quality=quality, look_at=look_at,
     )  # fmt: skip
 
 
-def _read_seen(folder: Path) -> dict[str, np.ndarray]:
+def read_seen_frames(folder: Path) -> dict[str, np.ndarray]:
     """Return the frames (F,) that show each person by the name of the person's folder; empty for
     one person, and before all are tracked."""
     if not holds_people(folder):
