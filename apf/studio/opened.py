@@ -140,7 +140,8 @@ def open_track(
     quality, look_at = _gather_judgements(list(tracks), summaries)
     return OpenedTracks(
         folder, frames, first.fps, sequence, clouds, tuple(remarks), tracks=tracks,
-        seen=read_seen_frames(folder), people=summary.get("people", 1), quality=quality, look_at=look_at,
+        seen=read_seen_frames(folder), people=summary.get("people", 1), quality=quality,
+        look_at=look_at,
     )  # fmt: skip
 
 
