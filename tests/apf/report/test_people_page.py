@@ -71,7 +71,7 @@ def test_content_of_the_page(tmp_path: Path) -> None:
     one, two = content["people"]
     assert (one["page"], two["page"]) == ("person1/report.html", None)
     assert (two["verdict"], two["seen"], two["shown"]) == ("bad", "2-4", [0, 0, 1, 1, 1, 0])
-    assert "1 more that moves is no person" in content["lines"][1]
+    assert "1 more that moves is not followed" in content["lines"][1]
 
 
 def test_people_are_switched_on_and_off(tmp_path: Path) -> None:
