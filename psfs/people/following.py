@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy import ndimage
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
 from psfs.people.coarse_voxels import CoarseFrame, count_least_voxels
 from psfs.people.config import PeopleConfig
 from psfs.voxels.grid import VoxelGrid
+
+#: Shares of a region's height above which heads may rise apart from each other: people differ in
+#: height. Columns of voxels that a head has at least.
+_NECKS, _LEAST_HEAD = (0.8, 0.85, 0.9), 4
 
 
 @dataclass(eq=False)
@@ -211,14 +216,18 @@ def follow(
     """Follow everything from the frame with most standing regions on to both ends of the take.
 
     fps: of the frames. People who touch at the beginning are thus distinguished by where they
-    go later. number: how many people there are, if that is known. Where no frame shows so many
-    apart, the widest regions are split in the frame in which their parts are most apart.
+    go later. number: how many people there are, if that is known; by default as many as there are
+    heads in most frames. Where no frame shows so many apart, the widest regions are split in the
+    frame in which their parts are most apart.
     """
     if not frames:
         return []
     counts = [_count_standing(frame, grid, config) for frame in frames]
     middle = _find_longest_maximum(counts)
-    if number is not None and 0 < counts[middle][0] < number:
+    if number is None:
+        heads = [_count_heads(frame, grid, config) for frame in frames]
+        number = int(np.quantile(heads, 1 - config.following.heads, method="lower"))
+    if 0 < counts[middle][0] < number:
         most = max(counts)
         split = {
             k: _split_widest(frame, grid, config, number - most[0])
@@ -274,12 +283,36 @@ def _halve(floor: np.ndarray) -> tuple[float, np.ndarray]:
 
 def _count_standing(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -> tuple[int, int]:
     """Return the numbers of large regions that stand, and of all large ones."""
+    regions = _large_regions(frame, grid, config)
+    return sum(stands(points, config) for points in regions), min(1, len(regions))
+
+
+def _count_heads(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -> int:
+    """Return how many heads the large regions that stand have: the most parts, of some columns of
+    voxels each, that rise apart from each other above a height."""
+    return sum(
+        max(_count_rising(points, share, grid.voxel_size) for share in _NECKS)
+        for points in _large_regions(frame, grid, config)
+        if stands(points, config)
+    )
+
+
+def _count_rising(points: np.ndarray, share: float, size: float) -> int:
+    """Return how many parts of a region rise above this share of its height."""
+    above = points[points[:, 2] > share * points[:, 2].max()]
+    columns = np.round((above[:, :2] - above[:, :2].min(0)) / size).astype(int)
+    floor = np.zeros(columns.max(0) + 1, bool)
+    floor[tuple(columns.T)] = True
+    labels, _ = ndimage.label(floor, np.ones((3, 3)))
+    return int(np.sum(np.bincount(labels[floor]) >= _LEAST_HEAD))
+
+
+def _large_regions(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -> list[np.ndarray]:
+    """Return the centres (N, 3) m of the voxels of each large region that is no ghost."""
     sizes = np.bincount(frame.regions) if len(frame.regions) else np.zeros(0, int)
-    regions = [
-        r for r in np.flatnonzero(sizes >= count_least_voxels(config)) if r not in frame.ghosts
-    ]
+    large = np.flatnonzero(sizes >= count_least_voxels(config))
     points = grid.centres(frame.voxels)
-    return sum(stands(points[frame.regions == r], config) for r in regions), min(1, len(regions))
+    return [points[frame.regions == r] for r in large if r not in frame.ghosts]
 
 
 def _find_longest_maximum(counts: list[tuple[int, int]]) -> int:

@@ -81,6 +81,22 @@ def test_a_stated_number_of_people_who_touch_all_the_time() -> None:
     np.testing.assert_allclose(places, [-1.5, 0.5, 0.9], atol=2 * CONFIG.voxel)
 
 
+def walker(x: float, top: float) -> np.ndarray:
+    """Somebody whose head is narrower than the shoulders, so that only heads are apart."""
+    head = np.abs(PLACES[:, :2] - [x, 0]).max(1) < 0.13
+    return column(x, 0, high=0.8 * top) | (head & (PLACES[:, 2] < top))
+
+
+@pytest.mark.parametrize(("shown", "people"), [(8, 2), (6, 1)])
+def test_heads_tell_how_many_touch_all_the_time(shown: int, people: int) -> None:
+    frames = [
+        frame(n, walker(0.1 * n - 0.6, 1.8), walker(0.1 * n - 0.2, 1.65 if n < shown else 1.2))
+        for n in range(8)
+    ]
+    found = follow(frames, GRID, CONFIG, FPS)
+    assert [len(one.voxels) for one in found] == [8] * people
+
+
 def test_a_body_torn_in_two_is_one_person() -> None:
     frames = [
         frame(n, column(0, 0, 0, 0.7), column(0, 0, 0.8 + 0.2 * (n % 2), 1.7)) for n in range(8)
