@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from psfs.people.coarse_voxels import BANDS, CoarseFrame, likeness
 from psfs.people.config import PeopleConfig
-from psfs.people.following import Trajectory, follow
+from psfs.people.following import Trajectory, count_heads, follow
 from psfs.people.identities import (
     Appearance,
     count_voxels,
@@ -90,11 +90,14 @@ def walker(x: float, top: float) -> np.ndarray:
 @pytest.mark.parametrize(("shown", "people"), [(8, 2), (6, 1)])
 def test_heads_tell_how_many_touch_all_the_time(shown: int, people: int) -> None:
     frames = [
-        frame(n, walker(0.1 * n - 0.6, 1.8), walker(0.1 * n - 0.2, 1.65 if n < shown else 1.2))
+        frame(n, walker(0.08 * n - 0.56, 1.8), walker(0.08 * n - 0.08, 1.65 if n < shown else 1.2))
         for n in range(8)
     ]
-    found = follow(frames, GRID, CONFIG, FPS)
+    heads = count_heads(frames, GRID, CONFIG)
+    assert heads == (people if people > 1 else None)
+    found = follow(frames, GRID, CONFIG, FPS, heads)
     assert [len(one.voxels) for one in found] == [8] * people
+    assert all(len(one.touching) == 8 * (people - 1) for one in found)
 
 
 def test_a_body_torn_in_two_is_one_person() -> None:
