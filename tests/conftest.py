@@ -171,9 +171,16 @@ def pytest_configure(config: pytest.Config) -> None:
 NOTICED: dict[str, bool] = {}
 
 
-def pytest_collection_finish() -> None:
-    """Modules and tests stay: searches for garbage need not look at them again and again."""
-    gc.freeze()
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, None, None]:
+    """Modules and tests stay: searches for garbage among them found nothing in 5 s of each worker,
+    and need not look at them again."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.hookimpl(wrapper=True)
