@@ -21,12 +21,11 @@ from apf.cli.takes.take_report import Line
 from apf.filters.method import Method
 from apf.keypoints import Keypoints
 from apf.report.judged import OVERLAY
-from apf.report.names import PAGE
 from apf.report.people_page import write_people_overlay, write_people_page
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
-from psfs.cli.commandline import stderr, stdout, warn
+from psfs.cli.commandline import stderr, warn
 from psfs.common.numbers import select_span
 from psfs.people.people import count_people, follow_several
 from psfs.people.separation import separate
@@ -187,4 +186,3 @@ def write_together(
         write_people_overlay(folder / OVERLAY, sequence, tracks, lambda: line("overlay"))
     if not job.args.no_report:
         write_people_page(folder, sequence.name, tracks, folder / OVERLAY)
-        stdout.print(f"all people together: {folder / PAGE}", soft_wrap=True)

@@ -101,8 +101,12 @@ def test_commands_take_all_people_or_say_why_not(
     files = [tmp_path / "files" / f"person{k}" / "angles.csv" for k in (1, 2)]
     assert all(file.exists() for file in files)
     capsys.readouterr()
-    assert main(["smooth", str(out), "-o", str(tmp_path / "smooth")]) == 2
-    assert "of several people; expected one, as" in capsys.readouterr().err
+    assert main(["smooth", str(out), "-o", str(tmp_path / "smooth")]) == 0
+    smooth = PeopleTracks.open(tmp_path / "smooth")
+    assert [track.smoothing is not None for track in smooth] == [True, True]
+    assert smooth.seen[1].tolist() == [2, 3, 4]
+    assert main(["render", str(tmp_path), str(out), "-o", str(tmp_path / "pictures")]) == 2
+    assert "each picture is of one body; expected one's folder, as" in capsys.readouterr().err
 
 
 def test_folders_that_hold_no_track_of_a_body_say_what_they_hold(
