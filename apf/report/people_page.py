@@ -71,8 +71,8 @@ def _lines(tracks: PeopleTracks) -> list[str]:
     at_once = ", ".join(f"{n} in {frames}" for n, frames in n_frames.items())
     lines = [f"{len(tracks)} people are followed; at a time: {at_once} of {len(counts)} frames"]
     if tracks.objects:
-        verbs = "move are no people" if tracks.objects > 1 else "moves is no person"
-        lines.append(f"{tracks.objects} more that {verbs}")
+        verbs = "move are" if tracks.objects > 1 else "moves is"
+        lines.append(f"{tracks.objects} more that {verbs} not followed")
     return lines
 
 

@@ -112,7 +112,8 @@ def _start_people(
     frame shows; None if there is one person."""
     sequence = session.sequence
     people = count_people(session, number)
-    stderr.print(f"{sequence.name}: {people.describe()}", soft_wrap=True, markup=False)
+    if number is None:
+        stderr.print(f"{sequence.name}: {people.describe()}", soft_wrap=True, markup=False)
     if len(people) < 2:
         if number is not None:
             warn(f"{sequence.name}: --people is {number}; {people.describe()}")

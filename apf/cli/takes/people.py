@@ -115,17 +115,24 @@ def find_persons(
         return _find_by_keypoints(job, session, wanted)
     line("people")
     found = follow_several(session, wanted)
-    counted = found or count_people(session, wanted)
-    if wanted is not None and len(counted) != wanted:
-        warn(f"{sequence.name}: --people is {wanted}; {counted.describe()}")
+    if wanted is not None:
+        _warn_of_another_number(session, wanted)
     if found is None:
         return None
-    if wanted is None or found.objects:
+    if wanted is None:
         stderr.print(f"{sequence.name}: {found.describe()}", soft_wrap=True, markup=False)
     keypoints = read_people_keypoints(args, session, found)
     sessions = separate(session, found, lambda: line("people"))
     seen = [person.frames for person in found]
     return Persons(found.frames, seen, sessions, keypoints, found.objects)
+
+
+def _warn_of_another_number(session: Session, wanted: int) -> None:
+    """Warn if more or fewer people are seen than --people says."""
+    counted = count_people(session)
+    if len(counted) != wanted:
+        name, seen = session.sequence.name, counted.describe()
+        warn(f"{name}: --people is {wanted}; without it {seen}: look at the overlay")
 
 
 def _warn_of_others(job: TrackJob, session: Session, why: str) -> None:

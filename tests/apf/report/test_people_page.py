@@ -71,7 +71,7 @@ def test_content_of_the_page(tmp_path: Path) -> None:
     one, two = content["people"]
     assert (one["page"], two["page"]) == ("person1/report.html", None)
     assert (two["verdict"], two["seen"], two["shown"]) == ("bad", "2-4", [0, 0, 1, 1, 1, 0])
-    assert "1 more that moves is no person" in content["lines"][1]
+    assert "1 more that moves is not followed" in content["lines"][1]
 
 
 def test_people_are_switched_on_and_off(tmp_path: Path) -> None:
@@ -96,11 +96,13 @@ def test_commands_take_all_people_or_say_why_not(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    pair().save(out)
+    both = pair()
+    away = replace(both[1], diagnostics={**both[1].diagnostics, "lost": np.arange(N) < 2})
+    replace(both, tracks=(both[0], away)).save(out)
     assert main(["export", str(out), "--to", "csv", "--raw", "-o", str(tmp_path / "files")]) == 0
     files = [tmp_path / "files" / f"person{k}" / "angles.csv" for k in (1, 2)]
     assert all(file.exists() for file in files)
-    capsys.readouterr()
+    assert "the person was not there in frames 0-1" in capsys.readouterr().out
     assert main(["smooth", str(out), "-o", str(tmp_path / "smooth")]) == 0
     smooth = PeopleTracks.open(tmp_path / "smooth")
     assert [track.smoothing is not None for track in smooth] == [True, True]
