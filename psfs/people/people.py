@@ -190,7 +190,7 @@ class _Search:
         return people
 
     def _find(self, frames: list[CoarseFrame], number: int | None) -> People:
-        """Return the people in frames, of whom there are `number`, if that is known."""
+        """Return the people in frames: `number` of them, if that is known."""
         grid, fps = self.space.grid, self.session.sequence.fps
         found = follow(frames, grid, self.config, self.rate, number)
         lasting = min(self.config.least_seconds * self.rate, len(frames) / 2)
