@@ -176,7 +176,8 @@ def _warn_of_others(session: Session) -> None:
         people = count_people(session)
         if len(people) > 1:
             seen = people.describe()
-            log.warning("%s: %s; one is tracked", session.sequence.name, seen)
+            name = session.sequence.name
+            log.warning("%s: %s; one is tracked, apf.track_people tracks all", name, seen)
 
 
 def _whole_track(take: Take) -> Track:

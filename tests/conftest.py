@@ -13,6 +13,9 @@ from typing import Any
 # Before NumPy is imported, for this process and its children: the matrices here are small, and
 # OpenBLAS's waiting threads took four fifths of the twins' time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Likewise of OpenCV and its decoder: the processes of pytest-xdist have the cores busy.
+os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
+os.environ.setdefault("OPENCV_FFMPEG_THREADS", "1")
 # Readline sets these in the processes that pytest-xdist starts; commands would cut tables to them.
 os.environ.pop("COLUMNS", None)
 os.environ.pop("LINES", None)
@@ -171,9 +174,16 @@ def pytest_configure(config: pytest.Config) -> None:
 NOTICED: dict[str, bool] = {}
 
 
-def pytest_collection_finish() -> None:
-    """Modules and tests stay: searches for garbage need not look at them again and again."""
-    gc.freeze()
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, None, None]:
+    """Modules and tests stay: searches for garbage among them found nothing in 5 s of each worker,
+    and need not look at them again."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.hookimpl(wrapper=True)

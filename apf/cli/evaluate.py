@@ -12,6 +12,7 @@ from rich.table import Table
 from apf.cli.flags.evaluate import FILES
 from apf.evaluation.angle_truth import (
     AngleError,
+    TrueAngles,
     evaluate_angles,
     load_true_angles,
     mean_error,
@@ -31,6 +32,8 @@ from apf.evaluation.people import (
     MATCHED,
     PeopleEvaluation,
     evaluate_people,
+    is_of_people,
+    load_followed_truth,
     load_people_truth,
 )
 from apf.formats.c3d import read_c3d
@@ -57,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
             f"{len(args.truth)}"
         )
     track = Track.open(args.track)
-    truth, convention = _truth(args, args.truth[0], track.fps)
+    truth, convention = _truth(args, args.truth[0], track)
     markers = None if args.markers is None else load_markers(args.markers)
     try:
         if args.convention is None and markers is None and args.truth[0].suffix.lower() == ".trc":
@@ -67,7 +70,7 @@ def run(args: argparse.Namespace) -> None:
         )
     except InputError as error:
         raise InputError(f"{args.track} against {args.truth[0]}: {error}") from None
-    if args.truth_start is None and (true_angles := load_true_angles(args.truth[0])) is not None:
+    if args.truth_start is None and (true_angles := _true_angles(args.truth[0])) is not None:
         angles = tuple(evaluate_angles(track, true_angles))
         evaluation = replace(evaluation, angles=angles)
     print_evaluation(evaluation)
@@ -124,7 +127,26 @@ def _truth_of_people(args: argparse.Namespace, fps: float) -> dict[str, JointSer
     names = [path.stem for path in args.truth]
     if len(set(names)) < len(names):
         names = [str(path) for path in args.truth]
-    return {name: _truth(args, path, fps)[0] for name, path in zip(names, args.truth, strict=True)}
+    return {
+        name: _truth_of_one(args, path, fps)[0]
+        for name, path in zip(names, args.truth, strict=True)
+    }
+
+
+def _truth(args: argparse.Namespace, path: Path, track: Track) -> tuple[JointSeries, str]:
+    """Return the truth of a track in its frames, and the convention of its axes; of several people
+    that of the nearest, which is printed."""
+    if args.truth_start is not None or not is_of_people(path):
+        return _truth_of_one(args, path, track.fps)
+    refuse_unused(args, ["convention"], f"applies only to a TRC or C3D; {path} has Z up")
+    truth, name = load_followed_truth(track, path)
+    stdout.print(f"the truth is of several people; the nearest is {name}", soft_wrap=True)
+    return truth, "z-up"
+
+
+def _true_angles(path: Path) -> TrueAngles | None:
+    """Return the true angles of one person; None if the file has none, or is of several."""
+    return None if is_of_people(path) else load_true_angles(path)
 
 
 def _select_files(args: argparse.Namespace) -> list[str]:
@@ -132,7 +154,7 @@ def _select_files(args: argparse.Namespace) -> list[str]:
     return [kind for kind in FILES if getattr(args, kind)] or list(FILES)
 
 
-def _truth(args: argparse.Namespace, path: Path, fps: float) -> tuple[JointSeries, str]:
+def _truth_of_one(args: argparse.Namespace, path: Path, fps: float) -> tuple[JointSeries, str]:
     """Return the truth in the frames of a sequence with `fps`, and the convention of its axes."""
     kind = path.suffix.lower()
     if kind == ".c3d":

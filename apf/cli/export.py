@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import numpy as np
+
 from apf.body.limbs import limb_names
 from apf.cli.takes.opened_track import open_given_track
 from apf.formats.opensim.setup import ANGLES, INVERSE_KINEMATICS, SCALING
@@ -35,39 +37,44 @@ def run(args: argparse.Namespace) -> None:
             _export(args, folder, config)
             return
         refuse_unused(args, ["body"], "applies only to one person; expected none with several")
-        for number in range(1, len(PeopleTracks.open(args.track)) + 1):
+        for number, seen in enumerate(PeopleTracks.open(args.track).seen, start=1):
             own, into = (person_folder(of, number) for of in (args.track, folder))
             into.mkdir(parents=True, exist_ok=True)
             stdout.print(f"{into.name}:")
-            _export(argparse.Namespace(**{**vars(args), "track": own}), into, config)
+            _export(argparse.Namespace(**{**vars(args), "track": own}), into, config, seen)
 
 
-def _export(args: argparse.Namespace, folder: Path, config: SmoothingConfig) -> None:
-    """Write one person's files into `folder`, and print what they contain."""
+def _export(
+    args: argparse.Namespace, folder: Path, config: SmoothingConfig, seen: np.ndarray | None = None
+) -> None:
+    """Write one person's files into `folder`, and print what they contain. seen: frames (F,) that
+    show the person, None for all."""
     track = open_given_track(args)
     written = export(
         track, folder, args.to, axes=args.axes, smoothing=config, raw=args.raw,
         osim_model=args.osim_model,
     )  # fmt: skip
-    print_export(written, args.to is None or "gait" in args.to)
+    print_export(written, args.to is None or "gait" in args.to, seen)
 
 
-def print_export(written: Export, gait_wanted: bool) -> None:
-    """Print what the files contain, what is missing from them, and where they are."""
+def print_export(written: Export, gait_wanted: bool, seen: np.ndarray | None = None) -> None:
+    """Print what the files contain, what is missing from them, and where they are; seen: see
+    `_export`."""
     track = written.track
+    there = np.ones(len(track), bool) if seen is None else np.isin(track.frames, seen)
     if track.smoothing is None:
         stdout.print(f"{len(track)} frames as they were tracked, not smoothed")
     else:
         shown = f"{len(track)} frames, smoothed at {track.smoothing['cutoff_hz']:g} Hz"
         held = " and feet held where they stand" if track.standing.any() else ""
         stdout.print(f"{shown}{held}; track.npz keeps the poses as they were", soft_wrap=True)
-    if track.lost.any():
-        lost = spans(track.frames[track.lost].tolist())
-        stdout.print(
-            f"the person was lost in frames {lost}: missing values there, in BVH and GLB the pose "
-            "before",
-            soft_wrap=True,
-        )
+    for what, rows in (("was lost", track.lost & there), ("was not there", track.lost & ~there)):
+        if rows.any():
+            stdout.print(
+                f"the person {what} in frames {spans(track.frames[rows].tolist())}: missing values "
+                "there, in BVH and GLB the pose before",
+                soft_wrap=True,
+            )
     if track.body is not None and track.lost_limbs.any():
         columns = zip(limb_names(track.body), track.lost_limbs.T, strict=True)
         limbs = [f"{n} in {spans(track.frames[c].tolist())}" for n, c in columns if c.any()]

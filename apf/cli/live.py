@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import webbrowser
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +19,12 @@ from apf.cli.method_flags import METHOD_FLAGS, select_method
 from apf.cli.takes.live_start import read_live_people, start_captures, start_replay
 from apf.cli.track import RESULTS, write_files
 from apf.evaluation.evaluate import load_truth
-from apf.evaluation.people import evaluate_people, load_people_truth
+from apf.evaluation.people import (
+    evaluate_people,
+    find_followed,
+    is_of_people,
+    load_people_truth,
+)
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
@@ -120,7 +125,7 @@ def _live(
             _write_tracks(folder, recorded)
     write_settings(args.output, args, {"method": method, "live": config}, METHOD_FLAGS)
     summary = live.timeline.summary() | {"sizes": result.sizes, "scale": scale}
-    summary |= _write_tracks(args.output, tracks) | _compare(tracks, result, truth)
+    summary |= _write_tracks(args.output, tracks) | compare_with_truth(tracks, result, truth)
     write_json(args.output / "live.json", summary)
     live.timeline.plot(args.output / "timeline.png")
     _print_summary(summary, args.output)
@@ -146,10 +151,14 @@ def _gather(tracks: list[Track]) -> PeopleTracks:
     return PeopleTracks(tuple(tracks), frames, (frames,) * len(tracks))
 
 
-def _compare(tracks: list[Track], result: LiveResult, truth: Truth | None) -> dict[str, Any]:
+def compare_with_truth(
+    tracks: list[Track], result: LiveResult, truth: Truth | None
+) -> dict[str, Any]:
     """Return the errors against the truth, for the summary."""
     if truth is None:
         return {}
+    if isinstance(truth, dict) and len(tracks) == 1:
+        truth = truth[find_followed(tracks[0], truth)]
     if isinstance(truth, dict):
         return {"people_errors": evaluate_people(_gather(tracks), truth).summary()}
     if len(tracks) > 1:
@@ -159,12 +168,11 @@ def _compare(tracks: list[Track], result: LiveResult, truth: Truth | None) -> di
 
 
 def _read_truth(args: argparse.Namespace) -> Truth | None:
-    """Return the truth of --truth, of several people by name if it is and they may be tracked."""
+    """Return the truth of --truth, of several people by name."""
     if args.truth is None:
         return None
-    if args.people != "1":
-        with suppress(InputError):
-            return load_people_truth(args.truth)
+    if is_of_people(args.truth):
+        return load_people_truth(args.truth)
     return load_truth(args.truth, args.convention)
 
 

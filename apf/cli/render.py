@@ -17,6 +17,7 @@ from apf.cli.takes.opened_track import open_given_track
 from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.opengl.renderer import draw_by_opengl
 from apf.scene import Scene
+from apf.tracking.people import holds_people, person_folder
 from cl import Device, InputError, NumpyDevice, select_device
 from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import progress_bar, stdout
@@ -33,6 +34,11 @@ _WHITE, _TINT = (255, 255, 255), 0.45
 
 
 def run(args: argparse.Namespace) -> None:
+    if holds_people(args.track):
+        raise InputError(
+            f"{args.track}: of several people, and each picture is of one body; expected one's "
+            f"folder, as {person_folder(args.track, 1)}"
+        )
     if args.opengl:
         refuse_unused(args, ["round_ends", "device"], "is OpenCL's; expected none with --opengl")
     look = with_flags(ObjectiveConfig(**shape_settings(args)), args)

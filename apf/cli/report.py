@@ -22,7 +22,7 @@ from apf.tracking.track import Track
 from cl import InputError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.files import name_file_in_errors
-from psfs.common.outputs import MANIFEST, output_folder
+from psfs.common.outputs import output_folder
 from psfs.session import Session, SessionSettings
 
 
@@ -39,10 +39,10 @@ def run(args: argparse.Namespace) -> None:
     if not len(track):
         raise InputError(f"{folder}: holds no tracked frame; expected at least one")
     if summary.get("people", 1) > 1:
+        everybody = f"; expected all of them, {folder.parent}" * holds_people(folder.parent)
         raise InputError(
             f"{folder}: one of {summary['people']} people, whose silhouettes are separated only "
-            f"while they are tracked; expected all of them, {folder.parent} (apf track writes the "
-            "page of each)"
+            f"while they are tracked, when apf track writes the page of each{everybody}"
         )
     last = int(track.frames.max())
     with name_file_in_errors(folder / "track.npz"):
@@ -53,9 +53,10 @@ def run(args: argparse.Namespace) -> None:
     )
     session = Session(sequence, select_device(args.device), SessionSettings(config))
     draw = not args.no_overlay and not (folder / OVERLAY).exists()
-    # The folder of one seed belongs to the folder of all seeds.
-    owner = folder if (folder / MANIFEST).exists() else folder.parent
-    with output_folder(owner, args.parser.prog, addition=True, replaces=True), ExitStack() as stack:
+    with (
+        output_folder(folder, args.parser.prog, addition=True, replaces=True),
+        ExitStack() as stack,
+    ):
         bar = progress_bar()
         steps = len(choose_rows(len(track))) + (len(track) if draw else 0)
         task = bar.add_task("judging", total=steps)
@@ -102,4 +103,8 @@ def _run_people(args: argparse.Namespace, folder: Path) -> None:
             task = bar.add_task("overlay", total=len(tracks.frames))
             write_people_overlay(video, sequence, tracks, lambda: bar.advance(task))
         page = write_people_page(folder, sequence.name, tracks, video)
+    for number in range(1, len(tracks) + 1):
+        own = person_folder(folder, number)
+        for line in read_summary(own).get("says", ()):
+            stdout.print(f"{own.name}: {line}", soft_wrap=True)
     stdout.print(f"wrote {page}", soft_wrap=True)

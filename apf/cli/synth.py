@@ -28,6 +28,8 @@ def run(args: argparse.Namespace) -> None:
 
         generate(args.output, config, device, advance)
         write_settings(args.output, args)
+    who = f"{config.people} people, " if config.people > 1 else ""
     stdout.print(
-        f"{args.output}: {config.frames} frames of {config.cameras} cameras at {config.fps:g} fps"
+        f"{args.output}: {who}{config.frames} frames of {config.cameras} cameras "
+        f"at {config.fps:g} fps"
     )

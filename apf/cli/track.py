@@ -14,14 +14,15 @@ import numpy as np
 from apf.api import load_template, read_given_start
 from apf.backend import check_renderer
 from apf.body import BodyModel, save_body
-from apf.cli.first_pose import check_start, explain_failed_start, warn_of_doubts
+from apf.cli.first_pose import explain_failed_start, warn_of_doubts
 from apf.cli.keypoints.flags import read_keypoints
 from apf.cli.keypoints.triangulate import TRIANGULATE, run_triangulate
-from apf.cli.method_flags import METHOD_FLAGS, select_method
+from apf.cli.method_flags import METHOD_FLAGS
 from apf.cli.takes.corrected import CorrectedTrack, read_corrections_flag, track_with_corrections
-from apf.cli.takes.job import TrackJob, list_seeds, take_names
+from apf.cli.takes.flags import check_flags
+from apf.cli.takes.job import TrackJob, take_names
 from apf.cli.takes.kept_parts import Keeper, remove_parts
-from apf.cli.takes.people import Persons, find_persons, read_people_flag, write_together
+from apf.cli.takes.people import Persons, find_persons, write_together
 from apf.cli.takes.take_report import (
     Judgement,
     Line,
@@ -74,10 +75,7 @@ def run(args: argparse.Namespace) -> None:
     if args.method == TRIANGULATE:
         run_triangulate(args, take_names([Path(folder) for folder in args.folders]))
         return
-    method = select_method(args)
-    list_seeds(args, method)
-    read_people_flag(args, method)
-    check_start(args)
+    method = check_flags(args)
     if args.at_once is not None and args.at_once < 1:
         raise InputError(f"--at-once is {args.at_once}; expected at least 1")
     if len(args.folders) == 1:
@@ -139,6 +137,9 @@ def track_one(
                 raise KeyboardInterrupt
             for line_of_spread in describe_spread(done.take):
                 stdout.print(line_of_spread)
+        if (args.output / PEOPLE).exists():
+            page = PAGE if (args.output / PAGE).exists() else PEOPLE
+            stdout.print(f"all people together: {args.output / page}", soft_wrap=True)
     return everybody
 
 
@@ -222,8 +223,7 @@ def _track_people(
         own_job, session = persons.job(job, number), persons.sessions[number - 1]
         line.n_frames = len(session.frames)
         try:
-            own = replace(examination, session=session)
-            done.append(_track_person(own_job, own, None, line))
+            done.append(_track_person(own_job, replace(examination, session=session), None, line))
         except StartError as error:
             if job.args.people != "auto" or len(persons.sessions) == 1:
                 raise
@@ -235,6 +235,8 @@ def _track_people(
     if done[0].folder != job.args.output:
         verdicts = [one.judgements[0].quality.verdict for one in done]
         whole = len(done) == len(persons.sessions) and not done[-1].interrupted
+        if not whole:
+            warn(f"tracking ended in person {len(done)} of {len(persons.sessions)}")
         tracks = persons.gather([one.take.tracks[0] for one in done], verdicts)
         write_together(job, tracks, examination.session.sequence, line if whole else None)
     return done
@@ -349,7 +351,7 @@ def finish_take(job: TrackJob, examination: Examination, take: Take, line: Line)
             near = compare_with_keypoints(session, track, keypoints)
             quality = Quality(track, None, near, doubts)
         quality = replace(quality, seen=job.seen)
-        files = write_report(folder, take.sequence.name, quality, facts, page=compared)
+        files = write_report(folder, job.title(take.sequence.name), quality, facts, page=compared)
         found.append(Judgement(folder, quality, files))
     return found
 

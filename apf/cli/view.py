@@ -10,10 +10,11 @@ from functools import lru_cache, partial
 import numpy as np
 
 from apf.cli.takes.opened_track import open_given_track
-from apf.studio.folders import find_kind, list_people
-from apf.studio.opened import OpenedTracks, add_tracks, open_track
+from apf.studio.folders import find_kind
+from apf.studio.opened import OpenedTracks, add_tracks, open_track, read_seen_frames
 from apf.studio.pictures import draw_people
 from apf.studio.watch import TrackWatch
+from apf.tracking.people import list_people
 from cl import InputError, select_device
 from psfs.cli.view import make_mesher, open_folder, show_page, write_view
 from psfs.cli.view import run as run_voxels
@@ -24,11 +25,12 @@ def run(args: argparse.Namespace) -> None:
     if args.track is not None:
         people = list_people(args.track) or [args.track]
         tracks = {path.name: open_given_track(args, path) for path in people}
+        seen = read_seen_frames(args.track)
         run, frame = open_folder(args)
         mesher = make_mesher(args, run) if args.png is None else None
         voxels = partial(open_voxels, args.out, mesher)
-        _view(args, lambda known: add_tracks(voxels(), tracks), frame)
-    elif find_kind(args.out) == "track":
+        _view(args, lambda known: add_tracks(voxels(), tracks, seen), frame)
+    elif find_kind(args.out) == "track" or next(args.out.glob("**/seed*/track.npz"), None):
         if args.mesh:
             what = f"{args.out} is a track, without clouds"
             raise InputError(f"--mesh: {what}; expected a run of psfs reconstruct")

@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 from apf.cluster.record import RECORD, TakeRecord
 from apf.cluster.take_row import THUMBNAIL, TakeRow
+from apf.report.names import PAGE
 from psfs.common.files import open_text, resolve_path, write_text
 
 LOGS = "logs"
@@ -36,7 +37,7 @@ _COLUMNS = (
 )
 #: Files that are linked if a take has them: name, text.
 _LINKS = (
-    ("report.html", "report"),
+    (PAGE, "report"),
     ("overlay.mp4", "overlay"),
     ("motion.bvh", "bvh"),
     ("motion.glb", "glb"),
@@ -51,6 +52,7 @@ th[aria-sort=ascending]::after { content: " \\25b2" }
 th[aria-sort=descending]::after { content: " \\25bc" }
 td.number { text-align: right; font-variant-numeric: tabular-nums } img { display: block }
 tr.failed td { background: #fdecea } .doubt { color: #b3261e; font-weight: 600 }
+.error:empty { display: none }
 .error { color: #b3261e; min-width: 25em; max-width: 50em; overflow-wrap: anywhere }
 .doubt { min-width: 5em }
 """
@@ -108,7 +110,8 @@ def _format_page(out: Path, rows: list[TakeRow]) -> str:
         for name, head, what in _COLUMNS
     )
     body = "\n".join(_format_row(out, row) for row in rows)
-    states = [row.status for row in rows]
+    takes = {row.name.split("/")[0]: row.status for row in rows}
+    states = list(takes.values())
     counts = ", ".join(
         f"{states.count(s)} {s}" for s in ("done", "failed", "waiting") if s in states
     )
@@ -147,9 +150,12 @@ def _format_links(out: Path, row: TakeRow) -> str:
     links = [
         (_link(row.name, file), text) for file, text in _LINKS if (out / row.name / file).is_file()
     ]
+    take = row.name.split("/")[0]
+    if take != row.name and (out / take / PAGE).is_file():  # of one of several people
+        links.append((_link(take, PAGE), "report of all"))
     if (out / row.name).is_dir():
         links.append((_link(row.name, ""), "folder"))
-    log = f"{row.name.split('/')[0]}.log"
+    log = f"{take}.log"
     if (out / LOGS / log).is_file():
         links.append((_link(LOGS, log), "log"))
     return " ".join(f'<a href="{href}">{text}</a>' for href, text in links)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from datetime import datetime, timezone
 from pathlib import Path
@@ -14,13 +13,12 @@ import numpy as np
 
 from apf.body.kinematics import posed_cones
 from apf.body.stature import is_whole, stature
-from apf.evaluation.evaluate import evaluate, load_truth
+from apf.evaluation.evaluate import Evaluation
 from apf.report.overlay import overlay_picture
 from apf.report.quality import DOUBTFUL
 from apf.report.summary import read_summary
 from apf.tracking.take import Take
 from apf.tracking.track import Track
-from cl import InputError
 from psfs.common.files import write_picture
 
 THUMBNAIL = "thumbnail.jpg"
@@ -60,14 +58,18 @@ class TakeRow:
     error: str = ""
 
     @classmethod
-    def summarise(cls, name: str, folder: Path, take: Take, track: Track, **more: Any) -> TakeRow:
-        """Build the row of one of the take's tracks, whose results are in `folder`."""
+    def summarise(
+        cls,
+        name: str,
+        folder: Path,
+        take: Take,
+        track: Track,
+        found: Evaluation | None = None,
+        **more: Any,
+    ) -> TakeRow:
+        """Build the row of one of the take's tracks, whose results are in `folder`. found: its
+        evaluation, if there is a truth."""
         quality = read_summary(folder)["quality"]
-        truth = take.sequence.folder / "truth.npz"
-        found = None
-        if truth.is_file():
-            with suppress(InputError):  # it is of several people
-                found = evaluate(track, load_truth(truth))
         if found is not None:
             limbs = [limb for limb, lost in found.lost_limbs.items() if lost]
         else:

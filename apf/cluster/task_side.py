@@ -52,7 +52,7 @@ class TaskProgress:
     """
 
     def __init__(self, task: str = "", batch: str = "") -> None:
-        self.n_frames = 0
+        self._n_frames = 0
         self._task, self._batch = task, batch
         self._stage, self._sent = "", 0.0
         self._done: Counter[str] = Counter()
@@ -60,6 +60,21 @@ class TaskProgress:
         self.seconds = defaultdict[str, float](float)
         self.core_seconds = defaultdict[str, float](float)
         self._begun = time.monotonic(), time.process_time()
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames of the track. Setting it begins another track, as of the next person."""
+        return self._n_frames
+
+    @n_frames.setter
+    def n_frames(self, number: int) -> None:
+        self._n_frames = number
+        self._done.clear()
+
+    @property
+    def done(self) -> int:
+        """Number of frames that the current stage has done."""
+        return self._done[self._stage]
 
     def __call__(self, stage: str) -> None:
         if self._batch in _stopped:
@@ -94,8 +109,7 @@ class TaskProgress:
         if self._batch:
             from distributed import get_worker
 
-            done = self._done[self._stage]
-            message = Progress(self._task, self._stage, done, self.n_frames, self.worker)
+            message = Progress(self._task, self._stage, self.done, self.n_frames, self.worker)
             get_worker().log_event(self._batch, asdict(message))
 
 

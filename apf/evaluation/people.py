@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from apf.evaluation.evaluate import Evaluation, evaluate
+from apf.evaluation.evaluate import Evaluation, evaluate, load_truth
 from apf.evaluation.joint_names import evaluated_joints
 from apf.formats.trc import JointSeries
 from apf.tracking.people import PeopleTracks
+from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.files import write_json
 from psfs.common.npz import Values, get_scalar, read_npz
@@ -34,6 +35,7 @@ _TRUTH = {
     "fps": Values((), low=1e-3, high=1e5),
     "frames": Values(("frames",), "int", low=0, needed=False),
 }
+_JOINTS_OF_ONE = Values(("frames", "joints", 3), finite=False, low=-1e6, high=1e6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,15 +126,19 @@ class PeopleEvaluation:
 
 
 def load_people_truth(path: str | Path) -> dict[str, JointSeries]:
-    """Return the true joints of several people by name from an npz.
+    """Return the true joints of several people, or of one, by name from an npz.
 
     It holds joint_names (J,), joints (F, P, J, 3) m, Z up, NaN where somebody is absent, fps, and
-    may hold person_names (P,) and frames (F,), see `load_truth`. Raises InputError.
+    may hold person_names (P,) and frames (F,), see `load_truth`. Joints (F, J, 3) are those of one
+    person. Raises InputError.
     """
     path = Path(path)
     what = "an npz with joint_names, joints (frames, people, joints, 3) in metres and fps"
-    data = read_npz(path, _TRUTH, what)
+    one = _count_axes(path) == 3
+    schema = _TRUTH | ({"joints": _JOINTS_OF_ONE} if one else {})
+    data = read_npz(path, schema, what)
     joints = data["joints"].astype(np.float64)
+    joints = joints[:, None] if one else joints
     frames = data.get("frames", np.arange(len(joints))).astype(np.int64)
     if np.any(np.diff(frames) <= 0):
         raise InputError(f"{path}: frames are not ascending; expected each once, in their order")
@@ -142,6 +148,62 @@ def load_people_truth(path: str | Path) -> dict[str, JointSeries]:
         names = [f"{number} ({name})" for number, name in zip(numbers, names, strict=True)]
     points, fps = tuple(map(str, data["joint_names"])), float(get_scalar(data["fps"]))
     return {name: JointSeries(points, joints[:, k], fps, frames) for k, name in enumerate(names)}
+
+
+def is_of_people(path: Path) -> bool:
+    """Return whether a truth is an npz whose joints have an axis for people. Raises InputError."""
+    return path.suffix.lower() == ".npz" and _count_axes(path) == 4
+
+
+def _count_axes(path: Path) -> int:
+    """Return the number of axes of the joints in an npz, 0 without any."""
+    return read_npz(path, {}, "an npz of true joints").get("joints", np.zeros(())).ndim
+
+
+def load_followed_truth(track: Track, path: Path) -> tuple[JointSeries, str]:
+    """Return the true joints of the person that a track follows, as `load_truth` does, and their
+    name: of several people the nearest on average. The name is empty for the truth of one. Raises
+    InputError."""
+    if not is_of_people(path):
+        return load_truth(path), ""
+    truth = load_people_truth(path)
+    try:
+        name = find_followed(track, truth)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return truth[name], name
+
+
+def find_followed(track: Track, truth: dict[str, JointSeries]) -> str:
+    """Return the name of the true person who is nearest to a track, in the mean distance of joints.
+    Raises InputError if no joint is known in any frame in common."""
+    own = _points(track.joint_names, track.joints, track.frames, track.frames)
+    near = {
+        name: _mean_distance(
+            _points(series.joint_names, series.joints, series.frames, track.frames), own
+        )
+        for name, series in truth.items()
+    }
+    name = min(near, key=near.__getitem__)
+    if not np.isfinite(near[name]):
+        raise InputError("the track and the truth have no joint in any frame in common")
+    return name
+
+
+def evaluate_tracks(
+    tracks: Sequence[Track], seen: Sequence[np.ndarray], path: Path
+) -> list[Evaluation | None]:
+    """Compare the tracks of a take's people with the truth in an npz, each with its person, see
+    `evaluate_people`; None for a track without a person. seen: frames (F,) that show each person.
+    Raises InputError."""
+    if len(tracks) == 1:
+        return [evaluate(tracks[0], load_followed_truth(tracks[0], path)[0])]
+    frames = np.unique(np.concatenate(list(seen)))
+    found = evaluate_people(
+        PeopleTracks(tuple(tracks), frames, tuple(seen)), load_people_truth(path)
+    )
+    errors = dict(zip(found.tracks.tolist(), found.errors, strict=True))
+    return [errors.get(number) for number in range(len(tracks))]
 
 
 def evaluate_people(tracks: PeopleTracks, truth: dict[str, JointSeries]) -> PeopleEvaluation:
@@ -196,6 +258,13 @@ def _apart(person: np.ndarray, track: np.ndarray) -> np.ndarray:
         warnings.simplefilter("ignore", RuntimeWarning)
         mean = np.nanmean(np.linalg.norm(person - track, axis=-1), axis=-1)
     return np.where(np.isfinite(mean), mean, np.inf)
+
+
+def _mean_distance(person: np.ndarray, track: np.ndarray) -> float:
+    """Return the mean distance, m, of joints (F, J, 3) over all frames, infinite without any."""
+    apart = _apart(person, track)
+    known = apart[np.isfinite(apart)]
+    return float(known.mean()) if known.size else np.inf
 
 
 def _match(apart: np.ndarray) -> np.ndarray:

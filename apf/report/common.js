@@ -45,7 +45,7 @@ const room = {
   scene: { xaxis: axis(0, "x, m"), yaxis: axis(1, "y, m"), zaxis: axis(2, "z, m"),
     aspectmode: "manual", dragmode: "orbit",
     aspectratio: { x: extent[0] / largest, y: extent[1] / largest, z: extent[2] / largest },
-    camera: { eye: { x: 1.1, y: 1.1, z: 0.5 } } },
+    camera: { eye: { x: 1.25, y: 1.25, z: 0.6 }, center: { x: 0, y: 0, z: -0.1 } } },
 };
 
 // Without WebGL the same traces are painted on a plane; a drag turns it.

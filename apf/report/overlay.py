@@ -44,7 +44,8 @@ def draw_overlay(
     """Return a copy of `image` with the body: (h, w, 3) uint8 BGR as `camera` sees it.
 
     cones: (C, 16) posed cones, outlined in `colour`, BGR, else in one colour per side of the body.
-    joints: (J, 3) m, joined along edges (E, 2). What lies behind the camera is left out.
+    joints: (J, 3) m, joined along edges (E, 2) in that colour, or in white. What lies behind the
+    camera is left out.
     """
     corners = project_outlines(camera, cones)
     drawn = np.ascontiguousarray(image).copy()
@@ -62,18 +63,23 @@ def draw_overlay(
     for quad, shade in visible:  # a dark rim keeps the lines visible on any background
         cv2.polylines(drawn, [quad], True, _SHADOW, thickness + 2, cv2.LINE_AA, _BITS)
         cv2.polylines(drawn, [quad], True, shade, thickness, cv2.LINE_AA, _BITS)
-    _draw_skeleton(drawn, *camera.project(joints), edges, thickness)
+    _draw_skeleton(drawn, *camera.project(joints), edges, thickness, colour or _JOINT)
     return drawn
 
 
 def _draw_skeleton(
-    image: np.ndarray, pixels: np.ndarray, depth: np.ndarray, edges: np.ndarray, thickness: int
+    image: np.ndarray,
+    pixels: np.ndarray,
+    depth: np.ndarray,
+    edges: np.ndarray,
+    thickness: int,
+    colour: tuple[int, int, int],
 ) -> None:
     seen = depth > 0
     points = _to_fixed_point(pixels)
     for a, b in edges:
         if seen[a] and seen[b]:
-            cv2.line(image, points[a], points[b], _JOINT, 1, cv2.LINE_AA, _BITS)
+            cv2.line(image, points[a], points[b], colour, 1, cv2.LINE_AA, _BITS)
     radius = round((0.8 + 0.7 * thickness) * 2**_BITS)
     for point in points[seen]:
         cv2.circle(image, point, radius + 2**_BITS, _SHADOW, -1, cv2.LINE_AA, _BITS)

@@ -71,8 +71,8 @@ def _lines(tracks: PeopleTracks) -> list[str]:
     at_once = ", ".join(f"{n} in {frames}" for n, frames in n_frames.items())
     lines = [f"{len(tracks)} people are followed; at a time: {at_once} of {len(counts)} frames"]
     if tracks.objects:
-        verbs = "move are no people" if tracks.objects > 1 else "moves is no person"
-        lines.append(f"{tracks.objects} more that {verbs}")
+        verbs = "move are" if tracks.objects > 1 else "moves is"
+        lines.append(f"{tracks.objects} more that {verbs} not followed")
     return lines
 
 
@@ -107,15 +107,15 @@ def person_colour(number: int) -> tuple[int, int, int]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Drawn:
+class DrawnPerson:
     """One person as drawn: posed cones (C, 16) with names, joints (J, 3) m, joint pairs (E, 2), and
-    the colour, BGR."""
+    the colour, BGR; None for the colours of the body's sides."""
 
     cones: np.ndarray
     names: list[str]
     joints: np.ndarray
     edges: np.ndarray
-    colour: tuple[int, int, int]
+    colour: tuple[int, int, int] | None
 
     def draw_over(self, image: np.ndarray, camera: Camera) -> np.ndarray:
         """Return a copy of the image with the person."""
@@ -141,23 +141,23 @@ def write_people_overlay(
     with write_video(path, frame_rate(tracks[0])) as video:
         for frame in sequence.select_frames(check_indices(sequence, tracks.frames)):
             people = [
-                _Drawn(
+                DrawnPerson(
                     cones[number][0][row := rows[number][frame.index]],
                     cones[number][1],
                     track.joints[row],
                     track.edges,
-                    _light(number),
+                    light_colour(number),
                 )
                 for number, track in enumerate(shown)
                 if frame.index in rows[number]
                 and np.isfinite(track.joints[rows[number][frame.index]]).any()
             ]
-            video.write(compose_mosaic(frame, sequence.rig, partial(_draw, people)))
+            video.write(compose_mosaic(frame, sequence.rig, partial(draw_everybody, people)))
             if progress is not None:
                 progress()
 
 
-def _draw(people: list[_Drawn], image: np.ndarray, camera: Camera) -> np.ndarray:
+def draw_everybody(people: list[DrawnPerson], image: np.ndarray, camera: Camera) -> np.ndarray:
     """Return a copy of the image with all people, the farthest first."""
     away = [-float(np.linalg.norm(np.nanmean(p.joints, 0) - camera.centre)) for p in people]
     for k in np.argsort(away):
@@ -165,7 +165,7 @@ def _draw(people: list[_Drawn], image: np.ndarray, camera: Camera) -> np.ndarray
     return image
 
 
-def _light(number: int) -> tuple[int, int, int]:
+def light_colour(number: int) -> tuple[int, int, int]:
     """Return the colour, BGR, of a person over pictures."""
     red, green, blue = (round(c + _LIGHTER * (255 - c)) for c in person_colour(number))
     return blue, green, red

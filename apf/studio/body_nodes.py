@@ -24,10 +24,17 @@ _JOINT_SIZE = 0.03  # m
 class BodyNodes:
     """A track's body in one frame: cones, skeleton, joints, and trails of the limbs' ends.
 
-    scene: viser's. name: of the node that holds all others.
+    scene: viser's. name: of the node that holds all others. colour: RGB, of the cones of one of
+    several people; else they have the colours of their sides.
     """
 
-    def __init__(self, scene: viser.SceneApi, name: str, track: Track) -> None:
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        name: str,
+        track: Track,
+        colour: tuple[int, int, int] | None = None,
+    ) -> None:
         self._track, body = track, track.its_body
         self._limb_bones, self.ends = limb_bones(body), limb_ends(body)
         self._lost, self._lost_limbs = track.lost, track.lost_limbs  # computed at each call
@@ -37,7 +44,8 @@ class BodyNodes:
             scene.add_frame(f"{name}/{b}", show_axes=False) for b in range(len(body.bones))
         ]
         self.cones: list[viser.MeshHandle] = []
-        self._cone_colours = colour_by_side(body.cone_names).tolist()
+        by_side = colour_by_side(body.cone_names).tolist()
+        self._cone_colours = by_side if colour is None else [colour] * len(by_side)
         self._cone_bones = np.array([cone.bone for cone in body.cones])
         mesh = cone_mesh(body, _VERTICES_PER_CONE)
         for number, cone in enumerate(body.cones):

@@ -86,7 +86,7 @@ class CorrectPanel:
         if watch is not None:
             watch.pointed = self.point
         opened = watch.opened if watch is not None else None
-        able = opened is not None and len(opened.tracks) == 1 and opened.sequence is not None
+        able = opened is not None and opened.people == 1 and opened.sequence is not None
         for button in (self.place, self.bad):
             button.disabled = not able
         if opened is None or not able:

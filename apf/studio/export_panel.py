@@ -45,7 +45,8 @@ class ExportPanel:
         self.person.options = tracks or ["-"]
         self.person.value = tracks[0] if tracks else "-"
         self.report.disabled = watch is None or not (watch.opened.folder / PAGE).is_file()
-        words = f"Choose a file of {tracks[0]}." if tracks else "Open a track to export it."
+        whose = tracks[0] if len(tracks) == 1 else "one of the people"
+        words = f"Choose a file of {whose}." if tracks else "Open a track to export it."
         self._message.content = make_text(words)
 
     def make_file(self) -> tuple[str, bytes]:

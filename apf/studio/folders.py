@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from apf.report.summary import SUMMARY
+from apf.tracking.people import holds_people, list_people
 from apf.tracking.track import PARTS
 from cl import InputError, MissingFileError, UserError
 from psfs.footage.layouts import LAYOUTS
@@ -84,19 +85,13 @@ def find_kind(folder: Path) -> str | None:
     reconstruct, a `take`, `views` without a calibration; None for anything else."""
     if (folder / "track.npz").is_file() or next(folder.glob(PARTS), None):
         return "track"
-    if list_people(folder):
+    if holds_people(folder) or list_people(folder):
         return "track"
     if (folder / SUMMARY).is_file() and (folder / "clouds").is_dir():
         return "voxels"
     if _is_take(folder):
         return "take"
     return "views" if _holds_views(folder) else None
-
-
-def list_people(folder: Path) -> list[Path]:
-    """Return the folders of the people of a run of several, in their order."""
-    found = [path for path in folder.glob("person*") if (path / "track.npz").is_file()]
-    return sorted(found, key=lambda path: (len(path.name), path.name))
 
 
 def _holds_views(folder: Path) -> bool:

@@ -12,6 +12,7 @@ from apf.body.model import BodyModel
 from apf.live.pace import describe_run
 from apf.live.session import LiveResult, LiveStart
 from apf.live.timeline import Timeline
+from apf.report.people_page import person_colour
 from apf.studio.body_nodes import BodyNodes
 from apf.tracking.track import Track
 from psfs.cameras.camera import CameraRig
@@ -60,8 +61,12 @@ class LivePage(BrowserPage):
         add_key(gui, "End the run", "X", self.press_end)
         people = ((start.body, start.pose), *start.others)
         self.nodes = [
-            BodyNodes(scene, f"/people/{k}", _still_track(*one)) for k, one in enumerate(people)
-        ]
+            BodyNodes(
+                scene, f"/people/{k}", _still_track(*one),
+                person_colour(k) if len(people) > 1 else None,
+            )
+            for k, one in enumerate(people)
+        ]  # fmt: skip
         for nodes in self.nodes:
             nodes.show(0, 0)
         CameraNodes(scene, rig)

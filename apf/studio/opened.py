@@ -7,6 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from apf.report.summary import (
     read_tracked_config,
     read_tracked_grid,
 )
-from apf.studio.folders import list_people
+from apf.tracking.people import PeopleTracks, holds_people, list_people, person_folder
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, UserError
 from psfs.page.clouds import CarvedClouds
@@ -36,19 +37,26 @@ _AROUND = 1.0
 class OpenedTracks(Opened):
     """A run whose bodies are watched.
 
-    tracks: one per person, by the name of the person's folder; one at least. quality: the lines of
-    its judgement. look_at: frames (n,) to check, by what is doubtful there.
+    tracks: one per person, by the name of the person's folder; one at least. seen: frames (F,) that
+    show each person, by the same names; all without. people: number of people in the take. quality:
+    the lines of the judgement. look_at: frames (n,) to check, by what is doubtful there.
     """
 
     tracks: Mapping[str, Track] = field(default_factory=dict)
+    seen: Mapping[str, np.ndarray] = field(default_factory=dict)
+    people: int = 1
     quality: tuple[str, ...] = ()
     look_at: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @cached_property
     def rows(self) -> dict[str, dict[int, int]]:
-        """Row of each frame's number in each track."""
+        """Row in each track of each frame that shows the person, by the frame's number."""
         return {
-            name: {int(frame): row for row, frame in enumerate(track.frames)}
+            name: {
+                int(frame): row
+                for row, frame in enumerate(track.frames)
+                if frame in self.seen.get(name, track.frames)
+            }
             for name, track in self.tracks.items()
         }
 
@@ -76,10 +84,13 @@ class RunningTake:
     config: ReconstructionConfig | None
 
 
-def add_tracks(opened: Opened, tracks: Mapping[str, Track]) -> OpenedTracks:
-    """Return opened voxels with the bodies of tracks, by name, in them."""
+def add_tracks(
+    opened: Opened, tracks: Mapping[str, Track], seen: Mapping[str, np.ndarray]
+) -> OpenedTracks:
+    """Return opened voxels with the bodies of tracks, by name, in them; seen: see
+    `read_seen_frames`."""
     fields = {one: getattr(opened, one) for one in Opened.__dataclass_fields__}
-    return OpenedTracks(**fields, tracks=tracks)
+    return OpenedTracks(**fields, tracks=tracks, seen=seen)
 
 
 def open_track(
@@ -92,7 +103,8 @@ def open_track(
     several. known: called with the number of each frame after its voxels are carved. running:
     what a run reads that goes on, and has not written that yet. Raises InputError, or
     MissingFileError."""
-    tracks = _read_tracks(folder)
+    places = list_people(folder) or [folder]
+    tracks = {place.name: Track.open(place) for place in places}
     first = next(iter(tracks.values()))
     frames = np.unique(np.concatenate([track.frames for track in tracks.values()]))
     if not len(frames):
@@ -101,15 +113,19 @@ def open_track(
         _ = track.its_body  # raises InputError
     remarks: list[str] = []
     try:
-        summary = read_summary(folder if len(tracks) == 1 else folder / next(iter(tracks)))
+        summaries = [read_summary(place) for place in places]
     except UserError as error:  # of a run that goes on, or was killed
         if running is None:
             return OpenedTracks(
-                folder, frames, first.fps, None, None, remarks=(str(error),), tracks=tracks
-            )
+                folder, frames, first.fps, None, None, remarks=(str(error),), tracks=tracks,
+                seen=read_seen_frames(folder), people=len(tracks),
+            )  # fmt: skip
         return _open_running(folder, frames, tracks, running, make_device, known)
+    summary = summaries[0]
     remarks += summary["warnings"]
-    sequence = try_footage(lambda: open_tracked_sequence(folder, summary, int(frames[-1])), remarks)
+    sequence = try_footage(
+        lambda: open_tracked_sequence(places[0], summary, int(frames[-1])), remarks
+    )
     clouds = None
     grid = _joint_grid(tracks)
     if sequence is not None and grid is not None:
@@ -117,28 +133,42 @@ def open_track(
             grid, len(frames),
             _carver(
                 sequence, grid, make_device, frames,
-                lambda: read_tracked_config(folder, dict(summary)),
+                lambda: read_tracked_config(places[0], dict(summary)),
             ),
             known,
         )  # fmt: skip
-    found = summary.get("quality", {}).get("look_at", {})
-    look_at = {
-        what: np.concatenate([np.arange(a, b + 1) for a, b in ranges])
-        for what, ranges in found.items()
-        if ranges
-    }
+    quality, look_at = _gather_judgements(list(tracks), summaries)
     return OpenedTracks(
-        folder, frames, first.fps, sequence, clouds, tuple(remarks),
-        tracks=tracks, quality=tuple(summary.get("says", ())), look_at=look_at,
+        folder, frames, first.fps, sequence, clouds, tuple(remarks), tracks=tracks,
+        seen=read_seen_frames(folder), people=summary.get("people", 1), quality=quality,
+        look_at=look_at,
     )  # fmt: skip
 
 
-def _read_tracks(folder: Path) -> dict[str, Track]:
-    """Return the tracks of all people in a folder by name."""
-    people = list_people(folder)
-    if people:
-        return {path.name: Track.open(path) for path in people}
-    return {folder.name: Track.open(folder)}
+def read_seen_frames(folder: Path) -> dict[str, np.ndarray]:
+    """Return the frames (F,) that show each person by the name of the person's folder; empty for
+    one person, and before all are tracked."""
+    if not holds_people(folder):
+        return {}
+    people = PeopleTracks.open(folder)
+    return {person_folder(folder, k).name: own for k, own in enumerate(people.seen, start=1)}
+
+
+def _gather_judgements(
+    names: list[str], summaries: list[dict[str, Any]]
+) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
+    """Return the lines of each person's judgement, and the frames to check by what is doubtful
+    there; of several people with their names."""
+    lines: list[str] = []
+    look_at: dict[str, np.ndarray] = {}
+    for name, summary in zip(names, summaries, strict=True):
+        whose = f"{name}: " if len(names) > 1 else ""
+        lines += [f"{whose}{line}" for line in summary.get("says", ())]
+        for what, ranges in summary.get("quality", {}).get("look_at", {}).items():
+            if ranges:
+                frames = [np.arange(low, high + 1) for low, high in ranges]
+                look_at[f"{whose}{what}"] = np.concatenate(frames)
+    return tuple(lines), look_at
 
 
 def _joint_grid(tracks: Mapping[str, Track]) -> VoxelGrid | None:

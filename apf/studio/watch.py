@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from apf.body.limbs import limb_names
+from apf.report.people_page import person_colour
 from apf.studio.body_nodes import BodyNodes
 from apf.studio.curves import angle_groups, draw_angles, draw_confidence
 from apf.studio.opened import OpenedTracks
@@ -38,24 +39,41 @@ class TrackWatch(Watch):
         super().__init__(server, opened, panel, beside)
 
     def _add_nodes(self, scene: viser.SceneApi) -> None:
+        tracks = self.opened.tracks
         self.bodies = {
-            name: BodyNodes(scene, f"/people/{number}", track)
-            for number, (name, track) in enumerate(self.opened.tracks.items())
+            name: BodyNodes(
+                scene,
+                f"/people/{number}",
+                track,
+                person_colour(number) if len(tracks) > 1 else None,
+            )
+            for number, (name, track) in enumerate(tracks.items())
         }
         super()._add_nodes(scene)
 
     def _add_pictures(self, gui: viser.GuiApi) -> None:
         super()._add_pictures(gui)
-        track = self.opened.track
-        if len(track) < 2:
+        tracks = {name: track for name, track in self.opened.tracks.items() if len(track) > 1}
+        if not tracks:
             return
-        self._parts.append(gui.add_plotly(draw_confidence(track), aspect=1.6))
-        if names := list(angle_groups(track)):
+        first = next(iter(tracks))
+        person = gui.add_dropdown(
+            "curves of", list(tracks), initial_value=first, visible=len(tracks) > 1
+        )
+        confidence = gui.add_plotly(draw_confidence(tracks[first]), aspect=1.6)
+        person.on_update(
+            lambda event: setattr(confidence, "figure", draw_confidence(tracks[person.value]))
+        )
+        self._parts += [person, confidence]
+        if names := list(angle_groups(tracks[first])):
             chosen = gui.add_dropdown("angles", names, initial_value=names[0])
-            curves = gui.add_plotly(draw_angles(track, names[0]), aspect=1.1)
-            chosen.on_update(
-                lambda event: setattr(curves, "figure", draw_angles(track, chosen.value))
-            )
+            curves = gui.add_plotly(draw_angles(tracks[first], names[0]), aspect=1.1)
+
+            def draw(event: object) -> None:
+                curves.figure = draw_angles(tracks[person.value], chosen.value)
+
+            chosen.on_update(draw)
+            person.on_update(draw)
             self._parts += [chosen, curves]
 
     def _find_stops(self) -> Sequence[int]:

@@ -20,7 +20,7 @@ MOST_PEOPLE = 20
 _SPANS = r"^(\d{1,7}(-\d{1,7})?(, \d{1,7}(-\d{1,7})?)*)?$"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PeopleTracks(Sequence[Track]):
     """The tracks of the people of a take: `for track in tracks`.
 
@@ -47,6 +47,10 @@ class PeopleTracks(Sequence[Track]):
 
     def __len__(self) -> int:
         return len(self.tracks)
+
+    def __repr__(self) -> str:
+        lengths = ", ".join(str(len(seen)) for seen in self.seen)
+        return f"<PeopleTracks of {len(self)} in {len(self.frames)} frames: seen in {lengths}>"
 
     def __iter__(self) -> Iterator[Track]:
         return iter(self.tracks)
@@ -109,21 +113,17 @@ class PeopleTracks(Sequence[Track]):
 
     @classmethod
     def open(cls, folder: str | Path) -> PeopleTracks:
-        """Return the tracks in a folder that `save` or `apf track` wrote. Raises InputError if
-        `people.json` or a track is missing or invalid."""
+        """Return the tracks in a folder that `save` or `apf track` wrote, of one person as well.
+        Raises InputError if `people.json` or a track is missing or invalid."""
         folder = Path(folder)
-        path, what = folder / PEOPLE, "the people of an `apf track`"
-        listed = parse_values(_Listed, read_json(path, what), path)
-        folders = [person.folder for person in listed.persons]
-        if len(set(folders)) < len(folders) or listed.people != len(folders):
-            raise InputError(
-                f"{path}: {listed.people} people in the folders {', '.join(folders)}; expected "
-                "one of its own for each"
-            )
-        with name_file_in_errors(path):
+        if not holds_people(folder) and (folder / "track.npz").is_file():
+            track = Track.open(folder)
+            return cls((track,), track.frames, (track.frames,))
+        listed = _read_list(folder)
+        with name_file_in_errors(folder / PEOPLE):
             frames = parse_spans(listed.frames)
             seen = tuple(parse_spans(person.seen) for person in listed.persons)
-        tracks = tuple(Track.open(folder / name) for name in folders)
+        tracks = tuple(Track.open(folder / person.folder) for person in listed.persons)
         verdicts = tuple(person.verdict for person in listed.persons)
         return cls(tracks, frames, seen, listed.objects, verdicts)
 
@@ -144,6 +144,28 @@ class _Listed(Table):
     objects: int
     frames: Annotated[str, Field(pattern=_SPANS)]
     persons: Annotated[list[_Person], Field(min_length=1, max_length=MOST_PEOPLE)]
+
+
+def _read_list(folder: Path) -> _Listed:
+    """Read `people.json`. Raises InputError."""
+    path, what = folder / PEOPLE, "the people of an `apf track`"
+    listed = parse_values(_Listed, read_json(path, what), path)
+    folders = [person.folder for person in listed.persons]
+    if len(set(folders)) < len(folders) or listed.people != len(folders):
+        raise InputError(
+            f"{path}: {listed.people} people in the folders {', '.join(folders)}; expected "
+            "one of its own for each"
+        )
+    return listed
+
+
+def list_people(folder: Path) -> list[Path]:
+    """Return the folders of the people of a run of several: those that `people.json` lists, or,
+    while they are tracked, those with a track. Raises InputError for an invalid list."""
+    if holds_people(folder):
+        return [folder / person.folder for person in _read_list(folder).persons]
+    found = [path for path in folder.glob("person*") if (path / "track.npz").is_file()]
+    return sorted(found, key=lambda path: (len(path.name), path.name))
 
 
 def person_folder(folder: Path, number: int) -> Path:

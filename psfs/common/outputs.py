@@ -118,9 +118,11 @@ def find_unfinished_command(folder: Path) -> str | None:
 class OutputFolder:
     """A folder while a command writes to it; made by `output_folder`."""
 
-    def __init__(self, folder: Path, command: str, addition: bool, replaces: bool) -> None:
+    def __init__(
+        self, folder: Path, command: str, addition: bool, replaces: bool, part: str = "."
+    ) -> None:
         self.folder, self.command = folder, command
-        self._addition, self._replaces = addition, replaces
+        self._addition, self._replaces, self._part = addition, replaces, part
         self._real = Path(os.path.realpath(folder))
         self._file: IO[bytes] | None = None
         self._names: set[str] = set()
@@ -216,7 +218,11 @@ class OutputFolder:
                     self._append(_HEAD)
                 self._append(f"also {self.command}")
                 if self._replaces:
-                    self._remove(name for name, by in before.items() if by == self.command)
+                    self._remove(
+                        name
+                        for name, by in before.items()
+                        if by == self.command and self._part in map(str, Path(name).parents)
+                    )
             else:
                 self._file = self._replace_manifest(before)  # incomplete before anything is removed
                 self._remove(before)
@@ -309,12 +315,16 @@ def output_folder(
 
     command: the writer. inputs: files and folders that are read, none of which may lie in `folder`.
     expected: patterns of the results' names, which other files must not have. addition: add the
-    files to those of an existing run instead of replacing it. replaces: then replace those that the
-    same command wrote. Raises InputError for a folder that cannot be written.
+    files to those of an existing run instead of replacing it, whose manifest may lie above, as that
+    of several people lies above the folder of one. replaces: then replace those that the same
+    command wrote in `folder`. Raises InputError for a folder that cannot be written.
     """
-    folder = Path(folder)
+    folder, part = Path(folder), "."
     check_place(folder)
     real = Path(os.path.realpath(folder))
+    if addition and (owner := _find_owner(real)) != real:
+        part = os.path.relpath(real, owner)
+        folder, real, expected = owner, owner, [str(Path(part, name)) for name in expected]
     with _lock:
         outer = _OPEN.get(real)
     if outer is not None:  # a command within a command
@@ -322,7 +332,7 @@ def output_folder(
             outer.check(expected)
         yield outer
         return
-    output = OutputFolder(folder, command, addition, replaces)
+    output = OutputFolder(folder, command, addition, replaces, part)
     output.check_inputs(inputs)
     output.check(expected)
     with _lock:
@@ -334,6 +344,20 @@ def output_folder(
         with _lock:
             del _OPEN[real]
             output.close()
+
+
+def _find_owner(folder: Path) -> Path:
+    """Return the folder whose manifest names files in `folder`: itself, or one of the two above it
+    (seeds in the folders of people). Return `folder` if there is none."""
+    for owner in (folder, *folder.parents[:2]):
+        manifest = None
+        with contextlib.suppress(InputError):  # of another program
+            manifest = Manifest.read(owner)
+        if manifest is not None and any(
+            folder in (owner / name).parents for name in manifest.files
+        ):
+            return owner
+    return folder
 
 
 def check_place(folder: Path) -> None:

@@ -176,19 +176,22 @@ def _find_points(
     points = camera.centre + rays[:, None] * depths[:, None]
     widths = own.widths[chosen][:, None] * depths / focal
     sound = (widths > config.thinnest * person.stature) & (widths < config.widest * person.stature)
+    tried, widths = np.flatnonzero(sound), widths[sound]
     costs = np.where(sound, 0.0, np.inf)
     votes = np.ones(costs.shape, int)
     for number, (other, seen) in enumerate(zip(cameras, axes, strict=True)):
         if number == view or not len(seen.frames):
             continue
-        places, z = _project(other, points)
+        places, z = (values[sound] for values in _project(other, points))
         frames = np.round(own.frames[chosen] - lags[view] + lags[number]).astype(int)
-        nearest = seen.find_nearest(frames[:, None], places)
+        nearest = seen.find_nearest(frames[tried // len(depths)], places)
+        met = nearest >= 0
+        nearest, places, z = nearest[met], places[met], z[met]
         away = ((places - seen.places[nearest]) * seen.across[nearest]).sum(-1) / config.gate
-        agree = (nearest >= 0) & (np.abs(away) < 1)
-        agree &= _are_alike(seen.widths[nearest] * z / other.K[0, 0], widths, config)
-        costs -= np.where(agree, 1 - away**2, 0)
-        votes += agree
+        agree = np.abs(away) < 1
+        agree &= _are_alike(seen.widths[nearest] * z / other.K[0, 0], widths[met], config)
+        costs.flat[tried[met]] -= np.where(agree, 1 - away**2, 0)
+        votes.flat[tried[met]] += agree
     best, rows = costs.argmin(axis=1), np.arange(len(chosen))
     another = np.abs(depths - depths[best][:, None]) > config.apart * person.stature
     lead = np.where(another, costs, 0).min(axis=1) - costs[rows, best]

@@ -38,6 +38,11 @@ class FollowingConfig(Config):
         "frame do not explain; what is below it is a ghost, with which nobody begins.",
         "by hand: two people before four cameras, ghosts 0.02 to 0.18, people from 0.3 on",
     )
+    heads: float = fraction(
+        0.8,
+        "Share of frames that must show as many heads, where people touch in all of them.",
+        "by hand, on two who walk abreast, 0.57 m apart",
+    )
     debris: int = natural(8, "Number of voxels below which a region is debris.")
     detached: float = nonnegative(
         0.4, "Distance from a trajectory's voxels up to which a region belongs to it.", unit="m"

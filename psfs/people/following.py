@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy import ndimage
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
 from psfs.people.coarse_voxels import CoarseFrame, count_least_voxels
 from psfs.people.config import PeopleConfig
 from psfs.voxels.grid import VoxelGrid
+
+#: Shares of a region's height above which heads may rise apart from each other: people differ in
+#: height. Columns of voxels that a head has at least.
+_NECKS, _LEAST_HEAD = (0.8, 0.85, 0.9), 4
 
 
 @dataclass(eq=False)
@@ -218,6 +223,7 @@ def follow(
         return []
     counts = [_count_standing(frame, grid, config) for frame in frames]
     middle = _find_longest_maximum(counts)
+    torn = None
     if number is not None and 0 < counts[middle][0] < number:
         most = max(counts)
         split = {
@@ -226,14 +232,26 @@ def follow(
             if count == most
         }
         middle = max(split, key=lambda k: split[k][1])
+        torn = frames[middle]
         frames = [*frames[:middle], split[middle][0], *frames[middle + 1 :]]
     forward, back = PeopleFollower(grid, config, fps), PeopleFollower(grid, config, fps)
     for frame in frames[middle:]:
         forward(frame)
+    if torn is not None:
+        _mark_touching(forward.all, torn)
     back.begin(forward.all, frames[middle].index)
     for frame in reversed(frames[:middle]):
         back(frame)
     return back.all
+
+
+def _mark_touching(trajectories: list[Trajectory], frame: CoarseFrame) -> None:
+    """Note those that share a region of a frame."""
+    ones = [one for one in trajectories if frame.index in one.voxels]
+    own = [set(frame.regions[np.isin(frame.voxels, one.voxels[frame.index])]) for one in ones]
+    for number, (one, regions) in enumerate(zip(ones, own, strict=True)):
+        if any(regions & others for k, others in enumerate(own) if k != number):
+            one.touching.add(frame.index)
 
 
 def _split_widest(
@@ -274,12 +292,57 @@ def _halve(floor: np.ndarray) -> tuple[float, np.ndarray]:
 
 def _count_standing(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -> tuple[int, int]:
     """Return the numbers of large regions that stand, and of all large ones."""
+    regions = _large_regions(frame, grid, config)
+    return sum(stands(points, config) for points in regions), min(1, len(regions))
+
+
+def count_heads(frames: list[CoarseFrame], grid: VoxelGrid, config: PeopleConfig) -> int | None:
+    """Return how many people there are by their heads in most frames, None unless they are more
+    than stand apart in any frame."""
+    if not frames:
+        return None
+    heads = [_count_heads(frame, grid, config) for frame in frames]
+    number = int(np.quantile(heads, 1 - config.following.heads, method="lower"))
+    apart = max(_count_standing(frame, grid, config)[0] for frame in frames)
+    return number if number > apart > 0 else None
+
+
+def _count_heads(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -> int:
+    """Return how many heads the large regions that stand have."""
+    return sum(
+        max(len(_find_rising(points, share, grid.voxel_size, config)) for share in _NECKS) or 1
+        for points in _large_regions(frame, grid, config)
+        if stands(points, config)
+    )
+
+
+def _find_rising(
+    points: np.ndarray, share: float, size: float, config: PeopleConfig
+) -> list[np.ndarray]:
+    """Return the middles (2,) of the parts of a region, of some columns of voxels each, that rise
+    apart from each other above this share of its height, as high and as far apart as people."""
+    above = points[points[:, 2] > max(share * points[:, 2].max(), config.tall)]
+    if not len(above):
+        return []
+    columns = np.round((above[:, :2] - above[:, :2].min(0)) / size).astype(int)
+    floor = np.zeros(columns.max(0) + 1, bool)
+    floor[tuple(columns.T)] = True
+    labels, n_parts = ndimage.label(floor, np.ones((3, 3)))
+    found: list[np.ndarray] = []
+    for part in range(1, n_parts + 1):
+        middle = find_middle(above[labels[tuple(columns.T)] == part])
+        near = [of for of in found if np.linalg.norm(of - middle) < config.following.apart]
+        if np.sum(labels == part) >= _LEAST_HEAD and not near:
+            found.append(middle)
+    return found
+
+
+def _large_regions(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -> list[np.ndarray]:
+    """Return the centres (N, 3) m of the voxels of each large region that is no ghost."""
     sizes = np.bincount(frame.regions) if len(frame.regions) else np.zeros(0, int)
-    regions = [
-        r for r in np.flatnonzero(sizes >= count_least_voxels(config)) if r not in frame.ghosts
-    ]
+    large = np.flatnonzero(sizes >= count_least_voxels(config))
     points = grid.centres(frame.voxels)
-    return sum(stands(points[frame.regions == r], config) for r in regions), min(1, len(regions))
+    return [points[frame.regions == r] for r in large if r not in frame.ghosts]
 
 
 def _find_longest_maximum(counts: list[tuple[int, int]]) -> int:

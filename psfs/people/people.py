@@ -14,7 +14,7 @@ from psfs.common.numbers import select_span
 from psfs.diagnostics.small_views import Shrink
 from psfs.people.coarse_voxels import CoarseFrame, CoarseVoxels
 from psfs.people.config import AxisConfig, PeopleConfig
-from psfs.people.following import Trajectory, follow
+from psfs.people.following import Trajectory, count_heads, follow
 from psfs.people.identities import (
     Appearance,
     Seen,
@@ -190,11 +190,19 @@ class _Search:
     def run(self) -> People:
         """Return the people."""
         frames = [self._carve(frame) for frame in self._read_frames(self.frames)]
+        heads = count_heads(frames, self.space.grid, self.config) if self.number is None else None
+        people = self._find(frames, self.number or heads)
+        if heads is not None and len(people) < heads:  # what was split is one person
+            return self._find(frames, None)
+        return people
+
+    def _find(self, frames: list[CoarseFrame], number: int | None) -> People:
+        """Return the people in frames: `number` of them, if that is known."""
         grid, fps = self.space.grid, self.session.sequence.fps
-        found = follow(frames, grid, self.config, self.rate, self.number)
+        found = follow(frames, grid, self.config, self.rate, number)
         lasting = min(self.config.least_seconds * self.rate, len(frames) / 2)
         found = [one for one in found if len(one.voxels) >= max(2, lasting / 2)]
-        found = found or follow(frames, grid, self.config, self.rate, self.number)
+        found = found or follow(frames, grid, self.config, self.rate, number)
         if len(found) < 2:
             return People(self.frames, grid, tuple(map(self._person, found)))
         seen: Seen = {one: Appearance() for one in found}

@@ -67,7 +67,8 @@ def test_packs_cover_particles(device: Device) -> None:
     defines = pack_defines(device, 64)
     assert (defines["PACK"] == 1) == device.is_gpu and defines["PACK"] in (1, 8, 16)
     assert defines["GROUP"] == (64 if device.is_gpu else 1)
-    gpu, most = device if device.is_gpu else other_kind(device), device.handle.max_work_group_size
+    gpu = device if device.is_gpu else other_kind(device)
+    most = gpu.handle.max_work_group_size
     assert pack_defines(gpu, 2 * most)["GROUP"] == most
     for n in (1, 16, 17, 100):
         (size,) = pack_size(n, defines)

@@ -281,11 +281,10 @@ def test_no_memory(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     faults.refused(reconstruct(stock), stock, "not enough memory")
 
 
-@pytest.mark.parametrize("locale", ["C", "POSIX"])
-def test_other_locales(stock: Path, locale: str) -> None:
+def test_another_locale(stock: Path) -> None:
     folder = (stock / "walk").rename(stock / "gehört é")
     environment = {k: v for k, v in os.environ.items() if not k.startswith("LC_")}
-    environment |= {"LANG": locale, "LC_ALL": locale, "PYTHONCOERCECLOCALE": "0",
+    environment |= {"LANG": "C", "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0",
                     "PYTHONUTF8": "0", "PYTHONPATH": str(Path.cwd())}  # fmt: skip
     words = [sys.executable, "-m", "psfs.cli", "info", str(folder), "--no-pictures"]
     done = subprocess.run(words, capture_output=True, check=False, env=environment)

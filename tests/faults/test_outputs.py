@@ -91,6 +91,19 @@ def test_additions_replace_those_of_the_same_command(tmp_path: Path) -> None:
     assert files(tmp_path) == {MANIFEST, "a.txt", "x.json"}
 
 
+def test_additions_to_a_part_of_a_run(tmp_path: Path) -> None:
+    """As to the folder of one of several people: after an addition to all, and beside others."""
+    run(tmp_path, "person1/a.txt", "person2/a.txt")
+    for folder, names in (("", ["person1/x", "person2/x"]), ("person1", ["x"]), ("person2", ["y"])):
+        with output_folder(tmp_path / folder, "evaluate", addition=True, replaces=True):
+            for name in names:
+                write(tmp_path / folder / name)
+    own = {"person1/a.txt", "person2/a.txt", "person1/x", "person2/y"}
+    assert files(tmp_path) == {MANIFEST, *own}
+    run(tmp_path, "b.txt")
+    assert files(tmp_path) == {MANIFEST, "b.txt"}
+
+
 @pytest.mark.parametrize("inside", ["", "seq", "seq/videos"])
 def test_an_output_over_the_input(tmp_path: Path, inside: str) -> None:
     (tmp_path / "seq/videos").mkdir(parents=True)

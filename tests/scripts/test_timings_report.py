@@ -345,7 +345,7 @@ def test_numbers_are_shown_with_three_digits(value: float | None, text: str) -> 
 
 def small_problem(device: Device) -> Problem:
     """Two frames of a walk before three small cameras."""
-    walk = SyntheticScene(SceneConfig(cameras=3, frames=2, size=(240, 180)), device)
+    walk = SyntheticScene(SceneConfig(cameras=3, frames=2, size=(160, 120)), device)
     plates = np.stack([walk.background_frame(i) for i in range(6)]).astype(np.float32)
     frames = [Frame(i, *walk.frame(i)[:2]) for i in range(2)]
     background = Background(plates.mean(0), plates.std(0))

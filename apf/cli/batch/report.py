@@ -72,7 +72,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
         """Record a take that is done, or that failed with an exception."""
         if isinstance(outcome, TakeDone):
             self._done[name] = outcome
-            text = "finished already" if outcome.kept else _describe(outcome)
+            text = "finished already" if outcome.kept else describe_done(outcome)
         else:
             text = replace_temporary_names(describe(outcome))
             self._failed[name] = TakeRow(name, status="failed", error=text)
@@ -124,12 +124,15 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             stdout.print(f"{name} failed: {row.error}; log: {log}", soft_wrap=True)
 
 
-def _describe(outcome: TakeDone) -> str:
+def describe_done(outcome: TakeDone) -> str:
+    """Return a line on a take that was tracked: its people, frames, and what to look at."""
     rows = [TakeRow.from_dict(row) for row in outcome.rows]
     first = rows[0]
     lost = sum(row.lost_frames or 0 for row in rows)
     limbs = ", ".join(dict.fromkeys(row.limbs for row in rows if row.limbs))
-    words = [f"{first.frames} frames tracked in {first.took:.1f} s"]
+    people = {folder for row in rows for folder in row.name.split("/")[1:] if "person" in folder}
+    who = f"{len(people)} people, " if people else ""
+    words = [f"{who}{first.frames} frames tracked in {first.took:.1f} s"]
     words += [f"lost in {lost}"] * (lost > 0)
     words += [f"look at {limbs}"] * bool(limbs)
     return ", ".join(words)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NoReturn
@@ -13,12 +14,15 @@ from typing import NoReturn
 from apf.cli import track
 from apf.cli.commands import COMMANDS
 from apf.cli.method_flags import select_method
+from apf.cli.takes.flags import check_flags
 from apf.cli.takes.job import list_seeds, seed_folders
 from apf.cluster.record import FileFacts, TakeRecord, list_files
 from apf.cluster.take_row import TakeRow, write_thumbnail
 from apf.cluster.task_side import TaskProgress, log_to
 from apf.cluster.whole_folder import replace_folder
 from apf.cluster.workers import select_worker_device
+from apf.evaluation.evaluate import Evaluation
+from apf.evaluation.people import evaluate_tracks
 from cl import Device, InputError, NumpyDevice
 from psfs.cli.commandline import CommandParser
 from psfs.cli.program import program_parser
@@ -69,6 +73,10 @@ class TakeJob:
                 )
             args.people = "1"
         args.configs = {**self.configs, **args.configs}
+        try:
+            check_flags(args)
+        except InputError as error:
+            raise InputError(f"{self.where}: {error}") from None
         return args
 
     def record(self, known: TakeRecord | None = None) -> TakeRecord:
@@ -148,7 +156,12 @@ def write_take(
         progress.begin("writing")
         facts |= {"device": device.name, "worker": progress.worker}
         facts |= {"took": round(time.monotonic() - began, 2)}
-        rows = tuple(row for done in everybody for row in _write_rows(job, args, done, facts))
+        errors = compare_with_truth(everybody)
+        rows = tuple(
+            row
+            for done, found in zip(everybody, errors, strict=True)
+            for row in _write_rows(job, args, done, found, facts)
+        )
         written = [path for path in list_files(partial) if path.name != MANIFEST]
         outputs = {str(path.relative_to(partial)): FileFacts.read(path) for path in written}
         replace(wanted, outputs=outputs, rows=rows).write(partial)
@@ -156,15 +169,38 @@ def write_take(
     return TakeDone(rows, False, dict(progress.seconds), dict(progress.core_seconds))
 
 
+def compare_with_truth(
+    everybody: Sequence[track.FinishedTake],
+) -> list[list[Evaluation | None]]:
+    """Return the evaluation of each person's tracks, one per seed, against the take's truth; None
+    without a truth."""
+    path = everybody[0].take.sequence.folder / "truth.npz"
+    by_seed: list[list[Evaluation | None]] = []
+    for seed in range(len(everybody[0].take.tracks)):
+        tracks = [done.take.tracks[seed] for done in everybody]
+        frames = [done.judgements[seed].quality.seen for done in everybody]
+        seen = [of.frames if own is None else own for of, own in zip(tracks, frames, strict=True)]
+        found: list[Evaluation | None] = [None] * len(tracks)
+        if path.is_file():
+            with suppress(InputError):  # it has no joint or frame in common
+                found = evaluate_tracks(tracks, seen, path)
+        by_seed.append(found)
+    return [list(of) for of in zip(*by_seed, strict=True)]
+
+
 def _write_rows(
-    job: TakeJob, args: argparse.Namespace, done: track.FinishedTake, facts: Mapping[str, object]
+    job: TakeJob,
+    args: argparse.Namespace,
+    done: track.FinishedTake,
+    errors: Sequence[Evaluation | None],
+    facts: Mapping[str, object],
 ) -> list[dict[str, object]]:
-    """Return the rows of the tracks of a person, and write their thumbnails."""
+    """Return the rows of the tracks of a person, one per seed, and write their thumbnails."""
     rows, take = [], done.take
-    for found, folder in zip(take.tracks, _folders(args, done.folder), strict=True):
-        write_thumbnail(folder, take, found)
+    for own, found, folder in zip(take.tracks, errors, _folders(args, done.folder), strict=True):
+        write_thumbnail(folder, take, own)
         name = "/".join((job.name, *folder.relative_to(args.output).parts))
-        rows.append(TakeRow.summarise(name, folder, take, found, **facts).plain())
+        rows.append(TakeRow.summarise(name, folder, take, own, found, **facts).plain())
     return rows
 
 

@@ -46,11 +46,10 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_start_flags(parser)
     parser.add_argument(
         "--people",
-        default="1",
         metavar="N",
         help="track N people, each into OUT/person1 and so on, from one reconstruction; auto: as "
         "many as the recording shows; with --captures from --init with the joints of all, in "
-        "--volume (default: %(default)s)",
+        "--volume (default: 1, with a warning if the recording begins with more)",
     )
     parser.add_argument(
         "--truth", type=Path, metavar="F", help="true joints (npz or TRC): to state the error"

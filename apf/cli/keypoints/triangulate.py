@@ -111,6 +111,8 @@ def _triangulate_people(
                 write_people_overlay(
                     job.output / "overlay.mp4", sequence, found, lambda: bar.advance(task)
                 )
+    who = f"{len(tracks)} people" if len(tracks) > 1 else "one person"
+    stdout.print(f"{len(frames)} frames of {who} triangulated: {job.output}", soft_wrap=True)
     for number, track in enumerate(tracks, start=1):
         stdout.print(f"person{number}: {_describe(track)}", soft_wrap=True)
 

@@ -57,6 +57,12 @@ class TrackJob:
         args = argparse.Namespace(**own)
         return replace(self, args=args, of_people=facts, seen=seen, keypoints=keypoints)
 
+    def title(self, take: str) -> str:
+        """Return the title of the pages of a take: its name, and which person of several."""
+        if not self.of_people:
+            return take
+        return f"{take}, person {self.of_people['person']} of {self.of_people['people']}"
+
     @property
     def folders(self) -> list[Path]:
         """The folder of each seed's files."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.api import load_template, read_given_start
+from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.cli.first_pose import find_first_pose
 from apf.cli.people_flag import people_number
@@ -32,6 +33,8 @@ from psfs.voxels.occupied_box import default_voxel_size
 
 #: Time, s, in whose frames people are separated for their starts, and the least number of these.
 _START_SECONDS, _FEWEST_FRAMES = 1.0, 2
+#: Time, s, in which people are counted where one is followed: the whole may be hours.
+_COUNT_SECONDS = 2.0
 
 Given = tuple[BodyModel, np.ndarray]
 
@@ -39,7 +42,7 @@ Given = tuple[BodyModel, np.ndarray]
 def read_live_people(args: argparse.Namespace, method: Method) -> int | None:
     """Return how many people --people asks for, None for as many as are seen. Raises InputError if
     several cannot be tracked."""
-    number = None if args.people == "auto" else people_number(args.people)
+    number = None if args.people == "auto" else people_number(args.people or "1")
     if number != 1 and not method.uses_voxels:
         raise InputError(
             f"--people {args.people}: --objective {method.objective} tracks one person; expected 1"
@@ -67,6 +70,8 @@ def start_replay(
         grid = automatic_grid(session)
     if one is None:
         one = find_first_pose(session, args, method.filter.search.seed, None)
+    if args.people is None:
+        warn_of_others(session, frames, one)
     return Replay(sequence, frames), LiveStart(grid, *one)
 
 
@@ -107,7 +112,8 @@ def _start_people(
     frame shows; None if there is one person."""
     sequence = session.sequence
     people = count_people(session, number)
-    stderr.print(f"{sequence.name}: {people.describe()}", soft_wrap=True, markup=False)
+    if number is None:
+        stderr.print(f"{sequence.name}: {people.describe()}", soft_wrap=True, markup=False)
     if len(people) < 2:
         if number is not None:
             warn(f"{sequence.name}: --people is {number}; {people.describe()}")
@@ -124,24 +130,19 @@ def _find_starts(
     """Find everybody that the first of the frames show in which people were counted, each apart
     from the others."""
     frames = people.frames
-    first = frames[
-        : max(_FEWEST_FRAMES, round(_START_SECONDS * session.sequence.fps / frames.step))
-    ]
-    settings = SessionSettings(
-        session.reconstruction, select_span(first, first.step), args.voxel_size
-    )
-    begun = Session(session.sequence, session.device, settings)
+    begun = select_beginning(session, frames, _START_SECONDS)
+    first = begun.frames
     beginning = people.during(first)
     given: list[Given] = []
     seed = method.filter.search.seed
     for person, own in zip(beginning, separate(begun, beginning), strict=True):
         if person.frames[0] == frames[0]:
             given.append(find_first_pose(own, args, seed, None, len(given) + 1))
-    left = (number or len(beginning)) - len(given)
-    if left > 0:
+    wanted = max(number or 0, len(people))
+    if len(given) < wanted:
         warn(
-            f"{session.sequence.name}: {left} not seen in frame {frames[0]}; only who is there "
-            "when a live run begins is followed"
+            f"{session.sequence.name}: frame {frames[0]} shows {len(given)} of {wanted} people; "
+            "only who is there when a live run begins is followed"
         )
     if not given:
         raise InputError(
@@ -149,6 +150,27 @@ def _find_starts(
             "from a frame on that shows everybody"
         )
     return given
+
+
+def select_beginning(session: Session, frames: range, seconds: float) -> Session:
+    """Return a session of the first `seconds` of some frames."""
+    first = frames[: max(_FEWEST_FRAMES, round(seconds * session.sequence.fps / frames.step))]
+    selection = select_span(first, first.step)
+    settings = SessionSettings(session.reconstruction, selection, session.settings.voxel_size)
+    return Session(session.sequence, session.device, settings)
+
+
+def warn_of_others(session: Session, frames: range, start: Given) -> None:
+    """Warn that one person is followed, and which, if the beginning of a recording shows more."""
+    if len(session.rig) < 2:
+        return
+    people = count_people(select_beginning(session, frames, _COUNT_SECONDS))
+    if len(people) > 1:
+        x, y, _ = posed_joints(start[0], start[1][None])[0].mean(axis=0)
+        warn(
+            f"{session.sequence.name}: {people.describe()}; one is followed, who begins at "
+            f"x {x:.1f}, y {y:.1f} m; --people auto follows all, --people 1 counts nobody"
+        )
 
 
 def _read_starts(args: argparse.Namespace, frame: int, number: int | None) -> list[Given]:
@@ -171,4 +193,8 @@ def _read_starts(args: argparse.Namespace, frame: int, number: int | None) -> li
         joints = {joint: series.joints[rows[0], column] for joint, column in at.items()}
         body, pose, _ = fit_to_joints(template, joints)
         given.append((body, pose))
+    if not given:
+        raise InputError(f"{path}: holds nobody's joints in frame {frame}; expected those of all")
+    if number is not None and len(given) < number:
+        warn(f"--people is {number}; {path} shows {len(given)} in frame {frame}")
     return given

@@ -21,12 +21,11 @@ from apf.cli.takes.take_report import Line
 from apf.filters.method import Method
 from apf.keypoints import Keypoints
 from apf.report.judged import OVERLAY
-from apf.report.names import PAGE
 from apf.report.people_page import write_people_overlay, write_people_page
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
-from psfs.cli.commandline import stderr, stdout, warn
+from psfs.cli.commandline import stderr, warn
 from psfs.common.numbers import select_span
 from psfs.people.people import count_people, follow_several
 from psfs.people.separation import separate
@@ -68,8 +67,11 @@ class Persons:
         )
 
     def gather(self, tracks: list[Track], verdicts: list[str]) -> PeopleTracks:
-        """Return the tracks of the first people, or of all, with the frames that show them."""
-        seen = tuple(self.seen[: len(tracks)])
+        """Return the tracks of the first people, or of all, with the frames that show them, as far
+        as they were tracked."""
+        seen = tuple(
+            own[np.isin(own, track.frames)] for own, track in zip(self.seen, tracks, strict=False)
+        )
         return PeopleTracks(
             tuple(tracks), np.array(self.frames), seen, self.objects, tuple(verdicts)
         )
@@ -116,17 +118,24 @@ def find_persons(
         return _find_by_keypoints(job, session, wanted)
     line("people")
     found = follow_several(session, wanted)
-    counted = found or count_people(session, wanted)
-    if wanted is not None and len(counted) != wanted:
-        warn(f"{sequence.name}: --people is {wanted}; {counted.describe()}")
+    if wanted is not None:
+        _warn_of_another_number(session, wanted)
     if found is None:
         return None
-    if wanted is None or found.objects:
+    if wanted is None:
         stderr.print(f"{sequence.name}: {found.describe()}", soft_wrap=True, markup=False)
     keypoints = read_people_keypoints(args, session, found)
     sessions = separate(session, found, lambda: line("people"))
     seen = [person.frames for person in found]
     return Persons(found.frames, seen, sessions, keypoints, found.objects)
+
+
+def _warn_of_another_number(session: Session, wanted: int) -> None:
+    """Warn if more or fewer people are seen than --people says."""
+    counted = count_people(session)
+    if len(counted) != wanted:
+        name, seen = session.sequence.name, counted.describe()
+        warn(f"{name}: --people is {wanted}; without it {seen}: look at the overlay")
 
 
 def _warn_of_others(job: TrackJob, session: Session, why: str) -> None:
@@ -187,4 +196,3 @@ def write_together(
         write_people_overlay(folder / OVERLAY, sequence, tracks, lambda: line("overlay"))
     if not job.args.no_report:
         write_people_page(folder, sequence.name, tracks, folder / OVERLAY)
-        stdout.print(f"all people together: {folder / PAGE}", soft_wrap=True)

@@ -14,7 +14,8 @@ import numpy as np
 from rich.progress import Progress
 from rich.table import Table
 
-from apf.evaluation.evaluate import evaluate, load_truth
+from apf.evaluation.evaluate import evaluate
+from apf.evaluation.people import load_followed_truth
 from apf.report.agreement import choose_rows
 from apf.report.quality import Quality
 from apf.tracking.take import Take
@@ -179,8 +180,8 @@ def describe_spread(take: Take) -> list[str]:
     away = 1000 * np.linalg.norm(joints - joints.mean(0), axis=-1)
     lines = [f"{len(tracks)} runs: joints lie {away.mean():.1f} mm from the runs' mean"]
     path = take.sequence.folder / "truth.npz"
-    with suppress(InputError):  # there is none, or it applies only to several people
-        truth = load_truth(path)
+    with suppress(InputError):  # there is none
+        truth, _ = load_followed_truth(tracks[0], path)
         errors = [1000 * evaluate(track, truth).mean_error for track in tracks]
         spread = f"{np.mean(errors):.1f} ± {np.std(errors, ddof=1):.1f} mm"
         lines.append(f"mean error: {spread}, {min(errors):.1f} to {max(errors):.1f}")

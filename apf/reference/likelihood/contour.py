@@ -89,27 +89,20 @@ def contour_means(
 
     Rows whose part (R,) is -1 and samples that the trunk hides are ignored.
     """
+    rows = rows[row_parts >= 0]
     corners = project_outlines(camera, cones)
-    sums, counts = np.zeros(len(cones)), np.zeros(len(cones))
-    for row, part in zip(rows, row_parts, strict=True):
-        if part < 0:
-            continue
-        number, t, _, _ = row
-        quad = corners[:, int(number)]
-        for near, far in ((0, 3), (1, 2)):
-            line = quad[:, far] - quad[:, near]
-            pixels = quad[:, near] + t * line
-            y, x, seen = lookup_pixels(camera, pixels)
-            hidden = hidden_by_trunk(camera, body, cones, corners, row, pixels[:, None])
-            seen &= ~hidden[:, 0]
-            sums += np.where(seen, contours[_normals(line), y, x].astype(float), 0)
-            counts += seen
-    means: np.ndarray = sums / (255 * np.maximum(counts, 1))
+    quads = corners[:, rows[:, 0].astype(int)]
+    lines = quads[:, :, [3, 2]] - quads[:, :, :2]  # left and right, (N, rows, 2, 2)
+    pixels = quads[:, :, :2] + rows[:, 1, None, None] * lines
+    y, x, seen = lookup_pixels(camera, pixels)
+    seen &= ~hidden_by_trunk(camera, body, cones, corners, rows, pixels)
+    sums = np.where(seen, contours[_normals(lines), y, x].astype(float), 0).sum((1, 2))
+    means: np.ndarray = sums / (255 * np.maximum(seen.sum((1, 2)), 1))
     return means
 
 
 def _normals(lines: np.ndarray) -> np.ndarray:
-    """Return the indices (N,) of the normals of lines in directions (N, 2)."""
+    """Return the indices (...) of the normals of lines in directions (..., 2)."""
     x, y = np.moveaxis(np.nan_to_num(lines), -1, 0)
     diagonal = np.where(x * y < 0, 1, 3)
     level = np.where(np.abs(x) > _STEEP * np.abs(y), 2, diagonal)

@@ -102,20 +102,21 @@ def hidden_by_trunk(
     body: BodyModel,
     cones: np.ndarray,
     corners: np.ndarray,
-    row: np.ndarray,
+    rows: np.ndarray,
     pixels: np.ndarray,
 ) -> np.ndarray:
-    """Return (N, K) bool: whether the trunk hides samples at pixels (N, K, 2) of a row (4,) of a
-    cone. A sample is hidden if it lies in the outline of the trunk's cone and its row is farther
-    from the camera than the trunk's middle. cones (N, C, 16), corners (N, C, 4, 2): their
+    """Return (N, R, K) bool: whether the trunk hides samples at pixels (N, R, K, 2) of rows (R, 4)
+    of cones. A sample is hidden if it lies in the outline of the trunk's cone and its row is
+    farther from the camera than the trunk's middle. cones (N, C, 16), corners (N, C, 4, 2): their
     outlines."""
-    trunk, cone, share = find_trunk_cone(body), int(row[0]), row[1]
+    trunk = find_trunk_cone(body)
     if trunk < 0:
-        return np.zeros(pixels.shape[:2], bool)
-    own = cones[:, cone, 0:3] + share * (cones[:, cone, 4:7] - cones[:, cone, 0:3])
-    middle = (cones[:, trunk, 0:3] + cones[:, trunk, 4:7]) / 2
+        return np.zeros(pixels.shape[:3], bool)
+    own = cones[:, rows[:, 0].astype(int)]
+    own = own[..., 0:3] + rows[:, 1, None] * (own[..., 4:7] - own[..., 0:3])
+    middle = (cones[:, trunk, None, 0:3] + cones[:, trunk, None, 4:7]) / 2
     further: np.ndarray = (own - middle) @ camera.R[2] > 0
-    return further[:, None] & is_in_outline(corners[:, trunk, None], pixels)
+    return further[..., None] & is_in_outline(corners[:, trunk, None, None], pixels)
 
 
 class ColourModel(NamedTuple):
@@ -137,26 +138,21 @@ def colour_means(
     """Return (N,) the mean log ratio, as a share of its bound, of the codes (H, W) at the samples
     in the rows of cones (N, C, 16), by the colour model `look`; 0 without a visible sample. Samples
     that the trunk or something else hides are ignored."""
+    scored = look.row_parts >= 0
+    rows, parts = look.rows[scored], look.row_parts[scored]
     corners = project_outlines(camera, cones)
-    sums, counts = np.zeros(len(cones)), np.zeros(len(cones))
-    for row, part in zip(look.rows, look.row_parts, strict=True):
-        if part < 0:
-            continue
-        number, t, n_columns, _ = row
-        quad = corners[:, int(number), :, None]
-        left, right = (
-            quad[:, 0] + t * (quad[:, 3] - quad[:, 0]),
-            quad[:, 1] + t * (quad[:, 2] - quad[:, 1]),
-        )
-        u = ((np.arange(int(n_columns)) + 0.5) / n_columns)[:, None]
-        pixels = left + u * (right - left)  # (N, columns, 2)
-        code = _lookup_codes(camera, codes, pixels)
-        hidden = hidden_by_trunk(camera, body, cones, corners, row, pixels)
-        seen = (code >= 0) & (code != _HIDDEN_CODE) & ~hidden
-        sums += np.where(seen, look.ratios[part][np.maximum(code, 0)].astype(float), 0).sum(1)
-        counts += seen.sum(1)
-    means: np.ndarray = sums / (RATIO_STEPS * np.maximum(counts, 1))
-    return means
+    quads, t = corners[:, rows[:, 0].astype(int)], rows[:, 1, None]
+    left = quads[:, :, 0] + t * (quads[:, :, 3] - quads[:, :, 0])
+    right = quads[:, :, 1] + t * (quads[:, :, 2] - quads[:, :, 1])
+    columns = np.arange(int(rows[:, 2].max(initial=0)))
+    u = ((columns + 0.5) / rows[:, 2, None])[..., None]
+    pixels = left[:, :, None] + u * (right - left)[:, :, None]  # (N, rows, columns, 2)
+    code = _lookup_codes(camera, codes, pixels)
+    hidden = hidden_by_trunk(camera, body, cones, corners, rows, pixels)
+    seen = (columns < rows[:, 2, None]) & (code >= 0) & (code != _HIDDEN_CODE) & ~hidden
+    ratios = look.ratios[parts[:, None], np.maximum(code, 0)].astype(float)
+    means: np.ndarray = np.where(seen, ratios, 0).sum((1, 2))
+    return means / (RATIO_STEPS * np.maximum(seen.sum((1, 2)), 1))
 
 
 class NumpyPartColours(TermTwin):

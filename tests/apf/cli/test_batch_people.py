@@ -1,12 +1,18 @@
-"""`apf batch`: how many people of a take."""
+"""`apf batch`: how many people of a take, and how far each track is from the truth."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
+from helpers import tracks
 
-from apf.cli.batch.take import TakeJob
+from apf.cli.batch.take import TakeJob, compare_with_truth
+from apf.tracking.track import Track
 from cl import InputError
 
 
@@ -21,3 +27,30 @@ def test_as_many_people_as_are_seen_by_default_and_one_in_parts() -> None:
     assert job((), part_frames=100).arguments().people == "1"
     with pytest.raises(InputError, match="--people is 2; a take that is cut by --part-frames"):
         job(("--people=2",), part_frames=100).arguments()
+    with pytest.raises(InputError, match="apf batch: --people is 0; expected 1 to 20"):
+        job(("--people=0",)).arguments()  # before a cluster is started
+
+
+def test_each_person_has_an_error_of_their_own(tmp_path: Path) -> None:
+    """Two people, two seeds; the first of the true ones is absent in half of the frames."""
+    n = 4
+    frames, offset = np.arange(n), np.array([1.0, 0, 0])
+    first, off = tracks.walker(n), np.array([0.01, 0, 0])
+    second = replace(first, joints=first.joints + offset)
+    joints = np.stack([first.joints, second.joints], axis=1)
+    joints[2:, 0] = np.nan
+    path = tmp_path / "truth.npz"
+    np.savez(path, joint_names=np.array(first.joint_names), joints=joints, fps=60.0)
+
+    def finished(track: Track, seen: np.ndarray) -> Any:
+        runs = [track, replace(track, joints=track.joints + off)]
+        judged = [SimpleNamespace(quality=SimpleNamespace(seen=seen))] * 2
+        take = SimpleNamespace(tracks=runs, sequence=SimpleNamespace(folder=tmp_path))
+        return SimpleNamespace(take=take, judgements=judged)
+
+    everybody = [finished(second, frames), finished(first, frames[:2])]
+    found = compare_with_truth(everybody)
+    errors = [[of and 1000 * of.mean_error for of in person] for person in found]
+    np.testing.assert_allclose(errors, [[0, 10], [0, 10]], atol=1e-6)
+    path.unlink()
+    assert compare_with_truth(everybody) == [[None, None], [None, None]]

@@ -1,14 +1,21 @@
-"""--people: what is refused before anything is opened."""
+"""--people: what is refused before anything is opened, and what is said of another number."""
 
 from __future__ import annotations
 
+from argparse import Namespace
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from helpers import tracks
 
 from apf.cli import main
+from apf.cli.takes import people
 from apf.cli.takes.take_report import TakeLine
+from apf.filters.method import Method
 from psfs.cli.commandline import progress_bar
+from psfs.people.people import People, Person
 
 
 @pytest.mark.parametrize(
@@ -37,3 +44,32 @@ def test_each_persons_frames_are_counted_from_the_first() -> None:
         (task,) = bar.tasks
         assert (task.completed, task.total) == (3, 3)
         line("judging")
+
+
+@pytest.mark.parametrize("n_seen", [1, 2, 3])
+def test_another_number_than_is_seen_is_said(
+    n_seen: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """--people 2 splits one person, and leaves a third one out."""
+    one = Person(np.arange(3), {})
+    seen = People(range(3), None, (one,) * n_seen)  # type: ignore[arg-type]
+    followed = People(range(3), None, (one,) * 2)  # type: ignore[arg-type]
+    monkeypatch.setattr(people, "count_people", lambda session: seen)
+    monkeypatch.setattr(people, "follow_several", lambda session, number: followed)
+    monkeypatch.setattr(people, "separate", lambda session, found, line: [session] * len(found))
+    session = SimpleNamespace(sequence=SimpleNamespace(name="duo", subject="person"))
+    args = Namespace(people="2", body=None, init=None, height=None, keypoints=None)
+    job = SimpleNamespace(args=args, method=Method())
+    found = people.find_persons(job, session, None, lambda stage: None)  # type: ignore[arg-type]
+    assert found is not None and len(found.sessions) == 2
+    said = capsys.readouterr().err.replace("\n", " ")
+    assert ("duo: --people is 2; without it" in said) is (n_seen != 2)
+
+
+def test_who_was_not_tracked_to_the_end_is_seen_so_far(tmp_path: Path) -> None:
+    """An interrupt in the first of two people."""
+    frames = np.arange(6)
+    found = people.Persons(range(6), [frames, frames], [])
+    gathered = found.gather([tracks.walker(4)], ["bad"])
+    assert gathered.seen[0].tolist() == [0, 1, 2, 3]
+    assert gathered.counts.tolist() == [1, 1, 1, 1, 0, 0]

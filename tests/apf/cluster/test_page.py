@@ -6,9 +6,12 @@ import csv
 from html.parser import HTMLParser
 from pathlib import Path
 
+from apf.cli.batch.report import describe_done
+from apf.cli.batch.take import TakeDone
 from apf.cluster.page import write_index
 from apf.cluster.record import TakeRecord
 from apf.cluster.take_row import TakeRow
+from apf.cluster.task_side import TaskProgress
 
 
 class Cells(HTMLParser):
@@ -56,3 +59,26 @@ def test_all_takes_of_a_folder_are_shown(tmp_path: Path) -> None:
         rows = {row["name"]: row for row in csv.DictReader(file)}
     assert rows["run"]["error"] == "cam01 has <no> frames" and rows[odd]["limbs"] == "left arm"
     assert list(rows) == sorted(rows)
+
+
+def test_people_of_a_take_are_rows_of_one_take(tmp_path: Path) -> None:
+    rows = tuple(TakeRow(f"duo/person{k}", frames=7, took=1.5).plain() for k in (1, 2))
+    for folder in ("duo", "duo/person1", "duo/person2"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "report.html").write_text("")
+    TakeRecord("0", {}, {}, {}, rows=rows).write(tmp_path / "duo")
+    write_index(tmp_path, {})
+    text = (tmp_path / "index.html").read_text()
+    assert "<p>1 done." in text
+    links = Cells(text).links
+    assert links.count("duo/report.html") == 2 and "duo/person2/report.html" in links
+    assert describe_done(TakeDone(rows, kept=False)) == "2 people, 7 frames tracked in 1.5 s"
+
+
+def test_frames_of_each_person_are_counted_from_the_first() -> None:
+    progress = TaskProgress()
+    for n_frames in (3, 2):
+        progress.n_frames = n_frames
+        for k in range(n_frames):
+            progress("tracking")
+            assert progress.done == k + 1

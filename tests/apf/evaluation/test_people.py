@@ -11,7 +11,7 @@ import pytest
 from helpers import tracks
 
 from apf.cli import main
-from apf.evaluation.people import evaluate_people, load_people_truth
+from apf.evaluation.people import evaluate_people, evaluate_tracks, load_people_truth
 from apf.formats.trc import JointSeries
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
@@ -92,6 +92,9 @@ def test_npz_of_all_people(tmp_path: Path) -> None:
     assert list(read) == ["person1 (a)", "person2 (a)"]
     np.testing.assert_array_equal(read["person2 (a)"].joints, truth["at 1"].joints)
     np.savez(path, joint_names=names, joints=joints[:, 0], fps=60.0)
+    (one,) = load_people_truth(path).values()  # of one person
+    np.testing.assert_array_equal(one.joints, truth["at 0"].joints)
+    np.savez(path, joint_names=names, joints=joints[0, 0], fps=60.0)
     with pytest.raises(InputError, match="joints"):
         load_people_truth(path)
 
@@ -113,5 +116,20 @@ def test_command_compares_all_people(tmp_path: Path, capsys: pytest.CaptureFixtu
     whole = json.loads((out / "evaluation.json").read_text())
     assert [p["errors"]["mean_error_mm"] for p in whole["persons"]] == [10, 10]
     assert (out / "person2" / "evaluation.csv").exists()
-    assert main(["evaluate", str(tmp_path / "out" / "person1"), "--truth", str(file)]) == 2
-    assert "joints" in capsys.readouterr().err
+    second = str(tmp_path / "out" / "person2")
+    assert main(["evaluate", second, "--truth", str(file), "--json"]) == 0
+    assert "the nearest is person2" in (said := capsys.readouterr().out)
+    assert "mean error 10.0 mm" in said
+
+
+def test_each_track_is_compared_with_its_own_person(tmp_path: Path) -> None:
+    """As in the rows of `apf batch`: tracks in another order, one of nobody, one alone."""
+    people, truth = pair(0, 1)
+    joints = np.stack([of.joints for of in truth.values()], axis=1)
+    names, path = np.array(truth["at 0"].joint_names), tmp_path / "truth.npz"
+    np.savez(path, joint_names=names, joints=joints, fps=60.0)
+    tracks = (walker_at(3), people[1], people[0])
+    found = evaluate_tracks(tracks, (FRAMES,) * 3, path)
+    assert [of if of is None else of.mean_error for of in found] == [None, 0, 0]
+    (alone,) = evaluate_tracks(tracks[1:2], (FRAMES,), path)
+    assert alone is not None and alone.mean_error == 0

@@ -50,7 +50,8 @@ def test_lengths_and_poses_of_a_child_who_turns() -> None:
     keypoints = of_poses(RIG, body, poses, noise=2.0)
     found = start_from_keypoints(RIG, keypoints, TEMPLATE, range(len(poses)))
     assert stature(found.body) == pytest.approx(stature(body), rel=0.08)
-    assert learnt_error(keypoints, body, poses) < 0.03
+    joints, truth = posed_joints(found.body, found.poses), posed_joints(body, poses[found.frames])
+    assert np.linalg.norm(joints - truth, axis=-1).mean() < 0.03
     assert 0.5 < np.median(found.model.error) < 4
     assert found.anchored[0] == 0
 
@@ -67,8 +68,16 @@ def test_known_height_and_shape_are_kept() -> None:
     )
 
 
+@pytest.fixture(scope="module")
+def clean_error() -> float:
+    """m, of what is learnt from the keypoints of `test_what_networks_do_costs_little`."""
+    body = child()
+    poses = poses_of(body)
+    return learnt_error(of_poses(RIG, body, poses, noise=2.0), body, poses)
+
+
 @pytest.mark.parametrize("damage", ["outliers", "exchange", "missing"])
-def test_what_networks_do_costs_little(damage: str) -> None:
+def test_what_networks_do_costs_little(clean_error: float, damage: str) -> None:
     """A fifth of the keypoints anywhere, left and right exchanged in a camera, a camera without."""
     body = child()
     poses = poses_of(body)
@@ -81,8 +90,8 @@ def test_what_networks_do_costs_little(damage: str) -> None:
         points[1] = points[1][:, locate_points(TEMPLATE, keypoints.names).partners]
     else:
         points[1] = np.nan
-    clean = learnt_error(keypoints, body, poses)
-    assert learnt_error(replace(keypoints, points=points), body, poses) < 1.25 * clean + 0.002
+    wrong_error = learnt_error(replace(keypoints, points=points), body, poses)
+    assert wrong_error < 1.25 * clean_error + 0.002
 
 
 def test_frames_and_keypoints_that_show_nobody() -> None:
@@ -133,8 +142,8 @@ def test_points_move_as_their_derivatives_say() -> None:
 
 def test_the_pose_of_one_frame() -> None:
     """Of a person who stands anywhere and looks anywhere."""
-    poses = poses_of(TEMPLATE, 4)
-    found = start_from_keypoints(RIG, of_poses(RIG, TEMPLATE, poses), TEMPLATE, range(4))
+    poses = poses_of(TEMPLATE, 2)
+    found = start_from_keypoints(RIG, of_poses(RIG, TEMPLATE, poses), TEMPLATE, range(2))
     for frame, pose in enumerate(poses):
         alone = fit_pose_to_points(found.body, RIG, found.observations(frame))
         assert alone is not None

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers import footage
 
 import apf.initialisation.sequence as module
 from apf.body.toml import load_body
 from apf.initialisation import Start, StartConfig, StartError, initialise
-from apf.synthetic.generate import generate
-from apf.synthetic.scene import SceneConfig
 from cl import Device, InputError
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
@@ -21,10 +20,9 @@ FRAMES, FPS = 90, 30
 
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
-    folder = tmp_path_factory.mktemp("walk") / "walk"
-    config = SceneConfig(cameras=2, frames=FRAMES, fps=FPS, size=(80, 60), seed=4)
-    generate(folder, config, Device.best())
-    return Sequence.open(folder)
+    """Pictures of one grey level: nothing is looked for in them."""
+    folder = footage.native(tmp_path_factory.mktemp("walk") / "walk", 2, FRAMES)
+    return Sequence.open(folder, fps=FPS)
 
 
 @pytest.mark.parametrize("fails", [False, True])

@@ -330,3 +330,7 @@ def test_several_people_are_tracked_by_voxels_in_a_stated_volume(
     flags = ["--people", "2", "--init", str(tmp_path / "both.npz"), "--captures", *videos]
     assert main(["live", str(filmed), "-o", str(out), *flags]) == 2
     assert "expected --volume that holds all people" in capfd.readouterr().err
+    np.savez(tmp_path / "late.npz", **{**truth, "joints": joints, "frames": 9 + np.arange(5)})
+    flags[3] = str(tmp_path / "late.npz")
+    assert main(["live", str(filmed), "-o", str(out), *flags]) == 2
+    assert "late.npz: holds nobody's joints in frame 0" in capfd.readouterr().err

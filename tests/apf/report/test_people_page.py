@@ -71,7 +71,7 @@ def test_content_of_the_page(tmp_path: Path) -> None:
     one, two = content["people"]
     assert (one["page"], two["page"]) == ("person1/report.html", None)
     assert (two["verdict"], two["seen"], two["shown"]) == ("bad", "2-4", [0, 0, 1, 1, 1, 0])
-    assert "1 more that moves is no person" in content["lines"][1]
+    assert "1 more that moves is not followed" in content["lines"][1]
 
 
 def test_people_are_switched_on_and_off(tmp_path: Path) -> None:
@@ -96,13 +96,19 @@ def test_commands_take_all_people_or_say_why_not(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    pair().save(out)
+    both = pair()
+    away = replace(both[1], diagnostics={**both[1].diagnostics, "lost": np.arange(N) < 2})
+    replace(both, tracks=(both[0], away)).save(out)
     assert main(["export", str(out), "--to", "csv", "--raw", "-o", str(tmp_path / "files")]) == 0
     files = [tmp_path / "files" / f"person{k}" / "angles.csv" for k in (1, 2)]
     assert all(file.exists() for file in files)
-    capsys.readouterr()
-    assert main(["smooth", str(out), "-o", str(tmp_path / "smooth")]) == 2
-    assert "of several people; expected one, as" in capsys.readouterr().err
+    assert "the person was not there in frames 0-1" in capsys.readouterr().out
+    assert main(["smooth", str(out), "-o", str(tmp_path / "smooth")]) == 0
+    smooth = PeopleTracks.open(tmp_path / "smooth")
+    assert [track.smoothing is not None for track in smooth] == [True, True]
+    assert smooth.seen[1].tolist() == [2, 3, 4]
+    assert main(["render", str(tmp_path), str(out), "-o", str(tmp_path / "pictures")]) == 2
+    assert "each picture is of one body; expected one's folder, as" in capsys.readouterr().err
 
 
 def test_folders_that_hold_no_track_of_a_body_say_what_they_hold(
@@ -115,6 +121,7 @@ def test_folders_that_hold_no_track_of_a_body_say_what_they_hold(
     points.save(tmp_path / "points" / "track.npz")
     for command, said in (
         (["export", "seeds"], f"2 runs; expected one, as {tmp_path}"),
+        (["view", "seeds", "--png", "x.png"], f"2 runs; expected one, as {tmp_path}"),
         (["report", "points"], "triangulated points, which are not judged; expected the track of"),
         (
             ["view", "points", "--png", "x.png"],

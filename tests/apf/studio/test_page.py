@@ -18,7 +18,9 @@ pytest.importorskip("viser", reason="viser is not installed")
 from apf.cli import main
 from apf.studio.folders import Roots
 from apf.studio.page import Page
+from apf.tracking.people import PeopleTracks
 from cl import Device, InputError
+from psfs.common.files import write_json
 from psfs.page.words import make_lines, make_table, make_text
 
 NAME = "<img src=x onerror=alert(1)>"
@@ -122,9 +124,16 @@ def test_running_track_is_watched_by_its_parts(
 def test_several_people_are_shown_together(
     tmp_path: Path, open_page: Callable[[Path], Page]
 ) -> None:
-    for name, start in (("person1", 0), ("person2", 20)):
-        (tmp_path / "duo" / name).mkdir(parents=True)
-        tracks.walker(30, start).save(tmp_path / "duo" / name / "track.npz")
+    both = tracks.walker(30), tracks.walker(30, 20)
+    seen = np.arange(30), np.r_[20:42, 45:50]  # the second one is away for three frames
+    PeopleTracks(both, np.arange(50), seen).save(tmp_path / "duo")
+    gone = {"absolute": str(tmp_path / "gone"), "overrides": {}}
+    facts = {"sequence": gone, "config": {}, "warnings": [], "people": 2}
+    for k, verdict in ((1, "good"), (2, "bad")):
+        says = [f"the track looks {verdict}"]
+        look_at = {"left arm": [[k, k + 1]]}
+        path = tmp_path / "duo" / f"person{k}" / "summary.json"
+        write_json(path, {**facts, "says": says, "quality": {"look_at": look_at}})
     page = open_page(tmp_path)
     assert [one.name for one in page.list_folders()] == ["duo", "duo/person1", "duo/person2"]
     page.open(tmp_path / "duo")
@@ -138,7 +147,18 @@ def test_several_people_are_shown_together(
     assert "person1: not tracked in this frame" in watch.status
     shown = [page.server.scene.get_handle_by_name(f"/people/{n}").visible for n in (0, 1)]
     assert shown == [False, True]
+    watch.time_line.seek(43)
+    assert "person2: not tracked in this frame" in watch.status
+    assert watch.opened.quality == (
+        "person1: the track looks good",
+        "person2: the track looks bad",
+    )
+    assert watch.opened.look_at["person2: left arm"].tolist() == [2, 3]
+    colours = [watch.bodies[name].cones[0].color for name in ("person1", "person2")]
+    assert colours == [(47, 111, 181), (217, 102, 31)]
     assert page.correct.place.disabled  # corrections are of one person
+    page.open(tmp_path / "duo" / "person1")
+    assert page.correct.place.disabled  # whose silhouettes are not separated again
 
 
 def test_page_in_a_browser(tmp_path: Path, open_page: Callable[[Path], Page]) -> None:

@@ -30,12 +30,12 @@ def looking(centre: list[float], target: list[float], size: tuple[int, int]) -> 
 
 def rigs(pelvis: np.ndarray) -> dict[str, CameraRig]:
     x, y = pelvis[:2]
-    near = looking([x + 0.9, y + 0.5, 1.3], [x, y, 1.1], (83, 61))
+    near = looking([x + 0.9, y + 0.5, 1.3], [x, y, 1.1], (59, 43))
     away = looking([x + 1.0, y, 1.0], [x + 3.0, y + 0.5, 1.0], (40, 33))
     amid = looking([x, y - 0.3, 1.4], [x + 0.6, y + 2.0, 1.2], (47, 35))  # parts behind it
     small = looking([x + 0.9, y + 0.5, 1.3], [x, y, 1.1], (45, 8))  # few rays for a simulator
     return {
-        "around": make_rig(SceneConfig(cameras=3, size=(102, 78), seed=2)),
+        "around": make_rig(SceneConfig(cameras=2, size=(76, 58), seed=2)),
         "near": CameraRig((near,)),
         "turned away": CameraRig((away,)),
         "amid the body": CameraRig((amid,)),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import tracks
 
-from apf.tracking.people import PeopleTracks, holds_people, parse_spans
+from apf.tracking.people import PeopleTracks, holds_people, list_people, parse_spans
 from apf.tracking.track import PEOPLE, Track, spans
 from cl import InputError
 
@@ -31,6 +31,11 @@ def test_saved_people_are_opened_again(tmp_path: Path) -> None:
     listed = json.loads((tmp_path / PEOPLE).read_text())
     assert listed["frames_with"] == {"1": 7, "2": 3}
     assert [person.get("verdict") for person in listed["persons"]] == ["good", ""]
+    (alone,) = PeopleTracks.open(tmp_path / "person2")  # of one person, in the same way
+    assert len(alone) == 6
+    assert repr(again) == "<PeopleTracks of 2 in 10 frames: seen in 10, 3>"
+    PeopleTracks(people.tracks[:1], np.arange(10), seen[:1]).save(tmp_path)
+    assert list_people(tmp_path) == [tmp_path / "person1"]  # person2 is of the run before
 
 
 @pytest.mark.parametrize("frames", [[], [3], [0, 1, 2], [1, 2, 5, 7, 8]])

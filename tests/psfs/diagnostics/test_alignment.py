@@ -82,7 +82,7 @@ def pixels_apart(a: CameraRig, b: CameraRig) -> float:
 
 @pytest.fixture(scope="module")
 def outlines() -> list[list[Outline | None]]:
-    return outlines_of(EXACT, 60, OFFSETS)
+    return outlines_of(EXACT, 45, OFFSETS)
 
 
 def test_a_rig_that_is_off_is_corrected_and_its_times_found(
@@ -113,7 +113,7 @@ def test_tips_are_matched_at_the_nominal_time(outlines: list[list[Outline | None
 
 def test_small_pictures_tell_the_large_rig() -> None:
     rig = off(EXACT, 0.5)
-    found = estimate_alignment(rig, rig.scaled(0.5), outlines_of(EXACT.scaled(0.5), 60))
+    found = estimate_alignment(rig, rig.scaled(0.5), outlines_of(EXACT.scaled(0.5), 45))
     assert found is not None
     assert found.rig[0].size == rig[0].size
     assert pixels_apart(found.rig, EXACT) < 0.6 * pixels_apart(rig, EXACT)

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from psfs.people.coarse_voxels import BANDS, CoarseFrame, likeness
 from psfs.people.config import PeopleConfig
-from psfs.people.following import Trajectory, follow
+from psfs.people.following import Trajectory, count_heads, follow
 from psfs.people.identities import (
     Appearance,
     count_voxels,
@@ -79,6 +79,25 @@ def test_a_stated_number_of_people_who_touch_all_the_time() -> None:
     assert [len(one.voxels) for one in found] == [8] * 3
     places = sorted(where(one, 7)[0] for one in found)
     np.testing.assert_allclose(places, [-1.5, 0.5, 0.9], atol=2 * CONFIG.voxel)
+
+
+def walker(x: float, top: float) -> np.ndarray:
+    """Somebody whose head is narrower than the shoulders, so that only heads are apart."""
+    head = np.abs(PLACES[:, :2] - [x, 0]).max(1) < 0.13
+    return column(x, 0, high=0.8 * top) | (head & (PLACES[:, 2] < top))
+
+
+@pytest.mark.parametrize(("shown", "people"), [(8, 2), (6, 1)])
+def test_heads_tell_how_many_touch_all_the_time(shown: int, people: int) -> None:
+    frames = [
+        frame(n, walker(0.08 * n - 0.56, 1.8), walker(0.08 * n - 0.08, 1.65 if n < shown else 1.2))
+        for n in range(8)
+    ]
+    heads = count_heads(frames, GRID, CONFIG)
+    assert heads == (people if people > 1 else None)
+    found = follow(frames, GRID, CONFIG, FPS, heads)
+    assert [len(one.voxels) for one in found] == [8] * people
+    assert all(len(one.touching) == 8 * (people - 1) for one in found)
 
 
 def test_a_body_torn_in_two_is_one_person() -> None:

@@ -318,8 +318,9 @@ def test_a_camera_that_shares_nothing_is_refused(monkeypatch):
     monkeypatch.setattr(calibrator, "_search", lambda *_: start)
     own = [*outlines()[:3], [None] * 60 + outlines()[3][:40]]
     own[:3] = [[*of[:55], *[None] * 45] for of in own[:3]]
+    few = CONFIG.replace(growth=CONFIG.growth.replace(tried=2, kept=(2, 1), places=2))
     with pytest.raises(InputError, match=r"d shares too few .*film one person"):
-        calibrate_by_person(uncalibrated(), own, UNSEEN, RATE, CONFIG)
+        calibrate_by_person(uncalibrated(), own, UNSEEN, RATE, few)
 
 
 def test_one_who_stands_still_is_refused():
