@@ -92,7 +92,6 @@ class Sequence:
         self.volume: tuple[np.ndarray, np.ndarray] | None = self._volume()
         self._masks_of: Callable[[int], np.ndarray] | None = None
         self._space_of: Callable[[int], Space | None] | None = None
-        self._start_masks_of: Callable[[int], np.ndarray] | None = None
         #: Whether the silhouettes show the person poorly, see `with_masks`.
         self.poor_silhouettes = False
         self._kept: np.ndarray | None = None
@@ -138,27 +137,14 @@ class Sequence:
         masks_of: Callable[[int], np.ndarray],
         space_of: Callable[[int], Space | None] | None = None,
         poor: bool = False,
-        start_masks_of: Callable[[int], np.ndarray] | None = None,
     ) -> Sequence:
         """Return the same views with other silhouettes: the masks (V, H, W) uint8 that `masks_of`
         returns for the number of a frame. space_of: likewise returns where the person may be, None
-        for everywhere. poor: whether the masks show the person poorly. start_masks_of: like
-        `masks_of`, see `for_start`."""
+        for everywhere. poor: whether the masks show the person poorly."""
         other = copy(self)
-        other._start_masks_of = start_masks_of or masks_of
         other.background_kind, other._masks_of, other._space_of = "masks", masks_of, space_of
         other.poor_silhouettes = poor
         vars(other).pop("background", None)  # the property's kept value
-        return other
-
-    def for_start(self) -> Sequence:
-        """Return the same views as a start needs them, in which a person who stands does not face
-        the wrong way: with thicker silhouettes, where there are two kinds, and with the person
-        everywhere."""
-        if self._masks_of is None:
-            return self
-        other = copy(self)
-        other._masks_of, other._space_of = self._start_masks_of, None
         return other
 
     def synchronise(self, late: Mapping[str, int]) -> Sequence:

@@ -75,7 +75,7 @@ def _find_heading(
 ) -> Start:
     """Return what is `found` by the silhouettes of a start, over more frames if another heading
     fits nearly as well."""
-    sequence = session.sequence.for_start()
+    sequence = session.start_sequence or session.sequence
     start = found(config, sequence)
     if start.rival >= config.acceptance.ambiguous:
         return start
@@ -124,15 +124,13 @@ def _find(
         return [store_voxels(device, carve(frame)) for frame in wanted]
 
     def found(
-        voxels: list[StoredVoxels | HostVoxels],
-        body: BodyModel,
-        own_shape: bool = False,
-        known: Start | None = known,
+        voxels: list[StoredVoxels | HostVoxels], body: BodyModel, own_shape: bool = False
     ) -> Start:
         scene = Scene(device, sequence.rig, grid, body)
         return find_start(
             scene, voxels, noise, height=height, keep_shape=own_shape, seed=seed,
-            progress=progress, every=every, config=config, known=known,
+            progress=progress, every=every, config=config,
+            known=known if voxels is first else None,
         )  # fmt: skip
 
     def tall(frame: Frame) -> float:
@@ -151,8 +149,7 @@ def _find(
         return found(first, template, keep_shape)
     around = chosen[max(0, chosen.index(upright) - begun // 2) :]
     try:
-        later = shown(frames_to_fit(around, sequence.fps, config.frames)[0])
-        standing = found(later, template, known=None)
+        standing = found(shown(frames_to_fit(around, sequence.fps, config.frames)[0]), template)
     except StartError:
         return found(first, template, keep_shape)
     log.info("%s: measured about frame %d, where the person stands", sequence.name, upright)

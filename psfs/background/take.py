@@ -68,7 +68,14 @@ def estimate_background_from_take(
     small = rig.scaled(factor)
     with ThreadPoolExecutor(min(_VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
         views = list(pool.map(lambda own: _read_samples(own, factor, model), media))
-        hidden, unseen, poor = _find_hidden(small, views, pool, model, config, standing, near)
+        hidden, unseen, hull, poor = _find_hidden(small, views, pool, model, config)
+        if poor and standing is not None:
+            numbers = [view.numbers for view in views]
+            covered = _cover_with_people(hull, standing, numbers)
+            if near:
+                hidden &= _cover_with_people(hull, standing, numbers, config.still.girth)
+            hidden |= covered
+            unseen[covered.mean(1) > config.still.covered_share] = np.nan
         shape = (len(rig), rig.height, rig.width, 3)
         mean, std = np.zeros(shape, np.float32), np.full(shape, model.std_floor, np.float32)
 
@@ -115,12 +122,10 @@ def _find_hidden(
     pool: ThreadPoolExecutor,
     model: BackgroundModelConfig,
     config: TakeConfig,
-    standing: StandingPeople | None = None,
-    near: bool = False,
-) -> tuple[np.ndarray, np.ndarray, bool]:
+) -> tuple[np.ndarray, np.ndarray, CoarseHull, bool]:
     """Return the pixels that the person may cover in each sample (V, n, h, w) bool, and the
-    extrapolated background's mean and standard deviation (V, h, w, 4), in small pictures; and
-    whether that shows people poorly."""
+    extrapolated background's mean and standard deviation (V, h, w, 4), in small pictures; the
+    hull; and whether that shows people poorly."""
     frames = _stack([view.small for view in views], rig)
     regions = np.stack(list(pool.map(lambda own: moving_region(own, config), frames)))
     hull = CoarseHull(rig, regions, config.voxels)
@@ -159,15 +164,7 @@ def _find_hidden(
         shown = [of.colours(colours, own) for of, own in zip(searches, hidden, strict=True)]
         colours = person_colours(shown, config.unexplained)
     unseen = np.stack([of.extrapolate(colours) for of in searches])
-    poor = explained < config.still.explained
-    if poor and standing is not None:
-        numbers = [view.numbers for view in views]
-        covered = _cover_with_people(hull, standing, numbers)
-        if near:
-            hidden &= _cover_with_people(hull, standing, numbers, config.still.girth)
-        hidden |= covered
-        unseen[covered.mean(1) > config.still.covered_share] = np.nan
-    return hidden, unseen, poor
+    return hidden, unseen, hull, explained < config.still.explained
 
 
 def _cover_with_people(

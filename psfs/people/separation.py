@@ -138,9 +138,9 @@ def _person_session(
     # The person's own masks hold ghosts that all cameras see before or behind people.
     space_of = None if spaces is None else partial(spaces, number)
     poor = people.places is not None
-    masks_of = [partial(store.get, number) for store in stores]
-    sequence = session.sequence.with_masks(masks_of[0], space_of, poor, masks_of[1])
-    sequence.rig = with_hidden_maps(session.rig)
+    masks_of, start_masks_of = (partial(store.get, number) for store in stores)
+    rig, views = with_hidden_maps(session.rig), session.sequence
+    sequence = views.with_masks(masks_of, space_of, poor).with_rig(rig)
     changes = {
         "silhouette": {"evidence": {"unknown_mask": UNKNOWN_MASK}},
         "occupancy": {"min_cameras": 1},  # what others hide is not seen, yet may be occupied
@@ -151,6 +151,8 @@ def _person_session(
         session.settings.voxel_size,
     )
     own = Session(sequence, session.device, settings)
+    # Ghosts stay in it: without them more people who stand face the wrong way.
+    own.start_sequence = views.with_masks(start_masks_of).with_rig(rig)
     own.replace_result(find_volume, volume)
     return own
 

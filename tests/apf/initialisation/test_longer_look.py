@@ -43,8 +43,9 @@ def decided(
 
     monkeypatch.setattr(sequence, "_find", found)
     skirt = SimpleNamespace(name="skirt", fps=60.0, poor_silhouettes=False)
-    skirt.for_start = lambda: skirt
-    session: Any = SimpleNamespace(sequence=skirt, frames=range(0, 2 * n_frames, 2))
+    session: Any = SimpleNamespace(
+        sequence=skirt, start_sequence=None, frames=range(0, 2 * n_frames, 2)
+    )
     chosen = sequence.initialise(session, SONG)
     if len(looks) > 1:
         assert looks[1].frames.duration == pytest.approx(2.5 * looks[0].frames.duration)
@@ -91,7 +92,7 @@ def test_poor_silhouettes_are_searched_again_about_the_heading(
 ) -> None:
     """The thicker silhouettes tell the heading, the others the rest."""
     first, again = start(1.0, 1.2), start(1.3, np.inf)
-    thick, thin = object(), SimpleNamespace(poor_silhouettes=True, for_start=lambda: thick)
+    thick, thin = object(), SimpleNamespace(poor_silhouettes=True)
     looks: list[tuple[object, Start | None]] = []
 
     def found(
@@ -103,7 +104,7 @@ def test_poor_silhouettes_are_searched_again_about_the_heading(
         return again if known else first
 
     monkeypatch.setattr(sequence, "_find", found)
-    session: Any = SimpleNamespace(sequence=thin, frames=range(100))
+    session: Any = SimpleNamespace(sequence=thin, start_sequence=thick, frames=range(100))
     chosen = sequence.initialise(session, SONG)
     assert looks == [(thick, None), (thin, first)]
     assert chosen.rival == first.rival

@@ -180,7 +180,6 @@ def test_space_of_others_who_stand_is_no_persons_unless_they_touch(tmp_path: Pat
 def test_starts_have_the_masks_before_the_first_background(tmp_path: Path) -> None:
     sequence = Sequence.open(footage.native(tmp_path / "s", frames=1))
     session = Session(sequence, NumpyDevice(), SessionSettings(voxel_size=0.1))
-    assert sequence.for_start() is sequence
     shown = session.background
     assert shown is not None
     other = replace(shown, mean=shown.mean.copy())
@@ -189,7 +188,8 @@ def test_starts_have_the_masks_before_the_first_background(tmp_path: Path) -> No
     person = Person(np.array([0]), {0: block(0)})
     people = People(session.frames, GRID, (person,), places=places, background=other)
     (own,) = separate(session, people)
-    tracked, start = own.sequence.read(0), own.sequence.for_start().read(0)
+    assert own.start_sequence is not None
+    tracked, start = own.sequence.read(0), own.start_sequence.read(0)
     assert tracked.masks is not None and start.masks is not None
     assert (tracked.masks > 128).any() and not (start.masks > 128).any()
     assert start.space is None
