@@ -39,10 +39,10 @@ def run(args: argparse.Namespace) -> None:
     if not len(track):
         raise InputError(f"{folder}: holds no tracked frame; expected at least one")
     if summary.get("people", 1) > 1:
+        everybody = f"; expected all of them, {folder.parent}" * holds_people(folder.parent)
         raise InputError(
             f"{folder}: one of {summary['people']} people, whose silhouettes are separated only "
-            f"while they are tracked; expected all of them, {folder.parent} (apf track writes the "
-            "page of each)"
+            f"while they are tracked, when apf track writes the page of each{everybody}"
         )
     last = int(track.frames.max())
     with name_file_in_errors(folder / "track.npz"):

@@ -223,8 +223,7 @@ def _track_people(
         own_job, session = persons.job(job, number), persons.sessions[number - 1]
         line.n_frames = len(session.frames)
         try:
-            own = replace(examination, session=session)
-            done.append(_track_person(own_job, own, None, line))
+            done.append(_track_person(own_job, replace(examination, session=session), None, line))
         except StartError as error:
             if job.args.people != "auto" or len(persons.sessions) == 1:
                 raise
@@ -236,6 +235,8 @@ def _track_people(
     if done[0].folder != job.args.output:
         verdicts = [one.judgements[0].quality.verdict for one in done]
         whole = len(done) == len(persons.sessions) and not done[-1].interrupted
+        if not whole:
+            warn(f"tracking ended in person {len(done)} of {len(persons.sessions)}")
         tracks = persons.gather([one.take.tracks[0] for one in done], verdicts)
         write_together(job, tracks, examination.session.sequence, line if whole else None)
     return done

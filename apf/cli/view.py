@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> None:
         mesher = make_mesher(args, run) if args.png is None else None
         voxels = partial(open_voxels, args.out, mesher)
         _view(args, lambda known: add_tracks(voxels(), tracks, seen), frame)
-    elif find_kind(args.out) == "track":
+    elif find_kind(args.out) == "track" or next(args.out.glob("**/seed*/track.npz"), None):
         if args.mesh:
             what = f"{args.out} is a track, without clouds"
             raise InputError(f"--mesh: {what}; expected a run of psfs reconstruct")

@@ -52,6 +52,7 @@ th[aria-sort=ascending]::after { content: " \\25b2" }
 th[aria-sort=descending]::after { content: " \\25bc" }
 td.number { text-align: right; font-variant-numeric: tabular-nums } img { display: block }
 tr.failed td { background: #fdecea } .doubt { color: #b3261e; font-weight: 600 }
+.error:empty { display: none }
 .error { color: #b3261e; min-width: 25em; max-width: 50em; overflow-wrap: anywhere }
 .doubt { min-width: 5em }
 """

@@ -67,8 +67,11 @@ class Persons:
         )
 
     def gather(self, tracks: list[Track], verdicts: list[str]) -> PeopleTracks:
-        """Return the tracks of the first people, or of all, with the frames that show them."""
-        seen = tuple(self.seen[: len(tracks)])
+        """Return the tracks of the first people, or of all, with the frames that show them, as far
+        as they were tracked."""
+        seen = tuple(
+            own[np.isin(own, track.frames)] for own, track in zip(self.seen, tracks, strict=False)
+        )
         return PeopleTracks(
             tuple(tracks), np.array(self.frames), seen, self.objects, tuple(verdicts)
         )

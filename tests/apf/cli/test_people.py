@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers import tracks
 
 from apf.cli import main
 from apf.cli.takes import people
@@ -63,3 +64,12 @@ def test_another_number_than_is_seen_is_said(
     assert found is not None and len(found.sessions) == 2
     said = capsys.readouterr().err.replace("\n", " ")
     assert ("duo: --people is 2; without it" in said) is (n_seen != 2)
+
+
+def test_who_was_not_tracked_to_the_end_is_seen_so_far(tmp_path: Path) -> None:
+    """An interrupt in the first of two people."""
+    frames = np.arange(6)
+    found = people.Persons(range(6), [frames, frames], [])
+    gathered = found.gather([tracks.walker(4)], ["bad"])
+    assert gathered.seen[0].tolist() == [0, 1, 2, 3]
+    assert gathered.counts.tolist() == [1, 1, 1, 1, 0, 0]
