@@ -33,7 +33,6 @@ def find_start(
     progress: Callable[[], object] | None = None,
     every: int = 1,
     config: StartConfig | None = None,
-    known: Start | None = None,
 ) -> Start:
     """Fit the template, the scene's body, to the person in the `voxels` (see `store_voxels`) of the
     first frames.
@@ -42,8 +41,7 @@ def find_start(
     first, the last and some middle ones of the fitted frames, search over all headings. From the
     frame with the best fit, track the body to both ends, and fit its shape to all frames. Repeat
     once from the frame that now fits best, with that shape. Repeat everything with other random
-    numbers while the fit is poor. known: an earlier start in these frames; search only headings
-    near its own, and refuse others.
+    numbers while the fit is poor.
 
     noise: of a tracker from one of `voxels` to the next, see `SearchConfig`. height: known stature,
     m. keep_shape: the template is the person's own body. progress: called every now and then.
@@ -60,8 +58,7 @@ def find_start(
     good, n_attempts = config.acceptance.good, config.acceptance.n_attempts
     while not found or (len(found) < n_attempts and found[-1].registration_error > good):
         other = (seed + (len(found) << 32)) % 2**64
-        headings = None if known is None else known.headings
-        task = SearchTask(height, keep_shape, other, way, headings)
+        task = SearchTask(height, keep_shape, other, way)
         search = PoseSearch(scene, task, config)
         tracking = config.filter.with_changes(noise=noise, seed=other)
         fitting = _Fitting(search, shown, every, clouds, tracking, progress)
@@ -69,12 +66,8 @@ def find_start(
         with threadpool_limits(1, "blas"):
             found.append(run_attempt(fitting))
     limit = config.acceptance.hopeless
-
-    def fails(one: Attempt) -> bool:
-        return one.strays or one.registration_error > limit
-
-    best = min(found, key=lambda one: (fails(one), one.fit.cost))
-    if fails(best):
+    best = min(found, key=lambda one: (one.registration_error > limit, one.fit.cost))
+    if best.registration_error > limit:
         raise StartError(
             "no standing or walking person was found in the first frames (registration error "
             f"{best.registration_error:.2f}; expected less than {limit})"
@@ -195,12 +188,10 @@ class _Fitting:
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """The result of one attempt; rival: see `Start`. strays: whether the person looks elsewhere
-    than is known."""
+    """The result of one attempt; rival: see `Start`."""
 
     fit: Fit
     rival: float
-    strays: bool = False
 
     @property
     def registration_error(self) -> float:
@@ -219,8 +210,7 @@ def run_attempt(fitting: _Fitting) -> Attempt:
     if len(fits) > 1:  # some may have reached the same heading
         found = search.distinct([replace(fit.found[0], cost=fit.cost) for fit in fits], 2)
     rival = found[1].cost / found[0].cost if len(found) > 1 else np.inf
-    fit = min(again, fits[0], key=lambda fit: fit.cost)
-    return Attempt(fit, rival, search.strays(fit.poses))
+    return Attempt(min(again, fits[0], key=lambda fit: fit.cost), rival)
 
 
 def _find_people(voxels: Sequence[AnyVoxels], config: StartConfig) -> list[np.ndarray]:
@@ -244,6 +234,6 @@ def _find_best_frame(
     """Return the frame in which the search fits best, and its hypotheses."""
     n_searched = search.config.frames.n_searched
     tried = sorted({round(k) for k in np.linspace(0, len(clouds) - 1, n_searched)})
-    found = {k: search(voxels[k], clouds[k], k) for k in tried}
+    found = {k: search(voxels[k], clouds[k]) for k in tried}
     best = min(tried, key=lambda k: found[k][0].cost)
     return best, found[best]

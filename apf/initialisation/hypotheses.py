@@ -131,14 +131,6 @@ def forward(body: BodyModel, pose: np.ndarray) -> np.ndarray:
     return direction / np.linalg.norm(direction)
 
 
-def find_headings(body: BodyModel, poses: np.ndarray) -> np.ndarray:
-    """Return the angle (M,) rad of the direction in which the person looks in each of the poses
-    (M, D)."""
-    ahead = np.array([forward(body, pose) for pose in poses])
-    angles: np.ndarray = np.arctan2(ahead[:, 1], ahead[:, 0])
-    return angles
-
-
 def walking_factor(
     body: BodyModel, poses: np.ndarray, way: np.ndarray, config: HeadingConfig | None = None
 ) -> float:

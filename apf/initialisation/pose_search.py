@@ -13,7 +13,6 @@ from apf.filters.base import Tracker
 from apf.initialisation.config import StartConfig
 from apf.initialisation.hypotheses import (
     Hypothesis,
-    find_headings,
     registration_error,
     search_body,
     select_close,
@@ -32,13 +31,12 @@ from apf.scene import Scene
 class SearchTask:
     """Prior knowledge for the search. height: known stature, m. keep_shape: the scene's body is the
     person's own. seed: of all random numbers. way: (2,) m, displacement of the person over the
-    first frames. headings: (M,) rad, about those in the fitted frames, if they are known."""
+    first frames."""
 
     height: float | None
     keep_shape: bool
     seed: int
     way: np.ndarray
-    headings: np.ndarray | None = None
 
 
 class PoseSearch:
@@ -58,11 +56,10 @@ class PoseSearch:
         )  # fmt: skip
         self._near: tuple[np.ndarray, BodyModel] | None = None  # the last shape and its body
 
-    def __call__(self, voxels: AnyVoxels, cloud: Cloud, frame: int = 0) -> list[Hypothesis]:
+    def __call__(self, voxels: AnyVoxels, cloud: Cloud) -> list[Hypothesis]:
         """Return the best hypotheses with different headings, best first.
 
-        voxels: the observation for a tracker. cloud: the person's points in them. frame: which of
-        the fitted frames they are of.
+        voxels: the observation for a tracker. cloud: the person's points in them.
         """
         headings = self.config.headings
         shape = np.zeros(len(self.model.deviation))
@@ -73,7 +70,7 @@ class PoseSearch:
         loose = search_body(body, spread=self.config.spread)
         tracker = self._searcher(loose, self.config.search.n_particles_body)
         found = []
-        for heading in self._list_headings(frame):
+        for heading in np.arange(headings.n_headings) * 2 * np.pi / headings.n_headings:
             start = standing_pose(body, cloud, heading, self.config.search)
             pose, error = _run_search(tracker, start, voxels)
             found.append(self._hypothesis(shape, pose, error, body, cloud))
@@ -82,14 +79,6 @@ class PoseSearch:
             for hypothesis in self.close(self.distinct(found, headings.n_kept + 1))
         ]
         return self.distinct([self._penalise_backwards(h) for h in kept], headings.n_kept)
-
-    def _list_headings(self, frame: int) -> np.ndarray:
-        """Return the headings, rad, to begin from in one of the fitted frames."""
-        config, known = self.config.headings, self.task.headings
-        step = 2 * np.pi / config.n_headings
-        if known is None:
-            return np.arange(config.n_headings) * step
-        return known[min(frame, len(known) - 1)] + step * np.array([-0.5, 0.0, 0.5])
 
     def search_limbs(self, voxels: AnyVoxels, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
         """Search again for one limb after the other, anywhere within its limits."""
@@ -130,14 +119,6 @@ class PoseSearch:
     def walking_factor(self, body: BodyModel, poses: np.ndarray) -> float:
         """Return the cost factor of poses (M, D), see `hypotheses.walking_factor`."""
         return walking_factor(body, poses, self.task.way, self.config.headings)
-
-    def strays(self, poses: np.ndarray) -> bool:
-        """Return whether poses (M, D) in the fitted frames look elsewhere than is known."""
-        if self.task.headings is None:
-            return False
-        known = self.task.headings[: len(poses)]
-        apart = find_headings(self.template, poses)[: len(known)] - known
-        return bool(np.cos(apart).mean() < np.cos(self.config.headings.separation))
 
     def _hypothesis(
         self, shape: np.ndarray, pose: np.ndarray, error: float, body: BodyModel, cloud: Cloud

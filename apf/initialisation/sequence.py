@@ -54,29 +54,13 @@ def initialise(
     """
     config = config or StartConfig()
 
-    def found(config: StartConfig, sequence: Sequence, known: Start | None = None) -> Start:
+    def found(config: StartConfig) -> Start:
         return _find(
-            session, template, config, sequence, known,
+            session, template, config,
             height=height, keep_shape=keep_shape, seed=seed, progress=progress,
         )  # fmt: skip
 
-    start = _find_heading(session, config, found)
-    if not session.sequence.poor_silhouettes:
-        return start
-    try:
-        again = found(start.config, session.sequence, start)
-    except StartError:
-        return start
-    return replace(again, rival=start.rival)
-
-
-def _find_heading(
-    session: Session, config: StartConfig, found: Callable[[StartConfig, Sequence], Start]
-) -> Start:
-    """Return what is `found` by the silhouettes of a start, over more frames if another heading
-    fits nearly as well."""
-    sequence = session.start_sequence or session.sequence
-    start = found(config, sequence)
+    start = found(config)
     if start.rival >= config.acceptance.ambiguous:
         return start
     factor, frames = config.acceptance.longer, config.frames
@@ -84,7 +68,7 @@ def _find_heading(
     if _count_fitted(session, wider) <= _count_fitted(session, frames):
         return start  # the take ends before
     try:
-        again = found(config.replace(frames=wider), sequence)
+        again = found(config.replace(frames=wider))
     except StartError:
         return start
     turned = forward(start.body, start.pose) @ forward(again.body, again.pose) < 0
@@ -101,18 +85,16 @@ def _find(
     session: Session,
     template: BodyModel,
     config: StartConfig,
-    sequence: Sequence,
-    known: Start | None,
     *,
     height: float | None,
     keep_shape: bool,
     seed: int,
     progress: Callable[[], object] | None,
 ) -> Start:
-    """Find the person in these views with these settings, with the headings of a start that is
-    known."""
+    """Find the person with these settings."""
     check_startable(template)  # before the voxels are carved
     device, chosen = session.device, session.frames
+    sequence = session.start_sequence or session.sequence
     check_rate(sequence, chosen.step)
     grid = automatic_grid(session)
     carve = session.reconstructor(grid)
@@ -130,7 +112,6 @@ def _find(
         return find_start(
             scene, voxels, noise, height=height, keep_shape=own_shape, seed=seed,
             progress=progress, every=every, config=config,
-            known=known if voxels is first else None,
         )  # fmt: skip
 
     def tall(frame: Frame) -> float:

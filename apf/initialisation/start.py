@@ -9,7 +9,6 @@ import numpy as np
 from apf.body.model import BodyModel
 from apf.body.stature import stature
 from apf.initialisation.config import StartConfig
-from apf.initialisation.hypotheses import find_headings
 from cl import InputError
 
 
@@ -52,11 +51,6 @@ class Start:
                 "tracked as if the person stood or walked"
             )
         return found
-
-    @property
-    def headings(self) -> np.ndarray:
-        """Angle (M,) rad of the direction in which the person looks in each fitted frame."""
-        return find_headings(self.body, self.poses)
 
     @property
     def height(self) -> float:

@@ -30,10 +30,7 @@ def decided(
     """The start that is chosen, and how many were looked for."""
     looks: list[StartConfig] = []
 
-    def found(
-        session: Any, template: Any, config: StartConfig, views: Any, known: Any, **options: Any
-    ) -> Start:
-        assert views is skirt and known is None
+    def found(session: Any, template: Any, config: StartConfig, **options: Any) -> Start:
         looks.append(config)
         if len(looks) == 1:
             return first
@@ -42,10 +39,8 @@ def decided(
         return again
 
     monkeypatch.setattr(sequence, "_find", found)
-    skirt = SimpleNamespace(name="skirt", fps=60.0, poor_silhouettes=False)
-    session: Any = SimpleNamespace(
-        sequence=skirt, start_sequence=None, frames=range(0, 2 * n_frames, 2)
-    )
+    skirt = SimpleNamespace(name="skirt", fps=60.0)
+    session: Any = SimpleNamespace(sequence=skirt, frames=range(0, 2 * n_frames, 2))
     chosen = sequence.initialise(session, SONG)
     if len(looks) > 1:
         assert looks[1].frames.duration == pytest.approx(2.5 * looks[0].frames.duration)
@@ -84,29 +79,3 @@ def test_a_take_that_ends_before_a_longer_look_is_not_looked_at_again(
     first, again = start(0.0, 1.04), start(np.pi, 1.2)
     assert decided(monkeypatch, first, again, 40) == (first, 1)
     assert decided(monkeypatch, first, again, 41) == (again, 2)
-
-
-@pytest.mark.parametrize("fails", [False, True])
-def test_poor_silhouettes_are_searched_again_about_the_heading(
-    monkeypatch: pytest.MonkeyPatch, fails: bool
-) -> None:
-    """The thicker silhouettes tell the heading, the others the rest."""
-    first, again = start(1.0, 1.2), start(1.3, np.inf)
-    thick, thin = object(), SimpleNamespace(poor_silhouettes=True)
-    looks: list[tuple[object, Start | None]] = []
-
-    def found(
-        session: Any, template: Any, config: StartConfig, views: Any, known: Any, **options: Any
-    ) -> Start:
-        looks.append((views, known))
-        if fails and known:
-            raise StartError("nobody")
-        return again if known else first
-
-    monkeypatch.setattr(sequence, "_find", found)
-    session: Any = SimpleNamespace(sequence=thin, start_sequence=thick, frames=range(100))
-    chosen = sequence.initialise(session, SONG)
-    assert looks == [(thick, None), (thin, first)]
-    assert chosen.rival == first.rival
-    assert chosen.pose is (first if fails else again).pose
-    assert first.headings == pytest.approx([1.0])

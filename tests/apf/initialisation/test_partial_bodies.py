@@ -17,7 +17,7 @@ from apf.initialisation import StartConfig, StartError, find_start
 from apf.initialisation.config import AcceptanceConfig, HeadingConfig, PoseSearchConfig
 from apf.initialisation.hypotheses import highest_point, standing_pose
 from apf.initialisation.shape_fit import Cloud
-from apf.initialisation.start import Start, check_startable
+from apf.initialisation.start import check_startable
 from apf.scene import Scene
 from apf.tracking.pipeline import track_voxels
 from apf.tracking.recovery import RecoveryConfig
@@ -111,18 +111,6 @@ def test_partial_bodies_are_found_by_themselves(name: str) -> None:
     voxels = [surface_voxels(device, pose)]
     found = find_start(scene, voxels, 0.5, keep_shape=True, config=FAST)
     assert error(body, found.pose, pose) < 0.12
-
-
-def test_a_known_heading_is_kept() -> None:
-    """Also one that fits worse, since the next search is for all but the heading."""
-    device, body = Device.best(), part("armless")
-    scene = Scene(device, scenes.ring(4), GRID, body)
-    turned = body.rest_pose.copy()
-    turned[[axis.kind for axis in body.bones[0].axes].index("rz")] += np.pi
-    known = Start(body, turned, turned[None], 0.3, 1.0, 1.7, 1.0)
-    voxels = [surface_voxels(device, walker(0))]
-    found = find_start(scene, voxels, 0.5, keep_shape=True, config=FAST, known=known)
-    assert abs(np.angle(np.exp(1j * (found.headings - known.headings)))) < 0.8
 
 
 def test_partial_bodies_are_as_tall_as_what_is_seen() -> None:
