@@ -10,9 +10,11 @@ from typing import Any
 import pytest
 
 from cl import Device, InputError
+from cl.launch import Kernel
+from cl.programs import Programs
 
-#: Items of a work-group on a CPU that is taken for a GPU: PoCL compiles 512 of them, which are a
-#: GPU's in some kernels, for half as long again. More than a body has cones, so that some idle.
+#: Items of a work-group on a CPU that is taken for a GPU: PoCL compiles them sooner than the 512 of
+#: some kernels on a GPU. More than a body has cones, so that some idle.
 _ITEMS = 32
 
 
@@ -28,12 +30,23 @@ class _SmallGroups:
         return getattr(self._handle, name)
 
 
+class _Unoptimised:
+    """Programs of a device that are built in a fraction of the time."""
+
+    def __init__(self, programs: Programs) -> None:
+        self._programs = programs
+
+    def kernel(self, source: str, name: str, file: str, options: str) -> Kernel:
+        return self._programs.kernel(source, name, file, f"{options} -cl-opt-disable")
+
+
 def other_kind(device: Device) -> Device:
-    """The same device, taken for a CPU if it is a GPU, for a GPU if not."""
-    other = Device(device.handle)
+    """The same device, taken for a CPU if it is a GPU, for a GPU if not; that as nobody runs it,
+    with small work-groups and without optimisation."""
+    other: Any = Device(device.handle)
     other.info = replace(device.info, kind="cpu" if device.is_gpu else "gpu")
     if not device.is_gpu:
-        other.handle = _SmallGroups(device.handle)
+        other.handle, other.programs = _SmallGroups(device.handle), _Unoptimised(other.programs)
     return other
 
 
