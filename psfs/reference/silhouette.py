@@ -199,7 +199,8 @@ def box_sums(counts: np.ndarray) -> np.ndarray:
 
 def mask_evidence(masks: np.ndarray, rig: CameraRig, config: SilhouetteConfig) -> np.ndarray:
     """Return evidence counts (V, H, W) int8 of ready masks (V, H, W) uint8, 255 = person."""
-    return np.where(picture_masks(rig), config.evidence.mask_counts(masks), 0).astype(np.int8)
+    counts = config.evidence.mask_counts(np.arange(256))[masks]
+    return np.where(picture_masks(rig), counts, 0).astype(np.int8)
 
 
 def floor_light(

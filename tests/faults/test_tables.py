@@ -235,11 +235,25 @@ BODY: dict[str, tuple[tuple, tuple[str, ...]]] = {
 }
 
 
+def part_of(body: dict) -> dict:
+    """A body's first bones and what is on them, which is read in a third of the time."""
+    bones = body["bone"][:5]
+    own = {key: [part for part in body[key] if part["bone"] in {b["name"] for b in bones}]
+           for key in ("cone", "joint")}  # fmt: skip
+    pairs = {
+        key: [pair for pair in body[key] if {*pair} <= {part["name"] for part in own[of]}]
+        for key, of in (("edges", "joint"), ("apart", "cone"))
+    }
+    return {**body, "bone": bones, **own, **pairs}
+
+
 @pytest.mark.parametrize("place", BODY)
 def test_a_body_with_a_wrong_value(stock: Path, place: str) -> None:
     at, right = BODY[place]
     path = stock / "track/body.toml"
-    good = tomllib.loads(path.read_text())
+    good = part_of(tomllib.loads(path.read_text()))
+    path.write_text(tomli_w.dumps(good))
+    assert len(load_body(path).bones) == 5
     for kind, value in WRONG.items():
         if kind not in right:
             path.write_text(tomli_w.dumps(faults.replaced(good, at, value)))

@@ -69,7 +69,7 @@ def test_left_taken_for_right_costs_the_exchange() -> None:
 
 @pytest.mark.parity("tracking/keypoints.score_points")
 @pytest.mark.parametrize(
-    ("kind", "name"), [("own", "song32"), ("own", "stick"), ("other", "song32")]
+    ("kind", "name"), [("own", "song31"), ("own", "stick"), ("other", "song31")]
 )
 @pytest.mark.parametrize("n", [0, 1, 37, 300])
 def test_kernel_agrees_with_the_twin(device: Device, n: int, kind: str, name: str) -> None:

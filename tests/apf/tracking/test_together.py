@@ -18,7 +18,7 @@ from cl import Device
 
 @pytest.mark.parity("tracking/people.expect_spheres")
 def test_expected_places_equal_the_twin(device: Device) -> None:
-    body, random = load_body("song32"), np.random.default_rng(0)
+    body, random = load_body("song31"), np.random.default_rng(0)
     spheres = device.zeros((2, count_spheres(body), 4), np.float32)
     places = Places(device, [body, body], spheres)
     poses = body.rest_pose + 0.1 * random.normal(size=(2, 4, body.n_dof))
