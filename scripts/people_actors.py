@@ -119,6 +119,22 @@ TAKES = {
     "triod": ActedTake(8, 328, (Part(_LIGHT, 20, (0.0, 0.0), 80, 1.69),
                                 Part(_KICK, 0, (0.3, -0.3), 10, 1.85),
                                 Part(_PICKUP, 40, (-0.2, 0.4), 120, 1.60))),
+    "boxkick": ActedTake(6, 401, (Part(_BOX, 10, (-0.3, 0.1), 30, 1.72),
+                                  Part(_KICK, 40, (0.4, -0.1), 190, 1.80))),
+    "salwalk": ActedTake(6, 402, (Part(_SALSA, 45, (0.0, 0.2), 60, 1.68),
+                                  Part(_WALK, 60, (0.3, -0.1), 100, 1.79))),
+    "jackrun": ActedTake(6, 403, (Part(_JACKS, 0, (-0.2, 0.2), 110, 1.77),
+                                  Part(_RUN, 20, (0.2, -0.2), 0, 1.63))),
+    "chairpick": ActedTake(8, 404, (Part(_CHAIR, 45, (0.2, 0.2), 150, 1.74),
+                                    Part(_PICKUP, 10, (-0.2, -0.3), 320, 1.66))),
+    "lightbox8": ActedTake(8, 405, (Part(_LIGHT, 50, (0.3, 0.1), 45, 1.82),
+                                    Part(_BOX, 70, (-0.2, -0.2), 220, 1.70))),
+    "trioe": ActedTake(8, 406, (Part(_BOX, 40, (0.0, 0.0), 70, 1.83),
+                                Part(_JACKS, 45, (0.4, 0.4), 10, 1.66),
+                                Part(_WALK8, 60, (-0.4, -0.2), 150, 1.74))),
+    "triof": ActedTake(8, 407, (Part(_SKIRT, 0, (0.1, 0.1), 200, 1.64),
+                                Part(_REAL, 30, (-0.4, 0.3), 60, 1.80),
+                                Part(_SALSA, 20, (0.2, -0.5), 310, 1.72))),
 }  # fmt: skip
 
 

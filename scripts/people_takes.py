@@ -115,6 +115,8 @@ DEVELOPED = {
         seed=56),
     "trolley": TakeOfPeople(
         (Mover((-1.6, 0.3), 0),), seed=57, things=(Thing("trolley", (1.5, -0.6), (-0.7, 0.0)),)),
+    "abreast": TakeOfPeople(
+        (Mover((0.3, -1.5), 90, 1.7), Mover((-0.27, -1.45), 90, 1.78)), seed=91),
 }  # fmt: skip
 
 CONFIRMED = {
@@ -143,6 +145,8 @@ CONFIRMED = {
     "cart": TakeOfPeople(
         (Mover((0.2, -1.6), 90, 1.8, speed=0.9),), 5, seed=69,
         things=(Thing("trolley", (0.35, -0.8), (0.05, 0.85)),)),
+    "abreast8": TakeOfPeople(
+        (Mover((1.45, -0.3), 180, 1.62), Mover((1.5, 0.26), 180, 1.8)), 8, seed=92),
 }  # fmt: skip
 
 

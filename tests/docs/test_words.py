@@ -155,11 +155,9 @@ def is_participle(name: str) -> bool:
     return regular or word in PARTICIPLES
 
 
-def prose(text: str, tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Yield line and text of docstrings and comments."""
-    yield 1, ast.get_docstring(tree) or ""
-    for line, _, docstring in documented(tree):
-        yield line, docstring
+def prose(text: str, docstrings: list[tuple[int, str]]) -> Iterator[tuple[int, str]]:
+    """Yield line and text of the docstrings of `text` and of its comments."""
+    yield from docstrings
     comments: list[tuple[int, str]] = []
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type == tokenize.COMMENT:
@@ -174,10 +172,12 @@ def faults_in(file: Path) -> Iterator[str]:
     """Yield what breaks the rules, with file and line."""
     text = file.read_text(encoding="utf-8")
     tree, where = ast.parse(text), file.relative_to(ROOT)
+    docstrings = [(1, ast.get_docstring(tree) or "")]
     for line, node, docstring in documented(tree):
+        docstrings.append((line, docstring))
         for fault in docstring_faults(node, docstring):
             yield f"{where}:{line}: the docstring {fault}"
-    for line, passage in prose(text, tree):
+    for line, passage in prose(text, docstrings):
         for word in BANNED_WORDS.finditer(" ".join(passage.split())):
             yield f"{where}:{line}: {word[0]!r} is none of the field's words"
     for line, name in defined_names(tree):
