@@ -65,7 +65,7 @@ class Batch:
         commands: list[list[Step]] = []
         for member, action in enumerate(actions):
             allocate = self._memory.allocator(member)
-            with self._device.share(len(actions), allocate), self._device.collect() as own:
+            with self._device.collect(len(actions), allocate) as own:
                 results.append(action())
             commands.append(own)
         self._enqueue(commands)

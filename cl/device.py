@@ -183,16 +183,21 @@ class Device:
             queue.flush()
 
     @contextmanager
-    def collect(self) -> Iterator[list[Step]]:
+    def collect(
+        self, n: int = 1, allocate: Callable[[int], tuple[Any, int]] | None = None
+    ) -> Iterator[list[Step]]:
         """Collect the launches and fills of the `with` block instead of enqueuing them; yield the
         list of them. If the block enqueues something else, those before it are enqueued first, and
-        leave the list."""
+        leave the list.
+
+        n: how many objects the launches that the block makes will serve at once, as `n_sharing`
+        says in it. `allocate(nbytes)` returns the buffer that an array lies in, and where in it."""
         commands: list[Step] = []
-        self.collected = commands
+        self.collected, self.n_sharing, self._allocate = commands, n, allocate
         try:
             yield commands
         finally:
-            self.collected = None
+            self.collected, self.n_sharing, self._allocate = None, 1, None
 
     def enqueue(self, steps: Sequence[Step]) -> None:
         """Enqueue launches and other steps in their order."""
@@ -248,17 +253,6 @@ class Device:
     def new_buffer(self, nbytes: int) -> Any:
         """Return uninitialised memory, which no array accounts for."""
         return pyopencl.Buffer(self.context, pyopencl.mem_flags.READ_WRITE, nbytes)
-
-    @contextmanager
-    def share(self, n: int, allocate: Callable[[int], tuple[Any, int]]) -> Iterator[None]:
-        """Make what the `with` block makes for launches that serve `n` objects at once, as
-        `n_sharing` says in it. `allocate(nbytes)` returns the buffer that an array lies in, and
-        where in it."""
-        self._allocate, self.n_sharing = allocate, n
-        try:
-            yield
-        finally:
-            self._allocate, self.n_sharing = None, 1
 
     def zeros(
         self, shape: int | Sequence[int], dtype: npt.DTypeLike, what: str = "an array"

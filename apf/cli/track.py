@@ -221,7 +221,7 @@ def _track_people(
     while len(done) < len(persons.sessions):
         number = len(done) + 1
         own_job, session = persons.job(job, number), persons.sessions[number - 1]
-        line.n_frames = len(session.frames)
+        line.begin_person(len(session.frames), number, len(persons.sessions))
         try:
             done.append(_track_person(own_job, replace(examination, session=session), None, line))
         except StartError as error:

@@ -33,13 +33,15 @@ class TaskStopped(Exception):
 
 @dataclass(frozen=True)
 class Progress:
-    """The progress of a task: `done` of `total` frames of a stage; total 0 if unknown."""
+    """The progress of a task: `done` of `total` frames of a stage; total 0 if unknown. whose: words
+    before the stage, on which of several people is tracked."""
 
     task: str
     stage: str
     done: int
     total: int
     worker: str
+    whose: str = ""
 
 
 class TaskProgress:
@@ -52,7 +54,7 @@ class TaskProgress:
     """
 
     def __init__(self, task: str = "", batch: str = "") -> None:
-        self._n_frames = 0
+        self._n_frames, self._whose = 0, ""
         self._task, self._batch = task, batch
         self._stage, self._sent = "", 0.0
         self._done: Counter[str] = Counter()
@@ -68,8 +70,13 @@ class TaskProgress:
 
     @n_frames.setter
     def n_frames(self, number: int) -> None:
-        self._n_frames = number
+        self._n_frames, self._whose = number, ""
         self._done.clear()
+
+    def begin_person(self, n_frames: int, number: int, of: int) -> None:
+        """Begin the track of one of several people, counted from 1."""
+        self.n_frames = n_frames
+        self._whose = f"person {number} of {of}: " if of > 1 else ""
 
     @property
     def done(self) -> int:
@@ -109,7 +116,9 @@ class TaskProgress:
         if self._batch:
             from distributed import get_worker
 
-            message = Progress(self._task, self._stage, self.done, self.n_frames, self.worker)
+            message = Progress(
+                self._task, self._stage, self.done, self.n_frames, self.worker, self._whose
+            )
             get_worker().log_event(self._batch, asdict(message))
 
 

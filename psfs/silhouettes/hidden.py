@@ -26,19 +26,5 @@ def hide_launch(device: Device, hidden: np.ndarray, evidence: Array) -> Launch:
     )
 
 
-def mark_hidden_launch(device: Device, evidence: Array, maps: Array) -> Launch:
-    """Return the launch that flips the lowest bit of the silhouettes, the first channel of maps (V,
-    H, W, 2) uint8, where the evidence (V, H, W) int8 is `UNKNOWN`.
-
-    255 becomes 254 and 0 becomes 1: these differ little as silhouettes, and show terms that read
-    the pictures, too, that something else is visible there. Twin:
-    `psfs.reference.hidden.mark_hidden`.
-    """
-    kernel = device.kernel("reconstruction/hidden", "mark_hidden", LOT=_LOT, UNKNOWN=UNKNOWN)
-    return device.launch(
-        kernel, (_lots(evidence.size),), (64,), n_pixels=evidence.size, evidence=evidence, maps=maps
-    )
-
-
 def _lots(n_pixels: int) -> int:
     return -(-n_pixels // _LOT)

@@ -93,41 +93,28 @@ class Division:
         self._device = device
         owners = device.empty(voxels.surface.shape, np.uint8, "the owners of voxels")
         listed = {"indices": voxels.surface, "n_surface": voxels.count, "owners": owners}
+        images = {
+            "seen": device.empty((len(rig), n_people * n_spheres, 4), np.float32, "images"),
+            "boxes": device.empty((len(rig), n_people, 4), np.float32, "images' boxes"),
+        }
         self._assign = self._launch(
-            "assign_voxels", (65536 if device.is_gpu else 256,), (64 if device.is_gpu else 4,),
+            "assign_and_project",
+            (65536 if device.is_gpu else 256,), (64 if device.is_gpu else 4,),
             grid=voxels.grid.shape, geometry=self._geometry(), reach=config.reach**2,
-            spheres=self.spheres, **listed,
+            n_views=len(rig), beside=config.beside, spheres=self.spheres,
+            cameras=device.to_device(rig.packed(), "the cameras"), **listed, **images,
         )  # fmt: skip
         list_voxels = self._launch(
             "list_voxels", (n_people * lanes,), (lanes,),
             room=lists.step, step=counts.step, lists=lists.whole, counts=counts.whole, **listed,
         )  # fmt: skip
-        evidence = self._evidence_launches(rig, voxels.evidence, maps, config)
-        self._launches = [self._assign, list_voxels, *evidence]
-
-    def _evidence_launches(
-        self, rig: CameraRig, evidence: Array, maps: Parts, config: DivisionConfig
-    ) -> list[Launch]:
-        """Return the launches that divide the evidence into `maps`."""
-        n_people, n_spheres, _ = self.spheres.shape
-        images = {
-            "spheres": self.spheres,
-            "seen": self._device.empty((len(rig), n_people * n_spheres, 4), np.float32, "images"),
-            "boxes": self._device.empty((len(rig), n_people, 4), np.float32, "images' boxes"),
-        }
-        cameras = self._device.to_device(rig.packed(), "the cameras")
         packs = -(-rig.width * rig.height // self._defines["PACK"])
-        return [
-            self._launch(
-                "project_spheres", (n_people, len(rig)), (1, 1),
-                cameras=cameras, reach=config.beside, **images,
-            ),
-            self._launch(
-                "divide_evidence", (packs, len(rig)), (64, 1),
-                picture=rig.picture, beside=config.beside**2, before=config.before, step=maps.step,
-                evidence=evidence, own=maps.whole, **images,
-            ),
-        ]  # fmt: skip
+        divide_evidence = self._launch(
+            "divide_evidence", (packs, len(rig)), (64, 1),
+            picture=rig.picture, beside=config.beside**2, before=config.before, step=maps.step,
+            spheres=self.spheres, evidence=voxels.evidence, own=maps.whole, **images,
+        )  # fmt: skip
+        self._launches = [self._assign, list_voxels, divide_evidence]
 
     def _launch(
         self,

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from cl import Array, Device, InputError, Launch
+from cl import Array, Device, InputError
 from cl.workgroups import size_defines
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.edge_distance import LOT, count_tiles, distance_defines
-from psfs.silhouettes.hidden import mark_hidden_launch
+from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.config import EdgeConfig, ForegroundJoinConfig
 from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.foreground_join import MARK, ForegroundJoin
@@ -20,8 +20,9 @@ class Reprojection:
     """Computation of maps (V, H, W, 2) uint8 of the voxels on the device; the next call overwrites
     them.
 
-    Channel 0: silhouette of the voxels, 0 or 255; 1 or 254 at the frame's hidden pixels, see
-    `mark_hidden_launch`. Channel 1: proximity to its boundary, round(255 exp(-d^2 / (2 sigma^2)))
+    Channel 0: silhouette of the voxels, 0 or 255; 1 or 254 at the frame's hidden pixels: these
+    differ little as silhouettes, and show terms that read the pictures, too, that something else is
+    visible there. Channel 1: proximity to its boundary, round(255 exp(-d^2 / (2 sigma^2)))
     with d the Euclidean distance in pixels to the nearest boundary pixel, 0 beyond `radius`.
     `scale` makes the maps smaller than the pictures: H and W are those of `rig.scaled(scale)`.
     sigma and radius: px of the maps, by default from `EdgeConfig`. With `join`, the silhouettes
@@ -49,7 +50,6 @@ class Reprojection:
         self._grid: VoxelGrid | None = None
         self._shape = grid.shape
         self._voxels: CarvedVoxels | None = None
-        self._mark_hidden: Launch | None = None
         views, height, width = len(self.rig), self.rig.height, self.rig.width
         if maps is None:
             maps = device.empty((views, height, width, 2), np.uint8, "the reprojected maps")
@@ -64,7 +64,7 @@ class Reprojection:
         sizes = device.to_device(np.array([c.size for c in self.rig], np.int32), "picture sizes")
         table = device.to_device(proximity_table(self.sigma, self.radius), "the proximity table")
         self._defines = distance_defines(device, self.radius)
-        self._defines |= {**self.rig.defines, "MARK": MARK}
+        self._defines |= {**self.rig.defines, "MARK": MARK, "UNKNOWN": UNKNOWN}
         self._defines |= size_defines(device, self.rig.picture, grid.shape)
         self._join: ForegroundJoin | None = None
         if join is not None and join.on:
@@ -79,6 +79,7 @@ class Reprojection:
             silhouette=self._silhouette.view(np.uint8),
             sizes=sizes,
             proximity=table,
+            evidence=None,
             maps=self.maps,
         )
 
@@ -97,8 +98,6 @@ class Reprojection:
         if self._join is not None and voxels.evidence is not None:
             self._join(voxels.evidence)
         self._edges()
-        if self._mark_hidden is not None:
-            self._mark_hidden()
         return self.maps
 
     def _attach(self, voxels: CarvedVoxels) -> None:
@@ -120,9 +119,7 @@ class Reprojection:
             n_surface=voxels.count,
             silhouette=self._silhouette.view(np.uint8),
         )
-        self._mark_hidden = None
-        if self._hides and voxels.evidence is not None:
-            self._mark_hidden = mark_hidden_launch(self.device, voxels.evidence, self.maps)
+        self._edges.set(evidence=voxels.evidence if self._hides else None)
         self._grid = None
 
 

@@ -63,7 +63,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
         total = count_reports(report.stage, report.total)
         self._bar.update(
             self._lines[report.task],
-            description=f"{report.task}: {report.stage}",
+            description=f"{report.task}: {report.whose}{report.stage}",
             completed=report.done if total else 0,
             total=total,
         )

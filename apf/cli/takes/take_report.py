@@ -52,6 +52,9 @@ class Line(Protocol):
     def begin(self, stage: str) -> None:
         """Announce a stage before its first frame."""
 
+    def begin_person(self, n_frames: int, number: int, of: int) -> None:
+        """Begin the track of one of several people, counted from 1."""
+
 
 class TakeLine:
     """The line of one take in `bar`, called with the name of the current stage: see `track_take`.
@@ -65,7 +68,7 @@ class TakeLine:
     ) -> None:
         self._bar, self._check = bar, check
         self._prefix = f"{name}: " if name else ""
-        self._stage, self._n_frames = "", 0
+        self._stage, self._n_frames, self._whose = "", 0, ""
         self._done: Counter[str] = Counter()
         self._task = bar.add_task(f"{self._prefix}opening", total=None)
 
@@ -76,8 +79,13 @@ class TakeLine:
 
     @n_frames.setter
     def n_frames(self, number: int) -> None:
-        self._n_frames = number
+        self._n_frames, self._whose = number, ""
         self._done.clear()
+
+    def begin_person(self, n_frames: int, number: int, of: int) -> None:
+        """Begin the track of one of several people, counted from 1."""
+        self.n_frames = n_frames
+        self._whose = f"person {number} of {of}: " if of > 1 else ""
 
     def __call__(self, stage: str) -> None:
         self._check()
@@ -96,7 +104,7 @@ class TakeLine:
     def _show(self, stage: str) -> None:
         """Show a stage where it left off: forward and backward passes alternate."""
         total, done = count_reports(stage, self.n_frames), self._done[stage]
-        described = f"{self._prefix}{stage}"
+        described = f"{self._prefix}{self._whose}{stage}"
         self._bar.reset(self._task, total=total, completed=done, description=described)
         self._stage = stage
 

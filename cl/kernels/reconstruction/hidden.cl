@@ -17,13 +17,3 @@ __kernel void hide(int n_pixels, __global const uchar *restrict hidden,
     for (int at = first; at < first + n; ++at)
         if (hidden[at] && evidence[at] <= 0) evidence[at] = UNKNOWN;
 }
-
-// Turns the lowest bit of the silhouettes, the first channel of maps, where the evidence is unknown.
-__kernel void mark_hidden(int n_pixels, __global const char *restrict evidence,
-                          __global uchar *restrict maps)
-{
-    const int first = LOT * get_global_id(0), n = min(LOT, n_pixels - first);
-    if (n <= 0 || (n == LOT && !any(vload16(0, evidence + first) == (char16)UNKNOWN))) return;
-    for (int at = first; at < first + n; ++at)
-        if (evidence[at] == UNKNOWN) maps[2 * (size_t)at] ^= 1;
-}

@@ -11,14 +11,56 @@
 // Depth where there is nobody, m.
 #define FAR 1e6f
 
+// The spheres in every camera: x, y (px), depth (m), m per px there; far away without an image. The
+// boxes x0, y0, x1, y1 (px) of the people hold all that is not further than `reach`, m.
+INLINED void project_person(int person, int view, __global const float *cameras, float reach,
+                            __global const float4 *spheres, __global float4 *seen,
+                            __global float4 *boxes)
+{
+    __global const float *camera = cameras + view * CAMERA_FLOATS;
+    float4 box = (float4)(FAR, FAR, -FAR, -FAR);
+    for (int first = 0; first < SPHERES; first += PACK) {
+#define SPHERE(l) spheres[person * SPHERES + lane_index(first, 0x##l, SPHERES)]
+#define CENTRE_X(l) SPHERE(l).x
+#define CENTRE_Y(l) SPHERE(l).y
+#define CENTRE_Z(l) SPHERE(l).z
+        float x[PACK], y[PACK], depth[PACK];
+        vfloat px, py;
+        STORE_PACK(camera_project_pack(camera, PACK_OF(vfloat, CENTRE_X), PACK_OF(vfloat, CENTRE_Y),
+                                       PACK_OF(vfloat, CENTRE_Z), &px, &py), depth);
+        STORE_PACK(px, x);
+        STORE_PACK(py, y);
+        for (int l = 0; l < PACK && first + l < SPHERES; ++l) {
+            const int k = person * SPHERES + first + l;
+            const float scale = depth[l] / camera[12];
+            if (depth[l] > 0.0f) {
+                const float around = sqrt(reach * reach + spheres[k].w * spheres[k].w) / scale;
+                box.x = fmin(box.x, x[l] - around);
+                box.y = fmin(box.y, y[l] - around);
+                box.z = fmax(box.z, x[l] + around);
+                box.w = fmax(box.w, y[l] + around);
+            }
+            seen[view * PEOPLE * SPHERES + k] = depth[l] > 0.0f
+                ? (float4)(x[l], y[l], depth[l], scale) : (float4)(-FAR, -FAR, FAR, 1.0f);
+        }
+    }
+    boxes[view * PEOPLE + person] = box;
+}
+
 // The person nearest to each surface voxel, PEOPLE if nobody is nearer than the root of `reach`.
 // Distances are squared, of the point from a sphere's centre less the radius: tangents of spheres.
-// `geometry`: origin of the grid, voxel size.
-__kernel void assign_voxels(int3 grid, __global const float4 *restrict spheres, float4 geometry,
-                            float reach,
-                            __global const int *restrict indices,
-                            __global const int *restrict n_surface, __global uchar *restrict owners)
+// `geometry`: origin of the grid, voxel size. Beside it, the first item of a group does one person's
+// spheres in one view, see project_person.
+__kernel void assign_and_project(int3 grid, __global const float4 *restrict spheres, float4 geometry,
+                                 float reach, __global const int *restrict indices,
+                                 __global const int *restrict n_surface,
+                                 __global uchar *restrict owners, int n_views, float beside,
+                                 __global const float *restrict cameras,
+                                 __global float4 *restrict seen, __global float4 *restrict boxes)
 {
+    if (get_local_id(0) == 0)
+        for (int k = get_group_id(0); k < PEOPLE * n_views; k += get_num_groups(0))
+            project_person(k % PEOPLE, k / PEOPLE, cameras, beside, spheres, seen, boxes);
     const int n = *n_surface;
     for (int first = get_global_id(0) * PACK; first < n; first += get_global_size(0) * PACK) {
 #define VOXEL(l) indices[lane_index(first, 0x##l, n)]
@@ -68,45 +110,6 @@ void list_voxels(__global const uchar *restrict owners, __global const int *rest
             if (at < room) list[at] = indices[i];
             ++at;
         }
-}
-
-// The spheres in every camera: x, y (px), depth (m), m per px there; far away without an image. The
-// boxes x0, y0, x1, y1 (px) of the people hold all that is not further than `reach`, m. One item per
-// person and view.
-__kernel void project_spheres(__global const float *restrict cameras, float reach,
-                              __global const float4 *restrict spheres,
-                              __global float4 *restrict seen, __global float4 *restrict boxes)
-{
-    const int person = get_global_id(0), view = get_global_id(1);
-    if (person >= PEOPLE) return;
-    __global const float *camera = cameras + view * CAMERA_FLOATS;
-    float4 box = (float4)(FAR, FAR, -FAR, -FAR);
-    for (int first = 0; first < SPHERES; first += PACK) {
-#define SPHERE(l) spheres[person * SPHERES + lane_index(first, 0x##l, SPHERES)]
-#define CENTRE_X(l) SPHERE(l).x
-#define CENTRE_Y(l) SPHERE(l).y
-#define CENTRE_Z(l) SPHERE(l).z
-        float x[PACK], y[PACK], depth[PACK];
-        vfloat px, py;
-        STORE_PACK(camera_project_pack(camera, PACK_OF(vfloat, CENTRE_X), PACK_OF(vfloat, CENTRE_Y),
-                                       PACK_OF(vfloat, CENTRE_Z), &px, &py), depth);
-        STORE_PACK(px, x);
-        STORE_PACK(py, y);
-        for (int l = 0; l < PACK && first + l < SPHERES; ++l) {
-            const int k = person * SPHERES + first + l;
-            const float scale = depth[l] / camera[12];
-            if (depth[l] > 0.0f) {
-                const float around = sqrt(reach * reach + spheres[k].w * spheres[k].w) / scale;
-                box.x = fmin(box.x, x[l] - around);
-                box.y = fmin(box.y, y[l] - around);
-                box.z = fmax(box.z, x[l] + around);
-                box.w = fmax(box.w, y[l] + around);
-            }
-            seen[view * PEOPLE * SPHERES + k] = depth[l] > 0.0f
-                ? (float4)(x[l], y[l], depth[l], scale) : (float4)(-FAR, -FAR, FAR, 1.0f);
-        }
-    }
-    boxes[view * PEOPLE + person] = box;
 }
 
 // Each person's evidence: that of the foreground which the person's spheres cover or are nearest

@@ -1,9 +1,10 @@
 // Projection of the surface voxels into every camera (Song et al. 2.3.2): silhouette and edge
 // proximity. Twin: reference/reprojection.py. Defines: those of distance.h, for the proximity, that
-// of pack.h, and MARK (px). The maps are made tile by tile of TILE x TILE pixels, and only those near
+// of pack.h, MARK (px) and UNKNOWN, the evidence count of a pixel that says nothing. The maps are made tile by tile of TILE x TILE pixels, and only those near
 // the silhouette at any cost.
-#if !defined(CAMERA_FLOATS) || !defined(MARK) || !defined(PACK)
-#error "reconstruction/reprojection.cl needs CAMERA_FLOATS, MARK and PACK"
+#if !defined(CAMERA_FLOATS) || !defined(MARK) || !defined(PACK) || \
+    !defined(UNKNOWN)
+#error "reconstruction/reprojection.cl needs CAMERA_FLOATS, MARK, PACK and UNKNOWN"
 #endif
 #include "common/camera.h"
 #include "reconstruction/packed_voxels.h"
@@ -100,11 +101,13 @@ static inline bytes edges_of(const edge_source *source, columns at, int y)
 }
 
 // Maps of one tile: silhouette and, by `proximity` (up to REACH^2, then 0), the exact squared
-// distance to the nearest boundary pixel. One work-group per tile and view.
+// distance to the nearest boundary pixel. evidence: null, or the silhouette's lowest bit is turned
+// where it is UNKNOWN. One work-group per tile and view.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void edge_proximity(int2 picture, int reach, __global const uchar *restrict silhouette,
                     __global const int2 *restrict sizes,
-                    __global const uchar *restrict proximity, __global uchar2 *restrict maps)
+                    __global const uchar *restrict proximity,
+                    __global const char *restrict evidence, __global uchar2 *restrict maps)
 {
     __local gap_type gap[TILE_ROWS * ROOM + LOT], distance[ROOM + LOT];
     __local square_type squares[N_SQUARES];
@@ -113,7 +116,8 @@ void edge_proximity(int2 picture, int reach, __global const uchar *restrict silh
     const int left = tile_x * TILE, top = tile_y * TILE_ROWS;
     const int n_rows = min(TILE_ROWS, HEIGHT - top), n_columns = min(TILE, WIDTH - left);
     __global const uchar *map = silhouette + WIDTH + (size_t)view * WIDTH * HEIGHT;
-    __global uchar2 *out = maps + (size_t)view * WIDTH * HEIGHT + top * WIDTH + left;
+    const size_t begin = (size_t)view * WIDTH * HEIGHT + top * WIDTH + left;
+    __global uchar2 *out = maps + begin;
     const int column_step = GROUP < TILE ? GROUP : TILE, row_step = GROUP / column_step;
     // A tile from which no silhouette can be seen looks at nothing; it does not return, because
     // PoCL 3 miscompiles that.
@@ -129,13 +133,17 @@ void edge_proximity(int2 picture, int reach, __global const uchar *restrict silh
         for (int x = lane % TILE * LOT; x < n_columns; x += column_step * LOT) {
             const int n = n_columns - x < LOT ? n_columns - x : LOT;
             __global uchar2 *place = out + y * WIDTH + x;
-            if (!near) {
+            if (near) {
+                square_type found[LOT];
+                STORE_LOT(least_squares(reach, gap, squares, x, y), found);
+                __global const uchar *row = map + (top + y) * WIDTH + left + x;
+                for (int l = 0; l < n; ++l) place[l] = (uchar2)(row[l], proximity[found[l]]);
+            } else {
                 for (int l = 0; l < n; ++l) place[l] = (uchar2)(0);
-                continue;
             }
-            square_type found[LOT];
-            STORE_LOT(least_squares(reach, gap, squares, x, y), found);
-            __global const uchar *row = map + (top + y) * WIDTH + left + x;
-            for (int l = 0; l < n; ++l) place[l] = (uchar2)(row[l], proximity[found[l]]);
+            if (!evidence) continue;
+            __global const char *own = evidence + begin + y * WIDTH + x;
+            for (int l = 0; l < n; ++l)
+                if (own[l] == UNKNOWN) place[l].x ^= 1;
         }
 }

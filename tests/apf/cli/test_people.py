@@ -37,13 +37,17 @@ def test_impossible_numbers_are_refused(
 def test_each_persons_frames_are_counted_from_the_first() -> None:
     bar = progress_bar()
     line = TakeLine(bar)
-    for _ in range(2):
-        line.n_frames = 3
+    for number in (1, 2):
+        line.begin_person(3, number, 2)
         for _ in range(3):
             line("tracking back")
         (task,) = bar.tasks
         assert (task.completed, task.total) == (3, 3)
+        assert task.description == f"person {number} of 2: tracking back"
         line("judging")
+    line.n_frames = 3  # of all together
+    line("overlay")
+    assert task.description == "overlay"
 
 
 @pytest.mark.parametrize("n_seen", [1, 2, 3])

@@ -160,7 +160,7 @@ def test_codes_agree_with_the_twin(device: Device) -> None:
     assert ((found == NOTHING) == (codes == NOTHING)).mean() > 0.99
     assert 0.02 < (found != NOTHING).mean() < 0.9
     shown = here.reprojection.maps.get()
-    shown[:, ::2, :, 0] ^= 1  # hidden, see `mark_hidden_launch`
+    shown[:, ::2, :, 0] ^= 1  # hidden, see `Reprojection`
     here.reprojection.maps.set(shown)
     colours.observe(voxels, voxels.pictures())
     found = colours.codes.get()

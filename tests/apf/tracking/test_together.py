@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.kinds import Unoptimised
 from helpers.worlds import World
 
 from apf.backend import make_device_tracker
@@ -36,7 +37,12 @@ def test_expected_places_equal_the_twin(device: Device) -> None:
     np.testing.assert_allclose(spheres.get()[1], at_rest, atol=2e-5)
 
 
-def test_joined_launches_track_everybody_as_single_ones_do(device: Device) -> None:
+def test_joined_launches_track_everybody_as_single_ones_do(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not device.is_gpu:  # CPUs join none
+        programs = Unoptimised(device.programs, "batch_member")
+        monkeypatch.setattr(device, "programs", programs)
     world, method = World(device), Method.create(n_particles=37, n_layers=2)
     everybody = world.voxels(0)
     maps = (len(world.rig), world.rig.height, world.rig.width)

@@ -50,9 +50,8 @@ def crowd(people: int, seed: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parity(
-    "reconstruction/people.assign_voxels",
+    "reconstruction/people.assign_and_project",
     "reconstruction/people.list_voxels",
-    "reconstruction/people.project_spheres",
     "reconstruction/people.divide_evidence",
 )
 @pytest.mark.parametrize("n_voxels", [0, 1, 3001])
