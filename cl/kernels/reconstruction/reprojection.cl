@@ -1,9 +1,8 @@
 // Projection of the surface voxels into every camera (Song et al. 2.3.2): silhouette and edge
 // proximity. Twin: reference/reprojection.py. Defines: those of distance.h, for the proximity, that
-// of pack.h, MARK (px) and UNKNOWN, the evidence count of a pixel that says nothing. The maps are made tile by tile of TILE x TILE pixels, and only those near
-// the silhouette at any cost.
-#if !defined(CAMERA_FLOATS) || !defined(MARK) || !defined(PACK) || \
-    !defined(UNKNOWN)
+// of pack.h, MARK (px) and UNKNOWN, the evidence of a pixel that says nothing. The maps are made
+// tile by tile of TILE x TILE pixels, and only those near the silhouette at any cost.
+#if !defined(CAMERA_FLOATS) || !defined(MARK) || !defined(PACK) || !defined(UNKNOWN)
 #error "reconstruction/reprojection.cl needs CAMERA_FLOATS, MARK, PACK and UNKNOWN"
 #endif
 #include "common/camera.h"
