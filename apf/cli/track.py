@@ -25,7 +25,6 @@ from apf.cli.takes.kept_parts import Keeper, remove_parts
 from apf.cli.takes.people import Persons, find_persons, write_together
 from apf.cli.takes.take_report import (
     Judgement,
-    Line,
     TakeLine,
     TakeReport,
     describe_spread,
@@ -47,6 +46,7 @@ from apf.report.overlay import write_overlay
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
 from apf.tracking.batch import run_at_once
+from apf.tracking.progress import StageProgress
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import Take, check_cameras, track_take
 from apf.tracking.track import PARTS, PEOPLE, Track, spans
@@ -114,7 +114,7 @@ class FinishedTake:
 def track_one(
     args: argparse.Namespace,
     device: Device | NumpyDevice,
-    line: Line,
+    line: StageProgress,
     before_words: Callable[[], object] = lambda: None,
 ) -> list[FinishedTake]:
     """Track one take, named by the flags, on `device`; write its files and print the results.
@@ -190,7 +190,7 @@ def _run_many(args: argparse.Namespace, method: Method) -> None:
         raise InputError(f"{len(report.errors)} of {len(names)} takes failed: {failed}")
 
 
-def _track_and_judge(out: OutputFolder, job: TrackJob, line: Line) -> list[FinishedTake]:
+def _track_and_judge(out: OutputFolder, job: TrackJob, line: StageProgress) -> list[FinishedTake]:
     """Run all stages of a take and write its files: of the only person, or of each of several."""
     args, opened = job.args, _open_sequence(out, job)
     first = select_frames(args, opened)[0]
@@ -213,7 +213,7 @@ def _track_and_judge(out: OutputFolder, job: TrackJob, line: Line) -> list[Finis
 
 
 def _track_people(
-    job: TrackJob, examination: Examination, persons: Persons, line: Line
+    job: TrackJob, examination: Examination, persons: Persons, line: StageProgress
 ) -> list[FinishedTake]:
     """Track each person and write their files. Who cannot be started is taken for an object,
     unless --people says how many there are."""
@@ -246,7 +246,7 @@ def _track_person(
     job: TrackJob,
     examination: Examination,
     given: tuple[BodyModel, np.ndarray] | None,
-    line: Line,
+    line: StageProgress,
     corrected: CorrectedTrack | None = None,
 ) -> FinishedTake:
     """Track one person in a session, or correct their track, and write their files."""
@@ -283,7 +283,10 @@ def _examine(job: TrackJob, opened: Sequence) -> Examination:
 
 
 def _track(
-    job: TrackJob, examination: Examination, given: tuple[BodyModel, np.ndarray] | None, line: Line
+    job: TrackJob,
+    examination: Examination,
+    given: tuple[BodyModel, np.ndarray] | None,
+    line: StageProgress,
 ) -> Take:
     """Track a take."""
     args, session = job.args, examination.session
@@ -323,7 +326,9 @@ def _raise_error(take: Take, n_frames: int, folder: Path) -> None:
         ) from take.error
 
 
-def finish_take(job: TrackJob, examination: Examination, take: Take, line: Line) -> list[Judgement]:
+def finish_take(
+    job: TrackJob, examination: Examination, take: Take, line: StageProgress
+) -> list[Judgement]:
     """Write overlay.mp4, summary.json and report.html for every seed, as the flags say. An
     interrupted track gets only a summary, and is not compared with the silhouettes."""
     args, n_done = job.args, len(take.tracks[0])
@@ -366,7 +371,7 @@ def write_track_settings(args: argparse.Namespace, method: Method) -> None:
     write_settings(args.output, args, configs, METHOD_FLAGS)
 
 
-def _draw_overlays(job: TrackJob, take: Take, line: Line) -> None:
+def _draw_overlays(job: TrackJob, take: Take, line: StageProgress) -> None:
     """Write overlay.mp4 for every seed, unless the flags disable it."""
     if job.args.no_overlay:
         return

@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 import traceback
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from apf.cluster.whole_folder import replace_temporary_names
+from apf.tracking.progress import StageProgress
 from cl import UserError
 
 #: Batches whose tasks must stop in this process.
@@ -44,7 +45,7 @@ class Progress:
     whose: str = ""
 
 
-class TaskProgress:
+class TaskProgress(StageProgress):
     """Receives and sends a task's progress.
 
     It replaces the line of a take, `apf.cli.takes.take_report.TakeLine`: called with the name of
@@ -54,29 +55,12 @@ class TaskProgress:
     """
 
     def __init__(self, task: str = "", batch: str = "") -> None:
-        self._n_frames, self._whose = 0, ""
-        self._task, self._batch = task, batch
-        self._stage, self._sent = "", 0.0
-        self._done: Counter[str] = Counter()
+        super().__init__()
+        self._task, self._batch, self._sent = task, batch, 0.0
         self.worker = f"{platform.node()}:{os.getpid()}"
         self.seconds = defaultdict[str, float](float)
         self.core_seconds = defaultdict[str, float](float)
         self._begun = time.monotonic(), time.process_time()
-
-    @property
-    def n_frames(self) -> int:
-        """Number of frames of the track. Setting it begins another track, as of the next person."""
-        return self._n_frames
-
-    @n_frames.setter
-    def n_frames(self, number: int) -> None:
-        self._n_frames, self._whose = number, ""
-        self._done.clear()
-
-    def begin_person(self, n_frames: int, number: int, of: int) -> None:
-        """Begin the track of one of several people, counted from 1."""
-        self.n_frames = n_frames
-        self._whose = f"person {number} of {of}: " if of > 1 else ""
 
     @property
     def done(self) -> int:
@@ -91,11 +75,6 @@ class TaskProgress:
         self._done[stage] += 1
         if time.monotonic() > self._sent + _MESSAGE_INTERVAL:
             self._send()
-
-    def begin(self, stage: str) -> None:
-        """Start a stage without a finished frame."""
-        self._done[stage] = 0
-        self._enter(stage)
 
     def _enter(self, stage: str) -> None:
         """Switch to a stage."""

@@ -17,12 +17,12 @@ from apf.cli.keypoints.flags import (
 )
 from apf.cli.people_flag import people_number
 from apf.cli.takes.job import TrackJob
-from apf.cli.takes.take_report import Line
 from apf.filters.method import Method
 from apf.keypoints import Keypoints
 from apf.report.judged import OVERLAY
 from apf.report.people_page import write_people_overlay, write_people_page
 from apf.tracking.people import PeopleTracks
+from apf.tracking.progress import StageProgress
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cli.commandline import stderr, warn
@@ -101,7 +101,7 @@ def _explain_one_person(args: argparse.Namespace, method: Method) -> str | None:
 
 
 def find_persons(
-    job: TrackJob, session: Session, given: tuple[BodyModel, np.ndarray] | None, line: Line
+    job: TrackJob, session: Session, given: tuple[BodyModel, np.ndarray] | None, line: StageProgress
 ) -> Persons | None:
     """Return the people of a session, None if one person is to be tracked as if alone: nothing
     else moves, --people says so, or a flag applies only to one person."""
@@ -179,7 +179,7 @@ def _find_by_keypoints(job: TrackJob, session: Session, number: int | None) -> P
 
 
 def write_together(
-    job: TrackJob, tracks: PeopleTracks, sequence: Sequence, line: Line | None
+    job: TrackJob, tracks: PeopleTracks, sequence: Sequence, line: StageProgress | None
 ) -> None:
     """Write people.json; and, as the flags say, the overlay and the page of all people, unless
     `line`, which receives the progress, is None for a track that was interrupted. With several

@@ -3,12 +3,10 @@ end."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from rich.progress import Progress
@@ -18,6 +16,7 @@ from apf.evaluation.evaluate import evaluate
 from apf.evaluation.people import load_followed_truth
 from apf.report.agreement import choose_rows
 from apf.report.quality import Quality
+from apf.tracking.progress import StageProgress
 from apf.tracking.take import Take
 from apf.tracking.track import Track
 from cl import InputError
@@ -41,22 +40,7 @@ def was_interrupted(track: Track, n_frames: int) -> bool:
     return len(track) < n_frames or track.interrupted
 
 
-class Line(Protocol):
-    """Receiver of a take's progress: called with the name of the current stage, see
-    `track_take`."""
-
-    n_frames: int
-
-    def __call__(self, stage: str) -> None: ...
-
-    def begin(self, stage: str) -> None:
-        """Announce a stage before its first frame."""
-
-    def begin_person(self, n_frames: int, number: int, of: int) -> None:
-        """Begin the track of one of several people, counted from 1."""
-
-
-class TakeLine:
+class TakeLine(StageProgress):
     """The line of one take in `bar`, called with the name of the current stage: see `track_take`.
 
     name: precedes the stage. It is empty for a single take, for which nothing is shown before its
@@ -66,42 +50,21 @@ class TakeLine:
     def __init__(
         self, bar: Progress, name: str = "", check: Callable[[], None] = lambda: None
     ) -> None:
+        super().__init__()
         self._bar, self._check = bar, check
         self._prefix = f"{name}: " if name else ""
-        self._stage, self._n_frames, self._whose = "", 0, ""
-        self._done: Counter[str] = Counter()
         self._task = bar.add_task(f"{self._prefix}opening", total=None)
-
-    @property
-    def n_frames(self) -> int:
-        """Number of frames of the track. Setting it begins another track, as of the next person."""
-        return self._n_frames
-
-    @n_frames.setter
-    def n_frames(self, number: int) -> None:
-        self._n_frames, self._whose = number, ""
-        self._done.clear()
-
-    def begin_person(self, n_frames: int, number: int, of: int) -> None:
-        """Begin the track of one of several people, counted from 1."""
-        self.n_frames = n_frames
-        self._whose = f"person {number} of {of}: " if of > 1 else ""
 
     def __call__(self, stage: str) -> None:
         self._check()
         if stage != self._stage:
-            self._show(stage)
+            self._enter(stage)
         if stage in _BY_FRAMES:
             self._bar.start()
             self._bar.advance(self._task)
             self._done[stage] += 1
 
-    def begin(self, stage: str) -> None:
-        """Show a stage before its first frame."""
-        self._done[stage] = 0
-        self._show(stage)
-
-    def _show(self, stage: str) -> None:
+    def _enter(self, stage: str) -> None:
         """Show a stage where it left off: forward and backward passes alternate."""
         total, done = count_reports(stage, self.n_frames), self._done[stage]
         described = f"{self._prefix}{self._whose}{stage}"
