@@ -70,7 +70,7 @@ def test_known_height_and_shape_are_kept() -> None:
 
 @pytest.fixture(scope="module")
 def clean_error() -> float:
-    """m, of what is learnt from the keypoints of `test_what_networks_do_costs_little`."""
+    """Return the mean error, m, of joints learnt from keypoints without damage."""
     body = child()
     poses = poses_of(body)
     return learnt_error(of_poses(RIG, body, poses, noise=2.0), body, poses)

@@ -20,7 +20,7 @@ FRAMES, FPS = 90, 30
 
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
-    """Pictures of one grey level: nothing is looked for in them."""
+    """Return a sequence of uniform pictures: the tests replace the search for a person."""
     folder = footage.native(tmp_path_factory.mktemp("walk") / "walk", 2, FRAMES)
     return Sequence.open(folder, fps=FPS)
 
