@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from apf.api import load_template, read_given_start
 from apf.backend import check_renderer
 from apf.body import BodyModel, save_body
@@ -47,7 +45,7 @@ from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
 from apf.tracking.batch import run_at_once
 from apf.tracking.progress import StageProgress
-from apf.tracking.settings import TakeSettings
+from apf.tracking.settings import GivenStart, TakeSettings
 from apf.tracking.take import Take, check_cameras, track_take
 from apf.tracking.track import PARTS, PEOPLE, Track, spans
 from cl import Device, InputError, NumpyDevice, UserError, select_device
@@ -245,7 +243,7 @@ def _track_people(
 def _track_person(
     job: TrackJob,
     examination: Examination,
-    given: tuple[BodyModel, np.ndarray] | None,
+    given: GivenStart | None,
     line: StageProgress,
     corrected: CorrectedTrack | None = None,
 ) -> FinishedTake:
@@ -283,10 +281,7 @@ def _examine(job: TrackJob, opened: Sequence) -> Examination:
 
 
 def _track(
-    job: TrackJob,
-    examination: Examination,
-    given: tuple[BodyModel, np.ndarray] | None,
-    line: StageProgress,
+    job: TrackJob, examination: Examination, given: GivenStart | None, line: StageProgress
 ) -> Take:
     """Track a take."""
     args, session = job.args, examination.session

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from cl import InputError
 #: The default body: that of Song et al., ten cones, 31 degrees of freedom, and one more, by which
 #: the trunk bends sideways.
 DEFAULT_BODY = "song32"
+
+#: A body and its pose (D,) in the first frame.
+GivenStart: TypeAlias = tuple[BodyModel, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +36,8 @@ class TakeSettings:
     """Whether the template is the person's own body."""
     height: float | None = None
     """Stature of the person, m, if it is known."""
-    given: tuple[BodyModel, np.ndarray] | None = None
-    """A body and its pose (D,) in the first frame; if given, neither is searched for."""
+    given: GivenStart | None = None
+    """If given, neither body nor pose is searched for."""
     keypoints: Keypoints | None = None
     """Keypoints of the sequence's cameras and frames. Body, start and poses are fitted to them,
     too."""

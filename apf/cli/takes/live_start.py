@@ -9,7 +9,6 @@ import numpy as np
 
 from apf.api import load_template, read_given_start
 from apf.body.kinematics import posed_joints
-from apf.body.model import BodyModel
 from apf.cli.first_pose import find_first_pose
 from apf.cli.people_flag import people_number
 from apf.evaluation.joint_names import match_joints
@@ -19,6 +18,7 @@ from apf.initialisation.from_joints import fit_to_joints
 from apf.live.captures import box_around, open_cameras
 from apf.live.session import LiveStart
 from apf.live.sources import Replay, Source
+from apf.tracking.settings import GivenStart
 from cl import Device, InputError
 from psfs.cli.commandline import stderr, warn
 from psfs.cli.sequence_flags import collect_overrides, open_sequence, select_common_frames
@@ -35,8 +35,6 @@ from psfs.voxels.occupied_box import default_voxel_size
 _START_SECONDS, _FEWEST_FRAMES = 1.0, 2
 #: Time, s, in which people are counted where one is followed: the whole may be hours.
 _COUNT_SECONDS = 2.0
-
-Given = tuple[BodyModel, np.ndarray]
 
 
 def read_live_people(args: argparse.Namespace, method: Method) -> int | None:
@@ -107,7 +105,7 @@ def _start_people(
     frames: range,
     number: int | None,
     method: Method,
-) -> tuple[VoxelGrid, list[Given]] | None:
+) -> tuple[VoxelGrid, list[GivenStart]] | None:
     """Return a grid that holds all people of a recording, and the starts of those that its first
     frame shows; None if there is one person."""
     sequence = session.sequence
@@ -126,14 +124,14 @@ def _start_people(
 
 def _find_starts(
     args: argparse.Namespace, session: Session, people: People, number: int | None, method: Method
-) -> list[Given]:
+) -> list[GivenStart]:
     """Find everybody that the first of the frames show in which people were counted, each apart
     from the others."""
     frames = people.frames
     begun = select_beginning(session, frames, _START_SECONDS)
     first = begun.frames
     beginning = people.during(first)
-    given: list[Given] = []
+    given: list[GivenStart] = []
     seed = method.filter.search.seed
     for person, own in zip(beginning, separate(begun, beginning), strict=True):
         if person.frames[0] == frames[0]:
@@ -160,7 +158,7 @@ def select_beginning(session: Session, frames: range, seconds: float) -> Session
     return Session(session.sequence, session.device, settings)
 
 
-def warn_of_others(session: Session, frames: range, start: Given) -> None:
+def warn_of_others(session: Session, frames: range, start: GivenStart) -> None:
     """Warn that one person is followed, and which, if the beginning of a recording shows more."""
     if len(session.rig) < 2:
         return
@@ -173,7 +171,7 @@ def warn_of_others(session: Session, frames: range, start: Given) -> None:
         )
 
 
-def _read_starts(args: argparse.Namespace, frame: int, number: int | None) -> list[Given]:
+def _read_starts(args: argparse.Namespace, frame: int, number: int | None) -> list[GivenStart]:
     """Return the bodies and poses of several people from the joints of --init in a frame."""
     path = args.init
     if path is None or path.suffix.lower() != ".npz":

@@ -9,7 +9,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from apf.body import BodyModel
 from apf.cli.keypoints.flags import (
     find_seen_frames,
     open_people_keypoints,
@@ -23,6 +22,7 @@ from apf.report.judged import OVERLAY
 from apf.report.people_page import write_people_overlay, write_people_page
 from apf.tracking.people import PeopleTracks
 from apf.tracking.progress import StageProgress
+from apf.tracking.settings import GivenStart
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cli.commandline import stderr, warn
@@ -101,7 +101,7 @@ def _explain_one_person(args: argparse.Namespace, method: Method) -> str | None:
 
 
 def find_persons(
-    job: TrackJob, session: Session, given: tuple[BodyModel, np.ndarray] | None, line: StageProgress
+    job: TrackJob, session: Session, given: GivenStart | None, line: StageProgress
 ) -> Persons | None:
     """Return the people of a session, None if one person is to be tracked as if alone: nothing
     else moves, --people says so, or a flag applies only to one person."""
