@@ -29,6 +29,18 @@ class FollowingConfig(Config):
         "Least share of a trajectory's moved voxels that must fall into a region for it to be "
         "theirs.",
     )
+    vanished: float = nonnegative(
+        0.7,
+        "Volume that a region with several trajectories must lack, as a share of the volume of the "
+        "one whose voxels fall into it least, for that one to have gone; and that it must have "
+        "beside the least one's for somebody to have come.",
+        "by hand, on people who come and go beside others: 0.9 to 1.6; people who stay up to 0.5",
+    )
+    beside: float = nonnegative(
+        0.25,
+        "Distance from those who are known to be in a region beyond which a newcomer is.",
+        unit="m",
+    )
     newest: float = setting(
         0.5, "Weight of the last step in the running mean of a velocity.", above=0, most=1
     )

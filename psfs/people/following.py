@@ -96,7 +96,14 @@ class PeopleFollower:
         for region in sorted({region for region in owners if region >= 0}):
             own = np.flatnonzero(frame.regions == region)
             who = [k for k, of in enumerate(owners) if of == region]
-            parts = _split(points[own], [moved[k] for k in who], self._limits.axis_weight)
+            known = [moved[k] for k in who]
+            if (newcomer := self._find_newcomer(points[own], known)) is not None:
+                known.append(newcomer)
+                who.append(len(self._going))
+                self._going.append(_ActiveTrajectory(Trajectory(), newcomer, np.zeros(2)))
+                self.all.append(self._going[-1].one)
+                rows.append(np.zeros(0, int))
+            parts = _split(points[own], known, self._limits.axis_weight)
             for k, part in zip(who, parts, strict=True):
                 rows[k] = own[part]
                 if len(who) > 1:
@@ -151,15 +158,40 @@ class PeopleFollower:
         if not len(points):
             return [-1] * len(moved)
         tree = cKDTree(points)
-        owners, reach = [], 1.5 * self.grid.voxel_size
-        for were in moved:
+        reach = 1.5 * self.grid.voxel_size
+        votes = np.zeros((len(moved), len(sizes)), int)
+        for were, own in zip(moved, votes, strict=True):
             distance, nearest = tree.query(were, distance_upper_bound=reach)
-            hit = np.isfinite(distance)
-            votes = np.bincount(regions[nearest[hit]], minlength=len(sizes))
-            enough = votes.sum() >= self._limits.overlap * len(were)
-            owners.append(int(votes.argmax()) if enough else -1)
+            own += np.bincount(regions[nearest[np.isfinite(distance)]], minlength=len(sizes))
+        enough = votes.sum(1) >= self._limits.overlap * np.array([len(were) for were in moved])
+        owners = np.where(enough, votes.argmax(1), -1).tolist() if len(moved) else []
+        self._end_vanished(votes, sizes, moved, owners)
         self._take_nearest(points, regions, sizes, moved, owners)
         return owners
+
+    def _end_vanished(
+        self, votes: np.ndarray, sizes: np.ndarray, moved: list[np.ndarray], owners: list[int]
+    ) -> None:
+        """Take a region that several share from the one whose voxels fall into it least, if it lacks
+        about their volume: they are gone."""
+        for region in set(owners) - {-1}:
+            who = [k for k, of in enumerate(owners) if of == region]
+            others = [of for of in owners if of not in (-1, region)]
+            hit = np.setdiff1d(np.flatnonzero(votes[who].any(0)), others)
+            least = min(who, key=lambda k: votes[k].sum() / len(moved[k]))
+            lack = sum(len(moved[k]) for k in who) - sizes[hit].sum()
+            if len(who) > 1 and lack > self._limits.vanished * len(moved[least]):
+                owners[least] = -1
+
+    def _find_newcomer(self, points: np.ndarray, known: list[np.ndarray]) -> np.ndarray | None:
+        """Return the points of a region (N, 3) that are far from all who are `known` to be in it, if
+        they stand as a person does and the region has about the volume of one more."""
+        more = len(points) - sum(len(were) for were in known)
+        if more < self._limits.vanished * min(len(were) for were in known):
+            return None
+        far = cKDTree(np.concatenate(known)).query(points)[0] > self._limits.beside
+        enough = far.sum() >= count_least_voxels(self._config)
+        return points[far] if enough and stands(points[far], self._config) else None
 
     def _take_nearest(
         self,
@@ -223,6 +255,9 @@ def follow(
         return []
     counts = [_count_standing(frame, grid, config) for frame in frames]
     middle = _find_longest_maximum(counts)
+    if max(counts)[0] == 1:  # in few voxels there is one person, not two who touch
+        most = [k for k, count in enumerate(counts) if count == max(counts)]
+        middle = sorted(most, key=lambda k: len(frames[k].voxels))[len(most) // 4]
     torn = None
     if number is not None and 0 < counts[middle][0] < number:
         most = max(counts)

@@ -145,8 +145,7 @@ def is_person(
     """Return whether a trajectory is a second person beside one of `largest` volume."""
     if count_voxels(one) < config.least_share * largest:
         return False
-    low, high = np.median(_ends(one, grid), axis=0)
-    if high - low + config.voxel < config.least_height or low > config.lowest:
+    if np.median(_ends(one, grid)[:, 0]) > config.lowest:
         return False
     shares = list(looks.unexplained.values())
     explained = bool(shares) and float(np.median(shares)) < config.unexplained

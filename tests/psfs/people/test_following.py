@@ -62,6 +62,18 @@ def test_people_who_pass_each_other_and_touch_keep_their_names(ahead: bool) -> N
         assert 10 in one.touching and 0 not in one.touching
 
 
+@pytest.mark.parametrize("leaves", [True, False])
+def test_who_comes_or_leaves_beside_somebody_is_there_until_then(leaves: bool) -> None:
+    times = list(range(-4, 12) if leaves else range(11, -5, -1))
+    frames = [
+        frame(n, column(0, 0), *[column(0.35, 0.1 * max(0, 8 - t))] * (t < 10))
+        for n, t in enumerate(times)
+    ]
+    found = follow(frames, GRID, CONFIG, FPS)
+    assert sorted(len(one.voxels) for one in found) == [14, 16]
+    assert all(one.touching for one in found)
+
+
 def test_who_touches_at_first_is_known_from_later() -> None:
     frames = [frame(n, column(-0.2 - 0.08 * n, 0), column(0.2 + 0.08 * n, 0)) for n in range(15)]
     found = follow(frames, GRID, CONFIG, FPS)
@@ -115,6 +127,14 @@ def test_a_low_thing_is_followed_but_no_person() -> None:
     assert len(found) == 2
     largest = max(count_voxels(one) for one in found)
     assert [is_person(one, Appearance(), GRID, largest, CONFIG) for one in found].count(True) == 1
+
+
+def test_who_lies_down_is_a_person() -> None:
+    lying = np.any([column(1.2, y, high=0.5) for y in (-0.4, 0, 0.4)], axis=0)
+    frames = [frame(n, column(0, 0), column(1.2, 0) if n < 3 else lying) for n in range(9)]
+    found = follow(frames, GRID, CONFIG, FPS)
+    largest = max(count_voxels(one) for one in found)
+    assert [is_person(one, Appearance(), GRID, largest, CONFIG) for one in found] == [True, True]
 
 
 def test_a_trolley_is_no_person_though_it_stands_beside_somebody_all_the_time() -> None:
