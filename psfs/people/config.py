@@ -182,7 +182,7 @@ class PeopleConfig(Config):
         unit="m",
     )
     least_share: float = fraction(
-        0.35, "Least volume of a second person, as share of the largest one's."
+        0.2, "Least volume of a second person, as share of the largest one's."
     )
     lowest: float = setting(
         0.4, "Height above the floor at which a person's lowest part may be.", unit="m"
