@@ -66,15 +66,25 @@ def pick_frames(times: Sequence[np.ndarray]) -> tuple[list[tuple[int, ...]], flo
     """
     leader = min(times, key=len)
     reach = 0.5 * float(np.median(np.diff(leader))) if len(leader) > 1 else 0.0
+    nearest = np.column_stack([_find_nearest(own, leader) for own in times])  # (F, V)
+    found = np.column_stack([own[index] for own, index in zip(times, nearest.T, strict=True)])
+    away = abs(found - leader[:, None]).max(1)
     picks: list[tuple[int, ...]] = []
     apart = 0.0
-    for time in leader:
-        nearest = tuple(int(np.abs(own - time).argmin()) for own in times)
-        away = max(abs(own[index] - time) for own, index in zip(times, nearest, strict=True))
-        if away <= reach and not (picks and any(np.less_equal(nearest, picks[-1]))):
-            picks.append(nearest)
-            apart = max(apart, float(away))
+    for indices, distance in zip(nearest[away <= reach], away[away <= reach], strict=True):
+        if not (picks and (indices <= picks[-1]).any()):
+            picks.append(tuple(indices.tolist()))
+            apart = max(apart, float(distance))
     return picks, apart
+
+
+def _find_nearest(times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return the indices (N,) of those of the ascending `times` (F,) that are nearest to `wanted`
+    (N,): the earlier of two that are equally near."""
+    after = np.searchsorted(times, wanted).clip(1, max(len(times) - 1, 1))
+    before = after - 1
+    after = after.clip(max=len(times) - 1)
+    return np.where(times[after] - wanted < wanted - times[before], after, before)
 
 
 def _assign_times(path: Path, media: Sequence[Media]) -> list[np.ndarray]:
