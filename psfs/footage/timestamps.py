@@ -45,6 +45,7 @@ def pair_by_timestamps(footage: Footage) -> Footage:
     if not path.is_file():
         return footage
     times = _assign_times(path, media)
+    _assign_times(path, footage.masks or ())  # raises for masks of other frames than the videos'
     picks, apart = pick_frames(times)
     if not picks:
         raise InputError(f"{path}: no time is in all cameras; expected recordings that overlap")
@@ -52,10 +53,8 @@ def pair_by_timestamps(footage: Footage) -> Footage:
         f"frames are paired by {NAME}: {len(picks)} of up to {max(map(len, times))}, at most "
         f"{1000 * apart:.0f} ms apart"
     )
-    chosen = tuple(
-        item.select(of) for item, of in zip(media, zip(*picks, strict=True), strict=True)
-    )
-    return replace(footage, images=chosen, notes=[*footage.notes, note])
+    chosen = footage.select(lambda _, view: [indices[view] for indices in picks])
+    return replace(chosen, notes=[*footage.notes, note])
 
 
 def pick_frames(times: Sequence[np.ndarray]) -> tuple[list[tuple[int, ...]], float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cl import InputError
@@ -38,6 +38,15 @@ class Footage:
     background: tuple[Media, ...] | None = None
     notes: list[str] = field(default_factory=list)
     late: Mapping[str, int] = field(default_factory=dict)
+
+    def select(self, frames: Callable[[Media, int], Sequence[int]]) -> Footage:
+        """Return the footage whose images and masks have those frames of each medium that `frames`
+        returns for it and for the number of its view."""
+
+        def chosen(kind: tuple[Media, ...] | None) -> tuple[Media, ...] | None:
+            return kind and tuple(item.select(frames(item, v)) for v, item in enumerate(kind))
+
+        return replace(self, images=chosen(self.images), masks=chosen(self.masks))
 
 
 @dataclass(frozen=True)
