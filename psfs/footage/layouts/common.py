@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cl import InputError
-from psfs.cameras.calibration import Calibration, Size, Sizes, read_calibration
+from psfs.cameras.calibration import read_calibration
+from psfs.cameras.calibration.common import Calibration, Size, Sizes
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import match_files_to_cameras
 from psfs.cameras.units import Unit
