@@ -248,11 +248,11 @@ class VolumeConfig(Config):
 class ReconstructionConfig(Config):
     """Settings of the reconstruction, shared by the kernels and their NumPy twins."""
 
-    silhouette: SilhouetteConfig = part(SilhouetteConfig, "From pictures to silhouettes.")
-    occupancy: OccupancyConfig = part(OccupancyConfig, "From silhouettes to voxels.")
-    body: BodyPriorConfig = part(BodyPriorConfig, "From a track to voxels.")
-    colour: ColourConfig = part(ColourConfig, "From pictures to the voxels' colours.")
-    volume: VolumeConfig = part(VolumeConfig, "How the volume is found, see `psfs.volume`.")
+    silhouette: SilhouetteConfig = part(SilhouetteConfig)
+    occupancy: OccupancyConfig = part(OccupancyConfig)
+    body: BodyPriorConfig = part(BodyPriorConfig)
+    colour: ColourConfig = part(ColourConfig)
+    volume: VolumeConfig = part(VolumeConfig)
 
 
 class DivisionConfig(Config):
