@@ -163,7 +163,7 @@ class Sequence:
 
     def __len__(self) -> int:
         """Count the frames that every view has."""
-        return min(media.count for media in self._views)
+        return min(media.count for media in self._views or self.footage.masks or ())
 
     def __iter__(self) -> Iterator[Frame]:
         return self.frames()

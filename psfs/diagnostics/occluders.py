@@ -15,6 +15,7 @@ import numpy as np
 
 from psfs.backend import make_evidence_function
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.common.numbers import pick_evenly
 from psfs.diagnostics.config import OccluderConfig
 from psfs.diagnostics.small_views import Shrink
 from psfs.session import Session
@@ -45,9 +46,9 @@ def find_hidden_pixels(session: Session, config: OccluderConfig | None = None) -
     evidence_of = make_evidence_function(
         session.device, shrink.small, background, SilhouetteConfig().without_memory()
     )
-    picked = np.linspace(0, len(sequence) - 1, config.samples).round().astype(int)
+    picked = pick_evenly(len(sequence), config.samples).tolist()
     with sequence.reader(learning=False) as read:
-        evidence = [evidence_of(shrink.frame(read(int(i)))).copy() for i in np.unique(picked)]
+        evidence = [evidence_of(shrink.frame(read(i))).copy() for i in picked]
     box = _box(session, shrink.small, evidence)
     if box is None:
         return None
@@ -220,9 +221,8 @@ def _box(
     if stated is not None:
         low, high = stated
         return np.asarray(low, float), np.asarray(high, float)
-    picked = np.linspace(0, len(evidence) - 1, volume.samples).round().astype(int)
     needed = OccupancyConfig().seeing_cameras(len(rig))
-    clean = [remove_speckle(evidence[i]) for i in picked]
+    clean = [remove_speckle(evidence[i]) for i in pick_evenly(len(evidence), volume.samples)]
     found = BoxSearch(rig, clean, volume, needed).run()
     if found is None:  # the stages that need a volume report it
         return None

@@ -8,7 +8,7 @@ from pathlib import Path
 from cl import InputError, MissingFileError
 from psfs.cameras.calibration.camera_files import SUFFIXES, read_camera_files
 from psfs.cameras.calibration.colmap import read_colmap
-from psfs.cameras.calibration.common import Calibration, Size, Sizes, name_file_in_errors, read_text
+from psfs.cameras.calibration.common import Calibration, Sizes, name_file_in_errors, read_text
 from psfs.cameras.calibration.filestorage import read_easymocap, read_filestorage
 from psfs.cameras.calibration.handedness import (
     LEFT_HANDED,
@@ -34,30 +34,6 @@ from psfs.cameras.calibration.vicon import read_vicon
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
 from psfs.common.reading import open_input
-
-__all__ = [
-    "Calibration",
-    "Size",
-    "Sizes",
-    "find_calibration",
-    "read_calibration",
-    "read_camera_files",
-    "read_colmap",
-    "read_easymocap",
-    "read_filestorage",
-    "read_humaneva",
-    "read_matlab",
-    "read_middlebury",
-    "read_optitrack",
-    "read_panoptic",
-    "read_projections",
-    "read_qualisys",
-    "read_surrey",
-    "read_toml_tables",
-    "read_transforms",
-    "read_tsai",
-    "read_vicon",
-]
 
 #: Endings of COLMAP's files.
 _MODELS = (".txt", ".bin")

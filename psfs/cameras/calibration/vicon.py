@@ -77,13 +77,9 @@ def _camera(element: ElementTree.Element, index: int) -> Camera:
 
 def _radial(frame: ElementTree.Element, name: str) -> np.ndarray:
     """Return k1 k2 p1 p2 k3."""
-    words = frame.get("VICON_RADIAL2", "").split()
-    if words:
-        radial = parse_numbers(words[3:6], f"camera {name}: VICON_RADIAL2")
-    else:
-        radial = parse_numbers(
-            frame.get("VICON_RADIAL", "").split(), f"camera {name}: VICON_RADIAL"
-        )
+    newer = frame.get("VICON_RADIAL2", "").split()[3:6]
+    words = newer or frame.get("VICON_RADIAL", "").split()
+    radial = parse_numbers(words, f"camera {name}: VICON_RADIAL{'2' if newer else ''}")
     k1, k2, k3 = np.append(radial, np.zeros(3))[:3]
     return np.array([k1, k2, 0, 0, k3])
 
