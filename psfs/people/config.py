@@ -29,16 +29,16 @@ class FollowingConfig(Config):
         "Least share of a trajectory's moved voxels that must fall into a region for it to be "
         "theirs.",
     )
-    vanished: float = nonnegative(
+    change: float = nonnegative(
         0.7,
-        "Volume that a region with several trajectories must lack, as a share of the volume of the "
-        "one whose voxels fall into it least, for that one to have gone; and that it must have "
-        "beside the least one's for somebody to have come.",
-        "by hand, on people who come and go beside others: 0.9 to 1.6; people who stay up to 0.5",
+        "Volume that a region must gain or lose, as a share of one person's in it, for somebody to "
+        "have come or gone.",
+        "by hand, on silhouettes of capsules: 0.9 to 1.7 if somebody comes or goes, else up to 0.5",
     )
-    beside: float = nonnegative(
+    newcomer: float = nonnegative(
         0.25,
-        "Distance from those who are known to be in a region beyond which a newcomer is.",
+        "Distance from all who were in a region beyond which its voxels may be a newcomer's.",
+        "by hand, on silhouettes of capsules",
         unit="m",
     )
     newest: float = setting(
@@ -174,7 +174,7 @@ class PeopleConfig(Config):
         0.03, "Volume of silhouettes' hulls below which nothing is followed.", unit="m^3"
     )
     least_height: float = positive(
-        0.9, "Least height of a second person; what is lower is an object.", unit="m"
+        0.9, "Least height of a region with which somebody begins to be followed.", unit="m"
     )
     tall: float = positive(
         1.2,
@@ -182,7 +182,9 @@ class PeopleConfig(Config):
         unit="m",
     )
     least_share: float = fraction(
-        0.2, "Least volume of a second person, as share of the largest one's."
+        0.2,
+        "Least volume of a second person, as share of the largest one's.",
+        "by hand: a child of 1.15 m beside a tall man has 0.28",
     )
     lowest: float = setting(
         0.4, "Height above the floor at which a person's lowest part may be.", unit="m"

@@ -66,8 +66,9 @@ class PeopleFollower:
 
     A trajectory takes the region that contains most of its voxels, moved by its velocity, or else
     the nearest region within reach. A region taken by several trajectories is split among them, see
-    `_split`. Of the remaining regions, one near a trajectory that does not stand as a person does,
-    such as a separate leg, is added to that trajectory; a large one begins a new trajectory.
+    `_split`; its volume tells when somebody comes into it or goes from it. Of the remaining
+    regions, one near a trajectory that does not stand as a person does, such as a separate leg, is
+    added to that trajectory; a large one begins a new trajectory.
     """
 
     def __init__(self, grid: VoxelGrid, config: PeopleConfig, fps: float) -> None:
@@ -96,14 +97,14 @@ class PeopleFollower:
         for region in sorted({region for region in owners if region >= 0}):
             own = np.flatnonzero(frame.regions == region)
             who = [k for k, of in enumerate(owners) if of == region]
-            known = [moved[k] for k in who]
-            if (newcomer := self._find_newcomer(points[own], known)) is not None:
-                known.append(newcomer)
-                who.append(len(self._going))
-                self._going.append(_ActiveTrajectory(Trajectory(), newcomer, np.zeros(2)))
-                self.all.append(self._going[-1].one)
+            newcomer = self._find_newcomer(points[own], [moved[k] for k in who])
+            if newcomer is not None:
+                who.append(len(moved))
+                moved.append(newcomer)
                 rows.append(np.zeros(0, int))
-            parts = _split(points[own], known, self._limits.axis_weight)
+                self.all.append(Trajectory())
+                self._going.append(_ActiveTrajectory(self.all[-1], newcomer, np.zeros(2)))
+            parts = _split(points[own], [moved[k] for k in who], self._limits.axis_weight)
             for k, part in zip(who, parts, strict=True):
                 rows[k] = own[part]
                 if len(who) > 1:
@@ -172,24 +173,25 @@ class PeopleFollower:
     def _end_vanished(
         self, votes: np.ndarray, sizes: np.ndarray, moved: list[np.ndarray], owners: list[int]
     ) -> None:
-        """Take a region that several share from the one whose voxels fall into it least, if it lacks
-        about their volume: they are gone."""
+        """Take a region that several share from the one whose voxels fall into it least, if it has
+        lost about that one's volume."""
         for region in set(owners) - {-1}:
             who = [k for k, of in enumerate(owners) if of == region]
             others = [of for of in owners if of not in (-1, region)]
             hit = np.setdiff1d(np.flatnonzero(votes[who].any(0)), others)
             least = min(who, key=lambda k: votes[k].sum() / len(moved[k]))
             lack = sum(len(moved[k]) for k in who) - sizes[hit].sum()
-            if len(who) > 1 and lack > self._limits.vanished * len(moved[least]):
+            if len(who) > 1 and lack > self._limits.change * len(moved[least]):
                 owners[least] = -1
 
     def _find_newcomer(self, points: np.ndarray, known: list[np.ndarray]) -> np.ndarray | None:
-        """Return the points of a region (N, 3) that are far from all who are `known` to be in it, if
-        they stand as a person does and the region has about the volume of one more."""
-        more = len(points) - sum(len(were) for were in known)
-        if more < self._limits.vanished * min(len(were) for were in known):
+        """Return the points of a region (N, 3) that are far from the voxels (M, 3) of all who are
+        `known` to be in it, if they stand as a person does and the region has gained a person's
+        volume."""
+        gain = len(points) - sum(len(were) for were in known)
+        if gain < self._limits.change * min(len(were) for were in known):
             return None
-        far = cKDTree(np.concatenate(known)).query(points)[0] > self._limits.beside
+        far = cKDTree(np.concatenate(known)).query(points)[0] > self._limits.newcomer
         enough = far.sum() >= count_least_voxels(self._config)
         return points[far] if enough and stands(points[far], self._config) else None
 
@@ -255,7 +257,7 @@ def follow(
         return []
     counts = [_count_standing(frame, grid, config) for frame in frames]
     middle = _find_longest_maximum(counts)
-    if max(counts)[0] == 1:  # in few voxels there is one person, not two who touch
+    if max(counts)[0] == 1:  # few voxels are of one person, more may be of two who touch
         most = [k for k, count in enumerate(counts) if count == max(counts)]
         middle = sorted(most, key=lambda k: len(frames[k].voxels))[len(most) // 4]
     torn = None

@@ -74,6 +74,12 @@ def test_who_comes_or_leaves_beside_somebody_is_there_until_then(leaves: bool) -
     assert all(one.touching for one in found)
 
 
+def test_who_is_there_only_beside_somebody_is_found() -> None:
+    frames = [frame(n, column(0, 0), *[column(0.45, 0)] * (4 <= n < 12)) for n in range(15)]
+    found = follow(frames, GRID, CONFIG, FPS)
+    assert sorted(len(one.voxels) for one in found) == [8, 15]
+
+
 def test_who_touches_at_first_is_known_from_later() -> None:
     frames = [frame(n, column(-0.2 - 0.08 * n, 0), column(0.2 + 0.08 * n, 0)) for n in range(15)]
     found = follow(frames, GRID, CONFIG, FPS)
@@ -135,6 +141,15 @@ def test_who_lies_down_is_a_person() -> None:
     found = follow(frames, GRID, CONFIG, FPS)
     largest = max(count_voxels(one) for one in found)
     assert [is_person(one, Appearance(), GRID, largest, CONFIG) for one in found] == [True, True]
+
+
+def test_a_child_beside_a_tall_man_is_a_person() -> None:
+    (one,) = follow([frame(n, column(0, 0, high=1.25)) for n in range(5)], GRID, CONFIG, FPS)
+    largest = count_voxels(one)
+    assert [is_person(one, Appearance(), GRID, times * largest, CONFIG) for times in (4, 6)] == [
+        True,
+        False,
+    ]
 
 
 def test_a_trolley_is_no_person_though_it_stands_beside_somebody_all_the_time() -> None:
