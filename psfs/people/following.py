@@ -257,9 +257,6 @@ def follow(
         return []
     counts = [_count_standing(frame, grid, config) for frame in frames]
     middle = _find_longest_maximum(counts)
-    if max(counts)[0] == 1:  # few voxels are of one person, more may be of two who touch
-        most = [k for k, count in enumerate(counts) if count == max(counts)]
-        middle = sorted(most, key=lambda k: len(frames[k].voxels))[len(most) // 4]
     torn = None
     if number is not None and 0 < counts[middle][0] < number:
         most = max(counts)

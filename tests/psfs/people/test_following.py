@@ -74,12 +74,6 @@ def test_who_comes_or_leaves_beside_somebody_is_there_until_then(leaves: bool) -
     assert all(one.touching for one in found)
 
 
-def test_who_is_there_only_beside_somebody_is_found() -> None:
-    frames = [frame(n, column(0, 0), *[column(0.45, 0)] * (4 <= n < 12)) for n in range(15)]
-    found = follow(frames, GRID, CONFIG, FPS)
-    assert sorted(len(one.voxels) for one in found) == [8, 15]
-
-
 def test_who_touches_at_first_is_known_from_later() -> None:
     frames = [frame(n, column(-0.2 - 0.08 * n, 0), column(0.2 + 0.08 * n, 0)) for n in range(15)]
     found = follow(frames, GRID, CONFIG, FPS)
