@@ -41,7 +41,7 @@ _MARKS = (b"\xff\xfe", b"\xfe\xff")
 _SIZE = ("ImagerPixelWidth", "ImagerPixelHeight")
 
 
-def read_optitrack(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_optitrack(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read the cameras, named by their serial numbers, in natural order; of colour cameras (C...)
     and others those for colour. Metres unless `unit` says otherwise.
 

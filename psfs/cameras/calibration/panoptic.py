@@ -53,7 +53,7 @@ def looks_like_panoptic(path: Path) -> bool:
     return '"distCoef"' in text and '"cameras"' in text
 
 
-def read_panoptic(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_panoptic(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read the cameras in natural order of their names. Centimetres unless `unit` says otherwise.
 
     sizes: not used, the file has them. Raises InputError naming file, camera and key.

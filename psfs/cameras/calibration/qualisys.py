@@ -45,7 +45,7 @@ def looks_like_qualisys(text: str) -> bool:
     return text.lstrip().startswith("<") and "<calibration" in text[:2000]
 
 
-def read_qualisys(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_qualisys(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read the cameras, named by their serial numbers. Millimetres unless `unit` says otherwise.
 
     Raises InputError naming file, camera and attribute.

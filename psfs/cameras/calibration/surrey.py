@@ -36,7 +36,7 @@ def looks_like_surrey(text: str) -> bool:
     return 0 < count <= MOST_CAMERAS and 0 <= order <= 5
 
 
-def read_surrey(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_surrey(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read the cameras, named cam01, cam02, ... Metres unless `unit` says otherwise."""
     with name_file_in_errors(path):
         text = read_text(path)

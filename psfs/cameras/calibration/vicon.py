@@ -32,7 +32,7 @@ from psfs.common.xml import parse_xml
 SUFFIX = ".xcp"
 
 
-def read_vicon(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_vicon(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read the cameras, named by their DEVICEID, in natural order. Millimetres unless `unit` says
     otherwise.
 
