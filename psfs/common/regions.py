@@ -22,8 +22,7 @@ def keep_large_regions(occupied: np.ndarray, share: float) -> np.ndarray:
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0  # the background
     kept = sizes >= np.maximum(1, share * sizes.max())
-    remaining: np.ndarray = kept[labels]
-    return remaining
+    return kept[labels]
 
 
 def find_connected_regions(occupied: np.ndarray) -> list[np.ndarray]:

@@ -23,8 +23,7 @@ Found = tuple[np.ndarray, np.ndarray]
 
 def to_grey(picture: np.ndarray) -> np.ndarray:
     """Convert a BGR picture to grey levels (h, w) uint8."""
-    grey: np.ndarray = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-    return grey
+    return cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
 
 
 class ChessboardFinder:
