@@ -211,7 +211,7 @@ def person_colours(histograms: list[np.ndarray], unexplained: float) -> np.ndarr
         flat = cv2.GaussianBlur(flat, (1, 0), sigmaX=0.1, sigmaY=0.7)
         cube = np.moveaxis(flat.reshape(3 * [_BINS]), 0, axis)
     total = max(float(cube.sum()), 1e-6)
-    return np.asarray((1 - unexplained) * N_COLOURS / total * cube.ravel() + unexplained)
+    return (1 - unexplained) * N_COLOURS / total * cube.ravel() + unexplained
 
 
 def _find_surroundings(

@@ -99,7 +99,7 @@ def find_near_foreground(evidence: np.ndarray) -> np.ndarray:
     near = ndimage.binary_dilation(spans, np.ones((3, 3)))
     inside = np.zeros(evidence.shape, bool)
     inside[2:-2, 2:-2] = True
-    return np.asarray(near.repeat(CELL, 0).repeat(SPAN, 1)[:height, :width] & inside)
+    return near.repeat(CELL, 0).repeat(SPAN, 1)[:height, :width] & inside
 
 
 def smooth_evidence(image: np.ndarray, counts: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
