@@ -305,7 +305,7 @@ def _update_readme(args: argparse.Namespace) -> None:
         return
     values = {name: getattr(args, name) for name in DIMENSIONS}
     plan: dict[Table, list[Setting]] = {}
-    for table in map(Table.named, args.tables):
+    for table in map(Table.parse, args.tables):
         names = dict.fromkeys(run.setting.sequence for run in results.runs)
         settings = [setting for name in names for setting in table.settings(name, values)]
         plan[table] = [setting for setting in settings if results.select(setting)]
