@@ -151,7 +151,7 @@ class CorrectPanel:
         if row is None:
             self._say(f"frame {frame} was not tracked; expected one that was")
             return
-        if frame != self._clicked:  # the joint is elsewhere in each frame: begin anew
+        if frame != self._clicked:  # the joint is elsewhere in each frame: start again
             self._remove_handle()
             self._rays, self._clicked = {}, frame
         self._rays[view] = way
