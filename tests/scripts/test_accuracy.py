@@ -121,7 +121,7 @@ def test_tables_of_the_page_by_stored_runs(tmp_path: Path, monkeypatch: pytest.M
     page.write_text("<!-- cameras: begin -->\n<!-- cameras: end -->\n")
     monkeypatch.setattr(accuracy_script, "_ROOT", tmp_path)
     given = SimpleNamespace(out=tmp_path, thesis=None, tables=["cameras"], **VALUES)
-    accuracy_script._update_readme(given)
+    accuracy_script.update_readme(given)
     assert "| walk | 40.0 ± 0.0 |" in page.read_text()
     assert "| walk | 40.0 ± 0.0 |" in (tmp_path / "tables.md").read_text()
 
