@@ -225,8 +225,7 @@ class PointFitter:
         logs = []
         for a in range(len(rest)):
             for b in range(a):
-                related = {views.bone[a], views.bone[b]}
-                if len({self._group[bone] for bone in related}) == 1 and len(related) == 1:
+                if views.bone[a] == views.bone[b]:
                     continue  # points on one bone are too close to each other
                 apart = np.linalg.norm(rest[a] - rest[b])
                 if apart < 0.2 or not _neighbours(body, views.bone[a], views.bone[b]):
