@@ -173,7 +173,7 @@ def _run(args: argparse.Namespace) -> None:
     if args.suite is not None:
         _check_suite(args)
     elif args.readme:
-        _update_readme(args)
+        update_readme(args)
         return
     device = select_device(args.device)
     if not isinstance(device, Device):
@@ -294,7 +294,7 @@ def _print_tables(plan: dict[Table, list[Setting]], results: Results) -> list[Gr
     return [*grids(plan, results), *(joints(s, results.select(s)) for s in firsts)]
 
 
-def _update_readme(args: argparse.Namespace) -> None:
+def update_readme(args: argparse.Namespace) -> None:
     """Write README's table from a suite, or the tables of docs/accuracy.md from other runs."""
     results = Results.read(args.out / "results.json")
     if args.thesis is not None:
@@ -305,7 +305,7 @@ def _update_readme(args: argparse.Namespace) -> None:
         return
     values = {name: getattr(args, name) for name in DIMENSIONS}
     plan: dict[Table, list[Setting]] = {}
-    for table in map(Table.named, args.tables):
+    for table in map(Table.parse, args.tables):
         names = dict.fromkeys(run.setting.sequence for run in results.runs)
         settings = [setting for name in names for setting in table.settings(name, values)]
         plan[table] = [setting for setting in settings if results.select(setting)]

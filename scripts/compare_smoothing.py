@@ -17,20 +17,17 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from peers.figures import find_true_stances, measure_travels
 from rich.table import Table
 
 from apf.evaluation.evaluate import evaluate, load_truth
 from apf.formats.trc import CONVENTIONS, JointSeries
-from apf.tracking.foot_contact import find_stances
 from apf.tracking.smoothing import SmoothingConfig, smooth_track
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cli.commandline import add_message_flags, stdout
 from psfs.cli.program import run_command
 
-#: A true foot stands if it is slower than this, m/s, and not higher, m, above its lowest position;
-#: least number of frames of a stance.
-_STILL, _LOW, _SHORTEST = 0.3, 0.04, 6
 _SIDES = ("l", "r")
 
 
@@ -59,9 +56,14 @@ def _run(args: argparse.Namespace) -> None:
             stands = true_stances(truth, track)
             if stands is None:
                 stands = smooth_track(track, SmoothingConfig(cutoff=args.cutoff)).standing
-            n_stances, travel = slides(shown, stands)
+            travels = measure_travels(shown.series, stands)
             error = 1000 * evaluate(shown, truth).mean_error
-            figures = f"{error:.2f}", f"{jitter(shown):.2f}", f"{n_stances}", f"{travel:.1f}"
+            figures = (
+                f"{error:.2f}",
+                f"{jitter(shown):.2f}",
+                f"{len(travels)}",
+                f"{max(travels, default=0.0):.1f}",
+            )
             table.add_row(Path(folder).name, poses, *figures)
     stdout.print(table)
 
@@ -85,32 +87,13 @@ def jitter(track: Track) -> float:
 def true_stances(truth: JointSeries, track: Track) -> np.ndarray | None:
     """Return (F, 2) bool: where the true feet stand in the frames of `track`; None if the truth
     lacks ankles or toes."""
-    names = list(truth.joint_names)
-    if not {f"{side}_{joint}" for side in _SIDES for joint in ("ankle", "toe")} <= set(names):
+    still = find_true_stances(truth)
+    if still is None:
         return None
-    still = np.zeros((len(truth.joints), 2), bool)
-    for foot, side in enumerate(_SIDES):
-        ankle, toe = (truth.joints[:, names.index(f"{side}_{j}")] for j in ("ankle", "toe"))
-        speeds = [np.linalg.norm(np.gradient(p, axis=0), axis=1) * truth.fps for p in (ankle, toe)]
-        low = ankle[:, 2] < np.percentile(ankle[:, 2], 10) + _LOW
-        still[:, foot] = (np.max(speeds, axis=0) < _STILL) & low
     shared = np.isin(track.frames, truth.frames)
     found = np.zeros((len(track), 2), bool)
     found[shared] = still[np.searchsorted(truth.frames, track.frames[shared])]
     return found
-
-
-def slides(track: Track, stands: np.ndarray) -> tuple[int, float]:
-    """Return the number of stances, and the greatest distance, mm, along the floor between two
-    positions of an ankle in one stance."""
-    travels = [0.0]
-    for foot, side in enumerate(_SIDES):
-        ankle = track.joints[:, track.joint_names.index(f"{side}_ankle"), :2]
-        for stance in find_stances(stands[:, foot]):
-            if stance.stop - stance.start >= _SHORTEST:
-                places = ankle[stance]
-                travels.append(np.linalg.norm(places[:, None] - places[None], axis=-1).max())
-    return len(travels) - 1, float(1000 * max(travels))
 
 
 if __name__ == "__main__":

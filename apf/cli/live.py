@@ -128,7 +128,7 @@ def _live(
     summary |= _write_tracks(args.output, tracks) | compare_with_truth(tracks, result, truth)
     write_json(args.output / "live.json", summary)
     live.timeline.plot(args.output / "timeline.png")
-    _print_summary(summary, args.output)
+    print_summary(summary, args.output)
 
 
 def _write_tracks(output: Path, tracks: list[Track]) -> dict[str, Any]:
@@ -251,14 +251,17 @@ def _track(
     return build_track(body, source.fps, frames, estimates, provenance).judged
 
 
-def _print_summary(summary: dict[str, Any], folder: Path) -> None:
+def print_summary(summary: dict[str, Any], folder: Path) -> None:
     """Print the figures of a run to standard output."""
     latency = summary["latency_ms"]
     dropped = ", ".join(f"{count} before {stage}" for stage, count in summary["dropped"].items())
-    stdout.print(f"{summary['results']} poses, {summary['fps']} per second; dropped: {dropped}")
+    several = summary["fps"] is not None  # one pose has no rate
+    rate = f", {summary['fps']} per second" if several else ""
+    frames = f": {summary['latency_frames']} frames of that rate" if several else ""
+    stdout.print(f"{summary['results']} poses{rate}; dropped: {dropped}")
     stdout.print(
-        f"latency {latency['mean']:.0f} ms, 95 % {latency['p95']:.0f}, most {latency['max']:.0f}: "
-        f"{summary['latency_frames']} frames of that rate"
+        f"latency {latency['mean']:.0f} ms, 95 % {latency['p95']:.0f}, "
+        f"most {latency['max']:.0f}{frames}"
     )
     for stage, ms in summary["stages_ms"].items():
         if ms is not None:

@@ -16,7 +16,7 @@ from psfs.common.outputs import MANIFEST, Manifest
 from psfs.common.system import is_alive
 
 #: .NAME.partial-HOST-PID-ATTEMPT
-_PARTIAL = re.compile(r"\.([^/]+)\.partial-([^/]+)-(\d+)-[0-9a-f]{8}\b")
+_PARTIAL = re.compile(r"(?<![^/\\\s'\"])\.([^/\\]+)\.partial-([^/\\]+)-(\d+)-[0-9a-f]{8}\b")
 
 #: Suffix of the replaced folder while the new one is renamed.
 _OLD = ".old"

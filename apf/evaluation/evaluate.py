@@ -15,12 +15,13 @@ from apf.evaluation.angle_truth import AngleError, summarise_angles
 from apf.evaluation.flags import FlagCounts, compute_lost_fractions, flagged_joints
 from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints, match_joints
 from apf.formats.c3d import read_c3d
+from apf.formats.joint_csv import write_columns
 from apf.formats.trc import JointSeries, read_trc
 from apf.tracking.foot_contact import find_stances
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import is_inside_ellipsoid
 from cl import InputError
-from psfs.common.files import open_text, write_json
+from psfs.common.files import write_json
 from psfs.common.npz import Values, get_scalar, read_npz
 from psfs.common.numbers import json_number
 
@@ -200,12 +201,9 @@ class Evaluation:
 
     def write_csv(self, path: str | Path) -> None:
         """Write one row per frame: frame, time_s, mean_mm, then <joint>_mm, blank without truth."""
-        header = ["frame", "time_s", "mean_mm", *(f"{name}_mm" for name in self.joint_names)]
-        with open_text(path) as file:
-            file.write(",".join(header) + "\n")
-            for frame, mean, row in zip(self.frames, self.frame_errors, self.errors, strict=True):
-                cells = ("" if np.isnan(e) else f"{1000 * e:.2f}" for e in (mean, *row))
-                file.write(",".join([f"{frame}", f"{frame / self.fps:.6f}", *cells]) + "\n")
+        names = ["mean_mm", *(f"{name}_mm" for name in self.joint_names)]
+        errors = 1000 * np.column_stack([self.frame_errors, self.errors])
+        write_columns(path, self.frames, self.fps, dict(zip(names, errors.T, strict=True)), 2)
 
 
 def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:

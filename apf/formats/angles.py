@@ -12,6 +12,7 @@ from apf.body.angles import WORLD, decompose_zxy, relative_rotations
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_angles
 from apf.body.model import BodyModel
+from apf.formats.joint_csv import write_columns
 from apf.formats.motion import BodyMotion
 from apf.formats.skeleton import TO_Y_UP
 from apf.formats.trc import JointSeries
@@ -37,12 +38,8 @@ def write_angle_csv(
     Columns: frame, time_s, then <angle>_deg for each of `angles` (F,), degrees, empty where NaN.
     Raises InputError if the file cannot be written.
     """
-    table = np.stack(list(angles.values()), -1)
-    with open_text(path) as file:
-        file.write(",".join(["frame", "time_s", *(f"{name}_deg" for name in angles)]) + "\n")
-        for frame, time, row in zip(series.frames, series.times, table, strict=True):
-            cells = ("" if np.isnan(value) else f"{value:.5f}" for value in row)
-            file.write(",".join([f"{frame}", f"{time:.6f}", *cells]) + "\n")
+    columns = {f"{name}_deg": values for name, values in angles.items()}
+    write_columns(path, series.frames, series.fps, columns, 5)
 
 
 def write_mot(path: str | Path, motion: BodyMotion) -> None:

@@ -1,7 +1,8 @@
-"""Write joints as comma-separated values, for spreadsheets and data frames."""
+"""Write joints, and other values over time, as CSV for spreadsheets and data frames."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +16,24 @@ def write_csv(path: str | Path, series: JointSeries) -> None:
 
     Cells of missing points are empty.
     """
-    columns = [f"{name}_{axis}_m" for name in series.joint_names for axis in "xyz"]
+    names = [f"{name}_{axis}_m" for name in series.joint_names for axis in "xyz"]
+    values = series.joints.reshape(len(series.frames), len(names)).T
+    write_columns(path, series.frames, series.fps, dict(zip(names, values, strict=True)), 6)
+
+
+def write_columns(
+    path: str | Path,
+    frames: np.ndarray,
+    fps: float,
+    columns: Mapping[str, np.ndarray],
+    decimals: int,
+) -> None:
+    """Write frame, time_s and `columns` (F,), with that many decimals, one row per frame.
+
+    Cells are empty where the values are NaN. Raises InputError if the file cannot be written.
+    """
     with open_text(path) as file:
         file.write(",".join(["frame", "time_s", *columns]) + "\n")
-        for frame, time, joints in zip(series.frames, series.times, series.joints, strict=True):
-            cells = ("" if np.isnan(value) else f"{value:.6f}" for value in joints.ravel())
-            values = ",".join(cells)
-            file.write(f"{frame},{time:.6f},{values}\n")
+        for frame, *row in zip(frames, *columns.values(), strict=True):
+            cells = ("" if np.isnan(value) else f"{value:.{decimals}f}" for value in row)
+            file.write(",".join([f"{frame}", f"{frame / fps:.6f}", *cells]) + "\n")

@@ -47,8 +47,7 @@ class Start:
             found.append(
                 f"the start fits badly: the visible part is {self.seen:.2f} m high and "
                 f"{self.girth:.1f} times as thick as people of that height who stand or walk; "
-                "it is "
-                "tracked as if the person stood or walked"
+                "it is tracked as if the person stood or walked"
             )
         return found
 

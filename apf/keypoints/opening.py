@@ -40,7 +40,7 @@ def read_raw(path: Path) -> RawKeypoints:
     Wildcards in the path choose among the folders of cameras: `Videos/Cam*/OutputPkl*/jump`. Raises
     InputError.
     """
-    if any(sign in str(path) for sign in _WILDCARDS):
+    if not path.exists() and any(sign in str(path) for sign in _WILDCARDS):
         base, roots = expand_wildcards(path)
         if not roots:
             raise MissingFileError(f"{path}: matches no file or folder; expected {_EXPECTED}")
@@ -62,10 +62,13 @@ def read_raw(path: Path) -> RawKeypoints:
 
 
 def expand_wildcards(path: Path) -> tuple[Path, list[Path]]:
-    """Return the part of a path before its first wildcard, and all that the path matches. Raises
-    InputError for a malformed pattern."""
-    wild = [any(sign in part for sign in _WILDCARDS) for part in path.parts]
-    fixed = wild.index(True) if any(wild) else len(wild)
+    """Return the part of a path before its first wildcard, and all that the path matches. Names
+    that exist, such as `walk [1]`, are no wildcards. Raises InputError for a malformed pattern."""
+    fixed = 0
+    for part in path.parts:
+        if any(sign in part for sign in _WILDCARDS) and not Path(*path.parts[: fixed + 1]).exists():
+            break
+        fixed += 1
     base, rest = Path(*path.parts[:fixed]), path.parts[fixed:]
     if not rest:
         return base, [base] if base.exists() else []
@@ -251,5 +254,4 @@ def _to_pixels(raw: RawKeypoints, shares: np.ndarray, cameras: Cameras | None) -
             "cameras with known picture sizes"
         )
     sizes = np.array([camera.size for camera in rig], float)
-    pixels: np.ndarray = shares * sizes.reshape(-1, *[1] * (shares.ndim - 2), 2) - 0.5
-    return pixels
+    return shares * sizes.reshape(-1, *[1] * (shares.ndim - 2), 2) - 0.5

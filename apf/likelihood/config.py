@@ -151,8 +151,7 @@ class LikelihoodConfig(Config):
 
     def term_settings(self, name: str) -> TermSettings:
         """Return the settings of a registered term."""
-        settings: TermSettings = getattr(self, name)
-        return settings
+        return getattr(self, name)
 
     @property
     def terms(self) -> dict[str, TermSettings]:

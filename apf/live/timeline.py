@@ -14,7 +14,7 @@ import numpy as np
 
 from psfs.common.files import write_atomically
 
-#: Number of spans and drops that are kept: some minutes.
+#: Number of spans, drops and latencies that are kept: some minutes.
 _KEPT = 50_000
 _WIDTH_S, _COLOURS = 1.0, ("#4c78a8", "#f58518", "#54a24b", "#b279a2", "#e45756", "#72b7b2")
 
@@ -40,6 +40,7 @@ class Timeline:
         self._dropped: deque[tuple[str, int, float]] = deque(maxlen=_KEPT)
         self._results: deque[tuple[int, float, float]] = deque(maxlen=_KEPT)
         self._n_dropped = dict.fromkeys(stages, 0)
+        self._n_results = 0
 
     def now(self) -> float:
         """Return the time, s, since the start."""
@@ -74,6 +75,7 @@ class Timeline:
         """Record that the pose of a frame that appeared at `appeared` was known at `known`, s."""
         with self._lock:
             self._results.append((frame, appeared, known))
+            self._n_results += 1
 
     @property
     def spans(self) -> list[Span]:
@@ -106,7 +108,7 @@ class Timeline:
             for stage in self.stages
         }
         return {
-            "results": len(latencies),
+            "results": self._n_results,
             "fps": round(float(1 / intervals.mean()), 2) if intervals.size else None,
             "latency_ms": _statistics(latencies),
             "latency_frames": (

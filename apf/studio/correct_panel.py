@@ -50,6 +50,7 @@ class CorrectPanel:
         self._watch: TrackWatch | None = None
         self._handle: JointHandle | None = None
         self._rays: dict[int, np.ndarray] | None = None  # while a joint is clicked in pictures
+        self._clicked = 0  # the frame of these pictures
         self.corrections: Corrections | None = None
         gui = server.gui
         self._message = gui.add_html(make_text("Open a track to correct it."))
@@ -116,7 +117,7 @@ class CorrectPanel:
             return
         self._watch.time_line.seek(self._watch.time_line.position)  # pause
         if self.way.value == _POINT:
-            self._rays = {}
+            self._rays, self._clicked = {}, frame
             self._tell_pointing("")
             return
         self._add_handle(opened.track, row)
@@ -144,15 +145,21 @@ class CorrectPanel:
         where two of them meet."""
         if self._watch is None or self._rays is None:
             return
-        opened, sequence = self._watch.opened, self._watch.opened.sequence
+        opened, frame, sequence = self._watch.opened, self._watch.frame, self._watch.opened.sequence
         assert sequence is not None
+        row = next(iter(opened.rows.values())).get(frame)
+        if row is None:
+            self._say(f"frame {frame} was not tracked; expected one that was")
+            return
+        if frame != self._clicked:  # the joint is elsewhere in each frame: start again
+            self._remove_handle()
+            self._rays, self._clicked = {}, frame
         self._rays[view] = way
         if len(self._rays) < 2:
             self._tell_pointing(f"clicked in {sequence.rig[view].name}")
             return
         place, apart = intersect_rays(self._rays, sequence.rig)
         if self._handle is None:
-            row = next(iter(opened.rows.values()))[self._watch.frame]
             self._add_handle(opened.track, row)
         self.move_handle(place)
         found = f"the clicks pass it by {1000 * apart:.0f} mm at most"
@@ -204,12 +211,12 @@ class CorrectPanel:
             self._say(error)
 
     def _preview(self) -> None:
-        """Draw the body as its limb follows the handle."""
-        if self._watch is None or self._handle is None:
+        """Draw the body as its limb follows the handle, while the handle's frame is shown."""
+        if self._watch is None or self._handle is None or self._watch.frame != self._handle.frame:
             return
         opened = self._watch.opened
         name, track = next(iter(opened.tracks.items()))
-        row = opened.rows[name][self._watch.frame]
+        row = opened.rows[name][self._handle.frame]
         pose = correct_pose(track.its_body, track.poses[row], self._handle.wanted)
         self._watch.bodies[name].show_pose(pose)
 

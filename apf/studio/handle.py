@@ -36,7 +36,7 @@ class JointHandle:
         turns: bool,
         moved: Callable[[], None],
     ) -> None:
-        self._frame, self.turns = int(track.frames[row]), turns
+        self.frame, self.turns = int(track.frames[row]), turns
         names, places = track.joint_names, track.joints[row]
         number = names.index(joint)
         at = number
@@ -61,7 +61,7 @@ class JointHandle:
         turn = trimesh.transformations.quaternion_matrix(self._node.wxyz)[:3, :3]
         places = np.asarray(self._node.position, float) + self._offsets @ turn.T
         return {
-            name: Correction(self._frame, name, (float(x), float(y), float(z)))
+            name: Correction(self.frame, name, (float(x), float(y), float(z)))
             for name, (x, y, z) in zip(self._names, places, strict=True)
         }
 

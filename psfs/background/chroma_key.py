@@ -128,7 +128,7 @@ def _find_mode(shown: np.ndarray) -> np.ndarray:
     counts, _, _ = np.histogram2d(shown[:, 0], shown[:, 1], [edges, edges])
     smooth = cv2.GaussianBlur(counts.astype(np.float32), (0, 0), 1.0)
     row, column = np.unravel_index(int(np.argmax(smooth)), smooth.shape)
-    return np.asarray((edges[[row, column]] + edges[[row + 1, column + 1]]) / 2)
+    return (edges[[row, column]] + edges[[row + 1, column + 1]]) / 2
 
 
 def _find_screen(frames: np.ndarray, key: np.ndarray, config: ScreenConfig) -> np.ndarray:

@@ -43,8 +43,7 @@ def measure_changes(frames: np.ndarray, config: TakeConfig) -> np.ndarray:
     outliers = 1 if len(frames) > 3 else 0  # at either end
     change = (ordered[-1 - outliers] - ordered[outliers]).max(-1).astype(np.float32)
     noise = float(np.median(change))
-    changed: np.ndarray = change / max(config.moving, 3 * noise)
-    return changed
+    return change / max(config.moving, 3 * noise)
 
 
 class PersonSearch:
@@ -212,7 +211,7 @@ def person_colours(histograms: list[np.ndarray], unexplained: float) -> np.ndarr
         flat = cv2.GaussianBlur(flat, (1, 0), sigmaX=0.1, sigmaY=0.7)
         cube = np.moveaxis(flat.reshape(3 * [_BINS]), 0, axis)
     total = max(float(cube.sum()), 1e-6)
-    return np.asarray((1 - unexplained) * N_COLOURS / total * cube.ravel() + unexplained)
+    return (1 - unexplained) * N_COLOURS / total * cube.ravel() + unexplained
 
 
 def _find_surroundings(

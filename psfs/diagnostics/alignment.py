@@ -94,12 +94,22 @@ def align_views(
     columns = [views.rig.names.index(name) for name in rig.names]
     small = CameraRig(tuple(views.rig[column] for column in columns))
     outlines = [[row[column] for column in columns] for row in views.outlines]
-    hidden = rig.hidden
+    hidden = shrink_hidden(rig, small)
     if hidden is not None:
-        shapes = [camera.size for camera in small]
-        reduced = [cv2.resize(h.view(np.uint8), s) for h, s in zip(hidden, shapes, strict=True)]
-        outlines = mark_hidden_points(outlines, reduced)
+        outlines = mark_hidden_points(outlines, hidden)
     return estimate_alignment(rig, small, outlines, config, sound)
+
+
+def shrink_hidden(rig: CameraRig, small: CameraRig) -> list[np.ndarray] | None:
+    """Return the hidden pixels (h, w) uint8 of each camera of `rig` in the pictures of `small`;
+    None if there are none."""
+    if rig.hidden is None:
+        return None
+    pairs = zip(rig.hidden, rig, small, strict=True)  # those of smaller cameras are padded
+    return [
+        cv2.resize(own[: camera.size[1], : camera.size[0]].view(np.uint8), other.size)
+        for own, camera, other in pairs
+    ]
 
 
 def estimate_alignment(

@@ -52,8 +52,7 @@ class RigCorrections:
     @property
     def offsets(self) -> np.ndarray:
         """Frames by which each camera takes its pictures later than the mean camera (V,)."""
-        offsets: np.ndarray = self.values[:, 7]
-        return offsets
+        return self.values[:, 7]
 
     def apply(self, cameras: Iterable[Camera]) -> CameraRig:
         """Return the corrected cameras."""

@@ -136,8 +136,7 @@ def draw_contact_sheet(views: SmallViews, columns: int = 6) -> np.ndarray:
             cell[mask] = cell[mask] // 2 + np.array([0, 127, 0], np.uint8)
             cells.append(cv2.copyMakeBorder(cell, 0, 2, 0, 2, cv2.BORDER_CONSTANT))
         rows.append(np.hstack(cells))
-    sheet: np.ndarray = np.vstack(rows)
-    return sheet
+    return np.vstack(rows)
 
 
 def _select_frames(sequence: Sequence, config: FaultConfig) -> range:

@@ -208,8 +208,7 @@ def _medians(values: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Return the medians (...) of values (..., n), of which `counts` (...) are not NaN."""
     ordered, counts = np.sort(values), np.maximum(counts, 1)[..., None]
     low, high = (np.take_along_axis(ordered, k, -1) for k in ((counts - 1) // 2, counts // 2))
-    medians: np.ndarray = 0.5 * (low + high)[..., 0]
-    return medians
+    return 0.5 * (low + high)[..., 0]
 
 
 def _differing_motion(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:

@@ -202,7 +202,7 @@ def compute_lighting(normals: np.ndarray) -> np.ndarray:
     """
     key = np.clip(normals @ _unit(-0.5, -0.6, -0.65), 0, None)
     fill = np.clip(normals @ _unit(0.8, -0.1, -0.5), 0, None)
-    return np.asarray(0.34 + 0.66 * key + 0.16 * fill)
+    return 0.34 + 0.66 * key + 0.16 * fill
 
 
 def draw_outline(

@@ -56,7 +56,7 @@ def join_foreground(
     def cells(pixels: np.ndarray) -> np.ndarray:
         """Count the pixels set in each cell."""
         padded = np.pad(pixels, padding).reshape(rows, MARK, columns, MARK)
-        return np.asarray(padded.sum((1, 3)))
+        return padded.sum((1, 3))
 
     y, x = np.nonzero(cells(silhouette))
     if not len(y):

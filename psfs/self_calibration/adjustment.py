@@ -104,13 +104,11 @@ class PersonPoints:
         before, after = (second[begin + whole + k : end + whole + k] for k in (0, 1))
         apart = first[begin:end] - (1 + whole - lag) * before - (lag - whole) * after
         # Either camera's pixel is wrong: the angle between them is that of 1.4 px.
-        found: np.ndarray = apart * cameras[pair[0]].K[0, 0] / np.sqrt(2)
-        return found
+        return apart * cameras[pair[0]].K[0, 0] / np.sqrt(2)
 
     def _measure_angles(self, camera: Camera, view: int, axes: np.ndarray) -> np.ndarray:
         flat = self.hulls[view].rays @ (camera.R @ axes)
-        angles: np.ndarray = np.arctan2(flat[:, 1], flat[:, 0])
-        return angles
+        return np.arctan2(flat[:, 1], flat[:, 0])
 
     def find_all(
         self, cameras: Sequence[Camera], shifts: np.ndarray, gate: float

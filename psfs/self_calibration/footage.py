@@ -115,4 +115,4 @@ def outline_person(mask: np.ndarray, config: OutlineConfig) -> Outline | None:
 
 def _disc(diameter: float) -> np.ndarray:
     size = 2 * int(diameter / 2) + 1
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
+    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))

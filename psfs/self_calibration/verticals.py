@@ -69,4 +69,4 @@ def _spread_directions(up: np.ndarray, config: VerticalConfig) -> np.ndarray:
     turns = turns[np.linalg.norm(turns, axis=1) <= config.around]
     axes = np.linalg.svd(up[None])[2]
     tried = axes[0] * np.sign(axes[0] @ up) + np.tan(turns) @ axes[1:]
-    return np.asarray(tried / np.linalg.norm(tried, axis=1, keepdims=True))
+    return tried / np.linalg.norm(tried, axis=1, keepdims=True)

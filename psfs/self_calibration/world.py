@@ -25,8 +25,7 @@ def triangulate_points(rig: CameraRig, points: FrontierPoints) -> np.ndarray:
     across = np.eye(3) - rays[..., :, None] * rays[..., None, :]
     moments = np.einsum("mkij,mkj->mi", across, centres)
     total = across.sum(axis=1) + 1e-9 * np.eye(3)
-    found: np.ndarray = np.linalg.solve(total, moments[..., None])[..., 0]
-    return found
+    return np.linalg.solve(total, moments[..., None])[..., 0]
 
 
 def align_to_person(

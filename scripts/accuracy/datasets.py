@@ -126,7 +126,7 @@ def read_totalcapture(folder: Path) -> Iterator[Trial]:
     found = sorted(folder.rglob("calibration.cal"))
     if len(found) != 1:
         raise InputError(f"{folder}: {len(found)} files calibration.cal; expected one")
-    rig = CameraRig(tuple(_turn_upright(camera) for camera in read_surrey(found[0]).cameras))
+    rig = CameraRig(tuple(_turn_upright(camera) for camera in read_surrey(found[0], None).cameras))
     every = {path.name.lower(): path for path in folder.rglob("TC_*.mp4")}
     for path in sorted(folder.rglob("gt_skel_gbl_pos.txt")):
         subject = next((p.name for p in path.parents if re.fullmatch(r"[Ss]\d+", p.name)), "")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
 
 #: A true foot stands if it is slower than this, m/s, and not higher, m, above its lowest position;
-#: least number of frames of a stance. As in scripts/compare_smoothing.py.
+#: least number of frames of a stance.
 _STILL, _LOW, _SHORTEST = 0.3, 0.04, 6
 _SIDES = ("l", "r")
 #: The joints that are measured: those that keypoints have, too.
@@ -63,7 +63,7 @@ def measure(found: JointSeries, truth: JointSeries) -> Figures:
         far=float(np.mean(errors[known] > LOST_JOINT)),
         gaps=float(np.mean(~there[wanted])),
         jitter=1000 * float(np.nanmean(second)),
-        skating=_skating(whole, list(found.joint_names), truth),
+        skating=_skating(replace(found, joints=whole, frames=truth.frames), truth),
         joints={n: 1000 * float(np.nanmean(errors[:, k])) for k, n in enumerate(names)},
     )
 
@@ -81,23 +81,37 @@ def select_limb_joints(track: Track) -> JointSeries:
     return JointSeries(LIMB_JOINTS, points.joints[:, columns], track.fps, track.frames)
 
 
-def _skating(joints: np.ndarray, names: list[str], truth: JointSeries) -> float:
-    """Return the mean travel, mm, of the ankles of `joints` (F, J, 3) over the true stances; NaN if
-    there are none, or no toes."""
-    if not {f"{side}_toe" for side in _SIDES} <= set(truth.joint_names):
-        return float("nan")
-    travels = []
-    for side in _SIDES:
-        ankle, toe = (
-            truth.joints[:, truth.joint_names.index(f"{side}_{joint}")]
-            for joint in ("ankle", "toe")
-        )
+def find_true_stances(truth: JointSeries) -> np.ndarray | None:
+    """Return (F, 2) bool: where the true left and right foot stand; None without ankles or toes."""
+    names = list(truth.joint_names)
+    if not {f"{side}_{joint}" for side in _SIDES for joint in ("ankle", "toe")} <= set(names):
+        return None
+    stands = np.zeros((len(truth.joints), 2), bool)
+    for foot, side in enumerate(_SIDES):
+        ankle, toe = (truth.joints[:, names.index(f"{side}_{j}")] for j in ("ankle", "toe"))
         speeds = [np.linalg.norm(np.gradient(p, axis=0), axis=1) * truth.fps for p in (ankle, toe)]
         low = ankle[:, 2] < np.percentile(ankle[:, 2], 10) + _LOW
-        for stance in find_stances((np.max(speeds, axis=0) < _STILL) & low):
-            places = joints[stance, names.index(f"{side}_ankle"), :2]
-            places = places[np.isfinite(places).all(-1)]
+        stands[:, foot] = (np.max(speeds, axis=0) < _STILL) & low
+    return stands
+
+
+def measure_travels(series: JointSeries, stands: np.ndarray) -> list[float]:
+    """Return the greatest distance, mm, along the floor between two places of an ankle in each
+    stance of at least `_SHORTEST` known frames. stands: (F, 2) bool, in the frames of `series`."""
+    travels = []
+    for foot, side in enumerate(_SIDES):
+        ankle = series.joints[:, series.joint_names.index(f"{side}_ankle"), :2]
+        for stance in find_stances(stands[:, foot]):
+            places = ankle[stance][np.isfinite(ankle[stance]).all(-1)]
             if len(places) >= _SHORTEST:
                 apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
                 travels.append(1000 * float(apart.max()))
+    return travels
+
+
+def _skating(series: JointSeries, truth: JointSeries) -> float:
+    """Return the mean travel, mm, of the ankles over the true stances, in the truth's frames; NaN
+    if there are none, or no toes."""
+    stands = find_true_stances(truth)
+    travels = [] if stands is None else measure_travels(series, stands)
     return float(np.mean(travels)) if travels else float("nan")

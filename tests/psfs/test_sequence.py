@@ -168,6 +168,7 @@ def test_masks_of_a_person_in_place_of_a_folders_own(tmp_path: Path) -> None:
     shape = (len(whole.rig), whole.rig.height, whole.rig.width)
     own = whole.with_masks(lambda index: np.full(shape, index, np.uint8))
     assert [frame.masks.max() for frame in own] == [0, 1, 2]
+    assert not list(own.select_frames([]))
 
 
 def test_views_of_different_sizes_are_padded(tmp_path: Path) -> None:

@@ -113,6 +113,19 @@ def test_tables_in_markdown(tmp_path: Path) -> None:
     assert "cameras: 8" in headline(plan, results) and "surface" not in headline(plan, results)
 
 
+def test_tables_of_the_page_by_stored_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    results = Results(tmp_path / "results.json", {"device": "abacus", "commit": "c0ffee"})
+    results.add(a_run(BASE, 0, 40.0))
+    (tmp_path / "docs").mkdir()
+    page = tmp_path / "docs" / "accuracy.md"
+    page.write_text("<!-- cameras: begin -->\n<!-- cameras: end -->\n")
+    monkeypatch.setattr(accuracy_script, "_ROOT", tmp_path)
+    given = SimpleNamespace(out=tmp_path, thesis=None, tables=["cameras"], **VALUES)
+    accuracy_script.update_readme(given)
+    assert "| walk | 40.0 ± 0.0 |" in page.read_text()
+    assert "| walk | 40.0 ± 0.0 |" in (tmp_path / "tables.md").read_text()
+
+
 def test_methods_and_objectives() -> None:
     assert make_method(BASE, 3).filter.search.seed == 3
     song = make_method(replace(BASE, objective="edge+silhouette"), 0)

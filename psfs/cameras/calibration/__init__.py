@@ -120,11 +120,11 @@ def _read(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     if suffix == ".json" and name.startswith("transforms"):
         return read_transforms(path, unit, sizes)
     if suffix == ".json" and looks_like_panoptic(path):
-        return read_panoptic(path, unit, sizes)
+        return read_panoptic(path, unit)
     if suffix == VICON:
-        return read_vicon(path, unit, sizes)
+        return read_vicon(path, unit)
     if suffix == OPTITRACK:
-        return read_optitrack(path, unit, sizes)
+        return read_optitrack(path, unit)
     if suffix == ".mat":
         return read_matlab(path, unit, sizes)
     if suffix in _STORAGE:
@@ -144,9 +144,9 @@ def _is_tsai(path: Path) -> bool:
 def _read_text_file(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     text = read_text(path)
     if looks_like_qualisys(text):
-        return read_qualisys(path, unit, sizes)
+        return read_qualisys(path, unit)
     if looks_like_surrey(text):
-        return read_surrey(path, unit, sizes)
+        return read_surrey(path, unit)
     words = [line.split() for line in text.splitlines() if line.strip()]
     if words and len(words[0]) == 1 and len(words) > 1 and len(words[1]) > 1:
         return read_middlebury(path, unit, sizes)
@@ -178,7 +178,7 @@ def _read_folder(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         return read_colmap(folder, unit)
     files = _camera_files(folder)
     if len(files) == 1 and files[0].name.endswith(QUALISYS):
-        return read_qualisys(files[0], unit, sizes)
+        return read_qualisys(files[0], unit)
     suffixes = {path.suffix.lower() for path in files}
     if len(suffixes) == 1 and _is_tsai(files[0]):
         return read_tsai(files, unit, sizes)

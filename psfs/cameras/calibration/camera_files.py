@@ -30,9 +30,7 @@ SUFFIXES = (".pa", ".krt", ".krtd", ".cam", ".txt", ".p")
 _WANTED = "expected K R t (21 numbers), K and [R | t] (21 or 25), or a 3x4 matrix (12)"
 
 
-def read_camera_files(
-    paths: Sequence[Path], unit: Unit | None = None, sizes: Sizes = None
-) -> Calibration:
+def read_camera_files(paths: Sequence[Path], unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read one camera per path, named after the file. Metres unless `unit` says otherwise."""
     values = {path: _read_numbers(path) for path in paths}
 

@@ -49,8 +49,7 @@ class Calibration(CameraRig):
 
 def read_text(path: Path, encoding: str = "UTF-8") -> str:
     """Read the text of a file. Raises InputError naming it, MissingFileError if it is absent."""
-    text: str = files.read_text(path, "a calibration", MOST_BYTES, encoding)
-    return text
+    return files.read_text(path, "a calibration", MOST_BYTES, encoding)
 
 
 #: No length, px or mm, or angle is as large; the products of a few such are still finite.

@@ -27,9 +27,7 @@ from psfs.cameras.units import Unit
 _COUNT = 22
 
 
-def read_humaneva(
-    paths: Sequence[Path], unit: Unit | None = None, sizes: Sizes = None
-) -> Calibration:
+def read_humaneva(paths: Sequence[Path], unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read one camera per path, named after the file. Millimetres unless `unit` says otherwise."""
     return build_rig_of_files(paths, sizes, _camera, unit, default="mm")
 

@@ -17,7 +17,6 @@ from cl import InputError
 from psfs.cameras.calibration.common import (
     TO_OPENCV,
     Calibration,
-    Sizes,
     check_whole_size,
     convert_to_metres,
     name_file_in_errors,
@@ -45,7 +44,7 @@ def looks_like_qualisys(text: str) -> bool:
     return text.lstrip().startswith("<") and "<calibration" in text[:2000]
 
 
-def read_qualisys(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_qualisys(path: Path, unit: Unit | None) -> Calibration:
     """Read the cameras, named by their serial numbers. Millimetres unless `unit` says otherwise.
 
     Raises InputError naming file, camera and attribute.

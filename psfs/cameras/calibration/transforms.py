@@ -64,7 +64,7 @@ class Transforms(Lens):
     frames: Annotated[list[FrameEntry], Field(min_length=1, max_length=MOST_CAMERAS)]
 
 
-def read_transforms(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_transforms(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read the cameras in natural order of their pictures' names.
 
     Metres unless `unit` says otherwise. `sizes` are used where the file has none.

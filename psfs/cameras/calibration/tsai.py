@@ -54,7 +54,7 @@ def looks_like_tsai(text: str) -> bool:
     return len(values) in (len(_NAMES), len(_NAMES) + 2) and not any(values[len(_NAMES) :])
 
 
-def read_tsai(paths: Sequence[Path], unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_tsai(paths: Sequence[Path], unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read one camera per path, named after the file. Millimetres unless `unit` says otherwise."""
     return build_rig_of_files(paths, sizes, _read_camera, unit, default="mm")
 

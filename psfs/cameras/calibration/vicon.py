@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 from cl import InputError
 from psfs.cameras.calibration.common import (
     Calibration,
-    Sizes,
     check_whole_size,
     convert_to_metres,
     name_file_in_errors,
@@ -32,11 +31,11 @@ from psfs.common.xml import parse_xml
 SUFFIX = ".xcp"
 
 
-def read_vicon(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_vicon(path: Path, unit: Unit | None) -> Calibration:
     """Read the cameras, named by their DEVICEID, in natural order. Millimetres unless `unit` says
     otherwise.
 
-    sizes: not used, the file has them. Raises InputError naming file, camera and attribute.
+    Raises InputError naming file, camera and attribute.
     """
     text = read_text(path)
     with name_file_in_errors(path):

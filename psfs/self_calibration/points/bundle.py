@@ -33,7 +33,7 @@ class PointObservations:
     @property
     def seen(self) -> np.ndarray:
         """Mask (V, P) bool of the points that each camera sees."""
-        return np.asarray(np.isfinite(self.pixels).all(axis=-1))
+        return np.isfinite(self.pixels).all(axis=-1)
 
     def select(self, views: Sequence[int]) -> PointObservations:
         """Return those of some of the cameras."""
@@ -230,7 +230,7 @@ def _invert_points(
     flat = normal.reshape(len(normal), 3 * count, 3 * count) * free[:, None] * free[:, :, None]
     flat += np.eye(3 * count) * np.where(free, 1e-9, 1.0)[:, None]
     inverse = np.linalg.inv(flat)
-    return np.asarray(inverse * free[:, None] * free[:, :, None])
+    return inverse * free[:, None] * free[:, :, None]
 
 
 def _derivatives(

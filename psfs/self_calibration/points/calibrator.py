@@ -134,7 +134,7 @@ def _measure_speeds(points: np.ndarray, lag: int) -> np.ndarray:
     ]
     known = np.isfinite(np.stack(apart)).any(axis=0)
     filled = np.where(known, apart, 0.0)
-    return np.asarray(np.nanmedian(filled, axis=0))
+    return np.nanmedian(filled, axis=0)
 
 
 def _total_error(scene: PointScene, observations: PointObservations) -> float:

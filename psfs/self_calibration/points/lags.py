@@ -92,13 +92,13 @@ def choose_lags(tables: dict[tuple[int, int], np.ndarray], n_cameras: int, most:
             cost = total
         if cost < best[0]:
             best = cost, lags
-    return np.asarray(best[1] - best[1][0])
+    return best[1] - best[1][0]
 
 
 def _logarithm(costs: np.ndarray) -> np.ndarray:
     """Return the logarithms of costs, the worst where they are unknown."""
     worst = np.nanmax(costs) if np.isfinite(costs).any() else 1.0
-    return np.asarray(np.log(np.where(np.isfinite(costs), costs, worst) + 1e-9))
+    return np.log(np.where(np.isfinite(costs), costs, worst) + 1e-9)
 
 
 def _descend(tables: dict[tuple[int, int], np.ndarray], lags: np.ndarray, most: int) -> float:

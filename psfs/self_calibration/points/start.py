@@ -85,7 +85,7 @@ def _place_pair(
 
 def _normalise(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     """Return the places (N, 2) of pixels at depth 1."""
-    return np.asarray((pixels - camera.K[:2, 2]) / camera.K[[0, 1], [0, 1]])
+    return (pixels - camera.K[:2, 2]) / camera.K[[0, 1], [0, 1]]
 
 
 def _place_others(

@@ -23,8 +23,7 @@ _PAPERS = Path(__file__).with_name("papers.json")
 def papers() -> dict[str, Any]:
     """Return the papers' own tables, the only figures here that were not measured in this
     project."""
-    data: dict[str, Any] = json.loads(_PAPERS.read_text())
-    return data
+    return json.loads(_PAPERS.read_text())
 
 
 def columns(results: Results, name: str = "column") -> list[tuple[str, Any]]:

@@ -96,6 +96,13 @@ def test_no_folder(tmp_path: Path) -> None:
         TakeRecord.describe_take(tmp_path / "absent", {})
 
 
+def test_temporary_names_in_sentences() -> None:
+    partial = ".a walk.partial-host-12-0123abcd"
+    for before in ("0.5 s: ", "/out/", "D:\\takes v1.2\\", "'"):
+        text = replace_temporary_names(f"{before}{partial}/x.npz: bad")
+        assert text == f"{before}a walk/x.npz: bad"
+
+
 def test_a_folder_is_replaced_whole(tmp_path: Path) -> None:
     path = tmp_path / "walk"
     for text in ("first", "second"):

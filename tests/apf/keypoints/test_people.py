@@ -84,6 +84,14 @@ def test_openpose_and_arrays_of_the_same_points_are_equal(
     same(Keypoints.open(tmp_path / "points.npy", RIG), written)
 
 
+def test_names_with_brackets_are_no_patterns(tmp_path: Path) -> None:
+    written = walked(names=BODY_25)
+    write(tmp_path / "walk [1]" / "json", next(iter(LAYOUTS)), written)
+    np.save(tmp_path / "points[2].npy", written.points)
+    for given in ("walk [1]/json", "walk [1]/js*", "points[2].npy"):
+        same(Keypoints.open(tmp_path / given, RIG), written)
+
+
 def test_opencaps_pickles_are_read_and_nothing_in_them_is_run(tmp_path: Path) -> None:
     written = walked(names=BODY_25)
     session = tmp_path / "OpenCapData"

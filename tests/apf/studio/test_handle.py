@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,17 +14,25 @@ pytest.importorskip("viser", reason="viser is not installed")
 
 import viser
 
+from apf.studio.correct_panel import CorrectPanel
 from apf.studio.handle import JointHandle
+from apf.synthetic.config import SceneConfig
+from apf.synthetic.scene import make_rig
 from apf.tracking.correction import correct_pose
 from cl import InputError
 from psfs.page.gate import Gate, start_server, stop_server
 
 
 @pytest.fixture(scope="module")
-def scene() -> Iterator[viser.SceneApi]:
+def server() -> Iterator[viser.ViserServer]:
     server = start_server(0, Gate())
-    yield server.scene
+    yield server
     stop_server(server)
+
+
+@pytest.fixture(scope="module")
+def scene(server: viser.ViserServer) -> viser.SceneApi:
+    return server.scene
 
 
 def test_limb_turns_about_the_joint_before(scene: viser.SceneApi) -> None:
@@ -60,3 +70,42 @@ def test_root_is_not_turned(scene: viser.SceneApi) -> None:
     root = next(name for k, name in enumerate(track.joint_names) if k not in ends)
     with pytest.raises(InputError, match="expected a joint of a limb"):
         JointHandle(scene, track, 1, root, turns=True, moved=lambda: None)
+
+
+def test_clicks_in_pictures_of_two_frames_are_not_combined(server: viser.ViserServer) -> None:
+    track, rig = tracks.walker(5), make_rig(SceneConfig(cameras=3))
+    opened = SimpleNamespace(
+        track=track, tracks={"walk": track}, rows={"walk": {k: k for k in range(4)}}, people=1,
+        sequence=SimpleNamespace(rig=rig), folder=Path("walk"),
+    )  # fmt: skip
+    drawn: list[np.ndarray] = []
+    watch = SimpleNamespace(
+        opened=opened, frame=2, time_line=SimpleNamespace(seek=lambda position: None, position=2),
+        bodies={"walk": SimpleNamespace(show_pose=drawn.append)},
+    )  # fmt: skip
+    said: list[object] = []
+    panel = CorrectPanel(server, lambda flags, count: None, said.append)
+    panel.offer(watch)  # type: ignore[arg-type]
+    panel.joint.value, panel.way.value = "l_wrist", "clicking it in two pictures"
+    place = track.joints[3, track.joint_names.index("l_wrist")] + 0.05
+
+    def click(view: int, frame: int) -> None:
+        watch.frame = frame
+        panel.point(view, place - rig.centres[view])
+
+    panel.toggle_handle()
+    click(0, 2)
+    click(1, 3)
+    assert not drawn and panel.corrections is not None
+    click(2, 4)
+    assert said == ["frame 4 was not tracked; expected one that was"]
+    click(0, 3)
+    assert drawn
+    watch.frame = 1
+    drawn.clear()
+    panel.move_handle(place)
+    assert not drawn  # the body of another frame stays as it was
+    panel.toggle_handle()
+    (point,) = panel.corrections.points
+    assert (point.frame, point.joint) == (3, "l_wrist")
+    np.testing.assert_allclose(point.position, place, atol=1e-6)

@@ -11,7 +11,7 @@ from helpers import scenes
 
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
-from psfs.diagnostics.alignment import estimate_alignment, mark_hidden_points
+from psfs.diagnostics.alignment import estimate_alignment, mark_hidden_points, shrink_hidden
 from psfs.diagnostics.config import AlignmentConfig
 from psfs.diagnostics.frontier import (
     FrontierPoints,
@@ -161,6 +161,17 @@ def test_what_silhouettes_cannot_tell_is_held() -> None:
     shifted[:, 3:6], shifted[:, 7] = [0.1, 0.2, -0.3], 0.25
     held = fit.scene_moves() @ shifted.ravel()
     np.testing.assert_allclose(held, [0.1, 0.2, -0.3, 0, 0, 0, 0, 0.25], atol=1e-6)
+
+
+def test_hidden_pixels_shrink_with_their_camera() -> None:
+    rig = CameraRig((EXACT[0], EXACT[1].scaled(0.5)))
+    assert shrink_hidden(rig, rig) is None
+    hidden = np.zeros((2, rig.height, rig.width), bool)
+    hidden[1, 40:80, 100:200] = True
+    reduced = shrink_hidden(rig.with_hidden(hidden), rig.scaled(0.5))
+    assert reduced is not None and not reduced[0].any()
+    y, x = np.nonzero(reduced[1])
+    assert [y.min(), y.max() + 1, x.min(), x.max() + 1] == pytest.approx([20, 40, 50, 100], abs=1)
 
 
 def test_outlines_end_at_furniture(outlines: list[list[Outline | None]]) -> None:
