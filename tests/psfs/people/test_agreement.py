@@ -1,0 +1,45 @@
+"""Cameras that see one place agree on its colour; those that look through it do not."""
+
+from __future__ import annotations
+
+import numpy as np
+from helpers import scenes
+
+from psfs.cameras.camera import CameraRig
+from psfs.people.agreement import measure_disagreement
+
+SIZE = 120
+FAR = 1e6
+
+
+def test_cameras_that_see_a_place_say_whether_it_has_one_colour() -> None:
+    target = np.array([0.0, 0.0, 0.8])
+    spots = [(-4.0, -1.0), (-3.0, 3.0), (4.0, 0.0)]
+    rig = scenes.without_distortion(
+        CameraRig(
+            tuple(
+                scenes.looking_at(f"c{k}", np.array([*spot, 0.8]), target, (SIZE, SIZE), 200)
+                for k, spot in enumerate(spots)
+            )
+        )
+    )
+    arm, ghost, hidden = np.array([[0.0, 0.0, 1.3], [0.0, 0.0, 0.8], [0.0, 0.0, 0.3]])
+    images = np.full((3, SIZE, SIZE, 3), 20, np.uint8)
+    depths = np.full((3, SIZE, SIZE), FAR)
+    for view, camera in enumerate(rig):
+        _, (row,), (column,), (depth,) = camera.look_up(arm[None])
+        images[view, row - 9 : row + 10, column - 9 : column + 10] = 90, 120, 200
+        if view == 2:  # somebody else stands before it
+            images[view, row - 9 : row + 10, column - 9 : column + 10] = 200, 30, 30
+            depths[view, row, column] = depth - 0.5
+        _, (row,), (column,), _ = camera.look_up(ghost[None])
+        images[view, row - 9 : row + 10, column - 9 : column + 10] = 60 * view + 40
+        _, (row,), (column,), (depth,) = camera.look_up(hidden[None])
+        depths[view, row, column] = depth - 0.1 * (view > 0)
+    found = measure_disagreement(rig, images, depths, np.stack([arm, ghost, hidden]), 0.02)
+    one, other, unknown = found.find(np.stack([arm + 0.02, ghost + 0.02, hidden]))
+    expected = [np.log((40 + 60 * b + 8) / (40 + 60 * a + 8)) for a, b in ((0, 1), (0, 2), (1, 2))]
+    np.testing.assert_allclose(other, np.sqrt(3) * np.mean(expected), rtol=1e-5)
+    assert one < 1e-6
+    assert np.isnan(unknown)
+    assert np.isnan(found.find(np.array([[0.5, 0.0, 0.8]])))
