@@ -17,6 +17,8 @@ from psfs.cameras.camera import CameraRig
 
 #: Added to a pixel's values of 0 to 255 before the logarithm: noise of dark pixels counts little.
 _DARK = 8.0
+#: Greatest distance of two cameras' colours that counts: beyond it they show different things.
+_MOST = 0.4
 #: Depth, in voxels, up to which a camera sees a voxel behind the nearest one.
 _TOLERANCE = 2.0
 #: Edge of the blocks of voxels whose disagreement is kept, m.
@@ -52,6 +54,7 @@ def measure_disagreement(
         pixels = cv2.blur(image, (3, 3))[row, column].astype(float)
         seen[inside] = np.where(shown[:, None], np.log(pixels + _DARK), np.nan)
     apart = np.stack([np.linalg.norm(a - b, axis=1) for a, b in combinations(colours, 2)])
+    apart = np.minimum(apart, _MOST)
     known = np.isfinite(apart).any(0)
     apart, points = np.nanmean(apart[:, known], axis=0), points[known]
     blocks, of, counts = np.unique(

@@ -23,7 +23,7 @@ _GIRTH_POOR, _GIRTH_GOOD = 2.0, 1.5
 _LEAST_FREE = 2
 #: Disagreement of the cameras on the colours of voxels below which they are somebody's, and beyond
 #: which they are nobody's (Euclidean distance of the natural logarithms of three channels).
-_AGREED, _APART = 0.42, 0.83
+_AGREED, _APART = 0.34, 0.38
 #: Points of a ring around a person's axis.
 _RING = 16
 
