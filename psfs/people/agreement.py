@@ -17,7 +17,8 @@ from psfs.cameras.camera import CameraRig
 
 #: Added to a pixel's values of 0 to 255 before the logarithm: noise of dark pixels counts little.
 _DARK = 8.0
-#: Greatest distance of two cameras' colours that counts: beyond it they show different things.
+#: Greatest distance of two cameras' colours that counts: beyond it they show different things,
+#: however far (Euclidean distance of the natural logarithms of three channels).
 _MOST = 0.4
 #: Depth, in voxels, up to which a camera sees a voxel behind the nearest one.
 _TOLERANCE = 2.0

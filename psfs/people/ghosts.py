@@ -21,9 +21,9 @@ from psfs.silhouettes.hidden import UNKNOWN_MASK
 _GIRTH_POOR, _GIRTH_GOOD = 2.0, 1.5
 #: Least number of cameras in which a voxel shows beside all people.
 _LEAST_FREE = 2
-#: Disagreement of the cameras on the colours of voxels below which they are somebody's, and beyond
-#: which they are nobody's (Euclidean distance of the natural logarithms of three channels).
-_AGREED, _APART = 0.34, 0.38
+#: Disagreement of the cameras on the colours of voxels below which they are a body's: nine tenths of
+#: forearms and a quarter of ghosts in four takes of two people.
+_AGREED = 0.34
 #: Points of a ring around a person's axis.
 _RING = 16
 
@@ -64,9 +64,9 @@ class Ghosts:
         self, number: int, points: np.ndarray, colours: Disagreement | None = None
     ) -> np.ndarray:
         """Return (N,) bool: which of the points (N, 3) m may be a person's: those inside the space
-        that the person takes up, those that two cameras show beside all people, and before a good
-        background those that others hide in no camera that shows them beside the person. Where the
-        cameras agree on the colours of the surface, all may be, where they differ none."""
+        that the person takes up, and beside it those on whose colours the cameras agree. Where
+        that is not known, it is those that two cameras show beside all people, and before a good
+        background those that others hide in no camera that shows them beside the person."""
         own = self._standing.select([number]).contain(points, self._frame, self._girth)
         outside = points[~own]
         others = np.logical_or.reduce(np.delete(self.covered, number, axis=0))
@@ -79,7 +79,7 @@ class Ghosts:
         kept = free if self._poor else free | (hidden == 0)
         if colours is not None:
             apart = colours.find(outside)
-            kept = (kept | (apart < _AGREED)) & ~(apart > _APART)
+            kept = np.where(np.isnan(apart), kept, apart < _AGREED)
         own[~own] = kept
         return own
 

@@ -67,7 +67,7 @@ def test_colours_say_what_is_nobodys_part() -> None:
     for values, expected in (
         ([0.0, 0.0, 9.0], [True, True, True]),  # a person's inside stays
         ([9.0, 9.0, 9.0], [False, False, True]),
-        ([0.7, 0.7, 0.7], [True, False, True]),  # as without colours
+        ([np.nan] * 3, [True, False, True]),  # as without colours
     ):
         colours = Disagreement(points, np.array(values))
         assert ghosts.find_own(0, points, colours).tolist() == expected
