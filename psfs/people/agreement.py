@@ -17,6 +17,8 @@ from psfs.cameras.camera import CameraRig
 
 #: Added to a pixel's values of 0 to 255 before the logarithm: noise of dark pixels counts little.
 _DARK = 8.0
+#: Estimates of each camera's gains, which need not be those of the others.
+_ROUNDS = 3
 #: Greatest distance of two cameras' colours that counts: beyond it they show different things,
 #: however far (Euclidean distance of the natural logarithms of three channels).
 _MOST = 0.4
@@ -43,8 +45,8 @@ class Disagreement:
 def measure_disagreement(
     rig: CameraRig, images: np.ndarray, depths: np.ndarray, points: np.ndarray, voxel: float
 ) -> Disagreement:
-    """Measure how far the logarithms of the colours at surface voxels, points (N, 3) m, differ
-    between the cameras that see them.
+    """Measure how far the logarithms of the colours at a person's surface voxels, points (N, 3) m,
+    differ between the cameras that see them, after their medians over the voxels are made equal.
 
     images: (V, H, W, 3) uint8. depths: (V, H, W) m of all voxels. voxel: their edge, m.
     """
@@ -54,10 +56,15 @@ def measure_disagreement(
         shown = away - depth[row, column] < _TOLERANCE * voxel
         pixels = cv2.blur(image, (3, 3))[row, column].astype(float)
         seen[inside] = np.where(shown[:, None], np.log(pixels + _DARK), np.nan)
+    several = np.isfinite(colours[..., 0]).sum(0) > 1
+    colours, points = colours[:, several], points[several]
+    for _ in range(_ROUNDS):
+        mean = np.nanmean(colours, axis=0)
+        for seen in colours:
+            if np.isfinite(seen).any():
+                seen -= np.nanmedian(seen - mean, axis=0)
     apart = np.stack([np.linalg.norm(a - b, axis=1) for a, b in combinations(colours, 2)])
-    apart = np.minimum(apart, _MOST)
-    known = np.isfinite(apart).any(0)
-    apart, points = np.nanmean(apart[:, known], axis=0), points[known]
+    apart = np.nanmean(np.minimum(apart, _MOST), axis=0)
     blocks, of, counts = np.unique(
         np.floor(points / _BLOCK), axis=0, return_inverse=True, return_counts=True
     )
