@@ -31,15 +31,17 @@ _REACH = 0.08
 
 
 class Disagreement:
-    """Disagreement of cameras on the colours around places (N, 3) m; values: (N,)."""
+    """Disagreement, values (N,), of cameras on the colours of blocks of voxels, (N, 3) int, in
+    edges of a block from the origin. It is kept small: a take has many frames."""
 
-    def __init__(self, places: np.ndarray, values: np.ndarray) -> None:
-        self._places, self._values = places.astype(np.float32), values.astype(np.float32)
+    def __init__(self, blocks: np.ndarray, values: np.ndarray) -> None:
+        self._blocks, self._values = blocks.astype(np.int16), values.astype(np.float16)
 
     def find(self, points: np.ndarray) -> np.ndarray:
         """Return the disagreement (N,) at points (N, 3) m, NaN where it is not known."""
-        _, nearest = cKDTree(self._places).query(points, distance_upper_bound=_REACH)
-        return np.append(self._values, np.nan)[nearest]
+        places = cKDTree(_find_middles(self._blocks))
+        _, nearest = places.query(points, distance_upper_bound=_REACH)
+        return np.append(self._values, np.float16(np.nan))[nearest]
 
 
 def measure_disagreement(
@@ -68,7 +70,12 @@ def measure_disagreement(
     blocks, of, counts = np.unique(
         np.floor(points / _BLOCK), axis=0, return_inverse=True, return_counts=True
     )
-    places = _BLOCK * (blocks + 0.5)
-    sums = np.bincount(of.ravel(), apart, len(places))
+    places = _find_middles(blocks)
+    sums = np.bincount(of.ravel(), apart, len(blocks))
     around = cdist(places, places) < _REACH
-    return Disagreement(places, around @ sums / np.maximum(1, around @ counts))
+    return Disagreement(blocks, around @ sums / np.maximum(1, around @ counts))
+
+
+def _find_middles(blocks: np.ndarray) -> np.ndarray:
+    """Return the centres (N, 3) m of blocks (N, 3)."""
+    return _BLOCK * (blocks + 0.5)

@@ -21,8 +21,8 @@ from psfs.silhouettes.hidden import UNKNOWN_MASK
 _GIRTH_POOR, _GIRTH_GOOD = 2.0, 1.5
 #: Least number of cameras in which a voxel shows beside all people.
 _LEAST_FREE = 2
-#: Disagreement of the cameras on the colours of voxels below which they are a body's: nine tenths of
-#: forearms and a quarter of ghosts in four takes of two people.
+#: Disagreement of the cameras on the colours of voxels below which they are a body's: nine tenths
+#: of forearms and a quarter of ghosts in four takes of two people.
 _AGREED = 0.34
 #: Points of a ring around a person's axis.
 _RING = 16

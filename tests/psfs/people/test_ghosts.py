@@ -69,7 +69,7 @@ def test_colours_say_what_is_nobodys_part() -> None:
         ([9.0, 9.0, 9.0], [False, False, True]),
         ([np.nan] * 3, [True, False, True]),  # as without colours
     ):
-        colours = Disagreement(points, np.array(values))
+        colours = Disagreement(np.floor(points / 0.04), np.array(values))
         assert ghosts.find_own(0, points, colours).tolist() == expected
 
 
