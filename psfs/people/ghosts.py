@@ -88,19 +88,6 @@ class Ghosts:
         return [*kept, *clouds[-1:]]
 
 
-def find_own(
-    rig: CameraRig,
-    standing: StandingPeople,
-    poor: bool,
-    number: int,
-    frame: int,
-    points: np.ndarray,
-    colours: Disagreement | None = None,
-) -> np.ndarray:
-    """Return (N,) bool: which of the points (N, 3) m may be a person's, see `Ghosts.find_own`."""
-    return Ghosts(rig, standing, frame, poor).find_own(number, points, colours)
-
-
 def _draw(camera: Camera, rings: np.ndarray, picture: np.ndarray) -> None:
     """Mark in the picture (H, W) bool the hulls of each two rings (R, n, 3) m that follow each
     other; rings that the camera does not show are left out."""

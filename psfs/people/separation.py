@@ -26,7 +26,7 @@ from psfs.footage.frame import Space
 from psfs.people.agreement import Disagreement, measure_disagreement
 from psfs.people.config import SeparationConfig
 from psfs.people.contact import Pair, SplitCloud, find_contacts, split_cloud
-from psfs.people.ghosts import Ghosts, find_own
+from psfs.people.ghosts import Ghosts
 from psfs.people.people import People
 from psfs.session import Session, SessionSettings
 from psfs.silhouettes.hidden import UNKNOWN, UNKNOWN_MASK
@@ -126,7 +126,7 @@ def _find_spaces(
         if touches and not poor:  # ghosts before a poor background touch as well
             return None
         seen = colours.get((number, frame))
-        return partial(find_own, rig, places, poor, number, frame, colours=seen)
+        return lambda points: Ghosts(rig, places, frame, poor).find_own(number, points, seen)
 
     return find_space
 

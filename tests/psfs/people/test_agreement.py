@@ -48,3 +48,5 @@ def test_cameras_that_see_a_place_say_whether_it_has_one_colour() -> None:
     assert one < 1e-3
     assert np.isnan(unknown)
     assert np.isnan(found.find(np.array([[0.5, 0.0, 0.8]])))
+    nobody = measure_disagreement(rig, images, depths, points[:0], 0.02)
+    assert np.isnan(nobody.find(points)).all()
