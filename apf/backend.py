@@ -88,10 +88,9 @@ def make_device_tracker(
     settings = _search_settings(method)
     if search.shares_launches:
         settings["seeds"] = seeds
-    tracker: DeviceTracker = resolve_name(search.tracker)(
+    return resolve_name(search.tracker)(
         scene, likelihood=likelihood, config=method.filter, **settings
     )
-    return tracker
 
 
 def check_renderer(device: Device | NumpyDevice, method: Method) -> None:
@@ -113,10 +112,9 @@ def _make_numpy_tracker(scene: Scene, method: Method) -> NumpyTracker:
     check_renderer(scene.device, method)
     search, objective = SEARCHES[method.search], OBJECTIVES[method.objective]
     likelihood = resolve_name(objective.twin)(scene, method, 1)
-    tracker: NumpyTracker = resolve_name(search.twin)(
+    return resolve_name(search.twin)(
         scene, likelihood=likelihood, config=method.filter, **_search_settings(method)
     )
-    return tracker
 
 
 def _search_settings(method: Method) -> dict[str, object]:

@@ -163,7 +163,7 @@ class Sequence:
 
     def __len__(self) -> int:
         """Count the frames that every view has."""
-        return min(media.count for media in self._views)
+        return min(media.count for media in self._views or self.footage.masks or ())
 
     def __iter__(self) -> Iterator[Frame]:
         return self.frames()
@@ -190,7 +190,7 @@ class Sequence:
         """Yield the frames of these numbers, decoded ahead of the caller if they are evenly spaced.
         Raises InputError as `frames` does."""
         steps = {second - first for first, second in pairwise(indices)}
-        if len(steps) > 1 or min(steps, default=1) <= 0:
+        if not len(indices) or len(steps) > 1 or min(steps, default=1) <= 0:
             return map(self.read, indices)
         return self.frames(slice(indices[0], indices[-1] + 1, min(steps, default=1)))
 

@@ -28,42 +28,31 @@ from psfs.voxels.config import EdgeConfig, ReconstructionConfig
 class BackgroundSettings(Config):
     """The estimation of the background from pictures of the empty scene."""
 
-    model: BackgroundModelConfig = part(
-        BackgroundModelConfig, "Density of the empty scene at each pixel."
-    )
-    screen: ScreenConfig = part(ScreenConfig, "Search for the screen of a chroma key.")
-    take: TakeConfig = part(TakeConfig, "Estimation of the empty scene from the take itself.")
+    model: BackgroundModelConfig = part(BackgroundModelConfig)
+    screen: ScreenConfig = part(ScreenConfig)
+    take: TakeConfig = part(TakeConfig)
 
 
 class DiagnosticsSettings(Config):
     """Limits beyond which footage and cameras count as faulty."""
 
-    consistency: ConsistencyConfig = part(ConsistencyConfig, "Search for cameras that disagree.")
-    faults: FaultConfig = part(FaultConfig, "Search for late, exchanged or turned cameras.")
-    pictures: PictureConfig = part(PictureConfig, "Search for faults of one camera's pictures.")
-    alignment: AlignmentConfig = part(AlignmentConfig, "Correction of a slightly wrong rig.")
-    occluders: OccluderConfig = part(OccluderConfig, "Search for furniture that hides the person.")
-    in_view: InViewConfig = part(InViewConfig, "What each camera should see of the person.")
+    consistency: ConsistencyConfig = part(ConsistencyConfig)
+    faults: FaultConfig = part(FaultConfig)
+    pictures: PictureConfig = part(PictureConfig)
+    alignment: AlignmentConfig = part(AlignmentConfig)
+    occluders: OccluderConfig = part(OccluderConfig)
+    in_view: InViewConfig = part(InViewConfig)
 
 
 class Settings(Config):
     """The settings of every room of psfs."""
 
-    capture: footage.SequenceSettings = part(
-        footage.SequenceSettings,
-        "Facts of a sequence that its files do not state: the keys of sequence.toml.",
-    )
-    sound: SoundConfig = part(SoundConfig, "Delays of cameras by the sound of their videos.")
-    background: BackgroundSettings = part(
-        BackgroundSettings, "Estimation of the background from pictures."
-    )
-    reconstruction: ReconstructionConfig = part(
-        ReconstructionConfig, "Reconstruction from pictures to silhouettes and voxels."
-    )
-    edges: EdgeConfig = part(EdgeConfig, "The edges of the voxels' silhouettes.")
-    diagnostics: DiagnosticsSettings = part(
-        DiagnosticsSettings, "Limits beyond which footage and cameras count as faulty."
-    )
-    people: PeopleConfig = part(PeopleConfig, "Counting and following of people.")
-    calibration: CalibrationConfig = part(CalibrationConfig, "Calibration of cameras.")
-    person: PersonConfig = part(PersonConfig, "Calibration of cameras by a person.")
+    capture: footage.SequenceSettings = part(footage.SequenceSettings)
+    sound: SoundConfig = part(SoundConfig)
+    background: BackgroundSettings = part(BackgroundSettings)
+    reconstruction: ReconstructionConfig = part(ReconstructionConfig)
+    edges: EdgeConfig = part(EdgeConfig)
+    diagnostics: DiagnosticsSettings = part(DiagnosticsSettings)
+    people: PeopleConfig = part(PeopleConfig)
+    calibration: CalibrationConfig = part(CalibrationConfig)
+    person: PersonConfig = part(PersonConfig)

@@ -83,8 +83,7 @@ def _run(args: argparse.Namespace) -> None:
 def _shirt_colour(picture: np.ndarray, person: np.ndarray) -> np.ndarray:
     rows = np.flatnonzero(person.any(1))
     high, low = (round(rows[0] + share * (rows[-1] - rows[0])) for share in _SHIRT)
-    colour: np.ndarray = np.median(picture[high:low][person[high:low]], 0)
-    return colour
+    return np.median(picture[high:low][person[high:low]], 0)
 
 
 def _read(path: Path) -> list[np.ndarray]:

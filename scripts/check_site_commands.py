@@ -33,7 +33,7 @@ from apf.synthetic.scene import SceneConfig
 from cl import Device, InputError
 from psfs.cli.commandline import add_message_flags, stdout
 from psfs.cli.program import run_command
-from psfs.common.files import write_atomically
+from psfs.common.files import write_atomically, write_text
 from psfs.sequence import Sequence
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -111,8 +111,7 @@ def _write_results(shown: list[Shown]) -> None:
         rows = [asdict(one) for one in shown]
         text = json.dumps({"made": made, "commit": commit, "commands": rows}, indent=1)
         temporary.write_text(text + "\n")
-    with write_atomically(_PAGE) as temporary:
-        temporary.write_text(_make_page(shown, made, commit))
+    write_text(_PAGE, _make_page(shown, made, commit))
 
 
 def find_commands() -> Iterator[tuple[str, str]]:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from peers.environments import PACKAGES, list_versions, make_environment
@@ -115,10 +116,11 @@ def _do_runs(args: argparse.Namespace, results: PeerResults) -> None:
                 run = PeerRun(folder.name, program, seed, where, commit)
                 try:
                     found = PROGRAMS[program](task)
-                    run = run.with_figures(measure(found.joints, truth), found.cpu, found.clock)
+                    figures = measure(found.joints, truth)
+                    run = replace(run, figures=figures, cpu=found.cpu, clock=found.clock)
                 except UserError as error:
                     warn(f"{folder.name}: {program}: {error}", stderr)
-                    run = run.failed_with(str(error))
+                    run = replace(run, failed=str(error))
                 results.add(run)
 
 

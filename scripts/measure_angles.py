@@ -38,7 +38,7 @@ from apf.tracking.track import Track
 from cl import InputError
 from psfs.cli.commandline import add_message_flags, stderr
 from psfs.cli.program import run_command
-from psfs.common.files import write_atomically, write_json
+from psfs.common.files import write_json, write_text
 
 _ROOT = Path(__file__).resolve().parent.parent
 #: Rows of the table: angles by OpenSim's names, without their side.
@@ -90,8 +90,7 @@ def _run(args: argparse.Namespace) -> None:
         results = _measure_all(args)
         write_json(path, results)
     tables = f"{joint_table(results).markdown()}\n\n{sequence_table(results).markdown()}"
-    with write_atomically(args.out / "angles.md") as temporary:
-        temporary.write_text(f"# Joint angles against true rotations\n\n{tables}\n")
+    write_text(args.out / "angles.md", f"# Joint angles against true rotations\n\n{tables}\n")
     if args.tables:
         shown = f"{joint_table(results).markdown()}"
         replace_marked(_ROOT / "docs" / "accuracy.md", "angles", shown)

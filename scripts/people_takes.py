@@ -44,9 +44,9 @@ def ramp(begin: float, end: float) -> Share:
     return share
 
 
-def hold(begin: float, end: float, rise: float = 0.5) -> Share:
-    """Return a share that is 1 from `begin` to `end` s, with ramps of `rise` s."""
-    up, down = ramp(begin - rise, begin), ramp(end, end + rise)
+def hold(begin: float, end: float) -> Share:
+    """Return a share that is 1 from `begin` to `end` s, with ramps of half a second."""
+    up, down = ramp(begin - 0.5, begin), ramp(end, end + 0.5)
     return lambda times: up(times) - down(times)
 
 

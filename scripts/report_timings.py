@@ -3,9 +3,9 @@
 
     scripts/report_timings.py [FOLDER ...] [-o OUT] [--readme]
 
-makes OUT/report.md, OUT/report.html (one file, figures inside) and OUT/figures/ from folders of
-results, one per machine: by default those in scripts/results/. With --readme also the
-docs/speed.md's table between its marks, and its picture docs/timings.png.
+makes OUT/report.md and OUT/figures/ from folders of results, one per machine: by default those in
+scripts/results/. With --readme also docs/speed.md's table between its marks, and its picture
+docs/timings.png.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def _run(args: argparse.Namespace) -> None:
     folders = args.folders or sorted(held)
     machines = read_machines(folders)
     write_report(machines, args.out, read_batches(folders))
-    stdout.print(f"wrote {args.out / 'report.md'} and report.html", soft_wrap=True)
+    stdout.print(f"wrote {args.out / 'report.md'}", soft_wrap=True)
     if args.readme:
         picture = _ROOT / "docs" / "timings.png"
         figures.write_figure(figures.headline(machines), picture)

@@ -21,6 +21,8 @@ FRUSTUM_VERTICES = (8, 18, 34, 66, 130, 258, 514)
 MAX_BONES = 4
 #: Most parts: pictures number them in bytes, from 1.
 MAX_PARTS = 255
+#: Vertices around a cone with rounded ends.
+_SEGMENTS = 16
 #: Limits of a user's mesh: bytes of its file, vertices, and distance from the origin, m.
 _MOST_BYTES, _MOST_VERTICES, _FARTHEST = 2**28, 2_000_000, 100.0
 
@@ -115,12 +117,9 @@ def cone_mesh(body: BodyModel, vertices_per_part: int) -> BodyMesh:
     return _cone_parts(body, [_frustum(cone, vertices_per_part) for cone in body.cones])
 
 
-def rounded_mesh(body: BodyModel, segments: int = 16) -> BodyMesh:
-    """Make the cones of `body` with rounded ends, the shape that `cone_distances` measures.
-
-    segments: vertices around a cone.
-    """
-    return _cone_parts(body, [_capsule(cone, segments) for cone in body.cones])
+def rounded_mesh(body: BodyModel) -> BodyMesh:
+    """Make the cones of `body` with rounded ends, the shape that `cone_distances` measures."""
+    return _cone_parts(body, [_capsule(cone, _SEGMENTS) for cone in body.cones])
 
 
 def _cone_parts(body: BodyModel, meshes: list[tuple[np.ndarray, np.ndarray]]) -> BodyMesh:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import logging
 import shlex
 import webbrowser
@@ -17,7 +16,7 @@ import psfs.cli
 from apf.synthetic.config import SceneConfig
 from cl import InputError, NumpyDevice, select_device
 from psfs.cli.commandline import stdout
-from psfs.common.files import write_json
+from psfs.common.files import read_json, write_json
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_number
 
@@ -67,9 +66,9 @@ def _step(program: str, main: Callable[[list[str]], int], argv: list[str]) -> No
 
 def _summary(out: Path) -> dict[str, object]:
     """Return the demo's figures, from the files that its commands wrote."""
-    voxels = json.loads((out / "voxels" / "summary.json").read_text())
-    check = json.loads((out / "voxels" / "check.json").read_text())
-    evaluation = json.loads((out / "track" / "evaluation.json").read_text())
+    voxels = read_json(out / "voxels" / "summary.json", "a summary")
+    check = read_json(out / "voxels" / "check.json", "the figures of a check")
+    evaluation = read_json(out / "track" / "evaluation.json", "an evaluation")
     return {
         "mean_error_mm": evaluation["mean_error_mm"],
         "lost_limbs": evaluation["lost_limbs"],

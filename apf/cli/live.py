@@ -17,7 +17,7 @@ from apf.body.model import BodyModel
 from apf.cli.first_pose import check_start
 from apf.cli.method_flags import METHOD_FLAGS, select_method
 from apf.cli.takes.live_start import read_live_people, start_captures, start_replay
-from apf.cli.track import RESULTS, write_files
+from apf.cli.takes.results import RESULTS, write_files
 from apf.evaluation.evaluate import load_truth
 from apf.evaluation.people import (
     evaluate_people,

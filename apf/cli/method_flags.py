@@ -45,24 +45,22 @@ METHOD_FLAGS = (
 )
 
 
-def add_method_flags(
-    parser: argparse.ArgumentParser, method: str = "apf", objective: str = "voxel", more: str = ""
-) -> None:
-    """Add --method and --objective with their defaults, and the flags of their settings. more:
-    further methods of the command, for --help."""
+def add_method_flags(parser: argparse.ArgumentParser, more: str = "") -> None:
+    """Add --method and --objective, and the flags of their settings. more: further methods of the
+    command, for --help."""
     add_configs(parser, Settings, "method")
     group = parser.add_argument_group("search", "search and objective")
     group.add_argument(
         "--method",
-        default=method,
+        default="apf",
         help="; ".join(f"{search.name}: {search.meaning}" for search in SEARCHES.values())
-        + f"{more} (default: {method})",
+        + f"{more} (default: apf)",
     )
     group.add_argument(
         "--objective",
-        default=objective,
+        default="voxel",
         help=f"{', '.join(OBJECTIVES)}: the voxels' likelihood, or functions of image features, "
-        f"which need no reconstruction (default: {objective})",
+        "which need no reconstruction (default: voxel)",
     )
     group.add_argument(
         "--likelihood",

@@ -6,7 +6,7 @@ import argparse
 from dataclasses import replace
 
 from apf.cli.takes.opened_track import open_given_track
-from apf.cli.track import RESULTS, write_files
+from apf.cli.takes.results import RESULTS, write_files
 from apf.tracking.config import SmoothingConfig
 from apf.tracking.people import PeopleTracks, holds_people, person_folder
 from apf.tracking.smoothing import smooth_track

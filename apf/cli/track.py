@@ -5,68 +5,48 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 
 from apf.api import load_template, read_given_start
 from apf.backend import check_renderer
-from apf.body import BodyModel, save_body
 from apf.cli.first_pose import explain_failed_start, warn_of_doubts
 from apf.cli.keypoints.flags import read_keypoints
 from apf.cli.keypoints.triangulate import TRIANGULATE, run_triangulate
-from apf.cli.method_flags import METHOD_FLAGS
 from apf.cli.takes.corrected import CorrectedTrack, read_corrections_flag, track_with_corrections
 from apf.cli.takes.flags import check_flags
-from apf.cli.takes.job import TrackJob, take_names
-from apf.cli.takes.kept_parts import Keeper, remove_parts
+from apf.cli.takes.job import TrackJob, open_session, take_names
+from apf.cli.takes.kept_parts import Keeper
 from apf.cli.takes.people import Persons, find_persons, write_together
+from apf.cli.takes.results import RESULTS, FinishedTake, finish_take, print_outcome, write_tracks
 from apf.cli.takes.take_report import (
-    Judgement,
     TakeLine,
     TakeReport,
     describe_spread,
-    was_interrupted,
 )
 from apf.filters.method import Method
-from apf.formats.pose import write_pose
 from apf.initialisation import StartError
 from apf.report.judged import (
-    FILES,
-    compare_with_keypoints,
-    judge_track,
     keep_judged_frames,
-    run_facts,
-    write_report,
 )
 from apf.report.names import PAGE
-from apf.report.overlay import write_overlay
-from apf.report.quality import Quality
-from apf.report.summary import SUMMARY
 from apf.tracking.batch import run_at_once
 from apf.tracking.progress import StageProgress
 from apf.tracking.settings import GivenStart, TakeSettings
 from apf.tracking.take import Take, check_cameras, track_take
-from apf.tracking.track import PARTS, PEOPLE, Track, spans
+from apf.tracking.track import PEOPLE
 from cl import Device, InputError, NumpyDevice, UserError, select_device
 from psfs.cli.commandline import progress_bar, stderr, stdout, warn
 from psfs.cli.sequence_flags import (
-    collect_overrides,
     examine_footage,
     open_sequence,
     select_common_frames,
     select_frames,
 )
-from psfs.cli.settings import refuse_unused, write_settings
+from psfs.cli.settings import refuse_unused
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.examination import Examination
-from psfs.output.reconstruction_folder import sequence_facts
 from psfs.sequence import Sequence
-from psfs.session import Session, SessionSettings
-from psfs.voxels.config import ReconstructionConfig
-
-#: The files and folders of a take's results.
-RESULTS = (*FILES, SUMMARY, PAGE, PARTS, PEOPLE)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -93,22 +73,6 @@ def run(args: argparse.Namespace) -> None:
     track_one(args, device, TakeLine(bar), stop)
 
 
-@dataclass(frozen=True, eq=False)
-class FinishedTake:
-    """A tracked take of one person. n_frames: that were to be tracked. folder: of its files.
-    judgements: of each seed's track."""
-
-    take: Take
-    n_frames: int
-    folder: Path
-    judgements: list[Judgement]
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether an interrupt ended it."""
-        return was_interrupted(self.take.tracks[0], self.n_frames)
-
-
 def track_one(
     args: argparse.Namespace,
     device: Device | NumpyDevice,
@@ -128,7 +92,7 @@ def track_one(
         finally:
             before_words()
         for done in everybody:
-            _raise_error(done.take, done.n_frames, done.folder)
+            done.raise_error()
             for judgement in done.judgements:
                 print_outcome(judgement, done.n_frames)
             if done.interrupted:
@@ -162,7 +126,7 @@ def _run_many(args: argparse.Namespace, method: Method) -> None:
             output_folder(job.args.output, args.parser.prog, job.inputs, RESULTS) as out,
         ):
             for done in _track_and_judge(out, job, line):
-                _raise_error(done.take, done.n_frames, done.folder)
+                done.raise_error()
                 spread = describe_spread(done.take)
                 report.add_take(name, done.take, done.n_frames, done.judgements, spread)
                 if done.interrupted:
@@ -255,7 +219,7 @@ def _track_person(
         take = track_with_corrections(job, session, corrected, line)
     else:
         take = _track(job, examination, given, line)
-    _write_tracks(job, take)
+    write_tracks(job, take)
     judgements = finish_take(job, examination, take, line)
     return FinishedTake(take, line.n_frames, job.args.output, judgements)
 
@@ -272,12 +236,10 @@ def _open_sequence(out: OutputFolder, job: TrackJob) -> Sequence:
 
 def _examine(job: TrackJob, opened: Sequence) -> Examination:
     """Diagnose the footage, unless only keypoints are used."""
-    args = job.args
-    settings = SessionSettings(_config(args), args.frames or slice(None), args.voxel_size)
-    session = Session(opened, job.device, settings)
+    session = open_session(job.args, opened, job.device)
     if job.method.objective == "keypoints":
         return Examination(session)
-    return examine_footage(args, session, person=True)
+    return examine_footage(job.args, session, person=True)
 
 
 def _track(
@@ -302,99 +264,3 @@ def _track(
     if take.start is not None:
         warn_of_doubts(sequence, take.start, number)
     return take
-
-
-def _write_tracks(job: TrackJob, take: Take) -> None:
-    """Write the files of each seed's track, except those of `finish_take`."""
-    write_track_settings(job.args, job.method)
-    for track, folder in zip(take.tracks, job.folders, strict=True):
-        write_pose(folder / "start.txt", take.pose, take.body)
-        write_files(folder, track, take.body)
-        remove_parts(folder)
-
-
-def _raise_error(take: Take, n_frames: int, folder: Path) -> None:
-    """Raise the error that ended the tracks early, if there is one."""
-    if take.error is not None:
-        raise InputError(
-            f"{take.error}; {len(take.tracks[0])} of {n_frames} frames are in {folder}"
-        ) from take.error
-
-
-def finish_take(
-    job: TrackJob, examination: Examination, take: Take, line: StageProgress
-) -> list[Judgement]:
-    """Write overlay.mp4, summary.json and report.html for every seed, as the flags say. An
-    interrupted track gets only a summary, and is not compared with the silhouettes."""
-    args, n_done = job.args, len(take.tracks[0])
-    whole = not was_interrupted(take.tracks[0], line.n_frames)
-    if whole:
-        _draw_overlays(job, take, line)
-    reasons = {camera.camera: str(camera) for camera in examination.left_out}
-    of_start = take.start.doubts if take.start is not None else []
-    of_keypoints = getattr(args, "keypoint_doubts", ())
-    warnings = [*getattr(args, "remarks", ()), *of_start]  # keypoints alone are not examined
-    doubts = (*examination.remaining, *of_keypoints, *of_start)
-    keypoints = getattr(args, "opened_keypoints", None)
-    sequence = sequence_facts(take.sequence, job.folders[0], collect_overrides(args), reasons)
-    facts = run_facts(
-        job.device, sequence, _config(args), (n_done, line.n_frames), warnings, take.seconds
-    ) | dict(job.of_people)
-    found = []
-    for track, folder in zip(take.tracks, job.folders, strict=True):
-        session, compared = examination.session, whole and not args.no_report
-        if compared:
-            line.begin("judging")
-            report = partial(line, "judging")
-            quality = judge_track(session, track, report, keypoints=keypoints, doubts=doubts)
-        else:
-            near = compare_with_keypoints(session, track, keypoints)
-            quality = Quality(track, None, near, doubts)
-        quality = replace(quality, seen=job.seen)
-        files = write_report(folder, job.title(take.sequence.name), quality, facts, page=compared)
-        found.append(Judgement(folder, quality, files))
-    return found
-
-
-def _config(args: argparse.Namespace) -> ReconstructionConfig:
-    return args.configs.get("reconstruction") or ReconstructionConfig()
-
-
-def write_track_settings(args: argparse.Namespace, method: Method) -> None:
-    """Write the settings of all tracks beside them."""
-    configs = {"method": method, "reconstruction": _config(args)}
-    write_settings(args.output, args, configs, METHOD_FLAGS)
-
-
-def _draw_overlays(job: TrackJob, take: Take, line: StageProgress) -> None:
-    """Write overlay.mp4 for every seed, unless the flags disable it."""
-    if job.args.no_overlay:
-        return
-    for track, folder in zip(take.tracks, job.folders, strict=True):
-        line.begin("overlay")
-        write_overlay(
-            folder / "overlay.mp4", take.sequence, track, take.body, lambda: line("overlay")
-        )
-
-
-def print_outcome(judgement: Judgement, n_frames: int) -> None:
-    """Print the result of a track of which `n_frames` were requested: its quality, the frames to
-    check, and the files that were written."""
-    track, folder = judgement.quality.track, judgement.folder
-    if was_interrupted(track, n_frames):
-        stderr.print(f"{len(track)} of {n_frames} frames are in {folder}")
-        return
-    stdout.print(f"{len(track)} frames tracked: {folder}", soft_wrap=True)
-    if len(track.restarts):
-        stdout.print(f"found again by a new search in frames {spans(track.restarts.tolist())}")
-    for line in judgement.quality.lines():
-        stdout.print(line, soft_wrap=True)
-    stdout.print(f"wrote {', '.join(judgement.files)}", soft_wrap=True)
-
-
-def write_files(folder: Path, track: Track, body: BodyModel) -> None:
-    """Write track.npz, joints.trc, joints.csv and body.toml into `folder`."""
-    track.save(folder / "track.npz")
-    track.save(folder / "joints.trc")
-    track.save(folder / "joints.csv")
-    save_body(folder / "body.toml", body)

@@ -162,13 +162,11 @@ def _rest_direction(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 def _turn_back(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Return vectors (F, 3) that turn with a bone (F, 3, 3) as they are at its rest."""
-    turned_back: np.ndarray = np.einsum("fij,fi->fj", rotation, vectors)
-    return turned_back
+    return np.einsum("fij,fi->fj", rotation, vectors)
 
 
 def _normalise(vectors: np.ndarray) -> np.ndarray:
-    unit: np.ndarray = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    return unit
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def _first(bones: Mapping[str, np.ndarray], names: Any) -> np.ndarray | None:

@@ -16,6 +16,7 @@ from apf.evaluation.flags import FlagCounts, compute_lost_fractions, flagged_joi
 from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints, match_joints
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import JointSeries, read_trc
+from apf.tracking.foot_contact import find_stances
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import is_inside_ellipsoid
 from cl import InputError
@@ -349,11 +350,8 @@ def _is_lost(errors: np.ndarray) -> bool:
     """Return whether a limb whose end has these errors (F,), m, was lost; frames without truth are
     ignored."""
     far = errors[np.isfinite(errors)] > LOST_LIMB
-    longest = run = 0
-    for is_far in far:
-        run = run + 1 if is_far else 0
-        longest = max(longest, run)
-    return longest > LOST_FRAMES or bool(far[-1:].any())
+    longest = max((run.stop - run.start for run in find_stances(far)), default=0)
+    return bool(longest > LOST_FRAMES or far[-1:].any())
 
 
 def _warnings(track: Track | JointSeries, truth: JointSeries, n_common: int) -> tuple[str, ...]:

@@ -228,8 +228,7 @@ class DeviceTracker(Tracker):
         given.set(np.tile(poses.astype(np.float32), (n_runs, 1)))
         for launch in launches:
             launch()
-        found: np.ndarray = errors.get().reshape(n_runs, n).mean(0) / self.likelihood.unit
-        return found
+        return errors.get().reshape(n_runs, n).mean(0) / self.likelihood.unit
 
     def widen(self, factor: float) -> None:
         """Spread the next frames' particles by `factor` times the noise of the config."""

@@ -287,15 +287,11 @@ class FilterConfig(Config):
     and likelihood by their own names, those of the smaller parts after the part's.
     """
 
-    search: SearchConfig = part(SearchConfig, "The particles and their layers.")
-    likelihood: LikelihoodConfig = part(LikelihoodConfig, "The terms of the likelihood.")
-    refinement: RefinementConfig = part(
-        RefinementConfig, "The refinement of the estimate on the voxels."
-    )
-    limb_search: LimbSearchConfig = part(
-        LimbSearchConfig, "The search for better poses of single limbs."
-    )
-    keypoints: KeypointConfig = part(KeypointConfig, "The observed points.")
+    search: SearchConfig = part(SearchConfig)
+    likelihood: LikelihoodConfig = part(LikelihoodConfig)
+    refinement: RefinementConfig = part(RefinementConfig)
+    limb_search: LimbSearchConfig = part(LimbSearchConfig)
+    keypoints: KeypointConfig = part(KeypointConfig)
 
     @classmethod
     def create(cls, **settings: Any) -> FilterConfig:

@@ -60,15 +60,13 @@ class Method(Config):
         "track.",
         "docs/accuracy.md",
     )
-    filter: FilterConfig = part(
-        FilterConfig,
-        "Settings of every search, and of the voxels' likelihood. A swarm compares errors of "
-        "different iterations: with it, `point_turns` should be 1.",
-    )
-    swarm: SwarmConfig = part(SwarmConfig, "Settings of the particle swarm.")
-    sir: SirConfig = part(SirConfig, "Settings of the particle filter with resampling.")
-    image: ObjectiveConfig = part(ObjectiveConfig, "Settings of the objectives over images.")
-    features: FeatureConfig = part(FeatureConfig, "The image features.")
+    #: Settings of every search, and of the voxels' likelihood. A swarm compares errors of different
+    #: iterations: with it, `point_turns` should be 1.
+    filter: FilterConfig = part(FilterConfig)
+    swarm: SwarmConfig = part(SwarmConfig)
+    sir: SirConfig = part(SirConfig)
+    image: ObjectiveConfig = part(ObjectiveConfig)
+    features: FeatureConfig = part(FeatureConfig)
 
     @model_validator(mode="before")
     @classmethod

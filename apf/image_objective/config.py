@@ -176,9 +176,7 @@ class FeatureConfig(Config):
         least=0,
         most=100,
     )
-    proximity: ProximityConfig = part(
-        ProximityConfig, "Conversion of the distance to the nearest edge into a proximity."
-    )
+    proximity: ProximityConfig = part(ProximityConfig)
 
     @model_validator(mode="after")
     def _fit(self) -> FeatureConfig:

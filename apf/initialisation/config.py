@@ -224,8 +224,8 @@ class ShapeFitConfig(Config):
 
     SOURCE: ClassVar = TUNED
 
-    prior: ShapePrior = part(ShapePrior, "The prior on people's shapes.")
-    standing: StandingConfig = part(StandingConfig, "The prior on their feet.")
+    prior: ShapePrior = part(ShapePrior)
+    standing: StandingConfig = part(StandingConfig)
     n_distances: float = positive(
         300.0,
         "Effective number of independent distances of all clouds together. It does not grow "
@@ -290,13 +290,15 @@ class AcceptanceConfig(Config):
 class StartConfig(Config):
     """All settings of the automatic start."""
 
-    frames: FrameChoice = part(FrameChoice, "The frames of the start.")
-    headings: HeadingConfig = part(HeadingConfig, "The headings that are tried.")
-    spread: SpreadConfig = part(SpreadConfig, "The noise of searches without a known pose.")
-    search: PoseSearchConfig = part(PoseSearchConfig, "The searches for a pose in one frame.")
-    cost: CostConfig = part(CostConfig, "The cost by which hypotheses are compared.")
-    shape: ShapeFitConfig = part(ShapeFitConfig, "The fit of the body's shape.")
-    acceptance: AcceptanceConfig = part(AcceptanceConfig, "The conditions for a good start.")
+    frames: FrameChoice = part(FrameChoice)
+    headings: HeadingConfig = part(HeadingConfig)
+    spread: SpreadConfig = part(SpreadConfig)
+    search: PoseSearchConfig = part(PoseSearchConfig)
+    cost: CostConfig = part(CostConfig)
+    shape: ShapeFitConfig = part(ShapeFitConfig)
+    acceptance: AcceptanceConfig = part(AcceptanceConfig)
+    #: A visual hull of few cameras is thicker than the person, so that a wrongly turned or bent
+    #: body fills it as well. Silhouettes and edges therefore have more weight than in tracking.
     filter: FilterConfig = Field(
         default_factory=partial(
             FilterConfig.create,
@@ -304,8 +306,5 @@ class StartConfig(Config):
             silhouette_recall_weight=2.0,
             contour_weight=4.0,
             part_colour_weight=0.0,  # the colours of the parts are not estimated yet
-        ),
-        description="Search and likelihood. A visual hull of few cameras is thicker than the "
-        "person, so that a wrongly turned or bent body fills it as well. Silhouettes and edges "
-        "therefore have more weight than in tracking.",
+        )
     )

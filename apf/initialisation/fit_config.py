@@ -120,4 +120,4 @@ class KeypointStartConfig(Config):
     least_error: float = positive(
         1.0, "Least error of any keypoint.", unit="px at a picture height of 480 px"
     )
-    fit: PointFitConfig = part(PointFitConfig, "The fit to points in the cameras' pictures.")
+    fit: PointFitConfig = part(PointFitConfig)

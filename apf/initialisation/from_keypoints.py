@@ -130,8 +130,7 @@ def fit_pose_to_points(
         fitter.refine(fitter.fit_to_triangulated(replace(near, poses=poses)), poses_alone=True)
         for poses in (near.poses, fitter.turn_around(near.poses))
     ]
-    pose: np.ndarray = min(tried, key=lambda fit: float(fitter.missed_share(fit)[0])).poses[0]
-    return pose
+    return min(tried, key=lambda fit: float(fitter.missed_share(fit)[0])).poses[0]
 
 
 def correct_swapped_sides(

@@ -59,8 +59,7 @@ class PointViews:
         places, place = np.unique(first, return_inverse=True)
         sign = np.ones((len(own), 3))
         sign[first != own, 1] = -1
-        chosen: np.ndarray = np.eye(len(places))[place][:, :, None] * sign[:, None, :]
-        return chosen
+        return np.eye(len(places))[place][:, :, None] * sign[:, None, :]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,14 +109,12 @@ class PointFitter:
         rotations, origins = bone_matrices(self.body(log_lengths), poses)
         bone, local = self.views.bone, self.positions(log_lengths, offset)
         turned = np.einsum("mpij,pj->mpi", rotations[:, bone], local)
-        placed: np.ndarray = origins[:, bone] + turned
-        return placed
+        return origins[:, bone] + turned
 
     def residuals(self, fit: PointFit) -> np.ndarray:
         """Return the reprojection residuals (V, M, P, 2), px."""
         pixels, _ = self._project(self.points(fit.log_lengths, fit.offset, fit.poses))
-        difference: np.ndarray = pixels - self.views.pixels
-        return difference
+        return pixels - self.views.pixels
 
     def start_fit(self) -> PointFit:
         """Return the initial fit: a body of about the right size, and its poses at the triangulated
@@ -176,8 +173,7 @@ class PointFitter:
         square = np.sum(self.residuals(fit) ** 2, -1) * self.views.inverse_scale**2
         share = square / (square + self.config.first_reach**2)
         seen = np.maximum((self.views.inverse_scale > 0).sum((0, 2)), 1)
-        mean: np.ndarray = share.sum((0, 2)) / seen
-        return mean
+        return share.sum((0, 2)) / seen
 
     def turn_around(self, poses: np.ndarray) -> np.ndarray:
         """Return poses (M, D) with the root turned by half a turn."""

@@ -217,8 +217,7 @@ def _locate_landmark(body: BodyModel, landmark: Landmark, scale: float) -> tuple
 
     def world(name: str) -> np.ndarray:
         joint = body.joints[body.joint_names.index(name)]
-        place: np.ndarray = origins[0, joint.bone] + rotations[0, joint.bone] @ joint.position
-        return place
+        return origins[0, joint.bone] + rotations[0, joint.bone] @ joint.position
 
     joint = body.joints[body.joint_names.index(landmark.joint)]
     bones = [bone.name for bone in body.bones]
@@ -236,5 +235,4 @@ def _rotation_from_z(direction: np.ndarray) -> np.ndarray:
     if z < -1 + 1e-9:
         return np.diag([1.0, -1.0, -1.0])
     axis = np.array([[0, 0, x], [0, 0, y], [-x, -y, 0]])
-    rotation: np.ndarray = np.eye(3) + axis + axis @ axis / (1 + z)
-    return rotation
+    return np.eye(3) + axis + axis @ axis / (1 + z)

@@ -251,5 +251,4 @@ def _to_pixels(raw: RawKeypoints, shares: np.ndarray, cameras: Cameras | None) -
             "cameras with known picture sizes"
         )
     sizes = np.array([camera.size for camera in rig], float)
-    pixels: np.ndarray = shares * sizes.reshape(-1, *[1] * (shares.ndim - 2), 2) - 0.5
-    return pixels
+    return shares * sizes.reshape(-1, *[1] * (shares.ndim - 2), 2) - 0.5

@@ -50,8 +50,7 @@ def choose_person(
 
 def _take_chosen(points: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     """Return the chosen (V, F) of persons (V, F, N, K, 3)."""
-    picked: np.ndarray = np.take_along_axis(points, chosen[:, :, None, None, None], 2)[:, :, 0]
-    return picked
+    return np.take_along_axis(points, chosen[:, :, None, None, None], 2)[:, :, 0]
 
 
 def person_sizes(points: np.ndarray) -> np.ndarray:

@@ -27,8 +27,7 @@ def faces_backward(keypoints: Keypoints, rig: CameraRig, config: SideConfig | No
         return points.get(name, unknown)
 
     def middle(name: str) -> np.ndarray:
-        halves: np.ndarray = 0.5 * (point(f"l_{name}") + point(f"r_{name}"))
-        return halves
+        return 0.5 * (point(f"l_{name}") + point(f"r_{name}"))
 
     up = middle("shoulder") - middle("hip")
     towards = {

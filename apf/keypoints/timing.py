@@ -125,8 +125,7 @@ def _gains(costs: np.ndarray, most: int, noise: float) -> np.ndarray:
     """Return (V,) how many times higher the costs (V, 2 most + 1) are without a lag than with the
     best one; 1 where they are unknown."""
     least = np.nanmin(np.where(np.isfinite(costs), costs, np.inf), axis=1)
-    gains: np.ndarray = np.nan_to_num((costs[:, most] + noise) / (least + noise), nan=1.0)
-    return gains
+    return np.nan_to_num((costs[:, most] + noise) / (least + noise), nan=1.0)
 
 
 def _outline_extents(views: SmallViews, rig: CameraRig) -> np.ndarray:

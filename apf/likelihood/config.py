@@ -64,10 +64,7 @@ class ReprojectionConfig(Config):
         "tuned: as accurate as 0.05, in less time",
         "m",
     )
-    foreground_join: ForegroundJoinConfig = part(
-        ForegroundJoinConfig,
-        "The foreground of the pictures that joins the silhouettes of the voxels.",
-    )
+    foreground_join: ForegroundJoinConfig = part(ForegroundJoinConfig)
 
 
 class SurfaceSamplesConfig(Config):
@@ -139,12 +136,8 @@ class LikelihoodConfig(Config):
         "few cameras",
         "m",
     )
-    samples: SurfaceSamplesConfig = part(
-        SurfaceSamplesConfig, "The surface voxels that the surface term uses."
-    )
-    reprojection: ReprojectionConfig = part(
-        ReprojectionConfig, "Samples and maps of the edge and silhouette terms."
-    )
+    samples: SurfaceSamplesConfig = part(SurfaceSamplesConfig)
+    reprojection: ReprojectionConfig = part(ReprojectionConfig)
 
     @property
     def weights(self) -> np.ndarray:
@@ -158,8 +151,7 @@ class LikelihoodConfig(Config):
 
     def term_settings(self, name: str) -> TermSettings:
         """Return the settings of a registered term."""
-        settings: TermSettings = getattr(self, name)
-        return settings
+        return getattr(self, name)
 
     @property
     def terms(self) -> dict[str, TermSettings]:

@@ -32,8 +32,7 @@ class KeypointModel:
 
     def scale(self, confidence: np.ndarray) -> np.ndarray:
         """Return the error of a coordinate (..., P), px, at confidences (..., P)."""
-        error: np.ndarray = np.interp(confidence, self.confidence, self.error) * self.factor
-        return error
+        return np.interp(confidence, self.confidence, self.error) * self.factor
 
     def observations(self, keypoints: np.ndarray) -> PointObservations:
         """Convert the keypoints of one frame to observed points of the body.

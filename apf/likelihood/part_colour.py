@@ -110,8 +110,7 @@ def fit_palette(
     levels = (np.arange(1 << _BITS) << 8 - _BITS) + (1 << 7 - _BITS)
     every = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), -1).reshape(-1, 3)
     away = ((_lab(every.astype(np.uint8))[:, None] - centres) ** 2).sum(-1)
-    codes: np.ndarray = away.argmin(1).astype(np.uint8)
-    return codes
+    return away.argmin(1).astype(np.uint8)
 
 
 def _lab(colours: np.ndarray) -> np.ndarray:

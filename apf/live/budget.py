@@ -37,11 +37,6 @@ def list_sizes(method: Method, config: SizeConfig | None = None) -> list[Method]
     return [resize_search(method, count, config) for count in counts]
 
 
-def count_evaluations(method: Method) -> int:
-    """Return how many poses the search of one frame evaluates."""
-    return method.filter.search.n_particles * method.filter.search.n_layers
-
-
 class Governor:
     """Selects the largest search that keeps up with the frame rate.
 

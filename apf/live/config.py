@@ -127,18 +127,10 @@ class LiveConfig(Config):
     smoothing: float = setting(
         0.2, "Weight of the newest duration in the running means.", above=0, most=1
     )
-    sizes: SizeConfig = part(SizeConfig, "The sizes of search.")
-    governor: GovernorConfig = part(GovernorConfig, "Rules for enlarging and reducing the search.")
-    recovery: RecoveryConfig = part(
-        RecoveryConfig,
-        "Detection of a lost person. Far from the pose of the frame before, a few particles reach "
-        "a misfit of about 0.6; only above that nothing fits.",
-        ratio=3.0,
-        least=0.6,
-        unknown=0.6,
-    )
-    reconstruction: ReconstructionConfig = Field(
-        default_factory=_without_second_look,
-        description="The reconstruction. Frames that are dropped leave gaps; time is worth more "
-        "than a second look at every frame.",
-    )
+    sizes: SizeConfig = part(SizeConfig)
+    governor: GovernorConfig = part(GovernorConfig)
+    #: Detection of a lost person. Far from the pose of the frame before, a few particles reach a
+    #: misfit of about 0.6; only above that nothing fits.
+    recovery: RecoveryConfig = part(RecoveryConfig, ratio=3.0, least=0.6, unknown=0.6)
+    #: Frames that are dropped leave gaps; time is worth more than a second look at every frame.
+    reconstruction: ReconstructionConfig = Field(default_factory=_without_second_look)

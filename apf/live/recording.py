@@ -66,11 +66,6 @@ class Captures:
             self._condition.wait_for(lambda: self._newest.index > after or self.ended, seconds)
             return self._newest if self._newest.index > after else None
 
-    @property
-    def recording(self) -> bool:
-        """Whether frames are recorded."""
-        return bool(self._videos)
-
     def record(self, folder: Path, names: Sequence[str]) -> None:
         """Write the frames from now on into a new folder, as a video per camera, named so."""
         folder.mkdir(parents=True)

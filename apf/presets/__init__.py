@@ -19,8 +19,8 @@ class Preset(Config):
     """The settings of `apf track --preset name`; without a name, its defaults."""
 
     name: str = setting("", "Name of the preset.")
-    method: Method = part(Method, "Search, objective and their settings.")
-    reconstruction: ReconstructionConfig = part(ReconstructionConfig, "The reconstruction.")
+    method: Method = part(Method)
+    reconstruction: ReconstructionConfig = part(ReconstructionConfig)
     body: str | None = setting(None, "Name of the body, as of --body.", "the command's")
     background: str | None = setting(
         None, "How silhouettes are made, as of --background.", "the sequence's"

@@ -12,5 +12,4 @@ def uncrop(part: np.ndarray, corner: tuple[int, int], shape: tuple[int, int]) ->
         np.clip(np.arange(size) - first, 0, kept - 1)
         for size, first, kept in zip(shape, corner, part.shape[:2], strict=True)
     )
-    whole: np.ndarray = part[rows[:, None], columns]
-    return whole
+    return part[rows[:, None], columns]

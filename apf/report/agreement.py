@@ -53,9 +53,9 @@ class Agreement:
     clouds: tuple[VoxelCloud, ...]
 
 
-def choose_rows(n_frames: int, most: int = MOST_FRAMES) -> np.ndarray:
-    """Return evenly spaced rows of a track of `n_frames`, at most `most`."""
-    return np.arange(0, n_frames, max(1, -(-n_frames // most)))
+def choose_rows(n_frames: int) -> np.ndarray:
+    """Return evenly spaced rows of a track of `n_frames`, at most `MOST_FRAMES`."""
+    return np.arange(0, n_frames, max(1, -(-n_frames // MOST_FRAMES)))
 
 
 def compare_with_silhouettes(

@@ -168,20 +168,13 @@ def write_overlay(
     track: Track,
     body: BodyModel | None,
     progress: Callable[[], object] | None = None,
-    cameras: Items[str] | None = None,
 ) -> None:
     """Write an mp4 of the track's frames as `overlay_picture` shows them.
 
-    body: the scaled model that was tracked; None for the joints alone. cameras: names of those to
-    show, all without it. progress: called after each frame. Plays as fast as the scene (slower
-    below 1 frame/s). Raises InputError when a camera is unknown, a frame is not in the sequence or
-    the video cannot be written.
+    body: the scaled model that was tracked; None for the joints alone. progress: called after each
+    frame. Plays as fast as the scene (slower below 1 frame/s). Raises InputError when a frame is
+    not in the sequence or the video cannot be written.
     """
-    names = sequence.rig.names
-    unknown = [name for name in cameras or () if name not in names]
-    if unknown:
-        raise InputError(f"no camera {', '.join(unknown)}; the rig has {', '.join(names)}")
-    views = [names.index(name) for name in cameras or names]
     cones, cone_names = posed_shown_cones(body, track)
     with write_video(path, frame_rate(track)) as video:
         indices = check_indices(sequence, track.frames)
@@ -193,7 +186,6 @@ def write_overlay(
                 cone_names,
                 track.joints[row],
                 track.edges,
-                views=views,
                 note="   LOST" if track.lost[row] else "",
             )
             video.write(picture)

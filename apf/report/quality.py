@@ -89,8 +89,7 @@ class Quality:
         """Standard deviation (F, J) m of each joint along its least certain direction; 0 if
         unknown."""
         known = np.nan_to_num(self.track.covariance)
-        deviations: np.ndarray = np.sqrt(np.maximum(np.linalg.eigvalsh(known)[..., -1], 0.0))
-        return deviations
+        return np.sqrt(np.maximum(np.linalg.eigvalsh(known)[..., -1], 0.0))
 
     @cached_property
     def doubtful(self) -> dict[str, np.ndarray]:
@@ -248,8 +247,7 @@ class Quality:
 
 def camera_means(scores: np.ndarray) -> np.ndarray:
     """Return the means (V,) of scores (S, V), NaN for a camera without scores."""
-    means: np.ndarray = np.ma.filled(np.ma.masked_invalid(scores).mean(axis=0), np.nan)
-    return means
+    return np.ma.filled(np.ma.masked_invalid(scores).mean(axis=0), np.nan)
 
 
 def _name_cameras(cameras: Items[str], scores: np.ndarray) -> dict[str, float | None]:

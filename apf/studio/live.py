@@ -41,9 +41,8 @@ class LivePage(BrowserPage):
         start: LiveStart,
         rig: CameraRig,
         stop: Callable[[], object],
-        port: int = 0,
     ) -> None:
-        super().__init__("psfs-apf live", port)
+        super().__init__("psfs-apf live", 0)
         self._run: tuple[LiveResult, Timeline] | None = None
         self._ended = threading.Event()
         gui, scene = self.server.gui, self.server.scene

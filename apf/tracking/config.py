@@ -175,7 +175,7 @@ class TwoWayConfig(Config):
         unit="GB",
     )
     longest: int = natural(1000, "Greatest number of frames of a window.", unit="frames")
-    floor: FloatingFeetConfig = part(FloatingFeetConfig, "Standing feet that float over the floor.")
+    floor: FloatingFeetConfig = part(FloatingFeetConfig)
 
     def n_steady(self, fps: float) -> int:
         """Return the number of frames of a parabola, an odd number."""
@@ -296,11 +296,9 @@ class SmoothingConfig(Config):
         "replaced by it.",
         "by hand",
     )
-    contact: ContactConfig | None = part(
-        ContactConfig,
-        "Detection of standing feet, which are then held; none turns this off. With a fixed "
-        "lag feet are not held, because the end of a stance is not known yet.",
-    )
+    #: Detection of standing feet, which are then held; none turns this off. With a fixed lag feet
+    #: are not held, because the end of a stance is not known yet.
+    contact: ContactConfig | None = part(ContactConfig)
 
 
 class GaitConfig(Config):
@@ -325,9 +323,7 @@ class GaitConfig(Config):
 class TriangulatedConfig(Config):
     """Conversion of keypoints to a track without a body."""
 
-    triangulation: TriangulationConfig = part(
-        TriangulationConfig, "Criteria by which cameras are excluded from a point."
-    )
+    triangulation: TriangulationConfig = part(TriangulationConfig)
     longest_gap: float | None = nonnegative(
         None,
         "Longest gap that is filled; none to fill all.",

@@ -78,8 +78,7 @@ def limb_confidence(
         far = np.log(np.maximum(disagreement, regression.least) / regression.apart)
         known = _average_over_time(far, n)
         odds = np.where(np.isfinite(known), regression.disagreement * known, odds)
-    confidence: np.ndarray = expit(odds)
-    return confidence
+    return expit(odds)
 
 
 def _jitter(ends: np.ndarray, times: np.ndarray, at_rest: float) -> np.ndarray:
@@ -97,5 +96,4 @@ def _jitter(ends: np.ndarray, times: np.ndarray, at_rest: float) -> np.ndarray:
 
 def _average_over_time(values: np.ndarray, n: int) -> np.ndarray:
     """Return the moving averages of values (F, L) over n frames (n + 1 if n is even)."""
-    averaged: np.ndarray = uniform_filter1d(values, n + 1 - n % 2, axis=0, mode="nearest")
-    return averaged
+    return uniform_filter1d(values, n + 1 - n % 2, axis=0, mode="nearest")

@@ -195,8 +195,7 @@ class SeparateRuns:
 
     def score_poses(self, poses: np.ndarray) -> np.ndarray:
         """Return the errors (N,) of poses (N, D), averaged over the trackers."""
-        errors: np.ndarray = np.mean([of.score_poses(poses) for of in self._trackers], axis=0)
-        return errors
+        return np.mean([of.score_poses(poses) for of in self._trackers], axis=0)
 
 
 class _Restart(Tracker):

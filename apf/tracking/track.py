@@ -200,8 +200,7 @@ class Track:
     @property
     def lost_limbs(self) -> np.ndarray:
         """Limbs (F, L) bool that are probably wrong while the person is tracked."""
-        lost: np.ndarray = (self.limb_confidence < REGRESSION.lost) & ~self.lost[:, None]
-        return lost
+        return (self.limb_confidence < REGRESSION.lost) & ~self.lost[:, None]
 
     @property
     def its_body(self) -> BodyModel:

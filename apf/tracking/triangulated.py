@@ -6,7 +6,6 @@ It is the baseline for tracking with body model, voxels and motion.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from importlib.metadata import version
 
 import numpy as np
@@ -30,14 +29,12 @@ def triangulate_track(
     keypoints: Keypoints,
     config: TriangulatedConfig | None = None,
     selection: slice | None = None,
-    progress: Callable[[], object] | None = None,
 ) -> Track:
     """Triangulate the landmarks of `keypoints` in the selected frames of `sequence`.
 
     The keypoints have the cameras and frames of the sequence. A point that cannot be triangulated
     or interpolated is NaN. The diagnostics are reprojection_error (F, J) px and cameras_used (F,
-    J). progress: called when the points are triangulated. Raises InputError if no keypoint is a
-    landmark or if no point is seen twice.
+    J). Raises InputError if no keypoint is a landmark or if no point is seen twice.
     """
     config = config or TriangulatedConfig()
     frames = np.arange(keypoints.n_frames)[selection or slice(None)]
@@ -51,8 +48,6 @@ def triangulate_track(
     found = triangulate(sequence.rig, straight, config.triangulation)
     if not np.isfinite(found.points).any():
         raise _no_points(sequence.name, straight[..., 2], config.triangulation)
-    if progress is not None:
-        progress()
     rate = sequence.fps / (abs(selection.step or 1) if selection else 1)
     longest = config.longest_gap
     points = fill_gaps(found.points, None if longest is None else round(longest * rate))

@@ -51,10 +51,9 @@ class BackgroundConfig(Config):
 
         brightest = mean.max(-1)
         saturation = (brightest - mean.min(-1)) / np.maximum(brightest, 1)
-        width: np.ndarray = self.shadow_width_grey + saturation * (
+        return self.shadow_width_grey + saturation * (
             self.shadow_width_colour - self.shadow_width_grey
         )
-        return width
 
 
 class LightConfig(Config):
@@ -256,8 +255,7 @@ class EvidenceConfig(Config):
 
         slm = np.clip(likelihood, clamp, 1 - clamp)
         occluded = self.occlusion_prior
-        odds: np.ndarray = np.log(slm / (occluded * slm + (1 - occluded) * (1 - slm)))
-        return odds
+        return np.log(slm / (occluded * slm + (1 - occluded) * (1 - slm)))
 
     @cached_property
     def step(self) -> float:
@@ -304,8 +302,7 @@ class EvidenceConfig(Config):
         import numpy as np
 
         odds, occluded = np.exp(self.step * counts.astype(np.float64)), self.occlusion_prior
-        slm: np.ndarray = odds * (1 - occluded) / (1 + odds * (1 - 2 * occluded))
-        return slm
+        return odds * (1 - occluded) / (1 + odds * (1 - 2 * occluded))
 
     def mask_counts(self, masks: np.ndarray) -> np.ndarray:
         """Return the evidence counts, int8, of ready masks, 0..255: `UNKNOWN` where they say

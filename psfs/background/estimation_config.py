@@ -199,7 +199,7 @@ class TakeConfig(Config):
     free_share: float = fraction(
         0.1, "Least share of the frames in which a background pixel must be visible."
     )
-    still: StillConfig = part(StillConfig, "People who stay in a place.")
+    still: StillConfig = part(StillConfig)
     hidden_prior: float = nonnegative(
         1.0,
         "Prior log-odds of a person at pixels whose background is never visible and not "

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial, reduce
 from itertools import chain, islice
@@ -14,10 +12,11 @@ import numpy as np
 
 from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.cameras.camera import CameraRig
+from psfs.common.progress import map_in_threads
 from psfs.footage.media import Media
 
 _BAND_BYTES = 2**20  # processed at a time: this fits into a cache
-_VIEWS_AT_ONCE = 4  # estimated in parallel at most; more need more memory for frames
+VIEWS_AT_ONCE = 4  # estimated in parallel at most; more need more memory for frames
 _LOT = 255  # frames with exact sums: of squares in float32, of counts in a byte
 _HELD_BYTES = 2**26  # greatest size of a view's frames that are decoded once only
 _DEFAULT = BackgroundModelConfig()
@@ -42,7 +41,8 @@ def estimate_background(
 ) -> Background:
     """Estimate the background from all frames of an empty scene, one video or list of images per
     view."""
-    return _stack_views(rig, media, partial(_view_moments, config=config), config)
+    moments = map_in_threads(partial(_view_moments, config=config), media, VIEWS_AT_ONCE)
+    return Background(*stack_views(rig, moments, config))
 
 
 def _view_moments(view: Media, config: BackgroundModelConfig) -> tuple[np.ndarray, np.ndarray]:
@@ -166,19 +166,16 @@ def with_prior(
     return np.maximum(std, config.std_floor)
 
 
-def _stack_views(
+def stack_views(
     rig: CameraRig,
-    media: Sequence[Media],
-    moments: Callable[[Media], tuple[np.ndarray, np.ndarray]],
+    moments: Iterable[tuple[np.ndarray, np.ndarray]],
     config: BackgroundModelConfig,
-) -> Background:
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and standard deviation (V, H, W, 3) of a `Background` from those (h, w, 3) of
+    each view."""
     shape = (len(rig), rig.height, rig.width, 3)
     mean, std = np.zeros(shape, np.float32), np.full(shape, config.std_floor, np.float32)
-
-    def learn(view: int) -> None:
-        width, height = media[view].size
-        mean[view, :height, :width], std[view, :height, :width] = moments(media[view])
-
-    with ThreadPoolExecutor(min(_VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
-        list(pool.map(learn, range(len(media))))  # raises the threads' errors
-    return Background(mean, std)
+    for view, (middle, spread) in enumerate(moments):
+        height, width = middle.shape[:2]
+        mean[view, :height, :width], std[view, :height, :width] = middle, spread
+    return mean, std

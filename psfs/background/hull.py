@@ -54,8 +54,7 @@ class CoarseHull:
         shown = np.zeros(len(self.centres), np.int16)
         for mask, (seen, pixels) in zip(masks, self._at, strict=True):
             shown[seen] += mask.ravel()[pixels]
-        occupied: np.ndarray = self.inside & (shown >= self._seeing - denials)
-        return occupied
+        return self.inside & (shown >= self._seeing - denials)
 
     def sum_maps(self, maps: Sequence[np.ndarray]) -> np.ndarray:
         """Return (voxels,) float32: the sum of the maps (h, w) of all views where a voxel falls."""

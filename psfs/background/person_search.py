@@ -43,8 +43,7 @@ def measure_changes(frames: np.ndarray, config: TakeConfig) -> np.ndarray:
     outliers = 1 if len(frames) > 3 else 0  # at either end
     change = (ordered[-1 - outliers] - ordered[outliers]).max(-1).astype(np.float32)
     noise = float(np.median(change))
-    changed: np.ndarray = change / max(config.moving, 3 * noise)
-    return changed
+    return change / max(config.moving, 3 * noise)
 
 
 class PersonSearch:

@@ -54,5 +54,4 @@ class StandingPeople:
     def find(self, number: int) -> np.ndarray:
         """Return the places (P, 3) in a frame, or in the nearest one."""
         nearest = int(np.abs(self.frames - number).argmin())
-        found: np.ndarray = self.places[nearest]
-        return found
+        return self.places[nearest]

@@ -6,13 +6,21 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
 
 from psfs.background.config import BackgroundConfig, LightConfig
 from psfs.background.estimation_config import BackgroundModelConfig, TakeConfig
-from psfs.background.gaussian import Background, median_moments, sort_stack, with_prior
+from psfs.background.gaussian import (
+    VIEWS_AT_ONCE,
+    Background,
+    median_moments,
+    sort_stack,
+    stack_views,
+    with_prior,
+)
 from psfs.background.hull import CoarseHull
 from psfs.background.light import GRID, fit_light, relight_picture
 from psfs.background.person_search import (
@@ -26,7 +34,6 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.scaling import scale_picture
 from psfs.footage.media import Media
 
-_VIEWS_AT_ONCE = 4  # estimated in parallel at most; more need more memory for frames
 #: Standard deviation, grey levels, with which a channel's normal density peaks at the uniform
 #: foreground's, 1/256.
 _UNIFORM_STD = 256 / np.sqrt(2 * np.pi)
@@ -66,7 +73,7 @@ def estimate_background_from_take(
     model, config = model or BackgroundModelConfig(), config or TakeConfig()
     factor = rig.factor_within(config.longest_side)
     small = rig.scaled(factor)
-    with ThreadPoolExecutor(min(_VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
+    with ThreadPoolExecutor(min(VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
         views = list(pool.map(lambda own: _read_samples(own, factor, model), media))
         hidden, unseen, hull, poor = _find_hidden(small, views, pool, model, config)
         if poor and standing is not None:
@@ -76,18 +83,9 @@ def estimate_background_from_take(
                 hidden &= _cover_with_people(hull, standing, numbers, config.still.girth)
             hidden |= covered
             unseen[covered.mean(1) > config.still.covered_share] = np.nan
-        shape = (len(rig), rig.height, rig.width, 3)
-        mean, std = np.zeros(shape, np.float32), np.full(shape, model.std_floor, np.float32)
-
-        def learn(view: int) -> None:
-            width, height = media[view].size
-            own = _estimate_again(
-                media[view], views[view], hidden[view], unseen[view], model, config
-            )
-            mean[view, :height, :width], std[view, :height, :width] = own
-
-        list(pool.map(learn, range(len(media))))  # raises the threads' errors
-    return Background(mean, std, poor=poor)
+        again = partial(_estimate_again, model=model, config=config)
+        moments = pool.map(again, media, views, hidden, unseen)
+        return Background(*stack_views(rig, moments, model), poor=poor)
 
 
 def _read_samples(media: Media, factor: float, model: BackgroundModelConfig) -> _View:

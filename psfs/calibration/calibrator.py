@@ -31,7 +31,7 @@ from psfs.calibration.start.lenses import default_camera, estimate_camera_from_b
 from psfs.calibration.start.motion_capture import place_cameras_by_markers
 from psfs.calibration.start.placing import check_linked, count_shared_frames, find_spanning_pairs
 from psfs.calibration.start.wand import estimate_focal_lengths, place_cameras_by_wand
-from psfs.calibration.targets.target import Sighting, Target, group_by_frame, group_by_view
+from psfs.calibration.targets.target import Sighting, Target, group_by_view, select_shared
 from psfs.cameras.camera import Camera
 from psfs.cameras.names import join_names
 
@@ -183,9 +183,12 @@ def _reject_false(
         near = [s for s in own if np.median(reprojection_errors(scene, target, s)) < config.outlier]
         least = (1 - config.disagreement.false_share) * len(own)
         kept += near if len(near) >= least else own
-    enough = 1 if target.planar or target.known is not None else 2
-    counts = {frame: len(here) for frame, here in group_by_frame(kept).items()}
-    return [s for s in kept if counts[s.frame] >= enough]
+    return select_shared(kept, _count_needed(target))
+
+
+def _count_needed(target: Target) -> int:
+    """Return how many cameras must see the target for its pose to be known."""
+    return 1 if target.planar or target.known is not None else 2
 
 
 def _exclude_outlier_cameras(
@@ -212,9 +215,7 @@ def _exclude_outlier_cameras(
     ) is not None:
         views.remove(outlier.view)
         agreeing = [s for s in sightings if s.view in views]
-        counts = {frame: len(here) for frame, here in group_by_frame(agreeing).items()}
-        enough = 1 if target.planar or target.known is not None else 2
-        agreeing = [s for s in agreeing if counts[s.frame] >= enough]
+        agreeing = select_shared(agreeing, _count_needed(target))
         lenses = tuple(view for view in freedom.lenses if view in views)
         anchor = freedom.held and (views[0],)
         held = (*anchor, *(v for v in range(len(names)) if v not in views))

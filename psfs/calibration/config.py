@@ -167,7 +167,5 @@ class CalibrationConfig(Config):
         above=1,
         below=100,
     )
-    markers: MarkerConfig = part(MarkerConfig, "Detection of a wand's bright markers.")
-    disagreement: DisagreementConfig = part(
-        DisagreementConfig, "Search for cameras that disagree, and for the reason."
-    )
+    markers: MarkerConfig = part(MarkerConfig)
+    disagreement: DisagreementConfig = part(DisagreementConfig)

@@ -11,7 +11,7 @@ import numpy as np
 from psfs.calibration.bundle import FreeParameters, adjust_bundle
 from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.scene import CalibrationScene, all_reprojection_errors, rms
-from psfs.calibration.targets.target import Sighting, Target, group_by_frame
+from psfs.calibration.targets.target import Sighting, Target, select_shared
 from psfs.cameras.camera import Camera
 from psfs.common.numbers import pick_evenly
 
@@ -58,11 +58,10 @@ def _compare_camera(
     views: Sequence[int],
     config: CalibrationConfig,
 ) -> CameraComparison | None:
-    rest = [s for s in sightings if s.view != view]
     needed = 1 if target.known is not None else 2
-    enough = {frame for frame, here in group_by_frame(rest).items() if len(here) >= needed}
-    rest = [s for s in rest if s.frame in enough]
-    own = [s for s in sightings if s.view == view and s.frame in enough]
+    rest = select_shared([s for s in sightings if s.view != view], needed)
+    seen = {s.frame for s in rest}
+    own = [s for s in sightings if s.view == view and s.frame in seen]
     if len(own) < 4:
         return None
     count = len(scene.cameras)
@@ -104,8 +103,7 @@ def explain_disagreement(
     """
     view, scene = trial.view, trial.scene
     every = [s for s in every if s.view == view and s.frame in scene.poses]
-    picked = pick_evenly(len(every), config.disagreement.most_own)
-    every = [every[k] for k in picked]
+    every = [every[k] for k in pick_evenly(len(every), config.disagreement.most_own)]
     guesses = [
         _test_moved(scene, target, every, config),
         _test_late(scene, target, every, config),

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError, MissingFileError
-from psfs.calibration.start.lenses import estimate_camera_from_boards
+from psfs.calibration.start.lenses import default_camera, estimate_camera_from_boards
 from psfs.calibration.targets.detection import Finder
 from psfs.calibration.targets.target import Sighting
 from psfs.cameras.calibration import find_calibration, read_calibration
@@ -62,7 +62,7 @@ def make_cameras_by_angle(rig: CameraRig, degrees: float) -> list[Camera]:
     without distortion. Raises InputError for an angle that no such lens has."""
     check_number("--field-of-view, degrees,", degrees, 5, 150)
     share = 0.5 / np.tan(np.radians(0.5 * degrees))
-    return [_make_camera(camera, share) for camera in rig]
+    return [default_camera(camera.name, camera.size, share) for camera in rig]
 
 
 def make_cameras_by_metadata(
@@ -76,15 +76,7 @@ def make_cameras_by_metadata(
     silent = [str(pictures[name]) for name in pictures if name not in stated]
     if silent:
         raise InputError(f"{join_names(silent)}: no focal length in the metadata")
-    return [_make_camera(camera, stated[camera.name].share) for camera in rig], stated
-
-
-def _make_camera(camera: Camera, share: float) -> Camera:
-    """Return a camera at the origin; share: its focal length as one of the longer side."""
-    focal = share * max(camera.size)
-    K = np.diag([focal, focal, 1.0])
-    K[:2, 2] = 0.5 * (np.array(camera.size) - 1)
-    return Camera(camera.name, K, np.zeros(5), np.eye(3), np.zeros(3), camera.size)
+    return [default_camera(c.name, c.size, stated[c.name].share) for c in rig], stated
 
 
 def _estimate_from_pictures(folder: Path, camera: Camera, finder: Finder | None) -> Camera:

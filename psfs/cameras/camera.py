@@ -205,8 +205,7 @@ class Camera:
     def rays(self, pixels: np.ndarray) -> np.ndarray:
         """Return the world directions (N, 3), of depth 1, of the rays through pixels (N, 2), see
         `normalise`."""
-        rays: np.ndarray = np.column_stack([self.normalise(pixels), np.ones(len(pixels))]) @ self.R
-        return rays
+        return np.column_stack([self.normalise(pixels), np.ones(len(pixels))]) @ self.R
 
     def scaled(self, factor: float) -> Camera:
         """Return the camera for a picture that `scale_picture` resizes by `factor` (pixel centres

@@ -37,8 +37,7 @@ def _tsai_radius_ratio(stretch: np.ndarray) -> np.ndarray:
     # 0.
     share = np.where(np.abs(stretch) < 1e-12, 1 - stretch, share)
     slope = 3 * stretch * share**2 + 1
-    better: np.ndarray = share - (stretch * share**3 + share - 1) / np.where(slope > 1e-6, slope, 1)
-    return better
+    return share - (stretch * share**3 + share - 1) / np.where(slope > 1e-6, slope, 1)
 
 
 def distort(

@@ -6,10 +6,12 @@ import math
 
 import numpy as np
 
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import Camera, CameraRig
 
 #: Points along a side of the lattices; odd, so that the centre is one of them.
 _COARSE, _FINE = 21, 41
+#: Cameras that are less than this apart, m, are at the same place.
+_SAME_PLACE = 1e-3
 
 
 def axis_projectors(rig: CameraRig) -> np.ndarray:
@@ -46,6 +48,22 @@ def intersect_axes_ahead(rig: CameraRig) -> np.ndarray:
     pull = 1e-3 * np.eye(3)  # small compared with the projectors' eigenvalues, 0 and 1
     moments = (projectors @ rig.centres[:, :, None]).sum(0)[:, 0]
     return np.linalg.solve(projectors.sum(0) + pull, moments + pull @ ahead)
+
+
+def look_along_baseline(
+    first: Camera, second: Camera, scene: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the direction (3,) from one camera to another, two directions (3, 2) across it, the
+    first towards `scene`, and the scene's distance from the cameras' line, m; 0 if the cameras are
+    at the same place and thus have no line."""
+    line = second.centre - first.centre
+    length = float(np.linalg.norm(line))
+    line = line / max(length, 1e-12)
+    ahead = scene - first.centre
+    ahead = ahead - line * (ahead @ line)
+    distance = float(np.linalg.norm(ahead)) if length >= _SAME_PLACE else 0.0
+    ahead = ahead / max(distance, 1e-12)
+    return line, np.stack([ahead, np.cross(line, ahead)], -1), distance
 
 
 def required_cameras(n_cameras: int, share: float, least: int = 1) -> int:

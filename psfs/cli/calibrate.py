@@ -136,7 +136,7 @@ def _calibrate(args: argparse.Namespace) -> None:
     config: CalibrationConfig = args.configs.get("calibration", CalibrationConfig())
     boards = _make_board_finders(args)
     board = boards[0] if boards else None
-    stated = {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}
+    stated = {key: getattr(args, key) for key in _STATED}
     views = open_uncalibrated(Path(args.folder), SequenceSettings.from_dict(stated))
     chosen, floor = _choose_frames(args, views, config)
     finder = board or _marker_finder(args, views, chosen, config.markers)

@@ -71,7 +71,7 @@ def read_person_config(args: argparse.Namespace) -> PersonConfig:
 
 def open_person_footage(args: argparse.Namespace) -> Sequence:
     """Open the folder of uncalibrated cameras, with the empty scene or masks where it has some."""
-    stated = {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}
+    stated = {key: getattr(args, key) for key in _STATED}
     folder = Path(args.folder)
     settings = SequenceSettings.from_dict({**stated, "sync": {}}).fill_from(
         SequenceSettings.read(folder / "sequence.toml")

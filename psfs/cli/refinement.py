@@ -30,7 +30,7 @@ _STATED = ("cameras", "fps", "sync", "calibration")
 
 def refine(args: argparse.Namespace) -> None:
     """Correct the cameras of a take, or keep them if held-out frames fit no better."""
-    stated = {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}
+    stated = {key: getattr(args, key) for key in _STATED}
     session = Session(Sequence.open(args.folder, **stated), select_device(args.device))
     session = synchronise(session)
     if len(session.rig) < 3:

@@ -50,13 +50,11 @@ def ray_cone_distances(origin: np.ndarray, rays: np.ndarray, cones: np.ndarray) 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the scalar products (..) of vectors (.., 3); `np.sum` over three numbers is four times
     slower."""
-    total: np.ndarray = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
-    return total
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
 def largest_slopes(cones: np.ndarray) -> np.ndarray:
     """Return (C,): the most that the distance to each of the cones (C, 16) changes per metre."""
     across = np.linalg.norm([cones[:, 8:11], cones[:, 12:15]], axis=-1).max(0, initial=1.0)
     length = np.linalg.norm(cones[:, 4:7] - cones[:, 0:3], axis=-1)
-    slopes: np.ndarray = across + np.abs(cones[:, 7] - cones[:, 3]) / length
-    return slopes
+    return across + np.abs(cones[:, 7] - cones[:, 3]) / length

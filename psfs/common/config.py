@@ -160,9 +160,10 @@ def natural(default: Any, description: str, *text: str, **extra: Any) -> Any:
     return setting(default, description, *text, least=1, **extra)
 
 
-def part(kind: type[Config], description: str, **defaults: Any) -> Any:
-    """Return a field that holds settings of class `kind`, with other `defaults` of some."""
-    return Field(default_factory=partial(kind, **defaults), description=description)
+def part(kind: type[Config], **defaults: Any) -> Any:
+    """Return a field that holds settings of class `kind`, whose docstring says what they are; with
+    other `defaults` of some."""
+    return Field(default_factory=partial(kind, **defaults))
 
 
 def with_parts(parts: Mapping[str, type[Any]]) -> Callable[[type[C]], type[C]]:
@@ -171,7 +172,7 @@ def with_parts(parts: Mapping[str, type[Any]]) -> Callable[[type[C]], type[C]]:
 
     def extended(kind: type[C]) -> type[C]:
         fields: dict[str, Any] = {
-            name: (inner, part(inner, " ".join((inner.__doc__ or "").split())))
+            name: (inner, part(inner))
             for name, inner in parts.items()
             if name not in kind.model_fields
         }

@@ -13,8 +13,8 @@ from typing import IO, Any
 import numpy as np
 
 from cl import InputError
+from psfs.common.ranges import LARGEST
 from psfs.common.reading import open_input, parsing
-from psfs.common.schema import LARGEST
 
 #: Most bytes of all arrays of a file together; of a compressed file at most `_MOST_RATIO` times its
 #: size beyond `_SMALL` bytes. Frames of nothing compress to a thousandth, but are small.

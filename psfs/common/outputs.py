@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import shutil
 import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -41,19 +42,13 @@ def temporary_name(path: Path) -> Path:
 def clear_leftovers(folder: Path) -> None:
     """Remove the temporary files that killed processes left in `folder`."""
     with contextlib.suppress(OSError):
-        for entry in os.scandir(folder):
-            match = _LEFTOVER.fullmatch(entry.name)
+        for path in folder.iterdir():
+            match = _LEFTOVER.fullmatch(path.name)
             if match and not is_alive(int(match[1])):
-                _remove(Path(entry.path))
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        for inner in path.iterdir():
-            _remove(inner)
-        path.rmdir()
-    else:
-        path.unlink(missing_ok=True)
+                if path.is_dir() and not path.is_symlink():
+                    shutil.rmtree(path)
+                else:
+                    path.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)

@@ -30,5 +30,6 @@ def map_in_threads(
     pool = ThreadPoolExecutor(min(most, os.cpu_count() or 1, max(1, len(items))))
     try:
         yield from pool.map(function, items)
+        pool.shutdown()
     finally:
         pool.shutdown(wait=False, cancel_futures=True)

@@ -19,11 +19,10 @@ def keep_large_regions(occupied: np.ndarray, share: float) -> np.ndarray:
     largest region's elements.
     """
     labels, _ = _label_regions(occupied)
-    sizes = np.bincount(labels.ravel())
+    sizes = np.bincount(labels.ravel(), minlength=1)
     sizes[0] = 0  # the background
     kept = sizes >= np.maximum(1, share * sizes.max())
-    remaining: np.ndarray = kept[labels]
-    return remaining
+    return kept[labels]
 
 
 def find_connected_regions(occupied: np.ndarray) -> list[np.ndarray]:

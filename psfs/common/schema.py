@@ -20,11 +20,10 @@ from pydantic import (
 
 from cl import InputError
 from psfs.common.names import check_name, escape_unprintable
+from psfs.common.ranges import LARGEST
 
 T = TypeVar("T")
 
-#: No length (m, mm or px), angle or weight that somebody means is larger.
-LARGEST = 1e9
 #: Characters of a found value that an error shows.
 _SHOWN = 60
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.camera import CameraRig
+from psfs.common.numbers import pick_evenly
 from psfs.session import Session
 from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.body_prior import TrackedBody
@@ -21,8 +22,7 @@ def check_body(session: Session, body: TrackedBody) -> None:
         raise InputError(
             f"{body.path}: the person is lost in all frames; expected some with a body"
         )
-    picked = np.linspace(0, len(known) - 1, min(config.samples, len(known))).round().astype(int)
-    indices = [known[i] for i in picked]
+    indices = [known[i] for i in pick_evenly(len(known), config.samples)]
     shares = [
         share_on_silhouettes(session.rig, evidence, body[index])
         for index, evidence in zip(indices, session.evidence(indices), strict=True)

@@ -143,7 +143,8 @@ class AlignmentConfig(Config):
         "one number for all tips leaves times to slow ones, which are many",
         "px/frame",
     )
-    limbs: LimbConfig = part(LimbConfig, "Medial axes of limbs, in the last matchings.")
+    #: Medial axes of limbs, in the last matchings.
+    limbs: LimbConfig = part(LimbConfig)
     n_rounds: int = natural(4, "Number of matchings of the frontier points.")
     n_steps: int = natural(2, "Number of Gauss-Newton steps after each matching.")
     n_last: int = natural(5, "Most matchings with the narrowest gate, of all frames.")

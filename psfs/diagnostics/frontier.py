@@ -9,7 +9,7 @@ two cameras, and matched by this angle.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -18,6 +18,7 @@ from scipy.ndimage import maximum_filter1d
 from scipy.spatial import cKDTree
 
 from psfs.cameras.camera import Camera
+from psfs.cameras.rig_geometry import look_along_baseline
 from psfs.diagnostics.small_views import Outline
 
 #: Points of a contour on either side of a tip that must lie behind it, px.
@@ -81,6 +82,18 @@ class FrontierPoints:
     def __len__(self) -> int:
         return len(self.frames)
 
+    def select(self, kept: np.ndarray) -> FrontierPoints:
+        """Return those that are `kept` (M,) bool."""
+        columns = self.views, self.frames, self.pixels, self.rates
+        return FrontierPoints(*(column[kept] for column in columns))
+
+
+def join_points(found: Iterable[FrontierPoints]) -> FrontierPoints:
+    """Return all points of `found`, one after another."""
+    empty = np.zeros((0, 2), int), np.zeros(0, int), np.zeros((0, 2, 2)), np.zeros(0)
+    columns = [empty, *((p.views, p.frames, p.pixels, p.rates) for p in found)]
+    return FrontierPoints(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+
 
 def find_frontier_points(
     cameras: Sequence[Camera],
@@ -100,14 +113,7 @@ def find_frontier_points(
     late = np.zeros(len(cameras)) if offsets is None else offsets
     views = [_View(*of, bend) for of in zip(cameras, contours, late, strict=True)]
     pairs = combinations(range(len(cameras)), 2)
-    kept = [
-        of for of in (_match_pair(views, pair, scene, gate) for pair in pairs) if of is not None
-    ]
-    if not kept:
-        empty = np.zeros((0, 2), int), np.zeros(0, int), np.zeros((0, 2, 2)), np.zeros(0)
-        return FrontierPoints(*empty)
-    columns = zip(*[(p.views, p.frames, p.pixels, p.rates) for p in kept], strict=True)
-    return FrontierPoints(*(np.concatenate(column) for column in columns))
+    return join_points(_match_pair(views, pair, scene, gate) for pair in pairs)
 
 
 class _View:
@@ -124,15 +130,11 @@ class _View:
 
 def _match_pair(
     views: list[_View], pair: tuple[int, int], scene: np.ndarray, gate: float
-) -> FrontierPoints | None:
+) -> FrontierPoints:
     both = [views[view] for view in pair]
-    first, second = (view.camera.centre for view in both)
-    line = (second - first) / max(float(np.linalg.norm(second - first)), 1e-12)
-    ahead = scene - first - line * ((scene - first) @ line)
-    if np.linalg.norm(ahead) < _NEAREST:
-        return None
-    ahead /= np.linalg.norm(ahead)
-    axes = np.stack([ahead, np.cross(line, ahead)], -1)
+    line, axes, distance = look_along_baseline(both[0].camera, both[1].camera, scene)
+    if distance < _NEAREST:
+        return join_points([])
     flat = [view.rays @ axes for view in both]
     lengths = [np.maximum(np.linalg.norm(of, axis=1), 1e-12) for of in flat]
     usable = [of[:, 0] > _AHEAD * length for of, length in zip(flat, lengths, strict=True)]
@@ -147,8 +149,6 @@ def _match_pair(
         ]
         found.append(_match_tips(tips[0], tips[1], gate))
     indices = np.concatenate([np.stack([tips[0], tips[1]], -1) for tips in found])
-    if not len(indices):
-        return None
     pixels = np.stack([view.contours.points[indices[:, k]] for k, view in enumerate(both)], 1)
     frames = both[0].contours.frames[indices[:, 0]]
     rates = np.concatenate([tips[2] for tips in found])
@@ -232,7 +232,8 @@ def epipolar_residuals(
     K = np.stack([camera.K for camera in cameras])
     R = np.stack([camera.R for camera in cameras])
     centres = np.stack([camera.centre for camera in cameras])
-    own, rays = _trace_points(cameras, points, R)
+    rays = trace_points(cameras, points)
+    own = np.einsum("mkij,mkj->mki", R[points.views], rays)
     a, b = points.views.T
     line = centres[b] - centres[a]
     length = np.linalg.norm(line, axis=1, keepdims=True)
@@ -253,14 +254,12 @@ def epipolar_residuals(
     return residuals / per_pixel, slopes / per_pixel[:, None, None]
 
 
-def _trace_points(
-    cameras: Sequence[Camera], points: FrontierPoints, R: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rays (M, 2, 3) of depth 1 in the cameras' axes and in the world's."""
+def trace_points(cameras: Iterable[Camera], points: FrontierPoints) -> np.ndarray:
+    """Return the rays (M, 2, 3) of depth 1 of the points' pixels, in the world's axes."""
     rays = np.empty((len(points), 2, 3))
     for view, camera in enumerate(cameras):
         for side in range(2):
             mine = points.views[:, side] == view
             if mine.any():
                 rays[mine, side] = camera.rays(points.pixels[mine, side])
-    return np.einsum("mkij,mkj->mki", R[points.views], rays), rays
+    return rays

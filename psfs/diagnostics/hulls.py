@@ -10,16 +10,14 @@ from psfs.cameras.camera import Camera
 from psfs.diagnostics.small_views import Outline
 
 
-class HullRays:
-    """Rays through the corners of the hulls of one camera's silhouettes in F frames.
+class HullPoints:
+    """Corners of the hulls of one camera's silhouettes in F frames, one frame's after another's.
 
-    camera: small. rays: (N, 3) directions of depth 1 in the camera's axes, one frame's after
-    another's. starts: (M,) the first of each frame with a silhouette. frames: (M,) these frames.
-    at_border: (N,) bool, whether the silhouette may go on beyond the picture. pixels: (N, 2).
+    pixels: (N, 2). starts: (M,) the first of each frame with a silhouette. frames: (M,) these
+    frames. at_border: (N,) bool, whether the silhouette may go on beyond the picture.
     """
 
-    def __init__(self, camera: Camera, outlines: Sequence[Outline | None]) -> None:
-        self.camera = camera
+    def __init__(self, outlines: Sequence[Outline | None]) -> None:
         found = [(number, of) for number, of in enumerate(outlines) if of is not None]
         self.n_frames = len(outlines)
         self.frames = np.array([number for number, _ in found], int)
@@ -27,17 +25,17 @@ class HullRays:
         borders = [of.at_border for _, of in found] or [np.zeros(0, bool)]
         self.at_border = np.concatenate(borders)
         self.starts = np.cumsum([0, *(len(of.points) for _, of in found)])[:-1]
-        rays = camera.rays(self.pixels) @ camera.R.T if len(self.pixels) else np.zeros((0, 3))
-        self.rays = rays
 
-    def extremes(self, values: np.ndarray) -> np.ndarray:
+    def extremes(self, values: np.ndarray, widest: float = np.inf) -> np.ndarray:
         """Return the least and the greatest of values (..., N) in every frame (..., F, 2); NaN
-        without a silhouette, or if it may go on beyond the picture there."""
+        without a silhouette, if they are more than `widest` apart, or if the silhouette may go on
+        beyond the picture there."""
         out = np.full((*values.shape[:-1], self.n_frames, 2), np.nan)
         if not values.shape[-1]:
             return out
         least = np.minimum.reduceat(values, self.starts, axis=-1)
         greatest = np.maximum.reduceat(values, self.starts, axis=-1)
+        too_wide = greatest - least > widest
         if self.at_border.any():
             bounded = np.where(self.at_border, values, np.inf)
             low = np.minimum.reduceat(bounded, self.starts, axis=-1)
@@ -45,8 +43,23 @@ class HullRays:
             high = np.maximum.reduceat(bounded, self.starts, axis=-1)
             least = np.where(low <= least, np.nan, least)
             greatest = np.where(high >= greatest, np.nan, greatest)
-        out[..., self.frames, :] = np.stack([least, greatest], -1)
+        found = np.stack([least, greatest], -1)
+        found[too_wide] = np.nan
+        out[..., self.frames, :] = found
         return out
+
+
+class HullRays(HullPoints):
+    """The same with rays through the corners.
+
+    camera: small. rays: (N, 3) directions of depth 1 in the camera's axes.
+    """
+
+    def __init__(self, camera: Camera, outlines: Sequence[Outline | None]) -> None:
+        super().__init__(outlines)
+        self.camera = camera
+        rays = camera.rays(self.pixels) @ camera.R.T if len(self.pixels) else np.zeros((0, 3))
+        self.rays = rays
 
     def find_extreme_angles(self, forward: np.ndarray, across: np.ndarray) -> np.ndarray:
         """Return `extremes` of the angles, rad, of directions whose parts (..., N) are given."""

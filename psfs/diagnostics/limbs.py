@@ -209,8 +209,7 @@ def _project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _are_alike(first: np.ndarray, second: np.ndarray, config: LimbConfig) -> np.ndarray:
-    alike: np.ndarray = (first < config.alike * second) & (second < config.alike * first)
-    return alike
+    return (first < config.alike * second) & (second < config.alike * first)
 
 
 def _trace(

@@ -15,6 +15,7 @@ import numpy as np
 
 from psfs.backend import make_evidence_function
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.common.numbers import pick_evenly
 from psfs.diagnostics.config import OccluderConfig
 from psfs.diagnostics.small_views import Shrink
 from psfs.session import Session
@@ -45,9 +46,9 @@ def find_hidden_pixels(session: Session, config: OccluderConfig | None = None) -
     evidence_of = make_evidence_function(
         session.device, shrink.small, background, SilhouetteConfig().without_memory()
     )
-    picked = np.linspace(0, len(sequence) - 1, config.samples).round().astype(int)
+    picked = pick_evenly(len(sequence), config.samples).tolist()
     with sequence.reader(learning=False) as read:
-        evidence = [evidence_of(shrink.frame(read(int(i)))).copy() for i in np.unique(picked)]
+        evidence = [evidence_of(shrink.frame(read(i))).copy() for i in picked]
     box = _box(session, shrink.small, evidence)
     if box is None:
         return None
@@ -161,8 +162,7 @@ class _HiddenPixelCounter:
         maps = np.zeros((self.rig.height, self.rig.width), np.uint8)
         maps.ravel()[pixels[pixels >= 0]] = 1
         size = self._widths[view] + 2 * margin
-        covered: np.ndarray = cv2.dilate(maps, np.ones((size, size), np.uint8)) > 0
-        return covered
+        return cv2.dilate(maps, np.ones((size, size), np.uint8)) > 0
 
     def find_hidden(self) -> np.ndarray:
         """Return (V, H, W) bool: the pixels that deny in enough frames, with holes filled and
@@ -188,14 +188,12 @@ def _divide(coarse: VoxelGrid, voxels: np.ndarray) -> np.ndarray:
 
 def _find_children(voxels: np.ndarray) -> np.ndarray:
     """Return the places (N * _FINE**3,) in the order of `_divide` of the coarse voxels' parts."""
-    children: np.ndarray = (voxels[:, None] * _FINE**3 + np.arange(_FINE**3)).ravel()
-    return children
+    return (voxels[:, None] * _FINE**3 + np.arange(_FINE**3)).ravel()
 
 
 def _look_up(maps: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Return the values (N,) of a map (H, W) at flat indices; 0 at the index -1."""
-    values: np.ndarray = np.append(maps.ravel(), maps.dtype.type(0))[places]
-    return values
+    return np.append(maps.ravel(), maps.dtype.type(0))[places]
 
 
 def _bytes(maps: np.ndarray) -> np.ndarray:
@@ -207,8 +205,7 @@ def _without_specks(region: np.ndarray, least: int) -> np.ndarray:
     count, labels, facts, _ = cv2.connectedComponentsWithStats(region, connectivity=8)
     kept = facts[:count, cv2.CC_STAT_AREA] >= least
     kept[0] = False
-    large: np.ndarray = kept[labels]
-    return large
+    return kept[labels]
 
 
 def _box(
@@ -220,9 +217,8 @@ def _box(
     if stated is not None:
         low, high = stated
         return np.asarray(low, float), np.asarray(high, float)
-    picked = np.linspace(0, len(evidence) - 1, volume.samples).round().astype(int)
     needed = OccupancyConfig().seeing_cameras(len(rig))
-    clean = [remove_speckle(evidence[i]) for i in picked]
+    clean = [remove_speckle(evidence[i]) for i in pick_evenly(len(evidence), volume.samples)]
     found = BoxSearch(rig, clean, volume, needed).run()
     if found is None:  # the stages that need a volume report it
         return None
@@ -234,7 +230,4 @@ def _box(
 def _enlarge(region: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     if region.shape == size[::-1]:
         return region
-    large: np.ndarray = cv2.resize(
-        region.view(np.uint8), size, interpolation=cv2.INTER_NEAREST
-    ).view(bool)
-    return large
+    return cv2.resize(region.view(np.uint8), size, interpolation=cv2.INTER_NEAREST).view(bool)

@@ -218,10 +218,7 @@ def _measure_shift(
 def _edges(picture: np.ndarray) -> np.ndarray:
     """Return the strength of the edges (h, w) float32."""
     grey = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), 1.0)
-    strength: np.ndarray = cv2.magnitude(
-        cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1)
-    )
-    return strength
+    return cv2.magnitude(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1))
 
 
 def _find_filled(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:

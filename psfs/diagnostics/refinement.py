@@ -52,8 +52,7 @@ class RigCorrections:
     @property
     def offsets(self) -> np.ndarray:
         """Frames by which each camera takes its pictures later than the mean camera (V,)."""
-        offsets: np.ndarray = self.values[:, 7]
-        return offsets
+        return self.values[:, 7]
 
     def apply(self, cameras: Iterable[Camera]) -> CameraRig:
         """Return the corrected cameras."""
@@ -141,11 +140,7 @@ class RigFit:
         self, values: np.ndarray, gate: float, bend: float, frames: np.ndarray | None
     ) -> FrontierPoints:
         points = self._search(self._correct(values), gate, bend, values[:, 7])
-        if frames is None:
-            return points
-        kept = frames[points.frames]
-        columns = points.views, points.frames, points.pixels, points.rates
-        return FrontierPoints(*(column[kept] for column in columns))
+        return points if frames is None else points.select(frames[points.frames])
 
     def _step(
         self, values: np.ndarray, points: FrontierPoints, late: int, further: Measure | None

@@ -63,12 +63,6 @@ class Checker:
         return np.array(scores)
 
 
-def remove_speckle(silhouette: np.ndarray, share: float = SPECKLE_SHARE) -> np.ndarray:
-    """Return `silhouette` (H, W) bool after a 5x5 median, without parts smaller than `share` of the
-    largest one."""
-    return keep_large_regions(cv2.medianBlur(silhouette.astype(np.uint8), 5), share)
-
-
 def whole_silhouettes(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
     """Return the `whole_silhouette` (V, H, W) bool of each view."""
     return np.stack([whole_silhouette(*of) for of in zip(shown, region, strict=True)])

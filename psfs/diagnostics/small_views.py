@@ -22,7 +22,7 @@ from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
 
 #: No appearance model is fitted. Shadows on the floor are not searched: in small pictures the
-#: floor's cells are too coarse for feet.
+#: floor's cells are too coarse for feet, and of new cameras the floor is not yet known.
 SILHOUETTES = SilhouetteConfig(
     appearance=AppearanceConfig(learn=False), floor=FloorConfig(height=-1000.0)
 )
@@ -136,8 +136,7 @@ def draw_contact_sheet(views: SmallViews, columns: int = 6) -> np.ndarray:
             cell[mask] = cell[mask] // 2 + np.array([0, 127, 0], np.uint8)
             cells.append(cv2.copyMakeBorder(cell, 0, 2, 0, 2, cv2.BORDER_CONSTANT))
         rows.append(np.hstack(cells))
-    sheet: np.ndarray = np.vstack(rows)
-    return sheet
+    return np.vstack(rows)
 
 
 def _select_frames(sequence: Sequence, config: FaultConfig) -> range:
@@ -168,12 +167,14 @@ def extract_outline(mask: np.ndarray, least: int = 40) -> Outline | None:
     contour = max(parts, key=len)
     corners = cv2.convexHull(contour).reshape(-1, 2).astype(float)
     points = contour.reshape(-1, 2).astype(float)
-    last = np.array(mask.shape[::-1]) - 2
+    borders = [find_border_points(of, mask.shape) for of in (corners, points)]
+    return Outline(corners, borders[0], int(areas.max()), points, borders[1])
 
-    def at_border(of: np.ndarray) -> np.ndarray:
-        return np.asarray(((of <= 1) | (of >= last)).any(axis=1))
 
-    return Outline(corners, at_border(corners), int(areas.max()), points, at_border(points))
+def find_border_points(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Return which points (N, 2) px are at the border of a picture of `shape`."""
+    last = np.array(shape[::-1]) - 2
+    return np.asarray(((points <= 1) | (points >= last)).any(axis=1))
 
 
 def shows_several_people(silhouettes: np.ndarray) -> bool:

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.rig_geometry import intersect_axes_ahead
+from psfs.cameras.rig_geometry import intersect_axes_ahead, look_along_baseline
+from psfs.diagnostics.hulls import HullPoints
 from psfs.diagnostics.small_views import Outline
 
 #: Cap of the differences between planes, as a share of the person's size: larger differences count
@@ -64,7 +65,7 @@ class Tangency:
 
     def __init__(self, rig: CameraRig, outlines: list[list[Outline | None]]) -> None:
         self.rig, self.n_frames = rig, len(outlines)
-        self._images = [_Image([row[v] for row in outlines]) for v in range(len(rig))]
+        self._images = [HullPoints([row[v] for row in outlines]) for v in range(len(rig))]
         self._target = intersect_axes_ahead(rig)
         self._planes: dict[tuple[int, int, int, Way], np.ndarray] = {}
         self._rays: dict[tuple[int, int, Way], np.ndarray] = {}
@@ -94,7 +95,7 @@ class Tangency:
         """Return the directions (N, 3) of all points of an image's outlines."""
         key = camera, image, way
         if key not in self._rays:
-            own, points = self.rig[camera], self._images[image].points
+            own, points = self.rig[camera], self._images[image].pixels
             turned = np.where(np.less(way, 0), np.array(own.size) - 1 - points, points)
             self._rays[key] = own.rays(turned) if len(points) else np.zeros((0, 3))
         return self._rays[key]
@@ -190,60 +191,24 @@ class Tangency:
     def _axis(self, a: int, b: int) -> tuple[np.ndarray, np.ndarray, float]:
         """Return two directions perpendicular to the line between two cameras, the first towards
         the scene, and the scene's distance from the line."""
-        low, high = min(a, b), max(a, b)
-        if (low, high) not in self._axes:
-            line = self.rig[high].centre - self.rig[low].centre
-            line = line / max(float(np.linalg.norm(line)), 1e-12)
-            across = self._target - self.rig[low].centre
-            across = across - line * (across @ line)
-            distance = max(float(np.linalg.norm(across)), 1e-12)
-            second = np.cross(line, across / distance)
-            self._axes[low, high] = across / distance, second, distance
-        return self._axes[low, high]
+        pair = min(a, b), max(a, b)
+        if pair not in self._axes:
+            first, second = (self.rig[view] for view in pair)
+            _, axes, distance = look_along_baseline(first, second, self._target)
+            self._axes[pair] = axes[:, 0], axes[:, 1], distance
+        return self._axes[pair]
 
     def _extreme_planes(self, image: int, rays: np.ndarray, camera: int, other: int) -> np.ndarray:
         first, second, distance = self._axis(camera, other)
         angles = np.arctan2(rays @ second, rays @ first)
-        return distance * self._images[image].extremes(angles)
-
-
-class _Image:
-    """The outlines of one camera's pictures, one after another."""
-
-    def __init__(self, outlines: list[Outline | None]) -> None:
-        self._there = np.array([outline is not None for outline in outlines], bool)
-        found = [outline for outline in outlines if outline is not None]
-        self.points = np.concatenate([o.points for o in found]) if found else np.zeros((0, 2))
-        self._at_border = np.concatenate([o.at_border for o in found]) if found else np.zeros(0)
-        self._any_at_border = bool(self._at_border.any())
-        lengths = [len(outline.points) for outline in found]
-        self._starts = np.cumsum([0, *lengths])[:-1]
-
-    def extremes(self, angles: np.ndarray) -> np.ndarray:
-        """Return the least and the largest angle (F, 2) of every frame's outline; NaN if there is
-        no outline, or if the extreme point is on the picture's border."""
-        out = np.full((len(self._there), 2), np.nan)
-        if not len(angles):
-            return out
-        least = np.minimum.reduceat(angles, self._starts)
-        greatest = np.maximum.reduceat(angles, self._starts)
-        found = np.column_stack([least, greatest])
-        if self._any_at_border:
-            low = np.where(self._at_border, np.inf, angles)
-            high = np.where(self._at_border, -np.inf, angles)
-            found[least < np.minimum.reduceat(low, self._starts), 0] = np.nan
-            found[greatest > np.maximum.reduceat(high, self._starts), 1] = np.nan
-        found[greatest - least > _WIDEST] = np.nan
-        out[self._there] = found
-        return out
+        return distance * self._images[image].extremes(angles, _WIDEST)
 
 
 def _medians(values: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Return the medians (...) of values (..., n), of which `counts` (...) are not NaN."""
     ordered, counts = np.sort(values), np.maximum(counts, 1)[..., None]
     low, high = (np.take_along_axis(ordered, k, -1) for k in ((counts - 1) // 2, counts // 2))
-    medians: np.ndarray = 0.5 * (low + high)[..., 0]
-    return medians
+    return 0.5 * (low + high)[..., 0]
 
 
 def _differing_motion(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 from cl import InputError
@@ -45,17 +44,8 @@ def pair_by_number(footage: Footage) -> tuple[Footage, list[str]]:
         if everywhere - set(numbers[id(item)])
     ]
 
-    def chosen(kind: tuple[Media, ...] | None) -> tuple[Media, ...] | None:
-        if kind is None:
-            return None
-        places = [{n: index for index, n in enumerate(numbers[id(item)])} for item in kind]
-        return tuple(
-            item.select([place[n] for n in common])
-            for item, place in zip(kind, places, strict=True)
-        )
-
-    paired = replace(footage, images=chosen(footage.images), masks=chosen(footage.masks))
-    return paired, [
+    places = {key: {n: index for index, n in enumerate(own)} for key, own in numbers.items()}
+    return footage.select(lambda item, _: [places[id(item)][n] for n in common]), [
         "pictures go together by the numbers in their names; those that not all cameras have are "
         f"left out: {join_names(lacking)}"
     ]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import field_validator
+from pydantic import ValidationInfo, field_validator
 
 from cl import InputError
 from psfs.common.config import Config, setting
@@ -154,77 +154,12 @@ class SequenceSettings(Config):
         metavar="NAME",
     )
 
-    @field_validator("unit")
+    @field_validator(
+        "unit", "up", "key", "calibration", "take", "cameras", "sync", "files", "volume"
+    )
     @classmethod
-    def _is_length(cls, value: str | float | None) -> str | float | None:
-        from psfs.cameras.units import metres_per_unit
-
-        if value is not None:
-            metres_per_unit(value)
-        return value
-
-    @field_validator("up")
-    @classmethod
-    def _is_axis(cls, value: str | None) -> str | None:
-        from psfs.cameras.units import rotation_to_z_up
-
-        if value is not None:
-            rotation_to_z_up(value)
-        return value
-
-    @field_validator("key")
-    @classmethod
-    def _is_colour(cls, value: str | None) -> str | None:
-        from psfs.common.colours import parse_colour
-
-        if value is not None:
-            parse_colour(value)
-        return value
-
-    @field_validator("calibration")
-    @classmethod
-    def _is_path(cls, value: str | Path | None) -> str | Path | None:
-        if value is not None and (not str(value) or "\0" in str(value)):
-            raise InputError(f"calibration = {value!r}; expected a path")
-        return value
-
-    @field_validator("take")
-    @classmethod
-    def _is_name(cls, value: str | None) -> str | None:
-        return None if value is None else check_name(value, "`take`")
-
-    @field_validator("cameras")
-    @classmethod
-    def _are_names(cls, value: tuple[str, ...] | None) -> tuple[str, ...] | None:
-        if value is None:
-            return None
-        if not value:
-            raise InputError("cameras is empty; expected a list of names")
-        names = tuple(check_name(name, "a camera in `cameras`") for name in value)
-        if len(set(names)) < len(names):
-            raise InputError(f"cameras = {', '.join(names)}; expected each of them once")
-        return names
-
-    @field_validator("sync")
-    @classmethod
-    def _is_sync(cls, value: object) -> object:
-        return None if value is None else _check_sync(value)
-
-    @field_validator("files")
-    @classmethod
-    def _are_files(cls, value: object) -> object:
-        if value is None:
-            return None
-        if not isinstance(value, Mapping) or not all(isinstance(of, str) for of in value.values()):
-            raise InputError(f'files = {value!r}; expected a table, as [files] cam01 = "GOPR0012"')
-        if len(set(value.values())) < len(value):
-            raise InputError("files names a file twice; expected one of its own for each camera")
-        return dict(value)
-
-    @field_validator("volume")
-    @classmethod
-    def _is_box(cls, value: object) -> object:
-        return None if value is None else _check_volume(value)
+    def _check(cls, value: object, info: ValidationInfo) -> object:
+        return None if value is None else _CHECKS[str(info.field_name)](value)
 
     @classmethod
     def read(cls, path: Path) -> SequenceSettings:
@@ -240,6 +175,50 @@ class SequenceSettings(Config):
     def fill_from(self, other: SequenceSettings) -> SequenceSettings:
         """Return these settings, with those that are not stated taken from `other`."""
         return other.replace(**{key: value for key, value in self if value is not None})
+
+
+def _check_unit(value: str | float) -> object:
+    from psfs.cameras.units import metres_per_unit
+
+    metres_per_unit(value)
+    return value
+
+
+def _check_axis(value: str) -> object:
+    from psfs.cameras.units import rotation_to_z_up
+
+    rotation_to_z_up(value)
+    return value
+
+
+def _check_colour(value: str) -> object:
+    from psfs.common.colours import parse_colour
+
+    parse_colour(value)
+    return value
+
+
+def _check_path(value: str | Path) -> object:
+    if not str(value) or "\0" in str(value):
+        raise InputError(f"calibration = {value!r}; expected a path")
+    return value
+
+
+def _check_cameras(value: tuple[str, ...]) -> object:
+    if not value:
+        raise InputError("cameras is empty; expected a list of names")
+    names = tuple(check_name(name, "a camera in `cameras`") for name in value)
+    if len(set(names)) < len(names):
+        raise InputError(f"cameras = {', '.join(names)}; expected each of them once")
+    return names
+
+
+def _check_files(value: object) -> object:
+    if not isinstance(value, Mapping) or not all(isinstance(of, str) for of in value.values()):
+        raise InputError(f'files = {value!r}; expected a table, as [files] cam01 = "GOPR0012"')
+    if len(set(value.values())) < len(value):
+        raise InputError("files names a file twice; expected one of its own for each camera")
+    return dict(value)
 
 
 def _check_sync(value: object) -> object:
@@ -285,3 +264,11 @@ def _check_corners(value: object, farthest: float) -> tuple[np.ndarray, np.ndarr
             f"expected metres, up to {farthest:g} from the origin"
         )
     return low, high
+
+
+#: What checks the keys beside their types, and returns the value or a tidier one.
+_CHECKS: Mapping[str, Callable[[Any], object]] = {
+    "unit": _check_unit, "up": _check_axis, "key": _check_colour, "calibration": _check_path,
+    "take": lambda value: check_name(value, "`take`"), "cameras": _check_cameras,
+    "sync": _check_sync, "files": _check_files, "volume": _check_volume,
+}  # fmt: skip

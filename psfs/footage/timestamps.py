@@ -45,6 +45,7 @@ def pair_by_timestamps(footage: Footage) -> Footage:
     if not path.is_file():
         return footage
     times = _assign_times(path, media)
+    _assign_times(path, footage.masks or ())  # raises for masks of other frames than the videos'
     picks, apart = pick_frames(times)
     if not picks:
         raise InputError(f"{path}: no time is in all cameras; expected recordings that overlap")
@@ -52,10 +53,8 @@ def pair_by_timestamps(footage: Footage) -> Footage:
         f"frames are paired by {NAME}: {len(picks)} of up to {max(map(len, times))}, at most "
         f"{1000 * apart:.0f} ms apart"
     )
-    chosen = tuple(
-        item.select(of) for item, of in zip(media, zip(*picks, strict=True), strict=True)
-    )
-    return replace(footage, images=chosen, notes=[*footage.notes, note])
+    chosen = footage.select(lambda _, view: [indices[view] for indices in picks])
+    return replace(chosen, notes=[*footage.notes, note])
 
 
 def pick_frames(times: Sequence[np.ndarray]) -> tuple[list[tuple[int, ...]], float]:
@@ -66,15 +65,25 @@ def pick_frames(times: Sequence[np.ndarray]) -> tuple[list[tuple[int, ...]], flo
     """
     leader = min(times, key=len)
     reach = 0.5 * float(np.median(np.diff(leader))) if len(leader) > 1 else 0.0
+    nearest = np.column_stack([_find_nearest(own, leader) for own in times])  # (F, V)
+    found = np.column_stack([own[index] for own, index in zip(times, nearest.T, strict=True)])
+    away = abs(found - leader[:, None]).max(1)
     picks: list[tuple[int, ...]] = []
     apart = 0.0
-    for time in leader:
-        nearest = tuple(int(np.abs(own - time).argmin()) for own in times)
-        away = max(abs(own[index] - time) for own, index in zip(times, nearest, strict=True))
-        if away <= reach and not (picks and any(np.less_equal(nearest, picks[-1]))):
-            picks.append(nearest)
-            apart = max(apart, float(away))
+    for indices, distance in zip(nearest[away <= reach], away[away <= reach], strict=True):
+        if not (picks and (indices <= picks[-1]).any()):
+            picks.append(tuple(indices.tolist()))
+            apart = max(apart, float(distance))
     return picks, apart
+
+
+def _find_nearest(times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return the indices (N,) of those of the ascending `times` (F,) that are nearest to `wanted`
+    (N,): the earlier of two that are equally near."""
+    after = np.searchsorted(times, wanted).clip(1, max(len(times) - 1, 1))
+    before = after - 1
+    after = after.clip(max=len(times) - 1)
+    return np.where(times[after] - wanted < wanted - times[before], after, before)
 
 
 def _assign_times(path: Path, media: Sequence[Media]) -> list[np.ndarray]:

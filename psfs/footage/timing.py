@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from cl import InputError
 from psfs.cameras.names import join_names
 from psfs.footage.layouts.common import Footage
-from psfs.footage.media import Media
 
 #: Frame rates that differ by less than this share are treated as equal.
 _SAME_RATE = 0.01
@@ -117,8 +116,4 @@ def synchronise(footage: Footage, timing: Timing) -> Footage:
             f"no time is in all cameras, which are late by {join_names(map(str, timing.late))} "
             f"frames and have {join_names(map(str, counts))}"
         )
-
-    def chosen(kind: tuple[Media, ...] | None) -> tuple[Media, ...] | None:
-        return kind and tuple(item.select(of) for item, of in zip(kind, picks, strict=True))
-
-    return replace(footage, images=chosen(footage.images), masks=chosen(footage.masks))
+    return footage.select(lambda _, view: picks[view])

@@ -164,8 +164,7 @@ def fill_cloud(cloud: VoxelCloud, box: VoxelGrid) -> np.ndarray:
     i, j, k = np.unravel_index(cloud.indices, cloud.grid.shape)
     surface = np.zeros(box.shape, bool)
     surface[i - low[0], j - low[1], k - low[2]] = True
-    solid: np.ndarray = ndimage.binary_fill_holes(surface)
-    return solid
+    return ndimage.binary_fill_holes(surface)
 
 
 def match_solid(probability: np.ndarray, solid: np.ndarray, threshold: float) -> np.ndarray:

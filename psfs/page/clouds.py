@@ -79,8 +79,7 @@ class Clouds(Protocol):
 
 def grid_centre(grid: VoxelGrid) -> np.ndarray:
     """Return the centre (3,) m that points are relative to; half floats resolve 1 mm there."""
-    centre: np.ndarray = (grid.low + grid.high) / 2
-    return centre
+    return (grid.low + grid.high) / 2
 
 
 def make_points(cloud: VoxelCloud, colouring: str = COLOURINGS[0]) -> Points:

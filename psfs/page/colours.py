@@ -34,8 +34,7 @@ def colour_voxels(cloud: VoxelCloud, colouring: str = COLOURINGS[0]) -> np.ndarr
 def colour_vertices(vertices: np.ndarray, cloud: VoxelCloud, colouring: str) -> np.ndarray:
     """Return (N, 3) uint8 RGB of a mesh's vertices (N, 3) m: those of the nearest voxels."""
     _, nearest = spatial.cKDTree(cloud.centres).query(vertices)
-    colours: np.ndarray = colour_voxels(cloud, colouring)[nearest]
-    return colours
+    return colour_voxels(cloud, colouring)[nearest]
 
 
 def describe_scale(colouring: str, low: float, high: float) -> tuple[str, list[str]]:

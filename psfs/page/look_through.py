@@ -117,8 +117,7 @@ def find_straight_map(camera: Camera, fov: float, aspect: float) -> np.ndarray:
 
 def straighten(picture: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Return a picture (h, w, 3) uint8 without distortion. pixels: of `find_straight_map`."""
-    straight: np.ndarray = cv2.remap(picture, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR)
-    return straight
+    return cv2.remap(picture, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR)
 
 
 def intersect_rays(rays: Mapping[int, np.ndarray], rig: CameraRig) -> tuple[np.ndarray, float]:

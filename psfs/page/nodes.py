@@ -155,5 +155,4 @@ def to_quaternion(rotation: np.ndarray) -> np.ndarray:
     """Return the unit quaternion (4,) w, x, y, z of a rotation (3, 3)."""
     matrix = np.eye(4)
     matrix[:3, :3] = rotation
-    quaternion: np.ndarray = trimesh.transformations.quaternion_from_matrix(matrix)
-    return quaternion
+    return trimesh.transformations.quaternion_from_matrix(matrix)

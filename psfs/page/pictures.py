@@ -123,8 +123,7 @@ def blend_silhouette(picture: np.ndarray, shown: np.ndarray, opacity: float) -> 
     size = picture.shape[1], picture.shape[0]
     share = opacity * cv2.resize(shown.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     mixed = picture * (1 - share[..., None]) + _SILHOUETTE * share[..., None]
-    blended: np.ndarray = np.rint(mixed).astype(np.uint8)
-    return blended
+    return np.rint(mixed).astype(np.uint8)
 
 
 def mosaic(pictures: list[np.ndarray]) -> np.ndarray:

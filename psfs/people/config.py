@@ -183,12 +183,8 @@ class PeopleConfig(Config):
     least_seconds: float = nonnegative(
         0.5, "Time for which somebody must be seen to count.", unit="s"
     )
-    following: FollowingConfig = part(FollowingConfig, "Trajectories of people and objects.")
-    division: DivisionConfig = part(DivisionConfig, "Voxels and foreground of tracked bodies.")
-    identity: IdentityConfig = part(
-        IdentityConfig, "When two trajectories are one person who came back."
-    )
-    separation: SeparationConfig = part(
-        SeparationConfig, "Assignment of voxels and pixels to one of several people."
-    )
-    standing: AxisConfig = part(AxisConfig, "The axis of a person who stands.")
+    following: FollowingConfig = part(FollowingConfig)
+    division: DivisionConfig = part(DivisionConfig)
+    identity: IdentityConfig = part(IdentityConfig)
+    separation: SeparationConfig = part(SeparationConfig)
+    standing: AxisConfig = part(AxisConfig)

@@ -53,5 +53,4 @@ def _person(marks: np.ndarray, evidence: np.ndarray, reach: int) -> np.ndarray:
     shown[: evidence.shape[0], : evidence.shape[1]] = evidence > 0
     foreground = shown.reshape(rows, CELL, columns, CELL).any((1, 3))
     size = 2 * reach + 1
-    person: np.ndarray = foreground | ndimage.binary_dilation(marks, np.ones((size, size)))
-    return person
+    return foreground | ndimage.binary_dilation(marks, np.ones((size, size)))

@@ -34,5 +34,4 @@ def chroma_ratio(
         along**2 / variance[..., 0] + across**2 / variance[..., 1] + (off / config.light_width) ** 2
     )
     peak = np.log(AREA / (2 * np.pi)) - 0.5 * np.log(variance).sum(-1)
-    ratio: np.ndarray = peak - 0.5 * least
-    return ratio
+    return peak - 0.5 * least

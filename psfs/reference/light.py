@@ -49,8 +49,7 @@ def apply_light(background: Background, light: np.ndarray, density: BackgroundCo
 def relight(images: np.ndarray, light: np.ndarray) -> np.ndarray:
     """Return pictures (V, H, W, 3), in float64, relit by the background's own light."""
     gains, offsets = light[:, None, None, :3], light[:, None, None, 3:6]
-    own: np.ndarray = (images - offsets) / (gains * _fields(light, images.shape))
-    return own
+    return (images - offsets) / (gains * _fields(light, images.shape))
 
 
 def _fields(light: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

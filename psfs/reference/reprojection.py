@@ -10,11 +10,11 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import pixel_boxes, voxel_footprints
 from psfs.reference.edge_distance import proximity
 from psfs.reference.hidden import mark_hidden
-from psfs.voxels.config import ForegroundJoinConfig
+from psfs.voxels.config import EdgeConfig, ForegroundJoinConfig
 from psfs.voxels.foreground_join import MARK
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
-from psfs.voxels.reprojection import check_join, edge_reach, proximity_table
+from psfs.voxels.reprojection import edge_reach, proximity_table
 
 
 def splat(
@@ -83,17 +83,12 @@ class NumpyReprojection:
         rig: CameraRig,
         grid: VoxelGrid,
         *,
-        scale: float = 1.0,
-        sigma: float | None = None,
-        radius: int | None = None,
+        edges: EdgeConfig | None = None,
         join: ForegroundJoinConfig | None = None,
     ) -> None:
-        check_join(join, scale)
         self._join = join
-        self.device, self.grid = device, grid
-        self.rig = rig if scale == 1.0 else rig.scaled(scale)
-        self._hides = scale == 1.0 and rig.hidden is not None
-        self.sigma, self.radius = edge_reach(self.rig, sigma, radius)
+        self.rig = rig
+        self._proximity = proximity_table(*edge_reach(rig, edges or EdgeConfig()))
 
     def __call__(self, voxels: HostVoxels) -> np.ndarray:
         shape = (self.rig.height, self.rig.width)
@@ -106,7 +101,7 @@ class NumpyReprojection:
                 silhouette = join_foreground(silhouette, voxels.evidence[view], self._join)
             edge = boundary(silhouette, camera.size)
             maps[view, ..., 0] = np.where(silhouette, 255, 0)
-            maps[view, ..., 1] = proximity(edge, proximity_table(self.sigma, self.radius))
-        if self._hides and voxels.evidence is not None:
+            maps[view, ..., 1] = proximity(edge, self._proximity)
+        if self.rig.hidden is not None and voxels.evidence is not None:
             mark_hidden(maps, voxels.evidence)
         return maps

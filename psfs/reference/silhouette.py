@@ -74,14 +74,12 @@ def _appearance_counts(
     blue, green, red = np.moveaxis(image.astype(int) * BINS // 256, -1, 0)
     parts = expand_cells(foreground.parts[view], image.shape)
     colours = foreground.colours[parts, (blue * BINS + green) * BINS + red].astype(int)
-    counts: np.ndarray = colours + expand_cells(foreground.location[view], image.shape)
-    return counts
+    return colours + expand_cells(foreground.location[view], image.shape)
 
 
 def _to_counts(ratios: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
     lowest, highest = config.evidence.ratio_range
-    counts: np.ndarray = np.floor(np.clip(ratios, lowest, highest) + 0.5).astype(int)
-    return counts
+    return np.floor(np.clip(ratios, lowest, highest) + 0.5).astype(int)
 
 
 def _sum_evidence(counts: np.ndarray, inside: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
@@ -122,8 +120,7 @@ def smooth_evidence(image: np.ndarray, counts: np.ndarray, config: SilhouetteCon
         total += weight * ratios[part]
         weights += weight
     place = 9 * total / weights - 9 * config.evidence.ratio_range[0]
-    evidence: np.ndarray = config.evidence.ratio_counts()[np.floor(place + 0.5).astype(int)]
-    return evidence
+    return config.evidence.ratio_counts()[np.floor(place + 0.5).astype(int)]
 
 
 def mixed_ratio(
@@ -152,8 +149,7 @@ def mixed_ratio(
         left += _rest(chroma[here], chroma[ahead], 1) / config.rim.chroma_noise**2
         least[here] = np.minimum(least[here], weight[here][:, 1] * left)
     peak = np.log(256 * np.sqrt(weight / (2 * np.pi))).sum(-1)
-    ratio: np.ndarray = peak - config.rim.cost - 0.5 * least
-    return ratio
+    return peak - config.rim.cost - 0.5 * least
 
 
 def _luma_chroma(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -193,8 +189,7 @@ def box_sums(counts: np.ndarray) -> np.ndarray:
     """Return the sums over 3x3 pixels of each view (V, H, W), zero padded."""
     padded = np.pad(counts, ((0, 0), (1, 1), (1, 1)))
     rows = padded[:, :-2] + padded[:, 1:-1] + padded[:, 2:]
-    sums: np.ndarray = rows[..., :-2] + rows[..., 1:-1] + rows[..., 2:]
-    return sums
+    return rows[..., :-2] + rows[..., 1:-1] + rows[..., 2:]
 
 
 def mask_evidence(masks: np.ndarray, rig: CameraRig, config: SilhouetteConfig) -> np.ndarray:
@@ -263,15 +258,13 @@ def _sample_cells(pixels: np.ndarray) -> np.ndarray:
     rows, columns = (-(-n // CELL) for n in pixels.shape)
     y = np.minimum(CELL * np.arange(rows) + CELL // 2, pixels.shape[0] - 1)
     x = np.minimum(CELL * np.arange(columns) + CELL // 2, pixels.shape[1] - 1)
-    middles: np.ndarray = pixels[np.ix_(y, x)]
-    return middles
+    return pixels[np.ix_(y, x)]
 
 
 def _interpolate_cells(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Return the values (H, W) interpolated linearly between the middles of the cells."""
     y, x = np.indices(shape[:2]) / CELL - (CELL - 1) / (2 * CELL)
-    between: np.ndarray = ndimage.map_coordinates(cells, [y, x], order=1, mode="nearest")
-    return between
+    return ndimage.map_coordinates(cells, [y, x], order=1, mode="nearest")
 
 
 def _weight(std: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
@@ -280,14 +273,12 @@ def _weight(std: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
 
 def _weighted_product(weight: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the sum of weight x y over the channels, the last axis."""
-    total: np.ndarray = np.einsum("...c,...c,...c->...", weight, x, y)
-    return total
+    return np.einsum("...c,...c,...c->...", weight, x, y)
 
 
 def _fit_factor(weight: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the factor of y that fits x best (weighted least squares)."""
-    factor: np.ndarray = _weighted_product(weight, x, y) / (_weighted_product(weight, y, y) + 1e-6)
-    return factor
+    return _weighted_product(weight, x, y) / (_weighted_product(weight, y, y) + 1e-6)
 
 
 def _remaining_distance(
@@ -349,8 +340,7 @@ def background_ratio(
         dimmed = np.where(np.isnan(light), dimmed, on_floor)
     least = np.minimum(distance(np.ones(factor.shape)), dimmed)
     peak = np.log(256 * np.sqrt(weight / (2 * np.pi))).sum(-1)
-    ratio: np.ndarray = peak - 0.5 * least
-    return ratio
+    return peak - 0.5 * least
 
 
 def picture_masks(rig: CameraRig) -> np.ndarray:

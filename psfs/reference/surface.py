@@ -42,5 +42,4 @@ def mean_position(
         return None
     n = min(len(surface), samples)
     picked = surface[np.arange(n) * len(surface) // n]
-    position: np.ndarray = (np.stack(np.unravel_index(picked, shape), -1) + 0.5).mean(0)
-    return position
+    return (np.stack(np.unravel_index(picked, shape), -1) + 0.5).mean(0)

@@ -16,13 +16,14 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.rig_geometry import intersect_axes_ahead
+from psfs.cameras.rig_geometry import intersect_axes_ahead, look_along_baseline
 from psfs.diagnostics.config import AlignmentConfig
 from psfs.diagnostics.frontier import (
     FrontierPoints,
     SilhouetteContours,
     epipolar_residuals,
     find_frontier_points,
+    join_points,
 )
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.refinement import Measure, RigCorrections, RigFit, correct_camera
@@ -73,23 +74,23 @@ class PersonPoints:
         for pair in combinations(range(len(cameras)), 2):
             if last and pair[1] != len(cameras) - 1:
                 continue
-            axes = _plane_axes(cameras, pair, scene, self.config.nearest)
-            if axes is None:
+            _, axes, distance = look_along_baseline(cameras[pair[0]], cameras[pair[1]], scene)
+            if distance < self.config.nearest:
                 continue
             sides = []
             for view in pair:
                 angles = self._measure_angles(cameras[view], view, axes)
                 sides.append((*self.hulls[view].extreme_points(angles), int(shifts[view])))
             found.append(_match_extremes(pair, sides[0], sides[1], every))
-        return _join(found)
+        return join_points(found)
 
     def measure_apart(
         self, cameras: Sequence[Camera], lags: np.ndarray, scene: np.ndarray, pair: tuple[int, int]
     ) -> np.ndarray:
         """Return by how much, px, two cameras' outermost planes (M, 2) are apart at the same times;
         NaN where unknown, no rows if the cameras' line passes too near to the scene."""
-        axes = _plane_axes(cameras, pair, scene, self.config.nearest)
-        if axes is None:
+        _, axes, distance = look_along_baseline(cameras[pair[0]], cameras[pair[1]], scene)
+        if distance < self.config.nearest:
             return np.zeros((0, 2))
         first, second = (
             self.hulls[view].extremes(self._measure_angles(cameras[view], view, axes))
@@ -103,13 +104,11 @@ class PersonPoints:
         before, after = (second[begin + whole + k : end + whole + k] for k in (0, 1))
         apart = first[begin:end] - (1 + whole - lag) * before - (lag - whole) * after
         # Either camera's pixel is wrong: the angle between them is that of 1.4 px.
-        found: np.ndarray = apart * cameras[pair[0]].K[0, 0] / np.sqrt(2)
-        return found
+        return apart * cameras[pair[0]].K[0, 0] / np.sqrt(2)
 
     def _measure_angles(self, camera: Camera, view: int, axes: np.ndarray) -> np.ndarray:
         flat = self.hulls[view].rays @ (camera.R @ axes)
-        angles: np.ndarray = np.arctan2(flat[:, 1], flat[:, 0])
-        return angles
+        return np.arctan2(flat[:, 1], flat[:, 0])
 
     def find_all(
         self, cameras: Sequence[Camera], shifts: np.ndarray, gate: float
@@ -118,7 +117,6 @@ class PersonPoints:
         outermost = self.find_extremes(cameras, shifts)
         residuals, _ = epipolar_residuals(cameras, outermost, np.zeros(len(cameras)))
         kept = np.abs(residuals) < self.config.outermost * gate
-        columns = outermost.views, outermost.frames, outermost.pixels, outermost.rates
         moved = []
         for contours, shift in zip(self.contours, shifts, strict=True):
             own = copy(contours)
@@ -126,24 +124,7 @@ class PersonPoints:
             moved.append(own)
         scene = intersect_axes_ahead(CameraRig(tuple(cameras)))
         tips = find_frontier_points(cameras, moved, scene, gate, self.config.narrow.bend)
-        return _join([FrontierPoints(*(column[kept] for column in columns)), tips])
-
-
-def _plane_axes(
-    cameras: Sequence[Camera], pair: tuple[int, int], scene: np.ndarray, nearest: float
-) -> np.ndarray | None:
-    """Return two directions (3, 2) across the line between two cameras, the first towards the
-    scene; None if the line passes nearer to it than `nearest`, m."""
-    a, b = (cameras[view].centre for view in pair)
-    length = float(np.linalg.norm(b - a))
-    if length < 1e-3:
-        return None
-    line = (b - a) / length
-    ahead = scene - a - line * (line @ (scene - a))
-    distance = float(np.linalg.norm(ahead))
-    if distance < nearest:
-        return None
-    return np.stack([ahead / distance, np.cross(line, ahead / distance)], -1)
+        return join_points([outermost.select(kept), tips])
 
 
 def _match_extremes(
@@ -157,7 +138,7 @@ def _match_extremes(
     begin = max(-first[2], -second[2])
     end = min(len(first[0]) - first[2], len(second[0]) - second[2])
     if end - begin < 3:
-        return _join([])
+        return join_points([])
     angles = [of[0][begin + of[2] : end + of[2]] for of in (first, second)]
     pixels = [of[1][begin + of[2] : end + of[2]][1:-1] for of in (first, second)]
     rates = 0.25 * sum(of[2:] - of[:-2] for of in angles)
@@ -167,12 +148,6 @@ def _match_extremes(
     both = np.stack([of[frames, sides] for of in pixels], 1)
     views = np.tile(pair, (len(frames), 1))
     return FrontierPoints(views, frames + begin + 1, both, rates[frames, sides])
-
-
-def _join(found: Sequence[FrontierPoints]) -> FrontierPoints:
-    empty = np.zeros((0, 2), int), np.zeros(0, int), np.zeros((0, 2, 2)), np.zeros(0)
-    columns = [empty, *((p.views, p.frames, p.pixels, p.rates) for p in found)]
-    return FrontierPoints(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
 def adjust_extremes(

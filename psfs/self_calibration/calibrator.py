@@ -135,7 +135,7 @@ def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted 
     elif starts:
         lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
         grown = grow_rigs(take.cameras, lags, take.points, config, track)
-        best = adjust_grown(best, grown, take.points, config, track)
+        best = adjust_grown(best, grown, take.points, track)
         if best is None:
             late = list_lags(take.cameras, lags - lags[0])
             raise InputError(
@@ -230,7 +230,7 @@ def _adjust_first(ranked: list[tuple[float, Adjusted]], points: PersonPoints) ->
 
 def adjust_grown(
     searched: Adjusted | None, grown: list[tuple[CameraRig, np.ndarray]], points: PersonPoints,
-    config: PersonConfig, track: Track,
+    track: Track,
 ) -> Adjusted | None:  # fmt: skip
     """Return the rig, searched or grown, whose worst camera fits best after adjustment."""
     first = [searched, *(adjust_frontier(rig, lags, points) for rig, lags in grown)]

@@ -158,28 +158,16 @@ class AdjustmentConfig(Config):
         "Most passes with `near_gates` over the rig that was found.",
         "by hand on `synth_box_4cam` and `synth_salsa_4cam_hd`",
     )
+    #: Steps while the arrangement is uncertain; lenses are kept.
     wide: AlignmentConfig = part(
-        AlignmentConfig,
-        "Steps while the arrangement is uncertain; lenses are kept.",
-        turn=0.1,
-        shift=0.3,
-        focal=1e-4,
-        time=5.0,
-        **_ALIKE,
+        AlignmentConfig, turn=0.1, shift=0.3, focal=1e-4, time=5.0, **_ALIKE
     )
+    #: Steps when the arrangement is known; lenses are kept.
     narrow: AlignmentConfig = part(
-        AlignmentConfig,
-        "Steps when the arrangement is known; lenses are kept.",
-        turn=0.05,
-        shift=0.2,
-        focal=1e-4,
-        time=5.0,
-        noise=0.25,
-        **_ALIKE,
+        AlignmentConfig, turn=0.05, shift=0.2, focal=1e-4, time=5.0, noise=0.25, **_ALIKE
     )
-    limbs: LimbConfig = part(
-        LimbConfig, "Medial axes of limbs, in the last passes.", per_camera=2400
-    )
+    #: Medial axes of limbs, in the last passes.
+    limbs: LimbConfig = part(LimbConfig, per_camera=2400)
     lens: float = positive(
         0.03,
         "Step of the focal length's logarithm in each round, where only an angle of view is "
@@ -366,16 +354,14 @@ class PersonConfig(Config):
         "over the cameras.",
         "by hand: 0.09 or more in the laboratory",
     )
-    outline: OutlineConfig = part(OutlineConfig, "Outline of the person in a silhouette.")
-    upright: UprightConfig = part(UprightConfig, "Fit of one camera's tilt, roll and height.")
-    pairs: PairConfig = part(PairConfig, "Comparison of two cameras at every angle and lag.")
-    search: BeamConfig = part(BeamConfig, "Search for the angles and lags of all cameras.")
-    growth: GrowthConfig = part(GrowthConfig, "Growth of the rig camera by camera.")
-    adjustment: AdjustmentConfig = part(
-        AdjustmentConfig, "Adjustment of all cameras to the silhouettes."
-    )
-    floor: FloorFitConfig = part(FloorFitConfig, "Up, floor and scale from the person.")
-    verticals: VerticalConfig = part(VerticalConfig, "Up from the vertical edges of the room.")
-    room: RoomConfig = part(RoomConfig, "Rotations of the cameras from edges of the room.")
-    slices: SliceConfig = part(SliceConfig, "Height of the floor from slices of the person's hull.")
-    points: PointsConfig = part(PointsConfig, "Calibration by keypoints.")
+    outline: OutlineConfig = part(OutlineConfig)
+    upright: UprightConfig = part(UprightConfig)
+    pairs: PairConfig = part(PairConfig)
+    search: BeamConfig = part(BeamConfig)
+    growth: GrowthConfig = part(GrowthConfig)
+    adjustment: AdjustmentConfig = part(AdjustmentConfig)
+    floor: FloorFitConfig = part(FloorFitConfig)
+    verticals: VerticalConfig = part(VerticalConfig)
+    room: RoomConfig = part(RoomConfig)
+    slices: SliceConfig = part(SliceConfig)
+    points: PointsConfig = part(PointsConfig)

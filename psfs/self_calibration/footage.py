@@ -14,17 +14,17 @@ from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.background.gaussian import Background, estimate_background, median_moments
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.scaling import scale_picture
-from psfs.diagnostics.small_views import Outline, Shrink, extract_outline
+from psfs.diagnostics.small_views import (
+    SILHOUETTES,
+    Outline,
+    Shrink,
+    extract_outline,
+    find_border_points,
+)
 from psfs.footage.layouts.common import Footage
 from psfs.self_calibration.config import OutlineConfig, PersonConfig
 from psfs.self_calibration.verticals import find_edges
 from psfs.sequence import Frame
-from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
-
-#: No appearance model, and no shadows on the floor, which is not yet known.
-_SILHOUETTES = SilhouetteConfig(
-    appearance=AppearanceConfig(learn=False), floor=FloorConfig(height=-1000.0)
-)
 
 
 def extract_outlines(
@@ -63,7 +63,7 @@ def _silhouettes(
     rig = CameraRig((footage.rig[view],))
     shrink = Shrink(rig, factor)
     background = shrink.background(empty)
-    evidence_of = make_evidence_function(device, shrink.small, background, _SILHOUETTES)
+    evidence_of = make_evidence_function(device, shrink.small, background, SILHOUETTES)
     for index, picture in enumerate(media.frames(range(min(most, media.count)))):
         yield evidence_of(shrink.frame(Frame(index, picture[None], None)))[0] > 0
 
@@ -110,10 +110,7 @@ def outline_person(mask: np.ndarray, config: OutlineConfig) -> Outline | None:
     pixels = np.stack([left + columns, top + rows], -1).astype(np.int32)
     hull = cv2.convexHull(pixels).reshape(-1, 2)
     points = hull.astype(float)
-    last = np.array(mask.shape[::-1]) - 2
-    return replace(
-        whole, points=points, at_border=np.asarray(((points <= 1) | (points >= last)).any(axis=1))
-    )
+    return replace(whole, points=points, at_border=find_border_points(points, mask.shape))
 
 
 def _disc(diameter: float) -> np.ndarray:

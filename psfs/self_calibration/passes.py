@@ -104,8 +104,7 @@ def _find_waists(contours: SilhouetteContours) -> np.ndarray:
     low, high = np.full((2, int(contours.frames.max(initial=-1)) + 1), np.nan)
     np.fmin.at(low, contours.frames, contours.points[:, 1])
     np.fmax.at(high, contours.frames, contours.points[:, 1])
-    waists: np.ndarray = 0.5 * (low + high)
-    return waists
+    return 0.5 * (low + high)
 
 
 def _group(found: FrontierPoints, waists: Sequence[np.ndarray], shifts: np.ndarray) -> np.ndarray:
@@ -116,8 +115,7 @@ def _group(found: FrontierPoints, waists: Sequence[np.ndarray], shifts: np.ndarr
     for view, rows in enumerate(waists):
         mine = first == view
         low[mine] = found.pixels[mine, 0, 1] > rows[found.frames[mine] + int(shifts[view])]
-    numbers: np.ndarray = 2 * (first * len(waists) + second) + low
-    return numbers
+    return 2 * (first * len(waists) + second) + low
 
 
 def _adjust_to(

@@ -65,8 +65,7 @@ class PersonTake:
     def find_up(self, rig: CameraRig) -> np.ndarray:
         """Return the mean of what the cameras of a rig tell of up (3,)."""
         pairs = zip(rig, self.views, strict=True)
-        up: np.ndarray = np.mean([camera.R.T @ own[0].axes[2] for camera, own in pairs], axis=0)
-        return up
+        return np.mean([camera.R.T @ own[0].axes[2] for camera, own in pairs], axis=0)
 
     def select(self, views: Sequence[int]) -> PersonTake:
         """Return what some of the cameras tell."""

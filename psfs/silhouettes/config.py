@@ -184,29 +184,15 @@ class AppearanceConfig(Config):
 class SilhouetteConfig(Config):
     """The silhouette likelihood map (Song et al. eq. 1-2) and its evidence."""
 
-    background: BackgroundConfig = part(
-        BackgroundConfig, "The density of the background's colours."
-    )
-    light: LightConfig = part(
-        LightConfig, "The estimation of a picture's light relative to the background's."
-    )
-    floor: FloorConfig = part(FloorConfig, "Shadows on the floor.")
-    rim: RimConfig = part(RimConfig, "Mixed pixels at the silhouette's rim.")
-    smoothing: EvidenceSmoothingConfig = part(
-        EvidenceSmoothingConfig, "Averaging of evidence over neighbouring pixels of similar colour."
-    )
-    evidence: EvidenceConfig = part(
-        EvidenceConfig, "The conversion of log ratios to evidence, and its limits."
-    )
-    appearance: AppearanceConfig = part(
-        AppearanceConfig, "The model of the person's colours and location."
-    )
-    adaptation: AdaptationConfig = part(
-        AdaptationConfig, "The update of the background by local changes."
-    )
-    chroma_key: ChromaKeyConfig = part(
-        ChromaKeyConfig, "The density of a screen's colours, where the background is one."
-    )
+    background: BackgroundConfig = part(BackgroundConfig)
+    light: LightConfig = part(LightConfig)
+    floor: FloorConfig = part(FloorConfig)
+    rim: RimConfig = part(RimConfig)
+    smoothing: EvidenceSmoothingConfig = part(EvidenceSmoothingConfig)
+    evidence: EvidenceConfig = part(EvidenceConfig)
+    appearance: AppearanceConfig = part(AppearanceConfig)
+    adaptation: AdaptationConfig = part(AdaptationConfig)
+    chroma_key: ChromaKeyConfig = part(ChromaKeyConfig)
 
     def without_memory(self) -> SilhouetteConfig:
         """Return these settings with everything off that carries over from one frame to the

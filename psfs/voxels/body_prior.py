@@ -83,8 +83,7 @@ class TrackedBody:
         row = int(np.searchsorted(self.frames, frame))
         if row == len(self.frames) or self.frames[row] != frame:
             return np.full(self.cones.shape[1:], np.nan)
-        cones: np.ndarray = self.cones[row]
-        return cones
+        return self.cones[row]
 
     def box(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest and highest corner (3,), m, of the box around all known cones."""
@@ -128,8 +127,7 @@ def location_counts(
 def find_low_cones(config: BodyPriorConfig, cones: np.ndarray, floor: float) -> np.ndarray:
     """Return (C,) bool: cones both of whose ends are lower than `config.low` above the floor, which
     is at the height `floor`, m."""
-    low: np.ndarray = cones[:, [2, 6]].max(1) < floor + config.low
-    return low
+    return cones[:, [2, 6]].max(1) < floor + config.low
 
 
 def pack_body(config: ReconstructionConfig, cones: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from psfs.common.config import Config, part, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
 from psfs.silhouettes.config import SilhouetteConfig
 
 if TYPE_CHECKING:
@@ -36,14 +36,11 @@ class OccupancyConfig(Config):
         "`camera_share` of the cameras.",
         "the share grows with the rig",
     )
-    camera_share: float = setting(
-        0.5, "Share of the cameras that must see a voxel.", "by hand", least=0, most=1
-    )
-    least_cameras: int = setting(
+    camera_share: float = fraction(0.5, "Share of the cameras that must see a voxel.", "by hand")
+    least_cameras: int = nonnegative(
         3,
         "Least number of cameras that `camera_share` asks for, or all if there are fewer.",
         "by hand",
-        least=0,
     )
 
     closed_surface: bool = setting(
@@ -80,8 +77,8 @@ class BodyPriorConfig(Config):
 
     SOURCE: ClassVar = "tried on synthetic people with true masks: docs/lab/accuracy.md"
 
-    inside: float = setting(
-        5.0, "Log odds that a voxel in the body's cones is occupied.", unit="nats", least=0
+    inside: float = nonnegative(
+        5.0, "Log odds that a voxel in the body's cones is occupied.", unit="nats"
     )
     outside: float = setting(
         -2.0,
@@ -89,18 +86,17 @@ class BodyPriorConfig(Config):
         unit="nats",
         most=0,
     )
-    depth: float = setting(
-        0.02, "Depth below the cones' surface from which a voxel is inside.", unit="m", above=0
+    depth: float = positive(
+        0.02, "Depth below the cones' surface from which a voxel is inside.", unit="m"
     )
-    distance: float = setting(
-        0.02, "Distance from their surface beyond which it is outside.", unit="m", above=0
+    distance: float = positive(
+        0.02, "Distance from their surface beyond which it is outside.", unit="m"
     )
-    foreground: float = setting(
+    foreground: float = nonnegative(
         5.0,
         "Log odds that a pixel well within the drawn body shows the person, in place of "
         "`location_inside` of the silhouettes.",
         unit="nats",
-        least=0,
     )
     background: float = setting(
         -1.2,
@@ -108,50 +104,42 @@ class BodyPriorConfig(Config):
         unit="nats",
         most=0,
     )
-    width: float = setting(
+    width: float = positive(
         0.01,
         "Distance at the drawn body's edge over which these fall by 1 nat; they are 0 at the edge.",
         unit="m",
-        above=0,
     )
-    low_width: float = setting(
-        0.0035,
-        "The same within parts below `low`, whose shadows look like shoes.",
-        unit="m",
-        above=0,
+    low_width: float = positive(
+        0.0035, "The same within parts below `low`, whose shadows look like shoes.", unit="m"
     )
     low: float = setting(
         0.2, "Height above the floor below which a part lies that stands on it.", unit="m"
     )
-    colour_reach: float = setting(
+    colour_reach: float = nonnegative(
         0.1,
         "Distance from the drawn body up to which pixels are compared with the colours of its "
         "nearest part instead of those of the whole person.",
         unit="m",
-        least=0,
     )
-    samples: int = setting(
-        5, "Number of frames in which the track is compared with the silhouettes.", least=1
+    samples: int = natural(
+        5, "Number of frames in which the track is compared with the silhouettes."
     )
-    least_agreement: float = setting(
+    least_agreement: float = fraction(
         0.4,
         "Least share of the body's axes that lies on silhouettes; below it, the track is of "
         "another take.",
         "by hand",
-        least=0,
-        most=1,
     )
 
 
 class ColourConfig(Config):
     """The voxels' colours (Song et al. 3.3)."""
 
-    tolerance: float = setting(
+    tolerance: float = positive(
         1.5,
         "Distance behind the nearest voxel up to which a voxel is visible.",
         "by hand: more than the diagonal of a voxel's face, 1.41, less than that of the cube, 1.73",
         "voxels",
-        above=0,
     )
 
 
@@ -160,18 +148,17 @@ class EdgeConfig(Config):
 
     SOURCE: ClassVar = "by hand"
 
-    sigma: float = setting(
-        4.0, "Standard deviation of the proximity in maps `width` px wide.", unit="px", above=0
+    sigma: float = positive(
+        4.0, "Standard deviation of the proximity in maps `width` px wide.", unit="px"
     )
-    width: int = setting(
-        640, "Width of maps that `sigma` is stated for; in others it scales.", unit="px", least=1
+    width: int = natural(
+        640, "Width of maps that `sigma` is stated for; in others it scales.", unit="px"
     )
-    reach: float = setting(
+    reach: float = positive(
         3.0,
         "Distance from an edge beyond which the proximity is 0.",
         "the usual 3 sigma",
         "standard deviations",
-        above=0,
     )
 
 
@@ -219,16 +206,16 @@ class VolumeConfig(Config):
 
     SOURCE: ClassVar = "by hand; the tests hold it on dancers, a dinosaur and synthetic bodies"
 
-    samples: int = setting(8, "Number of examined frames, spread over the selection.", least=1)
+    samples: int = natural(8, "Number of examined frames, spread over the selection.")
     coarse: int = setting(
         64,
         "Number of voxels along the longest side of the volume in the coarse search.",
         least=1,
         most=10_000,
     )
-    margin: float = setting(0.06, "Margin on each side of the box, as a share of the box.", least=0)
-    margin_voxels: float = setting(
-        1.5, "Least margin on each side of the box.", unit="coarse voxels", least=0
+    margin: float = nonnegative(0.06, "Margin on each side of the box, as a share of the box.")
+    margin_voxels: float = nonnegative(
+        1.5, "Least margin on each side of the box.", unit="coarse voxels"
     )
     fine: int = setting(
         150,
@@ -239,23 +226,19 @@ class VolumeConfig(Config):
     finest: int = setting(
         400, "Greatest number of voxels along the longest side for people.", least=1, most=10_000
     )
-    people_distance: float = setting(
-        1.5,
-        "Least distance of the cameras from the middle for a rig that films people.",
-        unit="m",
-        least=0,
+    people_distance: float = nonnegative(
+        1.5, "Least distance of the cameras from the middle for a rig that films people.", unit="m"
     )
-    people_voxel: float = setting(0.02, "Edge of a voxel for people.", unit="m", above=0)
+    people_voxel: float = positive(0.02, "Edge of a voxel for people.", unit="m")
     floor: float = setting(
         -0.1,
         "Height below which the search ignores everything, for rigs that film people.",
         unit="m",
     )
-    floor_depth: float = setting(
+    floor_depth: float = nonnegative(
         0.25,
         "Depth below `floor` beyond which visible parts count nevertheless (people reach 0.1 m).",
         unit="m",
-        least=0,
     )
     head_room: float = setting(
         1.0, "Least height of the box above the floor for `floor` to apply.", unit="m"
@@ -265,11 +248,11 @@ class VolumeConfig(Config):
 class ReconstructionConfig(Config):
     """Settings of the reconstruction, shared by the kernels and their NumPy twins."""
 
-    silhouette: SilhouetteConfig = part(SilhouetteConfig, "From pictures to silhouettes.")
-    occupancy: OccupancyConfig = part(OccupancyConfig, "From silhouettes to voxels.")
-    body: BodyPriorConfig = part(BodyPriorConfig, "From a track to voxels.")
-    colour: ColourConfig = part(ColourConfig, "From pictures to the voxels' colours.")
-    volume: VolumeConfig = part(VolumeConfig, "How the volume is found, see `psfs.volume`.")
+    silhouette: SilhouetteConfig = part(SilhouetteConfig)
+    occupancy: OccupancyConfig = part(OccupancyConfig)
+    body: BodyPriorConfig = part(BodyPriorConfig)
+    colour: ColourConfig = part(ColourConfig)
+    volume: VolumeConfig = part(VolumeConfig)
 
 
 class DivisionConfig(Config):
@@ -277,18 +260,14 @@ class DivisionConfig(Config):
 
     SOURCE: ClassVar = "by hand, as `psfs.people.separation` does"
 
-    reach: float = setting(
-        0.35, "Distance from a body up to which voxels are the person's.", unit="m", above=0
+    reach: float = positive(
+        0.35, "Distance from a body up to which voxels are the person's.", unit="m"
     )
-    beside: float = setting(
-        0.35,
-        "Distance from a body's image up to which foreground may be the person's.",
-        unit="m",
-        above=0,
+    beside: float = positive(
+        0.35, "Distance from a body's image up to which foreground may be the person's.", unit="m"
     )
-    before: float = setting(
+    before: float = nonnegative(
         0.05,
         "Depth by which another person must be nearer to the camera to hide this one.",
         unit="m",
-        least=0,
     )

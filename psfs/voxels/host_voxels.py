@@ -69,5 +69,4 @@ def voxel_silhouette(
     corners = np.zeros((shape[0] + 1, shape[1] + 1), int)
     for rows, columns, sign in ((y0, x0, 1), (y1, x1, 1), (y0, x1, -1), (y1, x0, -1)):
         np.add.at(corners, (rows, columns), sign)
-    covered: np.ndarray = corners.cumsum(0).cumsum(1)[:-1, :-1] > 0
-    return covered
+    return corners.cumsum(0).cumsum(1)[:-1, :-1] > 0

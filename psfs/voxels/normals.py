@@ -35,5 +35,4 @@ def estimate_normals(cloud: VoxelCloud) -> np.ndarray:
         ],
         -1,
     ) / np.float32(2)
-    normals: np.ndarray = -slope / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-9)
-    return normals
+    return -slope / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-9)

@@ -97,10 +97,8 @@ def _dilate_foreground(evidence: np.ndarray, pixels: float) -> np.ndarray:
 
 def _bytes(evidence: np.ndarray) -> np.ndarray:
     """Return int8 values as uint8 in the same order, as OpenCV needs them."""
-    raised: np.ndarray = evidence.view(np.uint8) ^ np.uint8(128)
-    return raised
+    return evidence.view(np.uint8) ^ np.uint8(128)
 
 
 def _to_evidence(raised: object) -> np.ndarray:
-    lowered: np.ndarray = (np.asarray(raised, np.uint8) ^ np.uint8(128)).view(np.int8)
-    return lowered
+    return (np.asarray(raised, np.uint8) ^ np.uint8(128)).view(np.int8)

@@ -23,11 +23,9 @@ class Reprojection:
     Channel 0: silhouette of the voxels, 0 or 255; 1 or 254 at the frame's hidden pixels: these
     differ little as silhouettes, and show terms that read the pictures, too, that something else is
     visible there. Channel 1: proximity to its boundary, round(255 exp(-d^2 / (2 sigma^2)))
-    with d the Euclidean distance in pixels to the nearest boundary pixel, 0 beyond `radius`.
-    `scale` makes the maps smaller than the pictures: H and W are those of `rig.scaled(scale)`.
-    sigma and radius: px of the maps, by default from `EdgeConfig`. With `join`, the silhouettes
-    also contain the foreground beside them in the frame's evidence maps, if it has any, see
-    `ForegroundJoin`. `maps` are created unless given. Raises InputError for a join in smaller maps.
+    with d the Euclidean distance in pixels to the nearest boundary pixel, 0 beyond a radius; see
+    `edge_reach`. With `join`, the silhouettes also contain the foreground beside them in the
+    frame's evidence maps, if it has any, see `ForegroundJoin`. `maps` are created unless given.
     """
 
     def __init__(
@@ -36,17 +34,12 @@ class Reprojection:
         rig: CameraRig,
         grid: VoxelGrid,
         *,
-        scale: float = 1.0,
-        sigma: float | None = None,
-        radius: int | None = None,
+        edges: EdgeConfig | None = None,
         join: ForegroundJoinConfig | None = None,
         maps: Array | None = None,
     ) -> None:
-        check_join(join, scale)
-        self.device = device
-        self.rig = rig if scale == 1.0 else rig.scaled(scale)
-        self.sigma, self.radius = edge_reach(self.rig, sigma, radius)
-        self._hides = scale == 1.0 and rig.hidden is not None
+        self.device, self.rig = device, rig
+        sigma, radius = edge_reach(rig, edges or EdgeConfig())
         self._grid: VoxelGrid | None = None
         self._shape = grid.shape
         self._voxels: CarvedVoxels | None = None
@@ -62,8 +55,8 @@ class Reprojection:
         self._geometry = device.empty(4, np.float32, "the grid's position")
         self._cameras = device.to_device(self.rig.packed(), "the cameras")
         sizes = device.to_device(np.array([c.size for c in self.rig], np.int32), "picture sizes")
-        table = device.to_device(proximity_table(self.sigma, self.radius), "the proximity table")
-        self._defines = distance_defines(device, self.radius)
+        table = device.to_device(proximity_table(sigma, radius), "the proximity table")
+        self._defines = distance_defines(device, radius)
         self._defines |= {**self.rig.defines, "MARK": MARK, "UNKNOWN": UNKNOWN}
         self._defines |= size_defines(device, self.rig.picture, grid.shape)
         self._join: ForegroundJoin | None = None
@@ -75,7 +68,7 @@ class Reprojection:
             (count_tiles(self._defines, self.rig.picture) * group, views),
             (group, 1),
             picture=self.rig.picture,
-            reach=self.radius,
+            reach=radius,
             silhouette=self._silhouette.view(np.uint8),
             sizes=sizes,
             proximity=table,
@@ -119,25 +112,15 @@ class Reprojection:
             n_surface=voxels.count,
             silhouette=self._silhouette.view(np.uint8),
         )
-        self._edges.set(evidence=voxels.evidence if self._hides else None)
+        self._edges.set(evidence=voxels.evidence if self.rig.hidden is not None else None)
         self._grid = None
 
 
-def check_join(join: ForegroundJoinConfig | None, scale: float) -> None:
-    """Raise InputError for a join in maps of another size than the pictures."""
-    if join is not None and join.on and scale != 1.0:
-        raise InputError(f"maps at a scale of {scale:g} with a join; expected a scale of 1")
-
-
-def edge_reach(
-    rig: CameraRig, sigma: float | None, radius: int | None, config: EdgeConfig | None = None
-) -> tuple[float, int]:
-    """Return sigma and radius, px, each from `config` if it is not given."""
-    config = config or EdgeConfig()
-    sigma = config.sigma * rig.width / config.width if sigma is None else float(sigma)
-    if not sigma > 0:
-        raise InputError(f"the edge width is {sigma} px; expected a positive number")
-    radius = max(1, round(config.reach * sigma)) if radius is None else int(radius)
+def edge_reach(rig: CameraRig, config: EdgeConfig) -> tuple[float, int]:
+    """Return sigma and the radius of the edges' proximity, px. Raises InputError for a radius
+    beyond the kernel's."""
+    sigma = config.sigma * rig.width / config.width
+    radius = max(1, round(config.reach * sigma))
     if not 1 <= radius <= 127:
         raise InputError(f"the edge radius is {radius} px; expected 1 to 127")
     return sigma, radius

@@ -17,7 +17,7 @@ from timings.tables.grid import NONE, Grid
 
 from accuracy.runs import Results, Run
 from accuracy.settings import DIMENSIONS, Setting, Table
-from psfs.common.files import write_atomically
+from psfs.common.files import write_atomically, write_text
 
 #: Markers of the rows of a sequence.
 _MARKS = "osv^Dx"
@@ -109,8 +109,7 @@ def write_tables(path: Path, parts: Sequence[Grid], results: Results) -> None:
     """Write Markdown: the conditions of the runs, and every grid."""
     about = f"{made_on(results)}. mm, mean ± standard deviation of the runs' means."
     texts = ["# Errors of tracking", about, *(grid.markdown() for grid in parts)]
-    with write_atomically(path) as temporary:
-        temporary.write_text("\n\n".join(texts) + "\n")
+    write_text(path, "\n\n".join(texts) + "\n")
 
 
 def write_summary(path: Path, tables: dict[Table, list[Setting]], results: Results) -> None:

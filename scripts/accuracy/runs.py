@@ -28,7 +28,7 @@ from apf.tracking.pipeline import build_track, track_voxels
 from apf.tracking.track import Track
 from apf.tracking.trackers import make_recovering_runs, with_seeds
 from cl import Device, InputError
-from psfs.common.files import write_atomically
+from psfs.common.files import write_atomically, write_text
 
 
 @dataclass(frozen=True)
@@ -57,19 +57,19 @@ class Run:
 
     setting: Setting
     seed: int
-    frames: int
-    mean: float
-    median: float
-    largest: float
-    frame_std: float
-    constant: float
-    rest: float
-    lost_limbs: list[str]
-    lost_joints: float
-    lost_frames: int
-    inside_95: float
-    seconds: float
-    joints: dict[str, list[float]]
+    frames: int = 0
+    mean: float = math.nan
+    median: float = math.nan
+    largest: float = math.nan
+    frame_std: float = math.nan
+    constant: float = math.nan
+    rest: float = math.nan
+    lost_limbs: list[str] = field(default_factory=list)
+    lost_joints: float = math.nan
+    lost_frames: int = 0
+    inside_95: float = math.nan
+    seconds: float = math.nan
+    joints: dict[str, list[float]] = field(default_factory=dict)
     wrists: float = math.nan
     heading: float = math.nan
     stature: float = math.nan
@@ -210,30 +210,32 @@ def _read_setting(row: dict[str, Any]) -> Setting:
     return Setting(**{names.get(key, key): value for key, value in row.items()})
 
 
+def none_for_nan(value: Any) -> Any:
+    """Return plain values with None for NaN, which JSON lacks."""
+    if isinstance(value, dict):
+        return {name: none_for_nan(of) for name, of in value.items()}
+    if isinstance(value, list):
+        return [none_for_nan(of) for of in value]
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def nan_for_none(value: Any) -> Any:
+    """Return the inverse of `none_for_nan`."""
+    if isinstance(value, dict):
+        return {name: nan_for_none(of) for name, of in value.items()}
+    if isinstance(value, list):
+        return [nan_for_none(of) for of in value]
+    return math.nan if value is None else value
+
+
 def _plain(run: Run) -> dict[str, Any]:
     """Return the run as JSON values: None for NaN."""
-    row = {**asdict(run), "setting": _stored_setting(run.setting)}
-    row["joints"] = {name: [_none(of) for of in errors] for name, errors in run.joints.items()}
-    row["by_frame"] = [_none(error) for error in run.by_frame]
-    row["exported"] = {name: _none(value) for name, value in run.exported.items()}
-    return {name: _none(value) for name, value in row.items()}
+    return none_for_nan({**asdict(run), "setting": _stored_setting(run.setting)})
 
 
 def _parse_row(row: dict[str, Any]) -> Run:
     """Return the inverse of `_plain`."""
-    values = {name: math.nan if value is None else value for name, value in row.items()}
-    joints = {
-        name: [math.nan if of is None else of for of in errors]
-        for name, errors in row["joints"].items()
-    }
-    values["by_frame"] = [math.nan if of is None else of for of in row.get("by_frame", [])]
-    exported = row.get("exported", {}).items()
-    values["exported"] = {name: math.nan if of is None else of for name, of in exported}
-    return Run(**{**values, "setting": _read_setting(row["setting"]), "joints": joints})
-
-
-def _none(value: Any) -> Any:
-    return None if isinstance(value, float) and math.isnan(value) else value
+    return Run(**{**nan_for_none(row), "setting": _read_setting(row["setting"])})
 
 
 @dataclass
@@ -289,8 +291,7 @@ class Results:
         self.made = date.today().isoformat()
         runs = [_plain(run) for run in self.runs]
         data = {"conditions": self.conditions, "made": self.made, "runs": runs}
-        with write_atomically(self.path) as temporary:
-            temporary.write_text(json.dumps(data, allow_nan=False) + "\n")
+        write_text(self.path, json.dumps(data, allow_nan=False) + "\n")
 
     def write_csv(self, path: Path) -> None:
         """Write one row per run; errors in mm."""

@@ -149,7 +149,7 @@ def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
     try:
         take = _take(session, settings, job.setting, job.seeds, check)
     except StartError as error:
-        return [_record_failure(job.setting, seed, str(error)) for seed in job.seeds]
+        return [Run(job.setting, seed, failed=str(error)) for seed in job.seeds]
     seconds = (time.perf_counter() - began) / len(job.seeds)
     if len(take.tracks[0]) < len(sequence):
         raise KeyboardInterrupt  # a tracker returns the frames so far when it is interrupted
@@ -282,17 +282,6 @@ def true_stature(folder: Path, truth: JointSeries) -> float:
     fitted = read_given_start(folder, int(truth.frames[0]), DEFAULT_BODY, folder / TRUTH)
     assert fitted is not None
     return stature(fitted[0])
-
-
-def _record_failure(setting: Setting, seed: int, why: str) -> Run:
-    nothing = dict.fromkeys(
-        ("mean", "median", "largest", "frame_std", "constant", "rest", "lost_joints", "inside_95",
-         "seconds"),
-        float("nan"),
-    )  # fmt: skip
-    return Run(
-        setting, seed, frames=0, lost_limbs=[], lost_frames=0, joints={}, failed=why, **nothing
-    )
 
 
 def evaluate_silhouettes(session: Session, check: Callable[[], object]) -> dict[str, Any]:

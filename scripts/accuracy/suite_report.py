@@ -14,7 +14,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.patches import Patch
-from timings.tables.grid import NONE, Grid
+from timings.tables.grid import NONE, Grid, cell
 
 from accuracy.ablation import ABLATIONS
 from accuracy.frame_plot import plot_frames
@@ -23,7 +23,7 @@ from accuracy.settings import Setting
 from apf.body.model import sideless
 from apf.evaluation.angle_truth import UNDEFINED
 from apf.evaluation.flags import FlagCounts
-from psfs.common.files import write_atomically
+from psfs.common.files import write_atomically, write_text
 
 _NOTE = (
     "preset: whose settings, a paper's or the defaults. "
@@ -124,21 +124,21 @@ class Row:
             self.observations,
             self.start,
             f"{self.runs}{failed}",
-            _format_value(self.mean, ".1f") + (f" ± {self.std:.1f}" if self.runs > 1 else ""),
-            _format_value(self.rest, ".1f"),
-            _format_value(100 * self.lost_joints, ".1f", " %"),
-            _format_value(self.limbs, ".1f"),
-            _format_value(self.limbs_rest, ".1f"),
-            _format_value(100 * self.limbs_far, ".1f", " %"),
-            _format_value(self.wrists, ".0f"),
+            cell(self.mean, ".1f") + (f" ± {self.std:.1f}" if self.runs > 1 else ""),
+            cell(self.rest, ".1f"),
+            cell(100 * self.lost_joints, ".1f", " %"),
+            cell(self.limbs, ".1f"),
+            cell(self.limbs_rest, ".1f"),
+            cell(100 * self.limbs_far, ".1f", " %"),
+            cell(self.wrists, ".0f"),
             f"{self.heading_right}/{self.runs}",
-            _format_value(self.stature, "+.1f" if self.cameras else ".1f", " %"),
-            _format_value(self.iou, ".3f"),
-            _format_value(100 * self.limb_frames, ".0f", " %"),
-            _format_value(100 * self.flags.found, ".0f", " %"),
-            _format_value(100 * self.flags.falsely, ".1f", " %"),
-            _format_value(100 * self.inside, ".0f", " %"),
-            _format_value(self.seconds, ".1f" if self.seconds < 10 else ".0f"),
+            cell(self.stature, "+.1f" if self.cameras else ".1f", " %"),
+            cell(self.iou, ".3f"),
+            cell(100 * self.limb_frames, ".0f", " %"),
+            cell(100 * self.flags.found, ".0f", " %"),
+            cell(100 * self.flags.falsely, ".1f", " %"),
+            cell(100 * self.inside, ".0f", " %"),
+            cell(self.seconds, ".1f" if self.seconds < 10 else ".0f"),
         ]
 
 
@@ -149,10 +149,6 @@ def _sum_flags(flags: Sequence[Sequence[int]]) -> FlagCounts:
 _COLUMNS = ("sequence", "cameras", "preset", "by", "start", "runs", "mean", "free", "far",
             "12: mean", "12: free", "12: far", "wrists", "heading", "stature", "IoU", "lost",
             "flagged", "false", "in 95 %", "s")  # fmt: skip
-
-
-def _format_value(value: float, how: str, unit: str = "") -> str:
-    return NONE if np.isnan(value) else f"{value:{how}}{unit}"
 
 
 def suite_rows(
@@ -284,8 +280,7 @@ def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
     angles = angle_table(results)
     texts += [] if angles is None else [angles.markdown()]
     texts += ["Failed:", "\n".join(failed)] if failed else []
-    with write_atomically(out / "suite.md") as temporary:
-        temporary.write_text("\n\n".join(texts) + "\n")
+    write_text(out / "suite.md", "\n\n".join(texts) + "\n")
     results.write_csv(out / "runs.csv")
     with write_atomically(out / "suite.csv") as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)

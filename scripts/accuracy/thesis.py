@@ -14,7 +14,7 @@ from accuracy.report import Summary, made_on
 from accuracy.runs import Results
 from accuracy.settings import DIMENSIONS, Setting, Table
 from cl import InputError
-from psfs.common.files import write_atomically
+from psfs.common.files import write_text
 
 #: The base setting of the thesis's tables: particle swarms over SP.
 _BASE = {"method": "pso", "objective": "sp", "particles": 304, "layers": 10}
@@ -74,8 +74,7 @@ def write_thesis(path: Path, results: Results) -> None:
         parts.append(_ours(number, results).markdown())
     if absent:
         parts.append(f"Not run: tables {', '.join(absent)} (`accuracy.py FOLDER --thesis`).")
-    with write_atomically(path) as temporary:
-        temporary.write_text("\n\n".join(parts) + "\n")
+    write_text(path, "\n\n".join(parts) + "\n")
 
 
 def publish_thesis(root: Path, results: Results) -> None:

@@ -6,19 +6,19 @@ import csv
 import json
 from collections import Counter
 from collections.abc import Collection
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from datetime import date
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from accuracy.runs import Results, Run
-from timings.tables.grid import NONE, Grid
+from accuracy.runs import Results, Run, nan_for_none, none_for_nan
+from timings.tables.grid import NONE, Grid, cell
 
 from cl import InputError
 from peers.figures import Figures
 from peers.programs import PROGRAMS
-from psfs.common.files import write_atomically
+from psfs.common.files import write_atomically, write_text
 
 _COLUMNS = ("mean", "rest", "far", "gaps", "jitter", "skating")
 _HEADS = (
@@ -52,12 +52,6 @@ class PeerRun:
     clock: float | None = None
     failed: str = ""
 
-    def with_figures(self, figures: Figures, cpu: float | None, clock: float) -> PeerRun:
-        return replace(self, figures=figures, cpu=cpu, clock=clock)
-
-    def failed_with(self, reason: str) -> PeerRun:
-        return replace(self, failed=reason)
-
 
 @dataclass
 class PeerResults:
@@ -84,11 +78,7 @@ class PeerResults:
         key = (sequence, program, seed)
         return any((run.sequence, run.program, run.seed) == key for run in self.runs)
 
-    def add(self, run: PeerRun) -> None:
-        """Add a run and write the file."""
-        self.extend([run])
-
-    def extend(self, runs: list[PeerRun]) -> None:
+    def add(self, *runs: PeerRun) -> None:
         """Add runs and write the file."""
         self.runs += runs
         self.made = date.today().isoformat()
@@ -97,8 +87,7 @@ class PeerResults:
             "versions": self.versions,
             "runs": [asdict(run) for run in self.runs],
         }
-        with write_atomically(self.path) as temporary:
-            temporary.write_text(json.dumps(_plain(data), indent=1, allow_nan=False) + "\n")
+        write_text(self.path, json.dumps(none_for_nan(data), indent=1, allow_nan=False) + "\n")
 
     def select(self, program: str) -> list[PeerRun]:
         return [run for run in self.runs if run.program == program]
@@ -118,14 +107,15 @@ def replace_suite_runs(results: PeerResults, path: Path, programs: Collection[st
         PeerRun(
             *(run.setting.sequence, _OURS[run.setting.observations], run.seed),
             *(suite.conditions["device"], suite.conditions["commit"]),
-        ).with_figures(_read_figures(run), None, run.seconds)
+            figures=_read_figures(run), clock=run.seconds,
+        )
         for run in suite.runs
         if _OURS.get(run.setting.observations) in programs and run.setting.sequence in known
         and run.setting.start == "found" and not run.setting.preset and not run.failed
     ]  # fmt: skip
     replaced = {(run.sequence, run.program) for run in ours}
     results.runs = [run for run in results.runs if (run.sequence, run.program) not in replaced]
-    results.extend(ours)
+    results.add(*ours)
 
 
 def _read_figures(run: Run) -> Figures:
@@ -137,20 +127,8 @@ def _read_figures(run: Run) -> Figures:
 
 
 def _parse_row(row: dict[str, Any]) -> PeerRun:
-    figures = row["figures"]
-    if figures is not None:
-        known = {name: np.nan if value is None else value for name, value in figures.items()}
-        figures = Figures(**known)
+    figures = row["figures"] and Figures(**nan_for_none(row["figures"]))
     return PeerRun(**{**row, "figures": figures})
-
-
-def _plain(value: Any) -> Any:
-    """Replace NaN by None."""
-    if isinstance(value, dict):
-        return {name: _plain(of) for name, of in value.items()}
-    if isinstance(value, list):
-        return [_plain(of) for of in value]
-    return None if isinstance(value, float) and np.isnan(value) else value
 
 
 def summary_table(results: PeerResults) -> Grid:
@@ -170,19 +148,15 @@ def summary_table(results: PeerResults) -> Grid:
         seconds = [np.nan if value is None else value for value in spent]
         where = sorted({run.device for run in done})
         rows.append([
-            program, str(len(per_sequence)), _format_value(means["mean"], ".1f"),
-            _format_value(means["rest"], ".1f"), _format_value(100 * means["far"], ".1f", " %"),
-            _format_value(100 * means["gaps"], ".1f", " %"), _format_value(means["jitter"], ".2f"),
-            _format_value(means["skating"], ".0f"),
-            f"{_format_value(float(np.mean(seconds)), '.1f')}, {'; '.join(where)}",
+            program, str(len(per_sequence)), cell(means["mean"], ".1f"),
+            cell(means["rest"], ".1f"), cell(100 * means["far"], ".1f", " %"),
+            cell(100 * means["gaps"], ".1f", " %"), cell(means["jitter"], ".2f"),
+            cell(means["skating"], ".0f"),
+            f"{cell(float(np.mean(seconds)), '.1f')}, {'; '.join(where)}",
             str(len(runs) - len(done)),
         ])  # fmt: skip
     heads = ["program", "sequences", *_HEADS, "seconds", "failed"]
     return Grid("Other programs beside ours, the same keypoints", heads, rows, _about(results))
-
-
-def _format_value(value: float, form: str, unit: str = "") -> str:
-    return NONE if np.isnan(value) else f"{value:{form}}{unit}"
 
 
 def _about(results: PeerResults) -> str:
@@ -228,8 +202,7 @@ def write_tables(out: Path, results: PeerResults) -> None:
     failed = [f"- {r.sequence}, {r.program}: {r.failed}" for r in results.runs if r.failed]
     texts = ["# Other programs beside ours", summary_table(results).markdown()]
     texts += [sequence_table(results).markdown(), *(["Failed:", *failed] if failed else [])]
-    with write_atomically(out / "peers.md") as temporary:
-        temporary.write_text("\n\n".join(texts) + "\n")
+    write_text(out / "peers.md", "\n\n".join(texts) + "\n")
     with write_atomically(out / "peers.csv") as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["sequence", "program", "seed", "device", "commit", *_COLUMNS, "cpu_s",

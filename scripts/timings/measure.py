@@ -76,16 +76,18 @@ class Timing:
         return f"{self.median:.{digits}f} [{self.low:.{digits}f}, {self.high:.{digits}f}]"
 
 
-def time_calls(
-    run: Callable[[], object], runs: int, warm_up: int = 1, seconds: float = 20.0
-) -> Timing:
+#: Time, s, after which `time_calls` begins no further run.
+_ENOUGH = 20.0
+
+
+def time_calls(run: Callable[[], object], runs: int, warm_up: int = 1) -> Timing:
     """Measure the wall-clock time of `run()`, which waits for its own end; stop early after
-    `seconds`."""
+    `_ENOUGH`."""
     for _ in range(warm_up):
         run()
     ms: list[float] = []
     began = time.perf_counter()
-    while len(ms) < runs and (not ms or time.perf_counter() - began < seconds):
+    while len(ms) < runs and (not ms or time.perf_counter() - began < _ENOUGH):
         started = time.perf_counter()
         run()
         ms.append(1e3 * (time.perf_counter() - started))

@@ -30,7 +30,7 @@ import numpy as np
 from cl import InputError
 from psfs.cli.commandline import stderr
 from psfs.common.config import Config
-from psfs.common.files import write_atomically
+from psfs.common.files import write_text
 from timings.measure import Limits, Timing, environment
 
 #: Version of the format, raised when a reader of older files would misunderstand newer ones.
@@ -160,8 +160,7 @@ class Results:
     def write(self) -> None:
         if self.path is not None:
             text = json.dumps({k: getattr(self, k) for k in _ENVELOPE}, indent=1, default=_plain)
-            with write_atomically(self.path) as temporary:
-                temporary.write_text(text + "\n")
+            write_text(self.path, text + "\n")
 
 
 def read_results(path: Path) -> Results:

@@ -67,5 +67,4 @@ def _grid(voxel: float) -> VoxelGrid:
 def _distances(body: BodyModel, pose: bytes, voxel: float) -> np.ndarray:
     """Return the distances (voxels,), m, of a world's voxels from the surface of a posed body."""
     cones = posed_cones(body, np.frombuffer(pose)[None])[0]
-    nearest: np.ndarray = cone_distances(_grid(voxel).centres(), cones).min(1)
-    return nearest
+    return cone_distances(_grid(voxel).centres(), cones).min(1)

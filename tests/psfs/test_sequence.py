@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import footage, scenes
+from helpers.faults import masks_folder
 from helpers.shared import shared_data
 
 from cl import InputError
@@ -159,6 +160,15 @@ def test_native_images_masks_and_one_plate(tmp_path: Path) -> None:
     config = BackgroundModelConfig()
     single = np.sqrt(config.prior_frames * config.prior_std**2 / (1 + config.prior_frames))
     np.testing.assert_allclose(plain.background.std, single, rtol=1e-6)
+
+
+def test_masks_of_a_person_in_place_of_a_folders_own(tmp_path: Path) -> None:
+    masks_folder(tmp_path)
+    whole = Sequence.open(tmp_path)
+    shape = (len(whole.rig), whole.rig.height, whole.rig.width)
+    own = whole.with_masks(lambda index: np.full(shape, index, np.uint8))
+    assert [frame.masks.max() for frame in own] == [0, 1, 2]
+    assert not list(own.select_frames([]))
 
 
 def test_views_of_different_sizes_are_padded(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import cv2
@@ -11,7 +12,7 @@ import pytest
 from cl import InputError
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
 from psfs.footage.settings import SequenceSettings
-from psfs.footage.timestamps import pick_frames
+from psfs.footage.timestamps import pair_by_timestamps, pick_frames
 from psfs.sequence import Sequence
 
 TIMES = {0: [1.0, 1.1, 1.2, 1.3, 1.4, 1.5], 1: [1.09, 1.21, 1.41, 1.5]}  # 1.3 was dropped
@@ -45,6 +46,20 @@ def test_frames_of_the_same_time_go_together(tmp_path: Path) -> None:
     assert any("timestamps.csv: 4 of up to 6, at most 10 ms apart" in note for note in views.notes)
 
 
+def test_masks_go_with_the_pictures(tmp_path: Path) -> None:
+    masks = tmp_path / "masks"
+    masks.mkdir()
+    for video in film(tmp_path).glob("*.avi"):
+        shutil.copy(video, masks)
+    footage = read_uncalibrated(tmp_path, SequenceSettings(), silhouettes=True)
+    paired = pair_by_timestamps(footage)
+    assert [item.count for item in paired.masks or ()] == [4, 4]
+    shutil.copy(masks / "cam_1.avi", masks / "cam_0.avi")
+    footage = read_uncalibrated(tmp_path, SequenceSettings(), silhouettes=True)
+    with pytest.raises(InputError, match="6 times of cam_0, whose video has 4 frames"):
+        pair_by_timestamps(footage)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -59,6 +74,12 @@ def test_files_that_do_not_fit(tmp_path: Path, change, message: str) -> None:
     path.write_text(change(path.read_text()))
     with pytest.raises(InputError, match=message):
         opened(tmp_path)
+
+
+def test_the_earlier_of_two_that_are_equally_near() -> None:
+    times = [np.array([0.0, 2.0, 4.0]), np.array([-1.0, 1.0, 3.0, 4.5])]
+    assert pick_frames(times) == ([(0, 0), (1, 1), (2, 3)], 1.0)
+    assert pick_frames([np.array([0.0]), np.array([-1.0, 0.0])]) == ([(0, 1)], 0.0)
 
 
 def test_times_that_no_camera_shares() -> None:

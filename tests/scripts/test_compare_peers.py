@@ -96,8 +96,8 @@ def test_runs_are_kept_and_shown(tmp_path: Path) -> None:
     run = PeerRun("walk", "ours: both", 0, "abacus", "c0ffee")
     figures = measure(shown(truth.joints + np.array([0.004, 0, 0])), truth)
     results.versions["pose2sim"] = {"pose2sim": "0.10.49"}
-    results.add(run.with_figures(figures, None, 2.5))
-    results.add(PeerRun("walk", "aniposelib, optimised", 0, "one core", "c0ffee").failed_with("no"))
+    results.add(replace(run, figures=figures, clock=2.5))
+    results.add(PeerRun("walk", "aniposelib, optimised", 0, "one core", "c0ffee", failed="no"))
     again = PeerResults.read(tmp_path / "peers.json")
     assert again.has("walk", "ours: both", 0) and not again.has("walk", "ours: both", 1)
     assert "| ours: both | 1 | 4.0 | 0.0 |" in summary_table(again).markdown()

@@ -149,7 +149,7 @@ def test_a_file_that_is_no_results_is_told(tmp_path: Path, text: str) -> None:
 def test_the_page_has_the_papers_tables_with_both_figures(tmp_path: Path) -> None:
     machines = read_machines([measured(tmp_path / "some")])
     write_report(machines, tmp_path)
-    text, page = (tmp_path / "report.md").read_text(), (tmp_path / "report.html").read_text()
+    text = (tmp_path / "report.md").read_text()
     for heading in ("Song table 1", "Song table 2", "Song table 3", "Song table 4", "Roofline"):
         assert f"### {heading}\n" in text
     assert "84.845207" in text  # Song's GPU
@@ -165,10 +165,6 @@ def test_the_page_has_the_papers_tables_with_both_figures(tmp_path: Path) -> Non
     assert "NumPy, one thread (an unoptimised specification). Medians." in text
     rows = {row[0]: row[1] for row in table_3(machines[0].results["whole"]).rows}
     assert rows["OpenCL CPU, 4 cores : OpenCL CPU, one core"] == "2.49 x"
-    # One file: every figure is inside, nothing is fetched.
-    assert page.count('src="data:image/svg+xml;base64,') == 6
-    assert 'src="figures' not in page
-    assert "http" not in page.replace("http://www.w3.org", "")
     assert {path.stem for path in (tmp_path / "figures").iterdir()} == {
         "headline", "per_frame", "stages", "amdahl", "roofline", "scaling",
     }  # fmt: skip

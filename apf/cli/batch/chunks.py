@@ -16,8 +16,8 @@ from apf.body import load_body, save_body
 from apf.cli.batch.take import TakeDone, TakeJob, process_take, write_take
 from apf.cli.first_pose import find_first_pose
 from apf.cli.method_flags import select_method
-from apf.cli.takes.job import TrackJob
-from apf.cli.track import FinishedTake, finish_take, write_files, write_track_settings
+from apf.cli.takes.job import TrackJob, open_session
+from apf.cli.takes.results import FinishedTake, finish_take, write_tracks
 from apf.cluster.chunks import cut_chunks, find_seam, join_tracks, to_millimetres
 from apf.cluster.config import ChunksConfig
 from apf.cluster.courses import Workflow
@@ -25,14 +25,14 @@ from apf.cluster.pool import Task
 from apf.cluster.task_side import TaskProgress, log_to
 from apf.cluster.workers import select_worker_device
 from apf.formats.pose import read_pose, write_pose
+from apf.report.summary import read_summary
 from apf.tracking.take import Take
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice
 from psfs.cli.sequence_flags import examine_footage, open_sequence, select_common_frames
 from psfs.diagnostics.examination import Examination
-from psfs.session import Session, SessionSettings
+from psfs.session import Session
 from psfs.volume import automatic_grid, find_volume
-from psfs.voxels.config import ReconstructionConfig
 
 #: The folder in OUT for takes that are tracked in chunks.
 PARTS = "parts"
@@ -86,10 +86,7 @@ def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[Ta
 
 def _examine(args: argparse.Namespace, device: Device | NumpyDevice) -> Examination:
     """Open the footage that the flags name and diagnose it."""
-    config = args.configs.get("reconstruction") or ReconstructionConfig()
-    settings = SessionSettings(config, args.frames or slice(None), args.voxel_size)
-    session = Session(open_sequence(args), device, settings)
-    return examine_footage(args, session, person=True)
+    return examine_footage(args, open_session(args, open_sequence(args), device), person=True)
 
 
 def _shared_words(
@@ -151,12 +148,11 @@ def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob])
             body = load_body(str(chunks[0].out.parent / "body.toml"))
             pose = read_pose(chunks[0].out.parent / START, body)
             sequence = examination.session.sequence
-            take = Take(sequence, body, pose, None, [whole], 1.0)
-            write_pose(args.output / START, pose, body)
-            write_files(args.output, whole, body)
-            write_track_settings(args, select_method(args))
+            seconds = sum(float(read_summary(chunk.out)["seconds"]) for chunk in chunks)
+            take = Take(sequence, body, pose, None, [whole], seconds)
             progress.n_frames = len(whole)
             track_job = TrackJob(args, select_method(args), [0], device)
+            write_tracks(track_job, take)
             judgements = finish_take(track_job, examination, take, progress)
             return [FinishedTake(take, len(whole), args.output, judgements)]
 

@@ -13,9 +13,11 @@ from typing import NoReturn
 
 from apf.cli import track
 from apf.cli.commands import COMMANDS
+from apf.cli.flags.shared import TRIANGULATE
 from apf.cli.method_flags import select_method
 from apf.cli.takes.flags import check_flags
 from apf.cli.takes.job import list_seeds, seed_folders
+from apf.cli.takes.results import FinishedTake
 from apf.cluster.record import FileFacts, TakeRecord, list_files
 from apf.cluster.take_row import TakeRow, write_thumbnail
 from apf.cluster.task_side import TaskProgress, log_to
@@ -60,10 +62,9 @@ class TakeJob:
         if beyond:
             raise InputError(
                 f"{self.where}: {', '.join(beyond)} applies only to the whole batch; expected "
-                "settings of "
-                "a take"
+                "settings of a take"
             )
-        if args.method == track.TRIANGULATE:
+        if args.method == TRIANGULATE:
             raise InputError(f"{self.where}: {args.method} has no body; expected apf track for it")
         if self.part_frames is not None:
             if args.people not in ("auto", "1"):
@@ -136,7 +137,7 @@ def process_take(progress: TaskProgress, job: TakeJob) -> TakeDone:
 def write_take(
     progress: TaskProgress,
     job: TakeJob,
-    write: Callable[[argparse.Namespace, Device | NumpyDevice], Sequence[track.FinishedTake]],
+    write: Callable[[argparse.Namespace, Device | NumpyDevice], Sequence[FinishedTake]],
     **facts: object,
 ) -> TakeDone:
     """Return the take that `write(args, device)` wrote into the folder `args.output`, and of which
@@ -170,7 +171,7 @@ def write_take(
 
 
 def compare_with_truth(
-    everybody: Sequence[track.FinishedTake],
+    everybody: Sequence[FinishedTake],
 ) -> list[list[Evaluation | None]]:
     """Return the evaluation of each person's tracks, one per seed, against the take's truth; None
     without a truth."""
@@ -191,7 +192,7 @@ def compare_with_truth(
 def _write_rows(
     job: TakeJob,
     args: argparse.Namespace,
-    done: track.FinishedTake,
+    done: FinishedTake,
     errors: Sequence[Evaluation | None],
     facts: Mapping[str, object],
 ) -> list[dict[str, object]]:

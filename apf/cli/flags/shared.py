@@ -62,12 +62,11 @@ def add_track_path(
     parser.add_argument("track", type=Path, metavar=metavar, help=what)
 
 
-def add_body_flag(
-    parser: argparse.ArgumentParser,
-    what: str = "body model of a track that does not hold its own",
-) -> None:
-    """Add --body of commands that read a track; what: its help."""
-    parser.add_argument("--body", type=Path, metavar="B", help=what)
+def add_body_flag(parser: argparse.ArgumentParser) -> None:
+    """Add --body of commands that read a track."""
+    parser.add_argument(
+        "--body", type=Path, metavar="B", help="body model of a track that does not hold its own"
+    )
 
 
 def add_smoothing_flags(parser: argparse.ArgumentParser, *settings: str) -> None:

@@ -16,6 +16,9 @@ from apf.keypoints import Keypoints
 from apf.tracking.trackers import with_seeds
 from cl import Device, InputError, NumpyDevice
 from psfs.common.files import resolve_path
+from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
+from psfs.voxels.config import ReconstructionConfig
 
 #: Greatest number of runs for --seeds.
 MOST_SEEDS = 1000
@@ -74,6 +77,20 @@ class TrackJob:
         args = self.args
         stated = [Path(path) for path in (args.init, args.body) if path is not None]
         return [Path(args.folder), *(path for path in stated if path.exists())]
+
+
+def reconstruction_config(args: argparse.Namespace) -> ReconstructionConfig:
+    """Return the settings of the reconstruction of --config and --preset."""
+    return args.configs.get("reconstruction") or ReconstructionConfig()
+
+
+def open_session(
+    args: argparse.Namespace, sequence: Sequence, device: Device | NumpyDevice
+) -> Session:
+    """Return the session of the frames, and with the settings, that the flags select."""
+    frames = args.frames or slice(None)
+    settings = SessionSettings(reconstruction_config(args), frames, args.voxel_size)
+    return Session(sequence, device, settings)
 
 
 def seed_folders(args: argparse.Namespace, seeds: list[int]) -> list[Path]:

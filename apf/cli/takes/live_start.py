@@ -11,6 +11,7 @@ from apf.api import load_template, read_given_start
 from apf.body.kinematics import posed_joints
 from apf.cli.first_pose import find_first_pose
 from apf.cli.people_flag import people_number
+from apf.cli.takes.job import open_session
 from apf.evaluation.joint_names import match_joints
 from apf.evaluation.people import load_people_truth
 from apf.filters.method import Method
@@ -55,8 +56,7 @@ def start_replay(
     poses."""
     sequence = open_sequence(args)
     frames = select_common_frames(args, sequence)
-    settings = SessionSettings(selection=args.frames or slice(None), voxel_size=args.voxel_size)
-    session = Session(sequence, device, settings)
+    session = open_session(args, sequence, device)
     if number != 1:
         everybody = _start_people(args, session, frames, number, method)
         if everybody is not None:

@@ -114,5 +114,4 @@ def _pixel_slopes(rig: CameraRig, points: np.ndarray, camera: np.ndarray) -> np.
     seen = np.einsum("nij,nj->ni", R, points) + t
     plane = seen[:, :2] / seen[:, 2:]
     turned = (R[:, :2] - plane[:, :, None] * R[:, 2:]) / seen[:, 2, None, None]
-    slopes: np.ndarray = K[:, :2, :2] @ turned
-    return slopes
+    return K[:, :2, :2] @ turned

@@ -68,8 +68,7 @@ def sobel_edges(image: np.ndarray, config: FeatureConfig) -> np.ndarray:
     border = cv2.BORDER_REPLICATE
     gx = cv2.sepFilter2D(grey, cv2.CV_64F, _DERIVATIVE, _SMOOTHING, borderType=border)
     gy = cv2.sepFilter2D(grey, cv2.CV_64F, _SMOOTHING, _DERIVATIVE, borderType=border)
-    edges: np.ndarray = gx**2 + gy**2 >= config.squared_threshold / 16**2
-    return edges
+    return gx**2 + gy**2 >= config.squared_threshold / 16**2
 
 
 class NumpyFeatures:

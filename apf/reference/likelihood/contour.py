@@ -97,8 +97,7 @@ def contour_means(
     y, x, seen = lookup_pixels(camera, pixels)
     seen &= ~hidden_by_trunk(camera, body, cones, corners, rows, pixels)
     sums = np.where(seen, contours[_normals(lines), y, x].astype(float), 0).sum((1, 2))
-    means: np.ndarray = sums / (255 * np.maximum(seen.sum((1, 2)), 1))
-    return means
+    return sums / (255 * np.maximum(seen.sum((1, 2)), 1))
 
 
 def _normals(lines: np.ndarray) -> np.ndarray:

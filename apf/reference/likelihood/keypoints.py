@@ -26,8 +26,7 @@ def observed_positions(
     rotations, origins = bone_matrices(body, poses)
     bone = observations.bone
     turned = np.einsum("mpij,pj->mpi", rotations[:, bone], observations.position)
-    world: np.ndarray = origins[:, bone] + turned
-    return world
+    return origins[:, bone] + turned
 
 
 def distances(

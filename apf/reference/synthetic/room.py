@@ -197,8 +197,7 @@ def noise_hash(x: np.ndarray, y: np.ndarray | int, z: int) -> np.ndarray:
     h = first ^ second ^ third
     h = (h ^ (h >> np.uint32(15))) * np.uint32(0x2C1B3C6D)
     h = (h ^ (h >> np.uint32(12))) * np.uint32(0x297A2D39)
-    number: np.ndarray = ((h ^ (h >> np.uint32(15))) & np.uint32(0xFFFFFF)) / 16777216.0
-    return number
+    return ((h ^ (h >> np.uint32(15))) & np.uint32(0xFFFFFF)) / 16777216.0
 
 
 def value_noise(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
@@ -207,8 +206,7 @@ def value_noise(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
     u, v = smoothstep(0.0, 1.0, x - ix), smoothstep(0.0, 1.0, y - iy)
     corners = [[noise_hash(ix + i, iy + j, seed) for i in (0, 1)] for j in (0, 1)]
     near, far = (a + (b - a) * u for a, b in corners)
-    noise: np.ndarray = near + (far - near) * v
-    return noise
+    return near + (far - near) * v
 
 
 def fractal_noise(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
@@ -219,14 +217,12 @@ def fractal_noise(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
 def hue_colour(hue: float, saturation: float, value: float) -> np.ndarray:
     """Return a saturated colour (3,)."""
     k = np.abs((hue * 6 + np.array([2.0, 4.0, 0.0])) % 6 - 3) - 1
-    colour: np.ndarray = value * (1 - saturation + saturation * np.clip(k, 0, 1))
-    return colour
+    return value * (1 - saturation + saturation * np.clip(k, 0, 1))
 
 
 def mix(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Return colours (N, 3) between a and b (3,)."""
-    mixed: np.ndarray = a + (b - a) * share[:, None]
-    return mixed
+    return a + (b - a) * share[:, None]
 
 
 def select_colours(

@@ -136,12 +136,10 @@ def shadowed_room(
     x, y = np.moveaxis((floor_point.astype(np.float64) - centre) / step + 0.5 * last, -1, 0)
     inside = (x >= 0) & (y >= 0) & (x < last) & (y < last)
     factor = ndimage.map_coordinates(shadow, [y, x], order=1, mode="nearest")
-    shaded: np.ndarray = room * np.where(inside, factor, 1.0)[..., None]
-    return shaded
+    return room * np.where(inside, factor, 1.0)[..., None]
 
 
 def smoothstep(low: np.ndarray | float, high: np.ndarray | float, x: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.clip((x - low) / (np.asarray(high) - low), 0, 1)
-    smooth: np.ndarray = t * t * (3 - 2 * t)
-    return smooth
+    return t * t * (3 - 2 * t)

@@ -98,7 +98,7 @@ INLINED void count_rows(const Drawing *drawing, const Rows *rows, int row, Count
 #endif
         }
         const size_t at = (size_t)view * WORDS + word;
-        const vuint image = LOAD_ROWS(drawing->silhouettes + at * drawing->pitch + row);
+        const vuint image = LOAD_PACK(drawing->silhouettes + at * drawing->pitch + row);
         counts->area += popcounts(covered);
         counts->overlap += popcounts(covered & image);
         counts->edges += popcounts(edges);

@@ -134,11 +134,11 @@ void count_pixels(int n_particles, __global const float2 *all_pixels,
             const vint beyond = row + LANE_NUMBERS >= below;
             for (int k = 0; k < N_PARTS; ++k) {
                 const int p = order[k], at = p * STRIDE + row - above;
-                const vint from = LOAD_ROWS(first + at), to = LOAD_ROWS(last + at);
+                const vint from = LOAD_PACK(first + at), to = LOAD_PACK(last + at);
                 const vint inner_from =
-                    larger(from + 1, larger(LOAD_ROWS(first + at - 1), LOAD_ROWS(first + at + 1)));
+                    larger(from + 1, larger(LOAD_PACK(first + at - 1), LOAD_PACK(first + at + 1)));
                 const vint inner_to =
-                    smaller(to - 1, smaller(LOAD_ROWS(last + at - 1), LOAD_ROWS(last + at + 1)));
+                    smaller(to - 1, smaller(LOAD_PACK(last + at - 1), LOAD_PACK(last + at + 1)));
                 const vint start = larger(from, region.x);
                 const vint end = beyond ? (vint)(0) : smaller(to + 1, region.z);
                 const vint all = start | larger(end, 0) << 16;

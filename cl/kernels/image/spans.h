@@ -5,18 +5,6 @@
 #endif
 #include "common/pack.h"
 
-#if PACK == 1
-#define LOAD_ROWS(place) (*(place))
-#elif PACK == 8
-#define LOAD_ROWS(place) vload8(0, place)
-#else
-#define LOAD_ROWS(place) vload16(0, place)
-#endif
-
-// The numbers 0, 1, ... of a pack's lanes.
-#define LANE_NUMBER(l) 0x##l
-#define LANE_NUMBERS PACK_OF(vint, LANE_NUMBER)
-
 // The bits from `first` on, counted from the word's own first pixel.
 static inline vuint bits_from(vint first)
 {

@@ -6,14 +6,10 @@
 #error "reconstruction/reprojection.cl needs CAMERA_FLOATS, MARK, PACK and UNKNOWN"
 #endif
 #include "common/camera.h"
+#include "reconstruction/marks.h"
 #include "reconstruction/packed_voxels.h"
 
 #define TILES_X ((WIDTH + TILE - 1) / TILE)
-// A mark says whether the silhouette touches MARK x MARK pixels. The marks lie behind the stack of
-// silhouettes, which has a row more before and behind. Views are dimension 1 of the kernels.
-#define MARKS_X ((WIDTH + MARK - 1) / MARK)
-#define MARKS_Y ((HEIGHT + MARK - 1) / MARK)
-#define MARKS_PLACE (((size_t)get_global_size(1) * HEIGHT + 2) * WIDTH)
 // Where the boundary of a silhouette is, inside a picture of a height.
 typedef struct { __global const uchar *map; int2 picture; int height; } edge_source;
 #include "common/distance.h"

@@ -45,7 +45,7 @@ __kernel void evidence_tiles(int2 picture, __global const char *restrict evidenc
     SYNC;
     if (lane > 0) return;
     char2 all = fine[0];
-    for (int t = 1; t < 16; ++t) {
+    for (int t = 1; t < ALONG * ALONG; ++t) {
         all.x = fine[t].x < all.x ? fine[t].x : all.x;
         all.y = fine[t].y > all.y ? fine[t].y : all.y;
     }

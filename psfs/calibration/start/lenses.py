@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -30,6 +31,13 @@ def default_camera(name: str, size: tuple[int, int], focal: float = _DEFAULT_FOC
     return Camera(name, K, np.zeros(5), np.eye(3), np.zeros(3), size)
 
 
+def with_focal_length(camera: Camera, share: float) -> Camera:
+    """Return the camera with another focal length, in units of the longer side."""
+    K = camera.K.copy()
+    K[0, 0] = K[1, 1] = share * max(camera.size)
+    return replace(camera, K=K)
+
+
 def estimate_camera_from_boards(
     name: str, size: tuple[int, int], target: Target, sightings: Sequence[Sighting]
 ) -> Camera:
@@ -38,8 +46,7 @@ def estimate_camera_from_boards(
     Returns the default camera if the pictures do not determine it.
     """
     usual = default_camera(name, size)
-    picked = pick_evenly(len(sightings), _MOST)
-    chosen = [sightings[k] for k in picked] if sightings else []
+    chosen = [sightings[k] for k in pick_evenly(len(sightings), _MOST)]
     if len(chosen) < 3:
         return usual
     try:

@@ -12,6 +12,7 @@ import numpy as np
 from cl import InputError
 from psfs.calibration.scene import CalibrationScene, place_camera, rigid_transform
 from psfs.calibration.start.board import choose_best_pose
+from psfs.calibration.start.lenses import with_focal_length
 from psfs.calibration.targets.target import Sighting, Target, group_by_view, make_wand
 from psfs.cameras.camera import Camera
 from psfs.cameras.names import join_names
@@ -107,11 +108,7 @@ def _place_by_markers(
     pixels = np.concatenate([s.pixels for s in sightings for _ in target.orders])
     best: tuple[int, Camera] | None = None
     for share in (None,) if lens_known else _FOCALS:
-        tried = camera
-        if share is not None:
-            K = camera.K.copy()
-            K[0, 0] = K[1, 1] = share * max(camera.size)
-            tried = replace(camera, K=K)
+        tried = camera if share is None else with_focal_length(camera, share)
         cv2.setRNGSeed(0)
         found, turn, shift, inliers = cv2.solvePnPRansac(
             points, pixels, tried.K, tried.distortion, iterationsCount=500, confidence=0.9999,

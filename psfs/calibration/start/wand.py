@@ -4,7 +4,7 @@ length."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations, product
 
 import cv2
@@ -13,6 +13,7 @@ import numpy as np
 from cl import InputError
 from psfs.calibration.scene import CalibrationScene, place_camera, rigid_transform
 from psfs.calibration.start.board import choose_best_pose
+from psfs.calibration.start.lenses import with_focal_length
 from psfs.calibration.start.placing import chain_poses
 from psfs.calibration.targets.target import Sighting, Target, group_by_frame
 from psfs.cameras.camera import Camera
@@ -86,12 +87,7 @@ def estimate_focal_lengths(
     """
 
     def with_focal(share: float) -> list[Camera]:
-        changed = []
-        for camera in cameras:
-            K = camera.K.copy()
-            K[0, 0] = K[1, 1] = share * max(camera.size)
-            changed.append(replace(camera, K=K))
-        return changed
+        return [with_focal_length(camera, share) for camera in cameras]
 
     def cost(share: float) -> float:
         rig = with_focal(share)

@@ -23,8 +23,7 @@ Found = tuple[np.ndarray, np.ndarray]
 
 def to_grey(picture: np.ndarray) -> np.ndarray:
     """Convert a BGR picture to grey levels (h, w) uint8."""
-    grey: np.ndarray = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-    return grey
+    return cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
 
 
 class ChessboardFinder:
@@ -188,7 +187,7 @@ class CharucoFinder:
         grey = to_grey(picture)
         best: tuple[int, str] | None = None
         for name in DICTIONARIES:
-            dictionary = _choose_dictionary(name, 250)
+            dictionary = choose_dictionary(name, 250)
             _, ids, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(grey)
             if ids is not None and len(ids) > 3 and (best is None or len(ids) > best[0]):
                 best = len(ids), f"{len(ids)} {name} markers with numbers up to {ids.max()}"
@@ -196,7 +195,7 @@ class CharucoFinder:
 
 
 def _has_markers(name: str, markers: int) -> bool:
-    return len(_choose_dictionary(name, markers).bytesList) >= markers
+    return len(choose_dictionary(name, markers).bytesList) >= markers
 
 
 def _make_charuco(
@@ -204,14 +203,14 @@ def _make_charuco(
 ) -> Any:
     """Make a board of squares and markers with these sides, m."""
     count = squares[0] * squares[1] // 2
-    dictionary = _choose_dictionary(name, first + count)
+    dictionary = choose_dictionary(name, first + count)
     ids = np.arange(first, first + count) if first else None
     board = cv2.aruco.CharucoBoard(squares, *sides, dictionary, ids)
     board.setLegacyPattern(old)
     return board
 
 
-def _choose_dictionary(name: str, markers: int) -> Any:
+def choose_dictionary(name: str, markers: int) -> Any:
     """Return the smallest set of a family with so many markers, or its largest."""
     found: object = None
     for known in DICTIONARIES[name]:

@@ -12,7 +12,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Path2D
 
 from cl import InputError
-from psfs.calibration.targets.dictionaries import DICTIONARIES
+from psfs.calibration.targets.boards import choose_dictionary
 from psfs.common.files import write_atomically
 
 _MM_PER_INCH = 25.4
@@ -47,7 +47,12 @@ def write_board_pdf(
             f"squares, and {_LONGEST:g} mm at most"
         )
     count = columns * rows // 2
-    markers = _choose_markers(dictionary, boards * count)
+    markers = choose_dictionary(dictionary, boards * count)
+    if len(markers.bytesList) < boards * count:
+        raise InputError(
+            f"the board has {boards * count} markers; {dictionary} has {len(markers.bytesList)}: "
+            "choose another --dictionary"
+        )
     ruler = min(_RULER, columns * side)
     text = (
         f"--board charuco --squares {columns}x{rows} --square {sides[0]:g} --marker {sides[1]:g} "
@@ -76,18 +81,6 @@ def _merge_squares(black: np.ndarray) -> Path2D:
     corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)])
     outlines = [Path2D((left, top) + across * corners, closed=True) for left, top, across in black]
     return Path2D.make_compound_path(*outlines)
-
-
-def _choose_markers(dictionary: str, needed: int) -> cv2.aruco.Dictionary:
-    """Return the smallest set of a family with as many markers. Raises InputError without one."""
-    for name in DICTIONARIES[dictionary]:
-        markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
-        if len(markers.bytesList) >= needed:
-            return markers
-    raise InputError(
-        f"the board has {needed} markers; {dictionary} has {len(markers.bytesList)}: "
-        "choose another --dictionary"
-    )
 
 
 def list_black_squares(

@@ -63,6 +63,12 @@ def group_by_frame(sightings: Sequence[Sighting]) -> dict[int, list[Sighting]]:
     return found
 
 
+def select_shared(sightings: Sequence[Sighting], least: int) -> list[Sighting]:
+    """Return the sightings in frames with at least `least` of them."""
+    by_frame = group_by_frame(sightings)
+    return [s for s in sightings if len(by_frame[s.frame]) >= least]
+
+
 def group_by_view(sightings: Sequence[Sighting], views: int) -> list[list[Sighting]]:
     """Group the sightings by camera."""
     found: list[list[Sighting]] = [[] for _ in range(views)]

@@ -8,7 +8,7 @@ from pathlib import Path
 from cl import InputError, MissingFileError
 from psfs.cameras.calibration.camera_files import SUFFIXES, read_camera_files
 from psfs.cameras.calibration.colmap import read_colmap
-from psfs.cameras.calibration.common import Calibration, Size, Sizes, name_file_in_errors, read_text
+from psfs.cameras.calibration.common import Calibration, Sizes, name_file_in_errors, read_text
 from psfs.cameras.calibration.filestorage import read_easymocap, read_filestorage
 from psfs.cameras.calibration.handedness import (
     LEFT_HANDED,
@@ -34,30 +34,6 @@ from psfs.cameras.calibration.vicon import read_vicon
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
 from psfs.common.reading import open_input
-
-__all__ = [
-    "Calibration",
-    "Size",
-    "Sizes",
-    "find_calibration",
-    "read_calibration",
-    "read_camera_files",
-    "read_colmap",
-    "read_easymocap",
-    "read_filestorage",
-    "read_humaneva",
-    "read_matlab",
-    "read_middlebury",
-    "read_optitrack",
-    "read_panoptic",
-    "read_projections",
-    "read_qualisys",
-    "read_surrey",
-    "read_toml_tables",
-    "read_transforms",
-    "read_tsai",
-    "read_vicon",
-]
 
 #: Endings of COLMAP's files.
 _MODELS = (".txt", ".bin")
@@ -144,11 +120,11 @@ def _read(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     if suffix == ".json" and name.startswith("transforms"):
         return read_transforms(path, unit, sizes)
     if suffix == ".json" and looks_like_panoptic(path):
-        return read_panoptic(path, unit, sizes)
+        return read_panoptic(path, unit)
     if suffix == VICON:
-        return read_vicon(path, unit, sizes)
+        return read_vicon(path, unit)
     if suffix == OPTITRACK:
-        return read_optitrack(path, unit, sizes)
+        return read_optitrack(path, unit)
     if suffix == ".mat":
         return read_matlab(path, unit, sizes)
     if suffix in _STORAGE:
@@ -168,9 +144,9 @@ def _is_tsai(path: Path) -> bool:
 def _read_text_file(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     text = read_text(path)
     if looks_like_qualisys(text):
-        return read_qualisys(path, unit, sizes)
+        return read_qualisys(path, unit)
     if looks_like_surrey(text):
-        return read_surrey(path, unit, sizes)
+        return read_surrey(path, unit)
     words = [line.split() for line in text.splitlines() if line.strip()]
     if words and len(words[0]) == 1 and len(words) > 1 and len(words[1]) > 1:
         return read_middlebury(path, unit, sizes)
@@ -202,7 +178,7 @@ def _read_folder(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         return read_colmap(folder, unit)
     files = _camera_files(folder)
     if len(files) == 1 and files[0].name.endswith(QUALISYS):
-        return read_qualisys(files[0], unit, sizes)
+        return read_qualisys(files[0], unit)
     suffixes = {path.suffix.lower() for path in files}
     if len(suffixes) == 1 and _is_tsai(files[0]):
         return read_tsai(files, unit, sizes)

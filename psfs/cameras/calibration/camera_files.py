@@ -16,7 +16,7 @@ from psfs.cameras.calibration.common import (
     Calibration,
     Size,
     Sizes,
-    build_rig,
+    build_rig_of_files,
     name_file_in_errors,
     parse_numbers,
     parse_rotation,
@@ -30,23 +30,16 @@ SUFFIXES = (".pa", ".krt", ".krtd", ".cam", ".txt", ".p")
 _WANTED = "expected K R t (21 numbers), K and [R | t] (21 or 25), or a 3x4 matrix (12)"
 
 
-def read_camera_files(
-    paths: Sequence[Path], unit: Unit | None = None, sizes: Sizes = None
-) -> Calibration:
+def read_camera_files(paths: Sequence[Path], unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read one camera per path, named after the file. Metres unless `unit` says otherwise."""
-    by_name = {path.stem: path for path in paths}
-    values = {name: _read_numbers(path) for name, path in by_name.items()}
+    values = {path: _read_numbers(path) for path in paths}
 
-    def camera(name: str, size: Size) -> Camera:
-        with name_file_in_errors(by_name[name]):
-            return build_camera(name, values[name], size)
+    def camera(path: Path, size: Size) -> Camera:
+        return build_camera(path.stem, values[path], size)
 
-    rig = build_rig(list(by_name), sizes, camera, unit, default="m")
-    return (
-        mirror_if_facing_away(rig)
-        if all(len(rows.ravel()) == 12 for rows in values.values())
-        else rig
-    )
+    rig = build_rig_of_files(paths, sizes, camera, unit, default="m")
+    matrices = all(own.size == 12 for own in values.values())
+    return mirror_if_facing_away(rig) if matrices else rig
 
 
 def build_camera(name: str, values: np.ndarray, size: Size) -> Camera:

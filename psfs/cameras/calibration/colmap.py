@@ -40,7 +40,7 @@ _MODELS = {
 }
 
 
-def read_colmap(folder: Path, unit: Unit | None = None) -> Calibration:
+def read_colmap(folder: Path, unit: Unit | None) -> Calibration:
     """Read one camera per image, in natural order of their names.
 
     COLMAP states no unit: metres unless `unit` says otherwise.

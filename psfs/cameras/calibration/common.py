@@ -49,8 +49,7 @@ class Calibration(CameraRig):
 
 def read_text(path: Path, encoding: str = "UTF-8") -> str:
     """Read the text of a file. Raises InputError naming it, MissingFileError if it is absent."""
-    text: str = files.read_text(path, "a calibration", MOST_BYTES, encoding)
-    return text
+    return files.read_text(path, "a calibration", MOST_BYTES, encoding)
 
 
 #: No length, px or mm, or angle is as large; the products of a few such are still finite.
@@ -142,6 +141,23 @@ def build_rig(
     """Build a rig in metres from the cameras that `camera(name, size)` returns for each name."""
     pairs = zip(names, find_sizes(names, sizes), strict=True)
     return convert_to_metres(CameraRig(tuple(camera(*pair) for pair in pairs)), unit, default)
+
+
+def build_rig_of_files(
+    paths: Sequence[Path],
+    sizes: Sizes,
+    camera: Callable[[Path, Size], Camera],
+    unit: Unit | None,
+    default: Unit,
+) -> Calibration:
+    """Build a rig in metres from the cameras that `camera(path, size)` returns, one per file and
+    named after it. Errors name the file."""
+    cameras = []
+    for path, size in zip(paths, find_sizes([path.stem for path in paths], sizes), strict=True):
+        with name_file_in_errors(path):
+            cameras.append(camera(path, size))
+    with name_file_in_errors(paths[0].parent):
+        return convert_to_metres(CameraRig(tuple(cameras)), unit, default)
 
 
 def read_attributes(

@@ -139,8 +139,8 @@ def _read_numbers(node: Any, what: str) -> np.ndarray:
 
 def read_filestorage(
     paths: Sequence[Path],
-    unit: Unit | None = None,
-    sizes: Sizes = None,
+    unit: Unit | None,
+    sizes: Sizes,
     names: Sequence[str] | None = None,
 ) -> Calibration:
     """Read one camera per path, named after its file or by `names`.
@@ -172,7 +172,7 @@ def _camera(storage: Storage, name: str, size: Size) -> Camera:
     )
 
 
-def read_easymocap(folder: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_easymocap(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read EasyMocap's intri.yml (K_n, dist_n) and extri.yml (R_n Rodrigues, Rot_n, T_n).
 
     Metres unless `unit` says otherwise.

@@ -16,8 +16,7 @@ from psfs.cameras.calibration.common import (
     Calibration,
     Size,
     Sizes,
-    build_rig,
-    name_file_in_errors,
+    build_rig_of_files,
     parse_numbers,
     parse_rotation,
     read_text,
@@ -28,17 +27,9 @@ from psfs.cameras.units import Unit
 _COUNT = 22
 
 
-def read_humaneva(
-    paths: Sequence[Path], unit: Unit | None = None, sizes: Sizes = None
-) -> Calibration:
+def read_humaneva(paths: Sequence[Path], unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read one camera per path, named after the file. Millimetres unless `unit` says otherwise."""
-    by_name = {path.stem: path for path in paths}
-
-    def camera(name: str, size: Size) -> Camera:
-        with name_file_in_errors(by_name[name]):
-            return _camera(by_name[name], size)
-
-    return build_rig([path.stem for path in paths], sizes, camera, unit, default="mm")
+    return build_rig_of_files(paths, sizes, _camera, unit, default="mm")
 
 
 def _camera(path: Path, size: Size) -> Camera:

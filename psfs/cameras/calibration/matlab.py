@@ -28,7 +28,7 @@ from psfs.common.reading import open_input
 _K, _R, _T = ("K", "KK", "intrinsic"), ("R", "Rc", "rotation"), ("t", "T", "Tc", "translation")
 
 
-def read_matlab(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_matlab(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read the cameras, without distortion. Metres unless `unit` says otherwise.
 
     The cells of a variable `names` name them; without it they are cam01, cam02, ... in order.

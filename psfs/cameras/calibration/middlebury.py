@@ -25,7 +25,7 @@ from psfs.cameras.units import Unit
 _NUMBERS = 21
 
 
-def read_middlebury(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_middlebury(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read the cameras in the order of the file, named after their images without suffix.
 
     Metres unless `unit` says otherwise. No distortion.

@@ -17,7 +17,6 @@ from cl import InputError
 from psfs.cameras.calibration.common import (
     TO_OPENCV,
     Calibration,
-    Sizes,
     check_whole_size,
     convert_to_metres,
     name_file_in_errors,
@@ -41,11 +40,11 @@ _MARKS = (b"\xff\xfe", b"\xfe\xff")
 _SIZE = ("ImagerPixelWidth", "ImagerPixelHeight")
 
 
-def read_optitrack(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_optitrack(path: Path, unit: Unit | None) -> Calibration:
     """Read the cameras, named by their serial numbers, in natural order; of colour cameras (C...)
     and others those for colour. Metres unless `unit` says otherwise.
 
-    sizes: not used, the file has them. Raises InputError naming file, camera and attribute.
+    Raises InputError naming file, camera and attribute.
     """
     text = read_text(path, _find_encoding(path))
     with name_file_in_errors(path):

@@ -16,7 +16,6 @@ from cl import InputError
 from psfs.cameras.calibration.common import (
     Calibration,
     Size,
-    Sizes,
     build_rig,
     check_whole_size,
     name_file_in_errors,
@@ -53,10 +52,10 @@ def looks_like_panoptic(path: Path) -> bool:
     return '"distCoef"' in text and '"cameras"' in text
 
 
-def read_panoptic(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_panoptic(path: Path, unit: Unit | None) -> Calibration:
     """Read the cameras in natural order of their names. Centimetres unless `unit` says otherwise.
 
-    sizes: not used, the file has them. Raises InputError naming file, camera and key.
+    Raises InputError naming file, camera and key.
     """
     with name_file_in_errors(path):
         file = parse_values(PanopticFile, read_json(path, "a calibration"), "the file")

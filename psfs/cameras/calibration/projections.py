@@ -30,7 +30,7 @@ from psfs.cameras.rig_geometry import intersect_axes
 from psfs.cameras.units import Unit
 
 
-def read_projections(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_projections(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read the cameras in the order of the file; without names they are cam01, cam02, ...
 
     The format states no unit: metres unless `unit` says otherwise. No distortion.

@@ -17,7 +17,6 @@ from cl import InputError
 from psfs.cameras.calibration.common import (
     TO_OPENCV,
     Calibration,
-    Sizes,
     check_whole_size,
     convert_to_metres,
     name_file_in_errors,
@@ -30,8 +29,8 @@ from psfs.cameras.units import Unit
 from psfs.common.xml import parse_xml
 
 SUFFIX = ".qca.txt"
-#: Units of the sensor per pixel.
-_SUBPIXELS = 64
+#: Units of the sensor per pixel; the camera's axes are x right, y up, z backward.
+SUBPIXELS = 64
 _TRANSFORM = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33", "x", "y", "z")
 _INTRINSIC = (
     *("focalLengthU", "focalLengthV", "centerPointU", "centerPointV"),
@@ -45,7 +44,7 @@ def looks_like_qualisys(text: str) -> bool:
     return text.lstrip().startswith("<") and "<calibration" in text[:2000]
 
 
-def read_qualisys(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_qualisys(path: Path, unit: Unit | None) -> Calibration:
     """Read the cameras, named by their serial numbers. Millimetres unless `unit` says otherwise.
 
     Raises InputError naming file, camera and attribute.
@@ -73,7 +72,7 @@ def _camera(element: ElementTree.Element, index: int) -> Camera:
     fu, fv, cu, cv, k1, k2, p1, p2 = read_attributes(element, "intrinsic", _INTRINSIC, name)
     left, top, right, bottom = read_attributes(element, "fov_video", _FIELD, name)
     turn = TO_OPENCV @ rotation[:9].reshape(3, 3)
-    K = np.array([[fu, 0, cu], [0, fv, cv], [0, 0, _SUBPIXELS]]) / _SUBPIXELS
+    K = np.array([[fu, 0, cu], [0, fv, cv], [0, 0, SUBPIXELS]]) / SUBPIXELS
     K[:2, 2] -= left, top
     return Camera(
         name=name,

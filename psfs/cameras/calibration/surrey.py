@@ -14,7 +14,6 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.calibration.common import (
     Calibration,
-    Sizes,
     check_whole_size,
     convert_to_metres,
     name_file_in_errors,
@@ -36,7 +35,7 @@ def looks_like_surrey(text: str) -> bool:
     return 0 < count <= MOST_CAMERAS and 0 <= order <= 5
 
 
-def read_surrey(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_surrey(path: Path, unit: Unit | None) -> Calibration:
     """Read the cameras, named cam01, cam02, ... Metres unless `unit` says otherwise."""
     with name_file_in_errors(path):
         text = read_text(path)

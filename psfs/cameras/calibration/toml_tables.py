@@ -47,7 +47,7 @@ class CameraTable(Table):
     tsai_kappa: float = 0.0
 
 
-def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_toml_tables(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read the cameras in natural order of their names. Metres unless `unit` says otherwise.
 
     FreeMoCap files (recognised by world_position) may be in any unit without stating it, so they

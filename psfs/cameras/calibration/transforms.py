@@ -17,6 +17,7 @@ from pydantic import Field
 from cl import InputError
 from psfs.cameras.calibration.colmap import name_cameras
 from psfs.cameras.calibration.common import (
+    TO_OPENCV,
     Calibration,
     Size,
     Sizes,
@@ -30,9 +31,6 @@ from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
 from psfs.common.files import read_json
 from psfs.common.schema import Number, Positive, Table, flat, parse_values
-
-#: From OpenGL's camera axes to ours.
-_AXES = np.diag([1.0, -1.0, -1.0])
 
 
 class Lens(Table):
@@ -66,7 +64,7 @@ class Transforms(Lens):
     frames: Annotated[list[FrameEntry], Field(min_length=1, max_length=MOST_CAMERAS)]
 
 
-def read_transforms(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_transforms(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read the cameras in natural order of their pictures' names.
 
     Metres unless `unit` says otherwise. `sizes` are used where the file has none.
@@ -114,7 +112,7 @@ def _camera(name: str, file: Transforms, view: FrameEntry, size: Size) -> Camera
     # The middle of the picture is at w / 2 there, and at (w - 1) / 2 here.
     cx, cy = (width / 2 if cx is None else cx) - 0.5, (height / 2 if cy is None else cy) - 0.5
     to_world = np.array(view.transform_matrix[:12]).reshape(3, 4)
-    R = parse_rotation(_AXES @ to_world[:, :3].T, f"camera {name}: transform_matrix")
+    R = parse_rotation(TO_OPENCV @ to_world[:, :3].T, f"camera {name}: transform_matrix")
     left_handed = np.linalg.det(to_world[:, :3]) < 0
     centre = to_world[:, 3] * ([-1, 1, 1] if left_handed else [1, 1, 1])
     distortion = np.array([value(key) for key in ("k1", "k2", "p1", "p2", "k3")])

@@ -18,14 +18,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
     Calibration,
     Size,
     Sizes,
-    build_rig,
-    name_file_in_errors,
+    build_rig_of_files,
     parse_numbers,
     read_text,
 )
@@ -54,15 +54,9 @@ def looks_like_tsai(text: str) -> bool:
     return len(values) in (len(_NAMES), len(_NAMES) + 2) and not any(values[len(_NAMES) :])
 
 
-def read_tsai(paths: Sequence[Path], unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_tsai(paths: Sequence[Path], unit: Unit | None, sizes: Sizes) -> Calibration:
     """Read one camera per path, named after the file. Millimetres unless `unit` says otherwise."""
-    by_name = {path.stem: path for path in paths}
-
-    def camera(name: str, size: Size) -> Camera:
-        with name_file_in_errors(by_name[name]):
-            return _camera(name, _parse_parameters(read_text(by_name[name])), size)
-
-    return build_rig(list(by_name), sizes, camera, unit, default="mm")
+    return build_rig_of_files(paths, sizes, _read_camera, unit, default="mm")
 
 
 def _parse_parameters(text: str) -> Mapping[str, float]:
@@ -92,24 +86,19 @@ def _parse_parameters(text: str) -> Mapping[str, float]:
     return values
 
 
-def _camera(name: str, values: Mapping[str, float], size: Size) -> Camera:
+def _read_camera(path: Path, size: Size) -> Camera:
+    name, values = path.stem, _parse_parameters(read_text(path))
     f, dpx, dpy, sx = (values[key] for key in ("f", "dpx", "dpy", "sx"))
     if not (f > 0 and dpx > 0 and dpy > 0 and sx > 0):
         raise InputError(
             f"camera {name}: f {f:g}, dpx {dpx:g}, dpy {dpy:g}, sx {sx:g}; "
             "expected positive numbers"
         )
-    (sin_x, sin_y, sin_z), (cos_x, cos_y, cos_z) = (
-        of([values["rx"], values["ry"], values["rz"]]) for of in (np.sin, np.cos)
-    )
-    Rx = np.array([[1, 0, 0], [0, cos_x, -sin_x], [0, sin_x, cos_x]])
-    Ry = np.array([[cos_y, 0, sin_y], [0, 1, 0], [-sin_y, 0, cos_y]])
-    Rz = np.array([[cos_z, -sin_z, 0], [sin_z, cos_z, 0], [0, 0, 1]])
     return Camera(
         name=name,
         K=np.array([[sx * f / dpx, 0, values["cx"]], [0, f / dpy, values["cy"]], [0, 0, 1]]),
         distortion=np.zeros(5),
-        R=Rz @ Ry @ Rx,
+        R=Rotation.from_euler("xyz", [values[key] for key in ("rx", "ry", "rz")]).as_matrix(),
         t=np.array([values["tx"], values["ty"], values["tz"]]),
         size=size,
         kappa=values["kappa1"] * f**2,

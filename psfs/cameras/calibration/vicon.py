@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 from cl import InputError
 from psfs.cameras.calibration.common import (
     Calibration,
-    Sizes,
     check_whole_size,
     convert_to_metres,
     name_file_in_errors,
@@ -32,11 +31,11 @@ from psfs.common.xml import parse_xml
 SUFFIX = ".xcp"
 
 
-def read_vicon(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+def read_vicon(path: Path, unit: Unit | None) -> Calibration:
     """Read the cameras, named by their DEVICEID, in natural order. Millimetres unless `unit` says
     otherwise.
 
-    sizes: not used, the file has them. Raises InputError naming file, camera and attribute.
+    Raises InputError naming file, camera and attribute.
     """
     text = read_text(path)
     with name_file_in_errors(path):
@@ -77,13 +76,9 @@ def _camera(element: ElementTree.Element, index: int) -> Camera:
 
 def _radial(frame: ElementTree.Element, name: str) -> np.ndarray:
     """Return k1 k2 p1 p2 k3."""
-    words = frame.get("VICON_RADIAL2", "").split()
-    if words:
-        radial = parse_numbers(words[3:6], f"camera {name}: VICON_RADIAL2")
-    else:
-        radial = parse_numbers(
-            frame.get("VICON_RADIAL", "").split(), f"camera {name}: VICON_RADIAL"
-        )
+    newer = frame.get("VICON_RADIAL2", "").split()[3:6]
+    words = newer or frame.get("VICON_RADIAL", "").split()
+    radial = parse_numbers(words, f"camera {name}: VICON_RADIAL{'2' if newer else ''}")
     k1, k2, k3 = np.append(radial, np.zeros(3))[:3]
     return np.array([k1, k2, 0, 0, k3])
 

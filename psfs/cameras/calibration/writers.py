@@ -14,12 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from cl import InputError
 from psfs.cameras.calibration.common import TO_OPENCV
+from psfs.cameras.calibration.qualisys import SUBPIXELS
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.files import write_json, write_text
 from psfs.common.toml import write_toml
-
-#: Qualisys' units per pixel; its axes are x right, y up, z backward.
-_SUBPIXELS = 64
 
 
 def write_caliscope(folder: Path, rig: CameraRig) -> Path:
@@ -133,7 +131,7 @@ def write_qualisys(folder: Path, rig: CameraRig) -> Path:
         names = [f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)]
         placed = [*turn.ravel(), *(1000 * camera.centre)]
         _add_numbers(element, "transform", dict(zip([*names, *"xyz"], placed, strict=True)))
-        K, (k1, k2, p1, p2, _) = _SUBPIXELS * camera.K, camera.distortion
+        K, (k1, k2, p1, p2, _) = SUBPIXELS * camera.K, camera.distortion
         lens = {"focalLengthU": K[0, 0], "focalLengthV": K[1, 1]}
         lens |= {"centerPointU": K[0, 2], "centerPointV": K[1, 2], "skew": 0.0}
         lens |= {"radialDistortion1": k1, "radialDistortion2": k2, "radialDistortion3": 0.0}

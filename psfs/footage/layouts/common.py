@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cl import InputError
-from psfs.cameras.calibration import Calibration, Size, Sizes, read_calibration
+from psfs.cameras.calibration import read_calibration
+from psfs.cameras.calibration.common import Calibration, Size, Sizes
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import match_files_to_cameras
 from psfs.cameras.units import Unit
@@ -38,6 +39,15 @@ class Footage:
     background: tuple[Media, ...] | None = None
     notes: list[str] = field(default_factory=list)
     late: Mapping[str, int] = field(default_factory=dict)
+
+    def select(self, frames: Callable[[Media, int], Sequence[int]]) -> Footage:
+        """Return the footage whose images and masks have those frames of each medium that `frames`
+        returns for it and for the number of its view."""
+
+        def chosen(kind: tuple[Media, ...] | None) -> tuple[Media, ...] | None:
+            return kind and tuple(item.select(frames(item, v)) for v, item in enumerate(kind))
+
+        return replace(self, images=chosen(self.images), masks=chosen(self.masks))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from cl import InputError
-from psfs.cameras.calibration import Size, find_calibration, read_calibration
+from psfs.cameras.calibration import find_calibration, read_calibration
+from psfs.cameras.calibration.common import Size
 from psfs.cameras.names import contains_name, match_files_to_cameras, name_tokens, natural_key
 from psfs.footage.layouts.common import (
     Footage,

@@ -19,8 +19,14 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError
-from psfs.cameras.calibration import Calibration, read_calibration, read_humaneva
-from psfs.cameras.calibration.common import name_file_in_errors, parse_numbers, read_text
+from psfs.cameras.calibration import read_calibration
+from psfs.cameras.calibration.common import (
+    Calibration,
+    name_file_in_errors,
+    parse_numbers,
+    read_text,
+)
+from psfs.cameras.calibration.humaneva import read_humaneva
 from psfs.cameras.calibration.tsai import looks_like_tsai, read_tsai
 from psfs.cameras.names import join_names, natural_key
 from psfs.footage.layouts.common import (

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cl import InputError, MissingFileError
+from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import rename_files
+from psfs.footage.folder import check_folder
 from psfs.footage.layouts.common import Footage, Found, assign_pictures
 from psfs.footage.media import Media, list_media, open_media
 from psfs.footage.settings import SequenceSettings
@@ -29,11 +30,7 @@ def list_pictures(folder: Path) -> Found:
     Raises InputError if there are none, MissingFileError if there is no such folder.
     """
     wanted = "expected videos/, images/<camera>/, or a video or folder of pictures per camera"
-    if not folder.is_dir():
-        kind, what = (
-            (InputError, "a file") if folder.exists() else (MissingFileError, "no such folder")
-        )
-        raise kind(f"{folder}: {what}; {wanted}")
+    check_folder(folder, wanted)
     for place in _PLACES:
         if (folder / place).is_dir():
             found = list_media(folder / place)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from psfs.cameras.calibration import read_calibration, read_filestorage
+from psfs.cameras.calibration import read_calibration
+from psfs.cameras.calibration.filestorage import read_filestorage
 from psfs.cameras.names import natural_key
 from psfs.footage.layouts.common import (
     Footage,

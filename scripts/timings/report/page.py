@@ -1,18 +1,16 @@
-"""The report: Markdown from results' files, and the same as one HTML file."""
+"""The report: Markdown from results' files."""
 
 from __future__ import annotations
 
-import base64
 import re
 from collections.abc import Callable, Sequence, Set
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markdown_it import MarkdownIt
 
 from apf.body import load_body
-from psfs.common.files import write_atomically
+from psfs.common.files import write_text
 from timings.report import curves, figures, laws, limits, peers, rymut
 from timings.report.machines import BATCH, Machine, device_title, missing, name_processors
 from timings.tables.batch import make_tables
@@ -34,28 +32,12 @@ from timings.tables.whole import (
 )
 
 FIGURES = "figures"
-_CSS = """
-:root { color-scheme: light; }
-body { font: 16px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #222; margin: 0 auto;
-  max-width: 70rem; padding: 1.5rem; background: #fff; }
-h1, h2, h3 { line-height: 1.2; margin-top: 2.2rem; }
-h1 { margin-top: 0; } h2 { border-bottom: 1px solid #ccc; padding-bottom: .25rem; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; margin: .4rem 0; font-size: .9rem;
-  font-variant-numeric: tabular-nums; }
-th, td { padding: .25rem .7rem; border-bottom: 1px solid #e4e4e4; vertical-align: top; }
-th { border-bottom: 2px solid #999; text-align: left; } tbody tr:hover { background: #f5f8fb; }
-td:first-child, th:first-child { padding-left: 0; }
-td em { color: #7a6a3f; } img { max-width: 100%; display: block; margin: 1rem 0; }
-code { font-size: .88em; background: #f3f3f3; padding: .1em .3em; border-radius: 3px; }
-summary { cursor: pointer; color: #0072B2; margin: .6rem 0; }
-"""
 
 
 def write_report(
     machines: Sequence[Machine], folder: Path, batches: Sequence[Machine] = ()
 ) -> None:
-    """Write report.md, report.html (which embeds its figures) and figures/*.svg to `folder`.
+    """Write report.md and figures/*.svg to `folder`.
     batches: the machines with timed takes."""
     draw: dict[str, Callable[[Sequence[Machine]], Any]] = {
         "headline": figures.headline, "per_frame": figures.per_frame, "stages": figures.stages,
@@ -69,30 +51,7 @@ def write_report(
         if made is not None:
             figures.write_figure(made, folder / FIGURES / f"{name}.svg")
             drawn.add(name)
-    text = page(machines, drawn, batches)
-    with write_atomically(folder / "report.md") as temporary:
-        temporary.write_text(text)
-    with write_atomically(folder / "report.html") as temporary:
-        temporary.write_text(html(text, folder))
-
-
-def html(text: str, folder: Path) -> str:
-    """Convert the Markdown `text` to a page that needs no other file."""
-    body = MarkdownIt("commonmark", {"html": True}).enable("table").render(text)
-
-    def embedded(match: re.Match[str]) -> str:
-        data = base64.b64encode((folder / match[1]).read_bytes()).decode()
-        return f'src="data:image/svg+xml;base64,{data}"'
-
-    body = re.sub(rf'src="({FIGURES}/[^"]+\.svg)"', embedded, body)
-    body = body.replace("<table>", '<div class="scroll"><table>')
-    body = body.replace("</table>", "</table></div>")
-    title = text.splitlines()[0].removeprefix("# ")
-    return (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{title}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n{body}</body>\n</html>\n"
-    )
+    write_text(folder / "report.md", page(machines, drawn, batches))
 
 
 def page(machines: Sequence[Machine], drawn: Set[str], batches: Sequence[Machine] = ()) -> str:

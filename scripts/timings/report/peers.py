@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
-from timings.measure import Timing
 from timings.report.machines import Machine, device_title, missing, name_processors
-from timings.results import Results
 from timings.tables.apf import tables
-from timings.tables.grid import NONE, Grid, number
-from timings.tables.psfs import compare_programs
+from timings.tables.grid import Grid
+from timings.tables.psfs import comparison_table, growth_tables
 
 
 def peers(machines: Sequence[Machine]) -> str:
     """Return the chapters on the two halves alone, as far as they were measured."""
+    names = {machine: partial(device_title, machine=machine) for machine in machines}
     reconstruction = [
         text
         for machine in machines
         if "psfs" in machine.results
         for text in (
-            _reconstruction(machine, machine.results["psfs"]).markdown(),
-            *(_fold(grid) for grid in _growth(machine, machine.results["psfs"])),
+            comparison_table(machine.results["psfs"], machine.title, names[machine]).markdown(),
+            *(_fold(grid) for grid in growth_tables(machine.results["psfs"], names[machine])),
             *missing(machine, "psfs", "device ", "numpy", "open3d", "growth ", "memory"),
         )
     ]
@@ -60,42 +60,3 @@ def _fold(grid: Grid) -> str:
     if len(grid.rows) <= _ROWS:
         return grid.markdown()
     return f"<details><summary>{grid.title}</summary>\n\n{grid.markdown()}\n\n</details>"
-
-
-def _reconstruction(machine: Machine, results: Results) -> Grid:
-    carving = results.sections.get("open3d", {}).get("carving")
-    twin = results.sections.get("numpy", {}).get("whole")
-    rows = []
-    for device, what, timing in compare_programs(results):
-        name = f"{device_title(device, machine)}, {what}"
-        rows.append([name, number(timing.median), _spread(timing), number(timing.least),
-                     _faster(carving, timing), _faster(twin, timing)])  # fmt: skip
-    nx, ny, nz = results.settings["shape"]
-    return Grid(
-        f"{machine.title}: {results.settings['views']} cameras, {nx} x {ny} x {nz} voxels",
-        ["program", "median, ms", "quartiles", "least", "Open3D : it", "NumPy : it"], rows,
-    )  # fmt: skip
-
-
-def _growth(machine: Machine, results: Results) -> list[Grid]:
-    """Return a table for every device: voxels up to 512^3, and cameras."""
-    grids = []
-    for name, rows in results.sections.items():
-        if not name.startswith("growth "):
-            continue
-        title = device_title(name.removeprefix("growth "), machine)
-        cells = [
-            [row["mode"], " x ".join(map(str, row["shape"])), str(row["views"]), str(row["ms"])]
-            for row in rows
-        ]
-        heads = ["mode", "voxels", "cameras", "ms, median [quartiles]"]
-        grids.append(Grid(f"{title}: growth with voxels and cameras", heads, cells))
-    return grids
-
-
-def _spread(timing: Timing) -> str:
-    return f"{number(timing.low)} to {number(timing.high)}"
-
-
-def _faster(peer: Timing | None, timing: Timing) -> str:
-    return NONE if peer is None else f"{number(peer.median / timing.median)} x"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cl import InputError
-from psfs.common.files import write_atomically
+from psfs.common.files import write_text
 from timings.report.machines import Machine
 from timings.report.page import headline_sentences
 from timings.tables.grid import NONE, Grid, number, quote, ratio
@@ -37,8 +37,7 @@ def replace_marked(path: Path, name: str, made: str) -> None:
     pattern = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
     if len(pattern.findall(text)) != 1:
         raise InputError(f"{path}: expected {begin} and {end}, once")
-    with write_atomically(path) as temporary:
-        temporary.write_text(pattern.sub(lambda _: f"{begin}\n{made}\n{end}", text))
+    write_text(path, pattern.sub(lambda _: f"{begin}\n{made}\n{end}", text))
 
 
 def headline(machines: Sequence[Machine]) -> str:

@@ -66,6 +66,11 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{shown:,.{decimals}f}"
 
 
+def cell(value: float, form: str, unit: str = "") -> str:
+    """Format with a format specification and a unit; NONE for NaN."""
+    return NONE if math.isnan(value) else f"{value:{form}}{unit}"
+
+
 def ratio(value: float | None) -> str:
     return NONE if value is None else f"{number(value)} x"
 

@@ -141,8 +141,7 @@ def _note_fewer(results: Results) -> str:
 
 
 def _row(section: Mapping[str, Any], n: int) -> Mapping[str, Any]:
-    found: Mapping[str, Any] = next(row for row in section["rows"] if row["hypotheses"] == n)
-    return found
+    return next(row for row in section["rows"] if row["hypotheses"] == n)
 
 
 def _scale_parts(parts: Mapping[str, float], measured: int, n: int) -> dict[str, float]:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
-
-from rich.table import Table
 
 from psfs.cli.commandline import stdout
 from timings.measure import Timing
 from timings.results import Results
 from timings.stages import STAGES
-from timings.tables.grid import number
+from timings.tables.grid import NONE, Grid, number
 from timings.tables.whole import SPECIFICATION
 
 #: The stages that correspond to carving alone.
@@ -29,21 +28,57 @@ _RUNS = {
 def print_report(results: Results) -> None:
     """Print the results, the most interesting first."""
     devices = results.starting("device ")
-    _print_comparison(results)
-    for device in devices:
-        for mode in MODES:
-            _print_stages(device, mode)
-    _print_cores(devices)
-    _print_growth([row for rows in results.starting("growth ") for row in rows])
-    memory = results.sections.get("memory")
-    if memory:
-        stdout.print(
-            f"memory: {memory['after_50_mb']:.0f} MB after 50 streamed frames, "
-            f"{memory['after_all_mb']:.0f} MB after {memory['frames']}"
+    comparison_table(results, "One frame").show()
+    for line in _remarks(results, devices):
+        stdout.print(line, soft_wrap=True)
+    grids = [_stage_table(device, mode) for device in devices for mode in MODES]
+    if any(device["cores"] == 1 for device in devices):
+        grids.append(_core_table(devices))
+    for grid in (*grids, *growth_tables(results)):
+        grid.show()
+
+
+def comparison_table(
+    results: Results, title: str, name: Callable[[str], str] = lambda label: label
+) -> Grid:
+    """Return a whole frame of every program. name: returns the shown name of a device or
+    program."""
+    carving, twin = (results.sections.get(of) for of in ("open3d", "numpy"))
+    peers = [carving and carving["carving"], twin and twin["whole"]]
+    rows = [
+        [
+            f"{name(label)}, {what}", number(timing.median),
+            f"{number(timing.low)} to {number(timing.high)}", number(timing.least),
+            *(f"{number(of.median / timing.median)} x" if of else NONE for of in peers),
+        ]
+        for label, what, timing in _compare_programs(results)
+    ]  # fmt: skip
+    nx, ny, nz = results.settings["shape"]
+    return Grid(
+        f"{title}: {results.settings['views']} cameras, {nx} x {ny} x {nz} voxels",
+        ["program", "median, ms", "quartiles", "least", "Open3D : it", "NumPy : it"], rows,
+    )  # fmt: skip
+
+
+def growth_tables(results: Results, name: Callable[[str], str] = lambda label: label) -> list[Grid]:
+    """Return a table for every device: voxels up to 512^3, and cameras. name: returns the shown
+    name of a device."""
+    heads = ["mode", "voxels", "cameras", "ms, median [quartiles]"]
+    return [
+        Grid(
+            f"{name(section.removeprefix('growth '))}: growth with voxels and cameras",
+            heads,
+            [
+                [row["mode"], " x ".join(map(str, row["shape"])), str(row["views"]), str(row["ms"])]
+                for row in rows
+            ],
         )
+        for section, rows in results.sections.items()
+        if section.startswith("growth ")
+    ]
 
 
-def compare_programs(results: Results) -> list[tuple[str, str, Timing]]:
+def _compare_programs(results: Results) -> list[tuple[str, str, Timing]]:
     """Return a whole frame of every program: the program or its device, its output, its time."""
     rows = []
     if "open3d" in results.sections:
@@ -60,74 +95,55 @@ def compare_programs(results: Results) -> list[tuple[str, str, Timing]]:
     return rows
 
 
-def _print_comparison(results: Results) -> None:
-    peers = {"x Open3D": ("open3d", "carving"), "x NumPy": ("numpy", "whole")}
-    peers = {k: v for k, v in peers.items() if v[0] in results.sections}
-    medians = {k: results.sections[a][b].median for k, (a, b) in peers.items()}
-    nx, ny, nz = results.settings["shape"]
-    title = f"One frame, {results.settings['views']} cameras, {nx} x {ny} x {nz} voxels"
-    table = Table(title=title)
-    table.add_column("program")
-    for heading in ("ms, median [quartiles]", "least", *medians):
-        table.add_column(heading, justify="right")
-    for device, what, timing in compare_programs(results):
-        ratios = (median / timing.median for median in medians.values())
-        table.add_row(f"{device}, {what}", str(timing), *map(number, (timing.least, *ratios)))
-    stdout.print(table)
-    for device in results.starting("device "):
+def _remarks(results: Results, devices: list[dict[str, Any]]) -> list[str]:
+    """Return lines on carving alone, and on memory."""
+    lines, counts = [], results.sections.get("open3d")
+    for device in devices:
         for mode in MODES:
             timings = device[mode]["stages"]
             ms = sum(timings[stage].median for stage in SHAPE_STAGES if stage in timings)
-            beside = "".join(f", {number(v / ms)} {k}" for k, v in medians.items())
-            line = f"{device['label']}, {mode}: silhouette maps to surface {number(ms)} ms{beside}"
-            stdout.print(line, soft_wrap=True)
-    if "open3d" in results.sections:
-        counts = results.sections["open3d"]
-        stdout.print(
+            line = f"{device['label']}, {mode}: silhouette maps to surface {number(ms)} ms"
+            beside = f", {number(counts['carving'].median / ms)} x Open3D" if counts else ""
+            lines.append(line + beside)
+    if counts:
+        lines.append(
             f"Open3D keeps {counts['voxels_left']:,} voxels (any of 8 corners in the mask), "
             f"the centre test {counts['voxels_of_ours']:,}"
         )
+    if memory := results.sections.get("memory"):
+        lines.append(
+            f"memory: {memory['after_50_mb']:.0f} MB after 50 streamed frames, "
+            f"{memory['after_all_mb']:.0f} MB after {memory['frames']}"
+        )
+    return lines
 
 
-def _print_stages(device: dict[str, Any], mode: str) -> None:
-    limits = device["limits"]
-    table = Table(
-        title=f"{device['label']}, {mode}: device time by stage; at best "
+def _stage_table(device: dict[str, Any], mode: str) -> Grid:
+    limits, stages, naive = device["limits"], device[mode]["stages"], device[mode]["limits_ms"]
+    rows = []
+    for stage in (stage for stage in STAGES if stage in stages):
+        limit = naive.get(stage)
+        share = NONE if limit is None else f"{limit / stages[stage].median:.0%}"
+        rows.append([stage, str(stages[stage]), number(limit), share])
+    title = (
+        f"{device['label']}, {mode}: device time by stage; at best "
         f"{limits.bytes_per_s / 1e9:,.0f} GB/s, {limits.flops_per_s / 1e9:,.0f} GFLOP/s (measured)"
     )
-    table.add_column("stage")
-    for heading in ("ms, median [quartiles]", "naive limit, ms", "limit / time"):
-        table.add_column(heading, justify="right")
-    stages = device[mode]["stages"]
-    for stage in STAGES:
-        if stage not in stages:
-            continue
-        limit = device[mode]["limits_ms"].get(stage)
-        row = ("", "") if limit is None else (f"{limit:.3f}", f"{limit / stages[stage].median:.0%}")
-        table.add_row(stage, str(stages[stage]), *row)
-    stdout.print(table)
+    heads = ["stage", "ms, median [quartiles]", "naive limit, ms", "limit / time"]
+    return Grid(title, heads, rows)
 
 
-def _print_cores(devices: list[dict[str, Any]]) -> None:
-    single = next((d for d in devices if d["cores"] == 1), None)
-    if single is None:
-        return
-    table = Table(title="Speed-up over cores, whole frame")
-    for heading in ("cores", "dense", "sparse"):
-        table.add_column(heading, justify="right")
-    for device in devices:
-        if device["cores"] is None:
-            continue
-        ratios = (single[mode]["whole"].median / device[mode]["whole"].median for mode in MODES)
-        table.add_row(str(device["cores"]), *(f"{ratio:.2f}" for ratio in ratios))
-    stdout.print(table)
-
-
-def _print_growth(rows: list[dict[str, Any]]) -> None:
-    table = Table(title="Growth: whole frame from pictures")
-    for heading in ("device", "mode", "voxels", "cameras", "ms, median [quartiles]"):
-        table.add_column(heading, justify="left" if heading == "device" else "right")
-    for row in rows:
-        shape = " x ".join(str(n) for n in row["shape"])
-        table.add_row(row["label"], row["mode"], shape, str(row["views"]), str(row["ms"]))
-    stdout.print(table)
+def _core_table(devices: list[dict[str, Any]]) -> Grid:
+    single = next(device for device in devices if device["cores"] == 1)
+    rows = [
+        [
+            str(device["cores"]),
+            *(
+                f"{single[mode]['whole'].median / device[mode]['whole'].median:.2f}"
+                for mode in MODES
+            ),
+        ]
+        for device in devices
+        if device["cores"] is not None
+    ]
+    return Grid("Speed-up over cores, whole frame", ["cores", *MODES], rows)

@@ -23,8 +23,7 @@ _PAPERS = Path(__file__).with_name("papers.json")
 def papers() -> dict[str, Any]:
     """Return the papers' own tables, the only figures here that were not measured in this
     project."""
-    data: dict[str, Any] = json.loads(_PAPERS.read_text())
-    return data
+    return json.loads(_PAPERS.read_text())
 
 
 def columns(results: Results, name: str = "column") -> list[tuple[str, Any]]:
@@ -254,16 +253,14 @@ def _songs_ratio(slower: Any, faster: Any, song: dict[str, float]) -> str:
     return f"{quote(song[name])} x" if name else NONE
 
 
-def table_4(results: Results, step: int = 1) -> Grid:
-    """Return the time of each frame: ours of every run, and Song's; every `step`-th frame."""
+def table_4(results: Results) -> Grid:
+    """Return the time of each frame: ours of every run, and Song's."""
     found = columns(results)
     song = papers()["song2012"]["tables"]["4"]
     heads = [f"{title}, {k + 1}" for title, column in found for k in range(len(column["runs"]))]
     runs = [run["frames"].samples for _, column in found for run in column["runs"]]
     rows = []
     for frame, *values in song["rows"]:
-        if (frame - 1) % step:
-            continue
         ours = [run[frame - 1] if frame <= len(run) else None for run in runs]
         rows.append([str(frame), *(number(ms, 4) for ms in ours), *map(quote, values)])
     return Grid(

@@ -5,10 +5,15 @@ from __future__ import annotations
 import pytest
 
 from apf.filters.method import Method
-from apf.live.budget import Governor, count_evaluations, list_sizes, resize_search
+from apf.live.budget import Governor, list_sizes, resize_search
 from apf.live.config import SizeConfig
 
 SIZES = SizeConfig()
+
+
+def count_evaluations(method: Method) -> int:
+    """Return how many poses the search of one frame evaluates."""
+    return method.filter.search.n_particles * method.filter.search.n_layers
 
 
 def test_a_search_of_any_size() -> None:

@@ -149,14 +149,6 @@ def test_video_has_every_frame(tmp_path: Path, frames: list[int], fps: float) ->
     assert [p.name for p in path.parent.iterdir()] == ["overlay.mp4"]
 
 
-def test_chosen_cameras(tmp_path: Path) -> None:
-    sequence, track = Footage([(320, 240)] * 4), tracks.walker(frames=2)
-    write_overlay(tmp_path / "a.mp4", sequence, track, BODY, cameras=["cam2"])
-    assert cv2.VideoCapture(str(tmp_path / "a.mp4")).read()[1].shape == (240, 320, 3)
-    with pytest.raises(InputError, match="no camera cam9; the rig has cam0"):
-        write_overlay(tmp_path / "b.mp4", sequence, track, BODY, cameras=["cam9"])
-
-
 def test_lost_frames_say_so(tmp_path: Path) -> None:
     """Beside the frame's number, where the strip for the text grows wider."""
     sequence, track = Footage([(320, 240)]), tracks.walker(frames=2)

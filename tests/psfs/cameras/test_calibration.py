@@ -11,11 +11,8 @@ from helpers import footage
 from helpers.shared import shared_data
 
 from cl import InputError
-from psfs.cameras.calibration import (
-    find_calibration,
-    read_calibration,
-    read_humaneva,
-)
+from psfs.cameras.calibration import find_calibration, read_calibration
+from psfs.cameras.calibration.humaneva import read_humaneva
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import contains_name, match_files_to_cameras, natural_key
 from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up, scale_rig
@@ -84,7 +81,7 @@ def test_humaneva(tmp_path: Path) -> None:
     for camera in rig:
         (tmp_path / f"{camera.name}.cal").write_text(cal_text(camera))
     same(read_calibration(tmp_path, sizes=SIZE), rig)
-    same(read_humaneva([tmp_path / "cam02.cal"], sizes={"cam02": SIZE}), rig.subset(["cam02"]))
+    same(read_humaneva([tmp_path / "cam02.cal"], None, {"cam02": SIZE}), rig.subset(["cam02"]))
     with pytest.raises(InputError, match="no picture sizes"):
         read_calibration(tmp_path)
 

@@ -76,6 +76,16 @@ def test_broken(tmp_path: Path, name: str, text: str, expected: str) -> None:
     assert expected in message and name in message and "\n" not in message
 
 
+@pytest.mark.parametrize(
+    ("ending", "lens"), [("cal", "500 500 32 24 0 0 0 0 0 0"), ("txt", "500 0 32 0 500 24 0 0 1")]
+)
+def test_two_files_of_one_camera(tmp_path: Path, ending: str, lens: str) -> None:
+    for name in (f"c1.{ending}", f"c1.{ending.upper()}"):
+        (tmp_path / name).write_text(f"{lens} 1 0 0 0 1 0 0 0 1 0 0 2")
+    with pytest.raises(InputError, match=f"{tmp_path.name}: camera names must differ"):
+        read_calibration(tmp_path, sizes=(64, 48))
+
+
 def test_missing_binary_and_mixed(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such calibration"):
         read_calibration(tmp_path / "none.toml")

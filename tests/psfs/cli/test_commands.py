@@ -13,7 +13,7 @@ from helpers import scenes
 
 import psfs.cli.reconstruct as command
 from psfs.cli import main
-from psfs.diagnostics.reprojection_iou import remove_speckle, volume_region
+from psfs.diagnostics.reprojection_iou import volume_region, whole_silhouette
 from psfs.output.preview import draw_preview
 from psfs.voxels.clouds import read_cloud
 from psfs.voxels.grid import VoxelGrid
@@ -186,11 +186,12 @@ def test_check_names_what_is_missing(
 def test_speckle_and_volume_region() -> None:
     silhouette = np.zeros((80, 100), bool)
     silhouette[20:60, 30:60] = True
-    clean = remove_speckle(silhouette)
+    everywhere = np.ones_like(silhouette)
+    clean = whole_silhouette(silhouette, everywhere)
     silhouette[5:9, 80:84] = True  # survives the median, not the share
     silhouette[70, 10] = True
-    np.testing.assert_array_equal(remove_speckle(silhouette), clean)
-    assert not remove_speckle(np.zeros((9, 9), bool)).any()
+    np.testing.assert_array_equal(whole_silhouette(silhouette, everywhere), clean)
+    assert not whole_silhouette(np.zeros((80, 100), bool), everywhere).any()
 
     rig = scenes.ring(2)
     grid = VoxelGrid(np.array([-0.2, -0.2, 0.5]), 0.1, (4, 4, 6))

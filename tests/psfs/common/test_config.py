@@ -26,7 +26,7 @@ class Inner(Config):
 
 
 class Outer(Config):
-    inner: Inner = part(Inner, "The inner settings.", reach=5.0)
+    inner: Inner = part(Inner, reach=5.0)
     on: bool = setting(True, "Whether.")
 
 

@@ -32,6 +32,7 @@ def test_small_parts_go(dimensions: int) -> None:
 def test_nothing_has_no_parts() -> None:
     empty = np.zeros((4, 5), bool)
     assert not keep_large_regions(empty, 0.5).any() and find_largest_region_box(empty) is None
+    assert keep_large_regions(empty[:0], 0.5).shape == (0, 5)
 
 
 def test_bounding_box() -> None:

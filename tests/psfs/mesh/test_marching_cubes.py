@@ -23,13 +23,11 @@ def ball(centre: np.ndarray = CENTRE, radius: float = RADIUS) -> np.ndarray:
     """Return the smoothed probability of a ball, as the reconstruction computes it: steep, not a
     step."""
     distance = np.linalg.norm(GRID.centres() - centre, axis=1).reshape(GRID.shape) - radius
-    smooth: np.ndarray = ndimage.uniform_filter((distance < 0).astype(np.float32), 3)
-    return smooth
+    return ndimage.uniform_filter((distance < 0).astype(np.float32), 3)
 
 
 def distance_to_surface(mesh: trimesh.Trimesh) -> np.ndarray:
-    distance: np.ndarray = np.linalg.norm(mesh.vertices - CENTRE, axis=1) - RADIUS
-    return distance
+    return np.linalg.norm(mesh.vertices - CENTRE, axis=1) - RADIUS
 
 
 @pytest.mark.parametrize("smoothing", [0, 10, 50])

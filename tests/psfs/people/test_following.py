@@ -42,8 +42,7 @@ def frame(index: int, *columns: np.ndarray) -> CoarseFrame:
 
 
 def where(one: Trajectory, index: int) -> np.ndarray:
-    middle: np.ndarray = np.median(GRID.centres(one.voxels[index])[:, :2], axis=0)
-    return middle
+    return np.median(GRID.centres(one.voxels[index])[:, :2], axis=0)
 
 
 @pytest.mark.parametrize("ahead", [True, False])

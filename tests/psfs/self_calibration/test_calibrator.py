@@ -226,11 +226,11 @@ def test_of_grown_rigs_the_one_whose_worst_camera_fits_best_is_taken(monkeypatch
     monkeypatch.setattr(checks, "measure_pairs", lambda own, _: misfits[own.last.count])
     monkeypatch.setattr(checks, "summarise_pairs", np.array)
     grown = [(rig, lags)]
-    assert calibrator.adjust_grown(right, grown, None, CONFIG, lambda of, *_: of) is right
+    assert calibrator.adjust_grown(right, grown, None, lambda of, *_: of) is right
     misfits[2888] = [np.nan, 0.1, 0.1, np.nan]  # cameras that share nothing
-    assert calibrator.adjust_grown(right, grown, None, CONFIG, lambda of, *_: of) is right
+    assert calibrator.adjust_grown(right, grown, None, lambda of, *_: of) is right
     misfits[2888] = [0.3, 0.3, 0.2, 0.3]
-    assert calibrator.adjust_grown(right, grown, None, CONFIG, lambda of, *_: of) is wrong
+    assert calibrator.adjust_grown(right, grown, None, lambda of, *_: of) is wrong
 
 
 def test_a_direction_that_is_badly_known_is_refused():

@@ -82,11 +82,6 @@ def test_voxels_without_evidence_and_a_join_that_is_off_change_nothing(device: D
         np.testing.assert_array_equal(maps, alone)
 
 
-def test_maps_of_another_size_cannot_be_joined(device: Device) -> None:
-    with pytest.raises(InputError, match="scale of 1"):
-        Reprojection(device, scenes.ring(2), scenes.small_grid(), scale=0.5, join=CONFIG)
-
-
 @pytest.mark.parametrize(
     ("name", "value"), [("sides", -1), ("below", 1001), ("least_pixels", 0), ("least_pixels", 577)]
 )

@@ -12,6 +12,7 @@ from psfs.cameras.footprints import voxel_footprints
 from psfs.reconstructor import Reconstructor
 from psfs.reference.edge_distance import proximity
 from psfs.reference.reprojection import NumpyReprojection, boundary, splat
+from psfs.voxels.config import EdgeConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels, surface_indices, voxel_silhouette
 from psfs.voxels.reprojection import Reprojection, edge_reach, proximity_table
@@ -29,10 +30,10 @@ def both(device: Device, rig, grid, masks, **options):
     "reconstruction/reprojection.splat", "reconstruction/reprojection.edge_proximity"
 )
 @pytest.mark.parametrize("views", [1, 3])
-@pytest.mark.parametrize("options", [{}, {"scale": 0.5}, {"sigma": 2.5, "radius": 5}])
-def test_maps_agree_with_the_twin(device: Device, views: int, options) -> None:
+@pytest.mark.parametrize("edges", [EdgeConfig(), EdgeConfig(sigma=2.5, width=97, reach=2.0)])
+def test_maps_agree_with_the_twin(device: Device, views: int, edges: EdgeConfig) -> None:
     rig = scenes.ring(views)
-    maps, expected = both(device, rig, scenes.small_grid(), scenes.masks_of(rig), **options)
+    maps, expected = both(device, rig, scenes.small_grid(), scenes.masks_of(rig), edges=edges)
     assert expected[..., 0].any()
     assert (maps[..., 0] != expected[..., 0]).mean() < 1e-3
     assert (maps[..., 1] != expected[..., 1]).mean() < 2e-2  # a moved edge moves what is near it
@@ -41,7 +42,7 @@ def test_maps_agree_with_the_twin(device: Device, views: int, options) -> None:
 def test_edges_are_exact_for_the_same_silhouette(device: Device) -> None:
     rig = scenes.ring(3)
     maps, _ = both(device, rig, scenes.small_grid(), scenes.masks_of(rig))
-    sigma, radius = edge_reach(rig, None, None)
+    sigma, radius = edge_reach(rig, EdgeConfig())
     for view, camera in enumerate(rig):
         edge = boundary(maps[view, ..., 0] > 0, camera.size)
         expected = proximity(edge, proximity_table(sigma, radius))
