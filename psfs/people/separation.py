@@ -23,9 +23,10 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.numbers import select_span
 from psfs.footage.frame import Space
+from psfs.people.agreement import Disagreement, measure_disagreement
 from psfs.people.config import SeparationConfig
 from psfs.people.contact import Pair, SplitCloud, find_contacts, split_cloud
-from psfs.people.ghosts import Ghosts, find_own
+from psfs.people.ghosts import Ghosts
 from psfs.people.people import People
 from psfs.session import Session, SessionSettings
 from psfs.silhouettes.hidden import UNKNOWN, UNKNOWN_MASK
@@ -45,12 +46,12 @@ def separate(
     config = config or SeparationConfig()
     everybody = join_session(session, people, config.margin)
     contacts = find_contacts(people, session.rate, config)
-    store, volumes = _divide(everybody, people, contacts, config, progress)
+    store, volumes, colours = _divide(everybody, people, contacts, config, progress)
     tracked = store
     if people.background is not None:
         everybody.revise_background(people.background)
-        tracked, _ = _divide(everybody, people, contacts, config, progress)
-    spaces = _find_spaces(session.rig, people, contacts)
+        tracked, _, _ = _divide(everybody, people, contacts, config, progress)
+    spaces = _find_spaces(session.rig, people, contacts, colours)
     return [
         _person_session(session, people, number, box, (tracked, store), spaces)
         for number, box in enumerate(volumes)
@@ -63,14 +64,16 @@ def _divide(
     contacts: dict[int, list[Pair]],
     config: SeparationConfig,
     progress: Callable[[], object] | None,
-) -> tuple[MaskStore, list[Volume]]:
-    """Return the masks and the volume of each of `people`."""
+) -> tuple[MaskStore, list[Volume], dict[tuple[int, int], Disagreement]]:
+    """Return the masks and the volume of each of `people`, and by person and frame how far the
+    cameras disagree on the colours of their voxels, if there are pictures."""
     rig, grid = everybody.rig, automatic_grid(everybody)
     store = MaskStore(len(rig), rig.height, rig.width)
     attribution = Attribution(rig, everybody.reconstruction, config)
     footprints = voxel_footprints(rig, grid.voxel_size)
     reconstruct = everybody.reconstructor(grid)
     boxes: list[list[np.ndarray]] = [[] for _ in people]
+    colours: dict[tuple[int, int], Disagreement] = {}
     for frame in everybody.sequence.frames(everybody.settings.selection):
         cloud = reconstruct(frame).cloud()
         split = split_cloud(cloud, people, frame.index, config, contacts[frame.index])
@@ -80,6 +83,15 @@ def _divide(
         for box, points in zip(boxes, split.clouds, strict=False):
             if len(points):
                 box.append(np.stack([points.min(0), points.max(0)]))
+        if not ghosts and frame.images is not None and len(people) > 1:
+            depths = np.stack([
+                draw(camera, cloud.centres, extents, frame.images.shape[1:3])[0]
+                for camera, extents in zip(rig, footprints, strict=True)
+            ])  # fmt: skip
+            for number, points in enumerate(split.clouds[:-1]):
+                colours[number, frame.index] = measure_disagreement(
+                    rig, frame.images, depths, points, grid.voxel_size
+                )
         masks = attribution(reconstruct.evidence(), split, footprints)
         if ghosts:
             ghosts.hide_others(masks)
@@ -93,11 +105,14 @@ def _divide(
         ends = np.array(box or [coarse])  # (N, 2, 3) m
         low, high = ends[:, 0].min(0), ends[:, 1].max(0)
         volumes.append(Volume(low - config.margin, high + config.margin))
-    return store, volumes
+    return store, volumes, colours
 
 
 def _find_spaces(
-    rig: CameraRig, people: People, contacts: dict[int, list[Pair]]
+    rig: CameraRig,
+    people: People,
+    contacts: dict[int, list[Pair]],
+    colours: dict[tuple[int, int], Disagreement],
 ) -> Callable[[int, int], Space | None] | None:
     """Return where a person, by number, may be in a frame: not where ghosts are. Before a good
     background those who touch somebody may be everywhere: an arm may be in the other's space."""
@@ -110,7 +125,8 @@ def _find_spaces(
         touches = any(number in pair for pair in contacts.get(frame, ()))
         if touches and not poor:  # ghosts before a poor background touch as well
             return None
-        return partial(find_own, rig, places, poor, number, frame)
+        seen = colours.get((number, frame))
+        return lambda points: Ghosts(rig, places, frame, poor).find_own(number, points, seen)
 
     return find_space
 

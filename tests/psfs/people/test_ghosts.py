@@ -7,6 +7,7 @@ from helpers import scenes
 
 from psfs.background.standing import StandingPeople
 from psfs.cameras.camera import CameraRig
+from psfs.people.agreement import Disagreement
 from psfs.people.contact import SplitCloud
 from psfs.people.ghosts import Ghosts
 
@@ -56,6 +57,20 @@ def test_before_a_good_background_others_must_hide_what_is_nobodys_part() -> Non
     points = np.array([before_trunk, beside_other])
     for poor, expected in ((True, [False, False]), (False, [True, False])):
         assert Ghosts(rig, STANDING, 3, poor).find_own(0, points).tolist() == expected
+
+
+def test_colours_say_what_is_nobodys_part() -> None:
+    rig = facing_rig().subset(["left", "right"])
+    kept, dropped, trunk = [-0.95, 0.0, 1.1], [-0.25, 0.22, 1.1], [-0.6, 0.05, 1.2]
+    points = np.array([kept, dropped, trunk])
+    ghosts = Ghosts(rig, STANDING, 3, poor=False)
+    for values, expected in (
+        ([0.0, 0.0, 9.0], [True, True, True]),  # a person's inside stays
+        ([9.0, 9.0, 9.0], [False, False, True]),
+        ([np.nan] * 3, [True, False, True]),  # as without colours
+    ):
+        colours = Disagreement(np.floor(points / 0.04), np.array(values))
+        assert ghosts.find_own(0, points, colours).tolist() == expected
 
 
 def test_who_stands_alone_in_a_picture_is_unknown_to_others() -> None:
