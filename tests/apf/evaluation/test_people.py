@@ -11,12 +11,7 @@ import pytest
 from helpers import tracks
 
 from apf.cli import main
-from apf.evaluation.people import (
-    evaluate_people,
-    evaluate_tracks,
-    is_of_people,
-    load_people_truth,
-)
+from apf.evaluation.people import evaluate_people, evaluate_tracks, load_people_truth
 from apf.formats.trc import JointSeries
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
@@ -138,12 +133,3 @@ def test_each_track_is_compared_with_its_own_person(tmp_path: Path) -> None:
     assert [of if of is None else of.mean_error for of in found] == [None, 0, 0]
     (alone,) = evaluate_tracks(tracks[1:2], (FRAMES,), path)
     assert alone is not None and alone.mean_error == 0
-
-
-def test_a_truth_of_people_is_known_by_the_header_of_its_joints(tmp_path: Path) -> None:
-    for name, shape in (("one", (4, 15, 3)), ("two", (4, 2, 15, 3)), ("none", ())):
-        np.savez(tmp_path / f"{name}.npz", joints=np.zeros(shape))
-    (tmp_path / "damaged.npz").write_bytes((tmp_path / "two.npz").read_bytes()[:60])
-    names = ("one", "two", "none", "damaged", "missing")
-    found = [is_of_people(tmp_path / f"{name}.npz") for name in names]
-    assert found == [False, True, False, False, False]
