@@ -19,16 +19,10 @@ from apf.cli.takes.job import TrackJob, open_session, take_names
 from apf.cli.takes.kept_parts import Keeper
 from apf.cli.takes.people import Persons, find_persons, write_together
 from apf.cli.takes.results import RESULTS, FinishedTake, finish_take, print_outcome, write_tracks
-from apf.cli.takes.take_report import (
-    TakeLine,
-    TakeReport,
-    describe_spread,
-)
+from apf.cli.takes.take_report import TakeLine, TakeReport, describe_spread
 from apf.filters.method import Method
 from apf.initialisation import StartError
-from apf.report.judged import (
-    keep_judged_frames,
-)
+from apf.report.judged import keep_judged_frames
 from apf.report.names import PAGE
 from apf.tracking.batch import run_at_once
 from apf.tracking.progress import StageProgress

@@ -17,13 +17,12 @@ from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints, match
 from apf.formats.c3d import read_c3d
 from apf.formats.joint_csv import write_columns
 from apf.formats.trc import JointSeries, read_trc
-from apf.tracking.foot_contact import find_stances
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import is_inside_ellipsoid
 from cl import InputError
 from psfs.common.files import write_json
 from psfs.common.npz import Values, get_scalar, read_npz
-from psfs.common.numbers import json_number
+from psfs.common.numbers import find_true_runs, json_number
 
 #: A joint farther than this from the truth, m, counts as lost in that frame.
 LOST_JOINT = 0.150
@@ -348,7 +347,7 @@ def _is_lost(errors: np.ndarray) -> bool:
     """Return whether a limb whose end has these errors (F,), m, was lost; frames without truth are
     ignored."""
     far = errors[np.isfinite(errors)] > LOST_LIMB
-    longest = max((run.stop - run.start for run in find_stances(far)), default=0)
+    longest = max((run.stop - run.start for run in find_true_runs(far)), default=0)
     return bool(longest > LOST_FRAMES or far[-1:].any())
 
 

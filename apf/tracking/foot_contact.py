@@ -14,6 +14,7 @@ from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.body.stature import ANKLES, upright_heights
 from apf.tracking.config import ContactConfig, FloatingFeetConfig
+from psfs.common.numbers import find_true_runs
 
 #: Number of Gauss-Newton steps; longest step, rad or m, because a straight knee hardly changes the
 #: leg's length; step of the numerical derivatives, rad or m.
@@ -27,12 +28,6 @@ def find_ankles(body: BodyModel) -> list[int]:
     if it lacks one."""
     names = body.joint_names
     return [names.index(name) for name in ANKLES] if set(ANKLES) <= set(names) else []
-
-
-def find_stances(mask: np.ndarray) -> list[slice]:
-    """Return the maximal runs of frames in which `mask` (F,) is true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    return [slice(begin, end) for begin, end in edges.reshape(-1, 2)]
 
 
 def detect_standing(
@@ -49,17 +44,17 @@ def detect_standing(
     if known.sum() < 2 or not n_feet:
         return found
     speed: np.ndarray = np.full((len(ankles), n_feet), np.inf)
-    for part in find_stances(known):
+    for part in find_true_runs(known):
         speed[part] = _speed(ankles[part, :, :2], times[part], config.window)
     height = ankles[..., 2] - np.percentile(ankles[known, :, 2].min(axis=1), 10)
     start = (speed < config.start_speed) & (height < config.start_height)
     go_on = (speed < config.stop_speed) & (height < config.stop_height)
     for foot in range(n_feet):
-        for gap in find_stances(~go_on[:, foot] & known):
+        for gap in find_true_runs(~go_on[:, foot] & known):
             inside = gap.start > 0 and gap.stop < len(times) and known[gap.start - 1 : gap.stop + 1]
             if np.all(inside) and times[gap.stop] - times[gap.start] < config.shortest:
                 go_on[gap, foot] = True
-        for run in find_stances(go_on[:, foot]):
+        for run in find_true_runs(go_on[:, foot]):
             begins = np.flatnonzero(start[run, foot])
             lasts = times[run.stop - 1] - times[run.start]
             if len(begins) and lasts >= config.shortest:
@@ -79,7 +74,7 @@ def detect_flat_feet(
     config = config or ContactConfig()
     found = np.zeros_like(stands)
     for foot in range(stands.shape[1]):
-        for stance in find_stances(stands[:, foot]):
+        for stance in find_true_runs(stands[:, foot]):
             height = ankles[stance, foot, 2]
             found[stance, foot] = height < np.percentile(height, 10) + config.flat_height
     return found
@@ -152,7 +147,7 @@ def _corrections(
     position while it stands, which fades before and after."""
     offsets = np.zeros_like(ankles)
     for foot in range(ankles.shape[1]):
-        for stance in find_stances(stands[:, foot]):
+        for stance in find_true_runs(stands[:, foot]):
             place = ankles[stance, foot]
             offsets[stance, foot, :2] = (np.median(place, 0) - place)[:, :2]
             for edge, frames in (

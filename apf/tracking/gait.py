@@ -15,8 +15,8 @@ import numpy as np
 
 from apf.body.stature import ANKLES, HIPS
 from apf.tracking.config import GaitConfig
-from apf.tracking.foot_contact import find_stances
 from apf.tracking.track import Track
+from psfs.common.numbers import find_true_runs
 
 #: The joints whose middle is the pelvis if the body has no pelvis joint.
 _HIP_JOINTS = ("l_hip", "r_hip")
@@ -83,7 +83,7 @@ def measure_gait(track: Track, config: GaitConfig | None = None) -> Gait | None:
         return None
     points = np.stack([place[name] for name in (HIPS, *ANKLES)], 1)
     known = np.isfinite(points).all(axis=(1, 2)) & ~track.lost
-    walks = [_walk(track, part, points[part], config) for part in find_stances(known)]
+    walks = [_walk(track, part, points[part], config) for part in find_true_runs(known)]
     return max((walk for walk in walks if walk), key=lambda walk: walk.n_steps, default=None)
 
 

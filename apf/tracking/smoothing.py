@@ -20,9 +20,10 @@ from scipy.spatial.transform import Rotation
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel, FreeAxis
 from apf.tracking.config import ContactConfig, SmoothingConfig
-from apf.tracking.foot_contact import detect_standing, find_ankles, find_stances, hold_feet
+from apf.tracking.foot_contact import detect_standing, find_ankles, hold_feet
 from apf.tracking.track import Track
 from cl import InputError
+from psfs.common.numbers import find_true_runs
 
 
 def smooth_track(track: Track, config: SmoothingConfig | None = None) -> Track:
@@ -131,7 +132,7 @@ def _smooth_rotations(
 
 def find_unbroken_parts(track: Track) -> list[slice]:
     """Return the maximal runs of frames without a lost frame."""
-    return find_stances(~track.lost)
+    return find_true_runs(~track.lost)
 
 
 def smooth_series(

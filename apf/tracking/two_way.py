@@ -34,11 +34,12 @@ from apf.likelihood.observations import (
     with_points,
 )
 from apf.tracking.config import TwoWayConfig
-from apf.tracking.foot_contact import find_stances, lower_feet
+from apf.tracking.foot_contact import lower_feet
 from apf.tracking.limb_confidence import REGRESSION
 from apf.tracking.recovery import RecoveringRuns, SeparateRuns
 from apf.tracking.smoothing import unwrap_angles
 from cl import Device, NumpyDevice, UserError
+from psfs.common.numbers import find_true_runs
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.host_voxels import HostVoxels
 
@@ -289,7 +290,7 @@ def smooth_poses(
     again. Frames that are not `known` (F,) stay as they are, and no parabola crosses them.
     """
     poses = unwrap_angles(poses, body)
-    for part in find_stances(known):
+    for part in find_true_runs(known):
         if n < 5 or part.stop - part.start < n:  # a parabola passes through any three points
             continue
         from scipy.signal import savgol_filter  # takes a while to load

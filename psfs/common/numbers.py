@@ -1,4 +1,4 @@
-"""Even samples of a series, units of length, and numbers for JSON."""
+"""Even samples and runs of a series, units of length, and numbers for JSON."""
 
 from __future__ import annotations
 
@@ -18,6 +18,12 @@ def select_span(frames: np.ndarray | range, step: int) -> slice:
     (F,), or back from the last to the first."""
     low, high = int(min(frames)), int(max(frames))
     return slice(low, high + 1, step) if step > 0 else slice(high, low - 1 if low else None, step)
+
+
+def find_true_runs(mask: np.ndarray) -> list[slice]:
+    """Return the maximal runs of frames in which `mask` (F,) is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return [slice(begin, end) for begin, end in edges.reshape(-1, 2)]
 
 
 def json_number(value: float, digits: int = 5) -> float | None:

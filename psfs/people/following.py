@@ -165,7 +165,7 @@ class PeopleFollower:
             distance, nearest = tree.query(were, distance_upper_bound=reach)
             own += np.bincount(regions[nearest[np.isfinite(distance)]], minlength=len(sizes))
         enough = votes.sum(1) >= self._limits.overlap * np.array([len(were) for were in moved])
-        owners = np.where(enough, votes.argmax(1), -1).tolist() if len(moved) else []
+        owners = np.where(enough, votes.argmax(1), -1).tolist()
         self._end_vanished(votes, sizes, moved, owners)
         self._take_nearest(points, regions, sizes, moved, owners)
         return owners

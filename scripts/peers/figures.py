@@ -8,9 +8,9 @@ import numpy as np
 
 from apf.evaluation.evaluate import LOST_JOINT, evaluate
 from apf.formats.trc import JointSeries
-from apf.tracking.foot_contact import find_stances
 from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
+from psfs.common.numbers import find_true_runs
 
 #: A true foot stands if it is slower than this, m/s, and not higher, m, above its lowest position;
 #: least number of frames of a stance.
@@ -101,7 +101,7 @@ def measure_travels(series: JointSeries, stands: np.ndarray) -> list[float]:
     travels = []
     for foot, side in enumerate(_SIDES):
         ankle = series.joints[:, series.joint_names.index(f"{side}_ankle"), :2]
-        for stance in find_stances(stands[:, foot]):
+        for stance in find_true_runs(stands[:, foot]):
             places = ankle[stance][np.isfinite(ankle[stance]).all(-1)]
             if len(places) >= _SHORTEST:
                 apart = np.linalg.norm(places[:, None] - places[None], axis=-1)

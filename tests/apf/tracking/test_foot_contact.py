@@ -15,13 +15,13 @@ from apf.tracking.foot_contact import (
     detect_flat_feet,
     detect_standing,
     find_ankles,
-    find_stances,
     hold_feet,
     lower_feet,
 )
 from apf.tracking.smoothing import SmoothingConfig, smooth_track
 from apf.tracking.track import Track
 from cl import InputError
+from psfs.common.numbers import find_true_runs
 
 ANKLES = find_ankles(SONG)
 JOINTS = ("knee", "ankle")
@@ -33,7 +33,7 @@ def travel(track: Track, stands: np.ndarray) -> float:
     which it lands or leaves."""
     found = [0.0]
     for foot, ankle in enumerate(ANKLES):
-        for stance in find_stances(stands[:, foot]):
+        for stance in find_true_runs(stands[:, foot]):
             places = track.joints[stance.start + 3 : stance.stop - 3, ankle, :2]
             if len(places):
                 found.append(np.linalg.norm(places[:, None] - places[None], axis=-1).max())
@@ -50,8 +50,8 @@ def test_stances_are_found(fps: float) -> None:
     track = strider(int(2.5 * fps), stride)
     found, true = detect_standing(track.joints[:, ANKLES], track.times), stride.stands(len(track))
     assert (found == true).mean() > 0.9
-    assert len(find_stances(found[:, 0])) == len(find_stances(true[:, 0]))
-    late = [f.start - t.start for f, t in zip(*(find_stances(s[:, 1]) for s in (found, true)))]  # noqa: B905
+    assert len(find_true_runs(found[:, 0])) == len(find_true_runs(true[:, 0]))
+    late = [f.start - t.start for f, t in zip(*(find_true_runs(s[:, 1]) for s in (found, true)))]  # noqa: B905
     assert np.abs(late).max() <= 0.07 * fps
 
 
@@ -101,7 +101,7 @@ def test_lifted_feet_and_gaps() -> None:
     assert found[:, 0].all() and not found[:, 1].any()  # a foot in the air does not stand
     still[20:30] = np.nan
     found = detect_standing(still, times)
-    assert find_stances(found[:, 0]) == [slice(0, 20), slice(30, 60)]
+    assert find_true_runs(found[:, 0]) == [slice(0, 20), slice(30, 60)]
     assert not detect_standing(np.full((5, 2, 3), np.nan), np.arange(5.0)).any()
     assert detect_standing(np.zeros((1, 2, 3)), np.zeros(1)).shape == (1, 2)
 
