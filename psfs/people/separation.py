@@ -85,7 +85,7 @@ def _divide(
                 box.append(np.stack([points.min(0), points.max(0)]))
         if not ghosts and frame.images is not None and len(people) > 1:
             depths = np.stack([
-                draw(camera, cloud.centres, extents, frame.images.shape[1:3])[0]
+                draw_depths(camera, cloud.centres, extents, frame.images.shape[1:3])
                 for camera, extents in zip(rig, footprints, strict=True)
             ])  # fmt: skip
             for number, points in enumerate(split.clouds[:-1]):
@@ -255,21 +255,39 @@ class Attribution:
 def draw(
     camera: Camera, points: np.ndarray, footprint: np.ndarray, shape: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Draw voxels with centres (N, 3) m: return the depth (H, W) m of the nearest in each pixel,
-    `FAR` where there is none, and the distance (H, W) from the pixel to their silhouette, in metres
-    at their mean depth."""
+    """Draw voxels with centres (N, 3) m: return their depths, see `draw_depths`, and the distance
+    (H, W) from each pixel to their silhouette, in metres at their median depth; `FAR` if the camera
+    sees none of them."""
+    depths, middle = _draw(camera, points, footprint, shape)
+    if middle is None:
+        return depths, np.full(shape, FAR, np.float32)
+    free = (depths >= FAR).astype(np.uint8)
+    distance = cv2.distanceTransform(free, cv2.DIST_L2, 3)
+    return depths, distance * np.float32(middle / camera.K[0, 0])
+
+
+def draw_depths(
+    camera: Camera, points: np.ndarray, footprint: np.ndarray, shape: tuple[int, ...]
+) -> np.ndarray:
+    """Return the depth (H, W) m of the nearest of the voxels with centres (N, 3) m in each pixel,
+    `FAR` where there is none."""
+    return _draw(camera, points, footprint, shape)[0]
+
+
+def _draw(
+    camera: Camera, points: np.ndarray, footprint: np.ndarray, shape: tuple[int, ...]
+) -> tuple[np.ndarray, float | None]:
+    """Return the depths of `draw_depths`, and the median depth of the voxels that the camera sees,
+    None if it sees none."""
     depths = np.full(shape, FAR, np.float32)  # OpenCV erodes no infinite values
     inside, row, column, depth = camera.look_up(points)
     if not inside.any():
-        return depths, np.full(shape, FAR, np.float32)
+        return depths, None
     order = np.argsort(-depth, kind="stable")  # the nearest is written last
     depths[row[order], column[order]] = depth[order]
     middle = float(np.median(depth))
     width = max(3, 2 * int(np.ceil(float(footprint.max()) / middle)) + 1)
-    depths = np.asarray(cv2.erode(depths, np.ones((width, width), np.uint8)))
-    free = (depths >= FAR).astype(np.uint8)
-    distance = cv2.distanceTransform(free, cv2.DIST_L2, 3)
-    return depths, distance * np.float32(middle / camera.K[0, 0])
+    return np.asarray(cv2.erode(depths, np.ones((width, width), np.uint8))), middle
 
 
 class MaskStore:
