@@ -60,6 +60,7 @@ from .tracking.settings import TakeSettings as TakeSettings
 from .tracking.smoothing import smooth_track as smooth_track
 from .tracking.take import Take as Take
 from .tracking.take import track_take as track_take
+from .tracking.together import PeopleTracker as PeopleTracker
 from .tracking.track import Track as Track
 
 __version__: str

@@ -3,7 +3,8 @@
 A driver may list a device that it cannot use: its compiler does not know the processor, its
 kernels compute nonsense, or it ends the process. So each device builds, runs and checks a small
 kernel before it is used, in a process of its own. The result is kept in the user's cache while
-driver and processor stay the same; a fault, which somebody may mend, for an hour.
+driver and processor stay the same; a fault, which somebody may mend, for an hour; not if somebody
+else ended the process.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import json
 import logging
 import os
 import platform
+import signal
 import subprocess
 import sys
 import time
@@ -42,6 +44,8 @@ _FAULT_HOLDS_SECONDS = 3600
 _BYTES = 32 << 20
 _STEPS = 512
 _MULTIPLIERS = 1 << 16
+#: Signals by which somebody else ends a process; SIGKILL is sent by Linux if memory is short, too.
+_STOPPING = ("SIGHUP", "SIGINT", "SIGKILL", "SIGTERM")
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,7 @@ class Probe:
         choice works, and for other drivers.
     bandwidth: GB/s read and written by a copy; gflops: GFLOP/s of multiply-adds; 0 if it fails.
     tried_at: seconds since 1970.
+    stopped: somebody else ended the process, so that nothing is known of the device.
     """
 
     fault: str | None
@@ -60,6 +65,7 @@ class Probe:
     bandwidth: float = 0.0
     gflops: float = 0.0
     tried_at: float = field(default_factory=time.time)
+    stopped: bool = False
 
 
 def probe(handle: Any, afresh: bool = False) -> Probe:
@@ -76,7 +82,8 @@ def probe(handle: Any, afresh: bool = False) -> Probe:
     found = known.get(key)
     if found is None:
         found = _try(handle)
-        write_cache({**read_cache(), key: found})
+        if not found.stopped:
+            write_cache({**read_cache(), key: found})
     if found.target is not None:
         pocl_wheel.set_target(handle, found.target)
     return found
@@ -85,11 +92,13 @@ def probe(handle: Any, afresh: bool = False) -> Probe:
 def _try(handle: Any) -> Probe:
     """Probe `handle`; PoCL's wheel, if it fails, again with the processor name that fits."""
     found = try_apart(handle, None)
-    if found.fault is None or not pocl_wheel.is_wheel(handle):
+    if found.fault is None or found.stopped or not pocl_wheel.is_wheel(handle):
         return found
     fitting = pocl_wheel.fitting_target()
     if fitting is not None:
         mended = try_apart(handle, fitting)
+        if mended.stopped:
+            return mended
         if mended.fault is None:
             log.info("PoCL's wheel fails (%s); compiling for %s works", found.fault, fitting)
             return mended
@@ -116,6 +125,9 @@ def try_apart(handle: Any, target: str | None) -> Probe:
         return Probe(f"it cannot be tried: {error}")
     if ended.returncode == 0:
         return Probe(**json.loads(ended.stdout.splitlines()[-1]))
+    for name in _STOPPING:
+        if ended.returncode == -getattr(signal, name, 0):
+            return Probe(f"{name} ended the process of a first small kernel", stopped=True)
     lines = [line.strip() for line in ended.stderr.splitlines() if line.strip()]
     last = f" ({lines[-1][:160]})" if lines else ""
     return Probe(f"its driver ended the process of a first small kernel{last}")

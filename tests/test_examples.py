@@ -1,4 +1,4 @@
-"""The examples of docs/python.md run, one after the other, on a small walk."""
+"""The examples of docs/python.md run, one after the other, on small walks."""
 
 from __future__ import annotations
 
@@ -9,11 +9,17 @@ from pathlib import Path
 
 import pytest
 
+from apf.synthetic.generate import generate
+from apf.synthetic.scene import SceneConfig
+from cl import Device
+
 DOCS = Path(__file__).parents[1] / "docs"
 
 
 def test_examples_run(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "walk").symlink_to(walk)
+    config = SceneConfig(people=2, cameras=4, frames=3, size=(320, 240))
+    generate(tmp_path / "walkers", config, Device.best())
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(os.environ, "MPLBACKEND", "agg")
     page = (DOCS / "python.md").read_text()

@@ -14,7 +14,7 @@ from apf.filters.base import DeviceTracker, Estimate, begin_searches
 from apf.filters.method import Method
 from apf.scene import Scene
 from apf.tracking.places import SLOTS, Places
-from cl import Device, Launch
+from cl import Device, InputError, Launch
 from cl.batch import Batch
 from psfs.cameras.camera import CameraRig
 from psfs.people.separation import with_hidden_maps
@@ -23,12 +23,17 @@ from psfs.voxels.division import Division
 
 
 class PeopleTracker:
-    """Trackers of several people, each on a part of `voxels`, which all were carved in together.
+    """Trackers of several people who share one reconstruction (Song et al. 2.3, for each person).
 
-    The people's places are predicted from their last two poses; voxels and foreground are divided
-    by them, see `psfs.voxels.division`; then all searches are enqueued, while the device still
-    prepares. Places stay on the device: the host enqueues a frame before it knows the poses of the
-    frame before. A single person has all voxels, and the same track as a tracker alone, to the bit.
+    device: an OpenCL device. rig: V cameras. voxels: `Reconstructor.voxels` of a reconstructor of
+    all people. bodies: of each of the P people, of the same parts.
+    method: search, objective and settings of each person's tracker. joins: whether one launch
+    serves the searches of all people; by default on GPUs.
+
+    In every frame, voxels and foreground are divided among the people by the spheres along their
+    limbs, extrapolated from the last two poses, see `psfs.voxels.division`. Then all searches are
+    enqueued, and only then the host waits. Each person begins at a given pose. The track of a
+    single person equals that of a tracker alone to the bit. Raises InputError without bodies.
     """
 
     def __init__(
@@ -41,6 +46,8 @@ class PeopleTracker:
         *,
         joins: bool | None = None,
     ) -> None:
+        if not bodies:
+            raise InputError("the list of bodies is empty; expected a body for each person")
         several = len(bodies) > 1
         own_rig = with_hidden_maps(rig) if several else rig
         self.device = device
@@ -74,7 +81,12 @@ class PeopleTracker:
         return self._batch.n_joined
 
     def start(self, poses: Sequence[np.ndarray]) -> None:
-        """Put each person's particles at the pose (D,)."""
+        """Put each person's particles at their pose (D,), m and rad. Raises InputError for another
+        number of poses than people, or an impossible pose."""
+        if len(poses) != len(self.trackers):
+            raise InputError(
+                f"{len(poses)} poses for {len(self.trackers)} people; expected one each"
+            )
         for person, (tracker, pose) in enumerate(zip(self.trackers, poses, strict=True)):
             tracker.start(pose)
             if self._places is not None:
@@ -82,7 +94,7 @@ class PeopleTracker:
         self._n_frames = 0
 
     def step(self, voxels: CarvedVoxels) -> list[Estimate]:
-        """Track everybody one frame further and return each person's estimate."""
+        """Track everybody one frame further and return the estimate of each of the P people."""
         return [search()[0] for search in self._begin(voxels, ahead=1)]
 
     def stream(self, frames: Iterable[CarvedVoxels]) -> Iterator[list[Estimate]]:

@@ -10,6 +10,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -102,6 +103,23 @@ def test_a_driver_that_ends_the_process_is_a_fault(
     monkeypatch.setattr(cl.probe, "position", lambda handle: (99, 0))  # no such platform
     found = probe(device.handle, afresh=True)
     assert found.fault is not None and "IndexError" in found.fault and "\n" not in found.fault
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no signals")
+@pytest.mark.parametrize(("name", "kept"), [("SIGTERM", 0), ("SIGKILL", 0), ("SIGSEGV", 1)])
+def test_a_process_that_somebody_else_ends_is_no_fault_of_the_driver(
+    device: Device, cache: Path, monkeypatch: pytest.MonkeyPatch, name: str, kept: int
+) -> None:
+    run = subprocess.run
+
+    def end(command: list[str], **options: Any) -> Any:
+        code = f"import os, signal; os.kill(os.getpid(), signal.{name})"
+        return run([sys.executable, "-c", code], **options)
+
+    monkeypatch.setattr(cl.probe.subprocess, "run", end)
+    found = probe(device.handle)
+    assert found.fault is not None and (name in found.fault) == (kept == 0)
+    assert len(cl.probe.read_cache()) == kept
 
 
 def test_devices_that_fail_are_passed_over_and_named(

@@ -14,7 +14,7 @@ from apf.filters.method import Method
 from apf.reference.people import expect_spheres
 from apf.tracking.places import SLOTS, Places
 from apf.tracking.together import PeopleTracker
-from cl import Device
+from cl import Device, InputError
 
 
 @pytest.mark.parity("tracking/people.expect_spheres")
@@ -86,3 +86,12 @@ def test_one_person_is_tracked_as_alone_and_a_second_elsewhere_takes_nothing(
             np.testing.assert_array_equal([estimates[0].pose for estimates in found], expected)
         if len(poses) > 1:
             assert streamed[-1][1].misfit > 2 * streamed[-1][0].misfit
+
+
+def test_bodies_and_poses_are_those_of_the_same_people(device: Device) -> None:
+    world, method = World(device), Method.create(n_particles=40, n_layers=1)
+    with pytest.raises(InputError, match="list of bodies is empty"):
+        PeopleTracker(device, world.rig, world.voxels(0), [], method)
+    people = PeopleTracker(device, world.rig, world.voxels(0), [world.body], method)
+    with pytest.raises(InputError, match="2 poses for 1 people"):
+        people.start([world.pose(0), world.pose(0)])
