@@ -73,7 +73,7 @@ def find_inconsistent_cameras(
 
 
 class _Judge:
-    """Evidence of some frames at the voxels of a coarse grid, one camera at a time."""
+    """Evidence of some frames at the voxels of a coarse grid."""
 
     def __init__(self, session: Session, limits: ConsistencyConfig) -> None:
         self.session, self.rig, self.limits = session, session.rig, limits
@@ -89,11 +89,12 @@ class _Judge:
         """Project the voxels of `grid` into all cameras, and use them from now on."""
         self.grid = grid
         centres = grid.centres()
-        self._at = []
-        for camera in self.rig:
+        outside = self.rig.height * self.rig.width
+        self._at = np.full((len(self.rig), grid.size), outside, np.int32)
+        for at, camera in zip(self._at, self.rig, strict=True):
             inside, row, column, _ = camera.look_up(centres)
-            pixels = row.astype(np.int32), column.astype(np.int32)
-            self._at.append((np.flatnonzero(inside), pixels))
+            at[inside] = row * self.rig.width + column
+        self._shown = self._at < outside
         self._extents = voxel_footprints(self.rig, grid.voxel_size)
 
     def _fit_grid_to_person(self) -> VoxelGrid:
@@ -104,8 +105,8 @@ class _Judge:
         veto = -int(evidence.counts(np.zeros(1))[0])
         occupied = np.zeros(self.grid.size, bool)
         for index in self.frames:
-            votes = self._votes(index, views)
-            occupied |= (votes[0] + veto > 0) & (votes[1] >= needed)
+            occupied |= self._counts(index, views).sum(0, np.int32) + veto > 0
+        occupied &= self._shown.sum(0) >= needed
         if not occupied.any():
             return self.grid
         centres, margin = self.grid.centres(np.flatnonzero(occupied)), self.grid.voxel_size
@@ -114,9 +115,14 @@ class _Judge:
     def scores(self, views: list[int]) -> np.ndarray:
         """Return the mean IoU (len(views),) of each camera's silhouette with the others' shape."""
         scores = []
+        seen = self._shown[views].sum(0)
         for index in self.frames:
-            votes, evidence = self._votes(index, views), self._evidence[index]
-            shapes = [self._shape(index, votes, len(views), view) for view in views]
+            counts, evidence = self._counts(index, views), self._evidence[index]
+            votes = counts.sum(0, np.int32)
+            shapes = [
+                self._shape(votes - own, seen - self._shown[view], len(views) - 1)
+                for view, own in zip(views, counts, strict=True)
+            ]
             scores.append(
                 [
                     self._iou(view, shape, evidence)
@@ -126,24 +132,21 @@ class _Judge:
         empty = np.isnan(scores).all(axis=0)
         return np.where(empty, np.nan, np.nanmean(np.where(empty, 0, scores), axis=0))
 
-    def _votes(self, index: int, views: list[int]) -> np.ndarray:
-        """Return (2, voxels) int32: sum of the evidence of `views` in a frame, and number of them
-        that see the voxel."""
-        votes = np.zeros((2, self.grid.size), np.int32)
-        for view in views:
-            voxels, pixels = self._at[view]
-            votes[0, voxels] += _counts(self._evidence[index][view][pixels])
-            votes[1, voxels] += 1
-        return votes
+    def _counts(self, index: int, views: list[int]) -> np.ndarray:
+        """Return the evidence (len(views), voxels) int8 of a frame at the voxels, 0 where it is
+        unknown or beside the picture."""
+        counts = np.empty((len(views), self.grid.size), np.int8)
+        for own, view in zip(counts, views, strict=True):
+            evidence = np.append(self._evidence[index][view], np.int8(0))
+            evidence[evidence == UNKNOWN] = 0
+            own[:] = evidence[self._at[view]]
+        return counts
 
-    def _shape(self, index: int, votes: np.ndarray, n_views: int, without: int) -> np.ndarray:
-        """Return the surface voxels (N,) by the votes of `n_views` cameras without those of one."""
-        others = votes.copy()
-        voxels, pixels = self._at[without]
-        others[0, voxels] -= _counts(self._evidence[index][without][pixels])
-        others[1, voxels] -= 1
-        needed = OccupancyConfig().seeing_cameras(n_views - 1)
-        occupied = (others[0] > 0) & (others[1] >= needed)
+    def _shape(self, votes: np.ndarray, seen: np.ndarray, n_views: int) -> np.ndarray:
+        """Return the surface voxels (N,) of a shape. votes: sum of the evidence of `n_views`
+        cameras at the voxels; seen: how many of them show each."""
+        needed = OccupancyConfig().seeing_cameras(n_views)
+        occupied = (votes > 0) & (seen >= needed)
         return surface_indices(occupied.reshape(self.grid.shape))
 
     def _iou(self, view: int, shape: np.ndarray, evidence: np.ndarray) -> float:
@@ -180,8 +183,8 @@ class _Judge:
         """Return by how many frames the camera's pictures come late; negative if early, 0 if
         neither."""
         middle = self.frames[len(self.frames) // 2]
-        votes = self._votes(middle, [view, *others])
-        shape = self._shape(middle, votes, len(others) + 1, view)
+        votes = self._counts(middle, others).sum(0, np.int32)
+        shape = self._shape(votes, self._shown[others].sum(0), len(others))
         scores = {0: self._iou(view, shape, self._evidence[middle])}
         n_frames = len(self.session.sequence)
         lags = [lag for lag in self.limits.lags if 0 <= middle + lag < n_frames]
@@ -207,18 +210,13 @@ def select_person(shown: np.ndarray, expected: np.ndarray, near: float) -> np.nd
         return shown
     rows, columns = (np.flatnonzero(expected.any(axis)) for axis in (1, 0))
     reach = max(1, round(near * np.ptp(rows)))
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-    # Only where the disc reaches: in whole pictures it took a fifth of the examination's time.
+    # Only so far: in whole pictures it took a fifth of the examination's time.
     reached = tuple(slice(max(0, of[0] - reach), of[-1] + reach + 1) for of in (rows, columns))
     selected = np.zeros_like(shown)
-    around = cv2.dilate(expected[reached].view(np.uint8), disc) > 0
-    selected[reached] = meets[labels[reached]] & around
+    beside = (~expected[reached]).view(np.uint8)
+    away = cv2.distanceTransform(beside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    selected[reached] = meets[labels[reached]] & (away <= reach)
     return selected
-
-
-def _counts(evidence: np.ndarray) -> np.ndarray:
-    """Return the evidence, with 0 where it is unknown."""
-    return np.where(evidence == UNKNOWN, 0, evidence)
 
 
 def _coarse_grid(sequence: Sequence, limits: ConsistencyConfig) -> VoxelGrid:

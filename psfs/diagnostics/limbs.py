@@ -173,18 +173,19 @@ def _find_points(
         return np.zeros(0, int), np.zeros((0, 3))
     focal = camera.K[0, 0]
     rays = np.column_stack([own.places[chosen] / focal, np.ones(len(chosen))]) @ camera.R
-    points = camera.centre + rays[:, None] * depths[:, None]
     widths = own.widths[chosen][:, None] * depths / focal
     sound = (widths > config.thinnest * person.stature) & (widths < config.widest * person.stature)
     tried, widths = np.flatnonzero(sound), widths[sound]
+    of_ray, of_depth = np.divmod(tried, len(depths))
+    points = camera.centre + rays[of_ray] * depths[of_depth, None]
     costs = np.where(sound, 0.0, np.inf)
     votes = np.ones(costs.shape, int)
     for number, (other, seen) in enumerate(zip(cameras, axes, strict=True)):
         if number == view or not len(seen.frames):
             continue
-        places, z = (values[sound] for values in _project(other, points))
+        places, z = _project(other, points)
         frames = np.round(own.frames[chosen] - lags[view] + lags[number]).astype(int)
-        nearest = seen.find_nearest(frames[tried // len(depths)], places)
+        nearest = seen.find_nearest(frames[of_ray], places)
         met = nearest >= 0
         nearest, places, z = nearest[met], places[met], z[met]
         away = ((places - seen.places[nearest]) * seen.across[nearest]).sum(-1) / config.gate
@@ -197,7 +198,7 @@ def _find_points(
     lead = np.where(another, costs, 0).min(axis=1) - costs[rows, best]
     kept = np.isfinite(costs[rows, best]) & (votes[rows, best] >= config.views)
     kept &= lead > config.lead
-    return chosen[kept], points[rows, best][kept]
+    return chosen[kept], camera.centre + rays[kept] * depths[best[kept], None]
 
 
 def _project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

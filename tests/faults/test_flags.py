@@ -283,4 +283,4 @@ def test_what_is_left_is_reported(
     assert "please report" in outcome.err
     log = next(tmp_path.glob("psfs-*.log"))
     assert str(log) in outcome.err and "a fault of ours" in log.read_text()
-    assert faults.contents(stock)
+    assert faults.state(stock)

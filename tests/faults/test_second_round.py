@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.faults import changed_npz, contents, refused, run
+from helpers.faults import changed_npz, refused, run, state
 from helpers.memory import limited_memory
 
 from apf.cli.batch.take import TakeJob
@@ -85,7 +85,7 @@ def test_a_link_out_of_an_output(stock: Path) -> None:
     (stock / "new/videos").symlink_to(stock / "elsewhere")
     outcome = run(["psfs", "convert", "walk", "-o", "new"])
     assert outcome.code == 2 and "a symbolic link leads out of new" in outcome.err
-    assert not contents(stock / "elsewhere")
+    assert not state(stock / "elsewhere")
 
 
 @pytest.mark.parametrize("word", ["--output=/elsewhere", "--log-file=/elsewhere", "--quiet"])

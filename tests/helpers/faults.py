@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
+import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import date
@@ -58,26 +60,29 @@ def run(words: list[str]) -> Outcome:
     return Outcome(code, out.getvalue(), err.getvalue())
 
 
-def contents(folder: Path) -> dict[str, bytes]:
-    """Return all files below a folder with their contents."""
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and not path.is_symlink()
-    }
+def state(folder: Path) -> dict[str, tuple[int, int, int]]:
+    """Return what changes if a file below a folder is written or replaced, by its path: reading all
+    of them took a tenth of these tests' time."""
+    found = {}
+    for own, _, names in os.walk(folder):
+        for name in names:
+            facts = os.lstat(f"{own}/{name}")
+            if stat.S_ISREG(facts.st_mode):
+                found[f"{own}/{name}"] = facts.st_ino, facts.st_size, facts.st_mtime_ns
+    return found
 
 
 def refused(words: list[str], folder: Path, *said: str) -> None:
     """Assert that the command ends with exit code 2 and one clear line, in which `said` occur, and
     leaves the files in `folder` as they were."""
-    before = contents(folder)
+    before = state(folder)
     outcome = run(words)
     line = outcome.err.strip()
     assert outcome.code == 2, (outcome.code, line)
     assert ": error: " in line, line
     assert "Traceback" not in line and "please report" not in line, line
     assert_one_line(line, *said)
-    assert contents(folder) == before
+    assert state(folder) == before
 
 
 def assert_one_line(message: str, *said: str) -> None:
