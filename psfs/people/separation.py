@@ -53,7 +53,7 @@ def separate(
         tracked, _, _ = _divide(everybody, people, contacts, config, progress)
     spaces = _find_spaces(session.rig, people, contacts, colours)
     return [
-        _person_session(session, people, number, box, (tracked, store), spaces)
+        _make_session(session, people, number, box, (tracked, store), spaces)
         for number, box in enumerate(volumes)
     ]
 
@@ -140,7 +140,7 @@ def join_session(session: Session, people: People, margin: float) -> Session:
     return joint
 
 
-def _person_session(
+def _make_session(
     session: Session,
     people: People,
     number: int,
@@ -197,7 +197,7 @@ class Attribution:
         self, evidence: np.ndarray, split: SplitCloud, footprints: np.ndarray
     ) -> np.ndarray:
         """Return masks (P, V, H, W) uint8 of the people."""
-        of_counts = self._masks_of_counts()
+        of_counts = self._tabulate_masks()
         masks = np.zeros((len(split.near), *evidence.shape), np.uint8)
         for view, counts in enumerate(evidence):
             depths, beside = self._draw(view, split.clouds, footprints, counts.shape)
@@ -209,7 +209,7 @@ class Attribution:
                 if not len(split.clouds[number]):
                     continue
                 rest = [k for k in range(len(split.clouds)) if k != number]
-                mask = self._person_mask(
+                mask = self._make_mask(
                     plain, counts, depths[number], sole_depths[rest].min(0), beside[number],
                     sole_beside[rest].min(0),
                 )  # fmt: skip
@@ -226,7 +226,7 @@ class Attribution:
         drawn = [draw(self.rig[view], points, footprints[view], shape) for points in clouds]
         return np.stack([depth for depth, _ in drawn]), np.stack([away for _, away in drawn])
 
-    def _person_mask(
+    def _make_mask(
         self,
         plain: np.ndarray,
         counts: np.ndarray,
@@ -242,7 +242,7 @@ class Attribution:
         mask[hidden] = UNKNOWN_MASK
         return mask
 
-    def _masks_of_counts(self) -> np.ndarray:
+    def _tabulate_masks(self) -> np.ndarray:
         """Return the mask (256,) uint8 for each count of evidence, by its bits."""
         counts = np.arange(256).astype(np.uint8).view(np.int8)
         masks = np.rint(255 * self.config.silhouette.evidence.likelihood(counts)).astype(int)

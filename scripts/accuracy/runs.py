@@ -21,7 +21,7 @@ from apf.backend import shares_launches
 from apf.evaluation.evaluate import evaluate
 from apf.filters.method import Method
 from apf.filters.objectives import OBJECTIVES
-from apf.filters.term_weights import likelihood_weights
+from apf.filters.term_weights import parse_weights
 from apf.formats.trc import JointSeries
 from apf.scene import Scene
 from apf.tracking.pipeline import build_track, track_voxels
@@ -102,7 +102,7 @@ def make_method(setting: Setting, seed: int) -> Method:
         return _set_vertices(_set_size(settings.method, setting, seed), vertices)
     weights: dict[str, Any] = {}
     if objective not in OBJECTIVES:
-        objective, weights = "voxel", likelihood_weights(objective.replace("+", ","))
+        objective, weights = "voxel", parse_weights(objective.replace("+", ","))
     return _set_vertices(
         _set_size(Method.create(setting.method, objective, **weights), setting, seed), vertices
     )
