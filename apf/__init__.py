@@ -16,26 +16,8 @@ first pose. Angles are radians, lengths metres. Errors that the user can fix are
 `MissingFileError` or `DeviceError`, subclasses of `UserError`.
 """
 
-from __future__ import annotations
-
-import importlib
-from typing import Any
-
-import lazy_loader as _lazy
+from psfs.common.lazy import attach_names as _attach_names
 
 # The names are in __init__.pyi; each is imported when it is first asked for: `import apf` alone
 # must not wait for OpenCL, OpenCV and SciPy.
-_attribute, _, __all__ = _lazy.attach_stub(__name__, __file__)
-__all__ += ["__version__"]
-
-
-def __getattr__(name: str) -> Any:
-    if name == "__version__":
-        return importlib.import_module("importlib.metadata").version("psfs-apf")
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return _attribute(name)
-
-
-def __dir__() -> list[str]:
-    return list(__all__)
+__getattr__, __dir__, __all__ = _attach_names(__name__, __file__)
