@@ -24,10 +24,10 @@ from .filters.config import LimbSearchConfig as LimbSearchConfig
 from .filters.config import RefinementConfig as RefinementConfig
 from .filters.config import SearchConfig as SearchConfig
 from .filters.method import Method as Method
-from .filters.sir import SirConfig as SirConfig
+from .filters.searches.sir import SirConfig as SirConfig
+from .filters.searches.swarm import SwarmConfig as SwarmConfig
 from .filters.sir import SirParticleFilter as SirParticleFilter
 from .filters.swarm import ParticleSwarm as ParticleSwarm
-from .filters.swarm import SwarmConfig as SwarmConfig
 from .image_objective.config import FeatureConfig as FeatureConfig
 from .image_objective.config import ObjectiveConfig as ObjectiveConfig
 from .image_objective.config import ProximityConfig as ProximityConfig

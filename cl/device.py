@@ -161,11 +161,11 @@ class Device:
 
     def wait_for(self, queue: Any) -> None:
         """Make the device's own queue wait, from now on, for all that `queue` holds."""
-        _behind(self.queue, queue)
+        _make_wait(self.queue, queue)
 
     def make_wait(self, queue: Any) -> None:
         """Make `queue` wait, from now on, for all that the device's own queue holds."""
-        _behind(queue, self.queue)
+        _make_wait(queue, self.queue)
 
     @contextmanager
     def enqueue_on(self, queue: Any) -> Iterator[Any]:
@@ -217,10 +217,12 @@ class Device:
 
     @property
     def name(self) -> str:
+        """The driver's name of the device."""
         return self.info.name
 
     @property
     def is_gpu(self) -> bool:
+        """Whether the device is a GPU."""
         return self.info.kind == "gpu"
 
     @property
@@ -257,6 +259,7 @@ class Device:
     def zeros(
         self, shape: int | Sequence[int], dtype: npt.DTypeLike, what: str = "an array"
     ) -> Array:
+        """Allocate an array of zeros, see `empty`."""
         array = self.empty(shape, dtype, what)
         array.fill(0)
         return array
@@ -269,6 +272,7 @@ class Device:
         self._fills.fill(self, array, value)
 
     def to_device(self, host: np.ndarray, what: str = "an array") -> Array:
+        """Return a new array with the content of `host`, see `empty`."""
         host = np.ascontiguousarray(host)
         array = self.empty(host.shape, host.dtype, what)
         if host.size:
@@ -287,7 +291,7 @@ class Device:
 
     @property
     def allocated(self) -> int:
-        """Return the bytes of all arrays that there are, siblings' included."""
+        """Bytes of all arrays that there are, siblings' included."""
         return self._allocated[0]
 
     def _release(self, nbytes: int) -> None:
@@ -349,11 +353,12 @@ class Device:
             self.profiler.add(name, event)
 
     def finish(self) -> None:
+        """Wait for all that the device's own queue holds."""
         with raise_device_errors(self.name, "its work"):
             self.queue.finish()
 
 
-def _behind(later: Any, first: Any) -> None:
+def _make_wait(later: Any, first: Any) -> None:
     """Make the queue `later` wait, from now on, for all that `first` holds."""
     if later is not first:
         done = pyopencl.enqueue_marker(first)

@@ -49,7 +49,7 @@ def is_wheel(device: Any) -> bool:
     )
 
 
-def missing_linker(device: object) -> str | None:
+def explain_missing_linker(device: object) -> str | None:
     """Return what is wrong if `device` is the wheel's and the machine has no linker, which PoCL
     calls for each kernel that it builds: without one, it ends the process."""
     if is_wheel(device) and shutil.which("ld") is None:
@@ -80,7 +80,7 @@ def processor_features() -> frozenset[str]:
     return next((frozenset(v.split()) for k, _, v in lines if k.strip() == "flags"), frozenset())
 
 
-def target(device: Any) -> str | None:
+def read_target(device: Any) -> str | None:
     """Return the processor's name that the wheel compiles for, None if it is not found."""
     try:
         memory = os.open("/proc/self/mem", os.O_RDONLY)  # reading a wrong address there is no crash
@@ -103,7 +103,7 @@ def set_target(device: Any, name: str) -> None:
 
     Raises ValueError if the device object is not the wheel's.
     """
-    if not is_wheel(device) or target(device) is None:
+    if not is_wheel(device) or read_target(device) is None:
         raise ValueError(f"{device.name.strip()} is not the device of pocl-binary-distribution 3.0")
     libc = ctypes.CDLL(None)
     libc.strdup.restype = ctypes.c_void_p  # never freed: PoCL keeps it for good

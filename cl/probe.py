@@ -43,6 +43,7 @@ _SECONDS_AT_MOST = 180
 _FAULT_HOLDS_SECONDS = 3600
 _BYTES = 32 << 20
 _STEPS = 512
+_REPEATS = 5
 _MULTIPLIERS = 1 << 16
 #: Signals by which somebody else ends a process; SIGKILL is sent by Linux if memory is short, too.
 _STOPPING = ("SIGHUP", "SIGINT", "SIGKILL", "SIGTERM")
@@ -74,7 +75,7 @@ def probe(handle: Any, afresh: bool = False) -> Probe:
     A device of PoCL's wheel is made to compile for the processor that works. afresh: try it now,
     in any case.
     """
-    missing = pocl_wheel.missing_linker(handle)
+    missing = pocl_wheel.explain_missing_linker(handle)
     if missing:
         return Probe(missing)
     key = cache_key(handle)
@@ -110,7 +111,7 @@ def _try(handle: Any) -> Probe:
 
 def try_apart(handle: Any, target: str | None) -> Probe:
     """Probe `handle` in a process of its own, with kernels compiled for `target`."""
-    numbers = [str(number) for number in position(handle)]
+    numbers = [str(number) for number in find_position(handle)]
     command = [sys.executable, "-m", "cl.probe", *numbers, *([] if target is None else [target])]
     path = os.pathsep.join(filter(None, sys.path))
     environment = os.environ | {"PYTHONPATH": path, "PYOPENCL_NO_CACHE": "1"}
@@ -133,7 +134,7 @@ def try_apart(handle: Any, target: str | None) -> Probe:
     return Probe(f"its driver ended the process of a first small kernel{last}")
 
 
-def position(handle: Any) -> tuple[int, int]:
+def find_position(handle: Any) -> tuple[int, int]:
     """Return the numbers of a device's platform and of the device in it."""
     for number, found in enumerate(pyopencl.get_platforms()):
         if found == handle.platform:
@@ -166,21 +167,23 @@ def examine(handle: Any, target: str | None = None) -> Probe:
         source = kernel_source("common/probe")
         options = build_options({"GROUP": _GROUP, "STEPS": _STEPS})
         program = build_program(context, source, options)
-        wrong = _wrong_values(queue, program)
+        wrong = _find_wrong_values(queue, program)
         if wrong is not None:
             return Probe(wrong)
-        return Probe(None, target, _bandwidth(queue, program), _gflops(queue, program))
+        return Probe(
+            None, target, _measure_bandwidth(queue, program), _measure_gflops(queue, program)
+        )
     except pyopencl.Error as error:
-        return Probe(f"a first small kernel fails: {_one_line(error)}")
+        return Probe(f"a first small kernel fails: {_pick_line(error)}")
 
 
-def _wrong_values(queue: Any, program: Any) -> str | None:
+def _find_wrong_values(queue: Any, program: Any) -> str | None:
     """Return how the kernel `check` differs from `expected_sums`, None if it does not."""
     values = np.linspace(0.1, 2.0, _VALUES, dtype=np.float32)
     expected = expected_sums(values)
-    given = _buffer(queue, values)
+    given = _make_buffer(queue, values)
     sums, count = np.zeros(len(expected), np.float32), np.zeros(1, np.int32)
-    buffers = [_buffer(queue, sums), _buffer(queue, count)]
+    buffers = [_make_buffer(queue, sums), _make_buffer(queue, count)]
     program.check(queue, (_VALUES,), (_GROUP,), np.int32(_VALUES), given, *buffers)
     for host, buffer in zip((sums, count), buffers, strict=True):
         pyopencl.enqueue_copy(queue, host, buffer)
@@ -198,32 +201,32 @@ def expected_sums(values: np.ndarray) -> np.ndarray:
     return (np.exp(-x) + np.sin(x)).reshape(-1, _GROUP * 16).sum(1)
 
 
-def _bandwidth(queue: Any, program: Any) -> float:
+def _measure_bandwidth(queue: Any, program: Any) -> float:
     """Return GB/s of a copy on the device, bytes read and written."""
-    source, to = (_buffer(queue, np.zeros(_BYTES, np.uint8)) for _ in range(2))
+    source, to = (_make_buffer(queue, np.zeros(_BYTES, np.uint8)) for _ in range(2))
     kernel = pyopencl.Kernel(program, "copy")
     kernel.set_args(np.int32(_BYTES // 16), source, to)
-    return 2 * _BYTES / _seconds(queue, kernel, _BYTES // 16) / 1e9
+    return 2 * _BYTES / _measure_seconds(queue, kernel, _BYTES // 16) / 1e9
 
 
-def _gflops(queue: Any, program: Any) -> float:
+def _measure_gflops(queue: Any, program: Any) -> float:
     """Return GFLOP/s of multiply-adds in single precision."""
     n = _MULTIPLIERS * (16 if queue.device.type & pyopencl.device_type.GPU else 1)
     kernel = pyopencl.Kernel(program, "multiply_add")
-    out = _buffer(queue, np.zeros(n, np.float32))
+    out = _make_buffer(queue, np.zeros(n, np.float32))
     kernel.set_args(np.int32(n), np.float32(0.999), np.float32(0.5), out)
-    return n * _STEPS * 8 * 2 / _seconds(queue, kernel, n) / 1e9
+    return n * _STEPS * 8 * 2 / _measure_seconds(queue, kernel, n) / 1e9
 
 
-def _buffer(queue: Any, host: np.ndarray) -> Any:
+def _make_buffer(queue: Any, host: np.ndarray) -> Any:
     flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.COPY_HOST_PTR
     return pyopencl.Buffer(queue.context, flags, hostbuf=host)
 
 
-def _seconds(queue: Any, kernel: Any, n: int, repeats: int = 5) -> float:
-    """Return the least time of some launches of `n` items, after one to warm up."""
+def _measure_seconds(queue: Any, kernel: Any, n: int) -> float:
+    """Return the least time, s, of some launches of `n` items, after one to warm up."""
     times = []
-    for _ in range(repeats + 1):
+    for _ in range(_REPEATS + 1):
         queue.finish()
         started = time.perf_counter()
         pyopencl.enqueue_nd_range_kernel(queue, kernel, (n,), None)
@@ -232,7 +235,7 @@ def _seconds(queue: Any, kernel: Any, n: int, repeats: int = 5) -> float:
     return min(times[1:])
 
 
-def _one_line(error: Exception) -> str:
+def _pick_line(error: Exception) -> str:
     """Return the line of a driver's message that says what is wrong."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     telling = [line for line in lines if "error" in line.lower()]

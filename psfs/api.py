@@ -20,7 +20,7 @@ from psfs.common.ranges import check_kind, check_number
 from psfs.diagnostics.body_agreement import check_body
 from psfs.diagnostics.examination import examine
 from psfs.footage.settings import SequenceSettings
-from psfs.people.volume import hold_people
+from psfs.people.volume import extend_to_people
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import Volume, automatic_grid, find_volume
@@ -86,7 +86,7 @@ def reconstruct(
     if stated is not None:
         session.replace_result(find_volume, stated)
     else:
-        hold_people(session, body)
+        extend_to_people(session, body)
     grid = automatic_grid(session)
     if body is not None:
         check_body(session, body)

@@ -10,7 +10,7 @@ from apf.cli.shape_flags import OF_SHAPES, add_shape_flags, shape_settings
 from apf.filters.method import Method
 from apf.filters.objectives import OBJECTIVES
 from apf.filters.searches import SEARCHES
-from apf.filters.term_weights import TERMS, USUAL_TERMS, comparing_weights, likelihood_weights
+from apf.filters.term_weights import TERMS, USUAL_TERMS, list_comparing_weights, parse_weights
 from apf.image_objective.config import ObjectiveConfig
 from apf.settings import Settings
 from cl import InputError
@@ -117,17 +117,17 @@ def _refuse_others(args: argparse.Namespace, base: Method) -> None:
 def _terms(text: str) -> dict[str, float]:
     """Parse the weights of --likelihood. Raises InputError if it names a term twice, or if no term
     that compares the body with observations has a weight."""
-    terms = likelihood_weights(text)
+    terms = parse_weights(text)
     names = [part.partition("=")[0].strip() for part in text.split(",")]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice:
         raise InputError(f"--likelihood {text}: {twice} is there twice; expected each term once")
     if not any(terms.values()):
         raise InputError(f"--likelihood {text}: no term has a weight; expected one at least")
-    if not any(terms[weight] for weight in comparing_weights()):
+    if not any(terms[weight] for weight in list_comparing_weights()):
         raise InputError(
             f"--likelihood {text}: none of these terms compares the body with anything that is "
-            f"seen; expected one of {', '.join(comparing_weights().values())}, too"
+            f"seen; expected one of {', '.join(list_comparing_weights().values())}, too"
         )
     return terms
 

@@ -188,29 +188,22 @@ class DeviceTracker(Tracker):
         self._settle()
         self.likelihood.observe(observation)
 
-    def search(self) -> Estimate:
-        """Return the estimate for what was observed, the second half of `step`."""
-        return self.search_runs()[0]
-
     def search_runs(self) -> list[Estimate]:
         """Return each run's estimate for what was observed, the second half of `step_runs`."""
-        return self.begin_search()()
-
-    def begin_search(self, queue: Any = None) -> Callable[[], list[Estimate]]:
-        """Enqueue the search; return a function that waits for it and returns each run's
-        estimate. queue: the queue that is enqueued on, if that is not the device's own."""
-        self.enqueue_search(queue)
-        return self.fetch_estimates()
+        self.enqueue_search()
+        return self.fetch_estimates()()
 
     def enqueue_search(self, queue: Any = None) -> None:
-        """Enqueue the launches of the search, the first half of `begin_search`."""
+        """Enqueue the launches of the search, the first half of `search_runs`. queue: the queue
+        that is enqueued on, if that is not the device's own."""
         self.device.enqueue(self._layers[self._n_frames % 2])
         self._n_frames += 1
         if queue is not None:
             self._streaming = queue
 
     def fetch_estimates(self) -> Callable[[], list[Estimate]]:
-        """Enqueue the download of the estimates, the second half of `begin_search`."""
+        """Enqueue the download of the estimates, the second half of `search_runs`; return a
+        function that waits for them and returns each run's."""
         report, n_layers = self._download.fetch(), self.particles.config.n_layers
         return lambda: unpack_report(report(), self.body, self.particles.n_runs, n_layers)
 
@@ -252,7 +245,7 @@ class DeviceTracker(Tracker):
         assert self._misfits is not None
         frame, result = particles.frame, particles.result
         search, learning = self._search(source), likelihood.learning_launcher(result)
-        if limb_search.tells_misfits:
+        if limb_search.writes_misfits:
             end = particles.frame_end(self._report)
             return [
                 *search,

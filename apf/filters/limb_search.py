@@ -48,7 +48,7 @@ class LimbSearch(Stage):
     array (R, D), estimates minus means. `information`: (R, D (D + 1) / 2) of `Refinement` for the
     accepted poses. Both are zero without refinement. `candidates` (R K, D): for each run the
     refined mean, then the results of each limb's two searches; K = 1 without limb search.
-    `errors` (R K,): errors of the candidates. tells_misfits: whether the limb search writes the
+    `errors` (R K,): errors of the candidates. writes_misfits: whether the limb search writes the
     likelihood's `misfits`.
     """
 
@@ -88,9 +88,9 @@ class LimbSearch(Stage):
             )
         self.candidates = device.zeros((n_candidates, n), np.float32)
         self.errors = device.zeros((n_candidates,), np.float32)
-        self.tells_misfits = self._n_limbs > 0 and likelihood.misfits_of_all
+        self.writes_misfits = self._n_limbs > 0 and likelihood.misfits_of_all
         self._all_misfits = None
-        if self.tells_misfits:
+        if self.writes_misfits:
             self._all_misfits = device.zeros((n_candidates,), np.float32)
         self._limbs = device.to_device(np.array([*limbs, np.zeros(n, bool)], np.uint8))
         n_poses = n_runs * self._n_particles if self._n_limbs else 1
@@ -117,7 +117,7 @@ class LimbSearch(Stage):
         """Return the launches of the search, which overwrite the means, `result[:R * D]`.
 
         frame: (R,) uint32 frame numbers, part of the random numbers' counters. end: see
-        `ParticleSet.frame_end`, if the last launch ends the frame; this needs `tells_misfits`.
+        `ParticleSet.frame_end`, if the last launch ends the frame; this needs `writes_misfits`.
         """
         likelihood, candidates = self.likelihood, self.candidates
         if self.config.refinement.steps == 0 or not likelihood.refines:
@@ -203,7 +203,7 @@ class LimbSearch(Stage):
             candidates=self.candidates,
             informations=self._refinement.information,
             all_misfits=self._all_misfits,
-            misfits=self.likelihood.misfits if self.tells_misfits else None,
+            misfits=self.likelihood.misfits if self.writes_misfits else None,
             result=result,
             shift=self.shift,
             information=self.information,

@@ -8,7 +8,7 @@ from apf.body.model import BodyModel
 from apf.filters.base import DeviceTracker
 from apf.filters.config import FilterConfig, SearchConfig
 from apf.filters.particle_set import ParticleSet
-from apf.filters.searches.swarm import SwarmConfig as SwarmConfig
+from apf.filters.searches.swarm import SwarmConfig
 from apf.likelihood.base import Likelihood
 from apf.scene import Scene
 from cl import Array, Device, Kernel, Launch, Step
@@ -93,9 +93,8 @@ class ParticleSwarm(DeviceTracker):
         config: FilterConfig,
         swarm: SwarmConfig | None = None,
     ) -> None:
-        config = config.with_changes(
-            trunk_layers=0
-        )  # particles scatter once a frame, all of the body
+        # Particles scatter once per frame, in all degrees of freedom.
+        config = config.with_changes(trunk_layers=0)
         self._swarm = Swarm(scene.opencl, scene.body, config.search, swarm or SwarmConfig())
         super().__init__(scene, likelihood, self._swarm, config)
 

@@ -44,7 +44,7 @@ USUAL_TERMS = tuple(_USUAL_TERMS)
 TERMS = (*USUAL_TERMS, *_OTHER_TERMS)
 
 
-def comparing_weights(pictures: bool = True) -> dict[str, str]:
+def list_comparing_weights(pictures: bool = True) -> dict[str, str]:
     """Return the terms that compare the body with observations, by the settings that weigh them;
     without pictures only those that need none."""
     weighed = {term: name for term, (name, _) in _OTHER_TERMS.items()} | _USUAL_TERMS
@@ -52,7 +52,7 @@ def comparing_weights(pictures: bool = True) -> dict[str, str]:
     return {name: term for term, name in weighed.items() if term not in left_out}
 
 
-def likelihood_weights(text: str) -> dict[str, float]:
+def parse_weights(text: str) -> dict[str, float]:
     """Return the settings of a FilterConfig for `edge,silhouette=2`: these terms with their default
     weights or the stated ones, all others 0, in the limb search, too.
 

@@ -30,6 +30,11 @@ class _Person:
     last: int
     chosen: dict[int, np.ndarray] = field(default_factory=dict)
 
+    def take(self, chosen: np.ndarray, frame: int) -> None:
+        """Give somebody the persons (V,) of a frame."""
+        self.chosen[frame] = chosen
+        self.last = frame
+
 
 def associate_people(
     points: np.ndarray,
@@ -106,36 +111,40 @@ class _Search:
                 if costs[k, n] < self.config.followed:
                     chosen[k, view] = n
         for one, own in zip(going, chosen, strict=True):
-            self._take(one, own, frame, free)
+            found = self._locate(own, frame)
+            if found is None:
+                continue
+            one.points = np.where(np.isfinite(found), found, one.points)
+            one.take(own, frame)
+            seen = np.flatnonzero(own >= 0)
+            free[seen, own[seen]] = False
         while (new := self._find_new(frame, free)) is not None:
-            found = np.flatnonzero(new >= 0)
-            free[found, new[found]] = False  # also of those that are left out then
-            self._take(self._returning(new, frame), new, frame, free)
+            seen = np.flatnonzero(new >= 0)
+            free[seen, new[seen]] = False  # also of those that are left out then
+            found = self._locate(new, frame)
+            if found is not None:
+                one = self._find_returning(found, frame)
+                one.points = found
+                one.take(new, frame)
 
-    def _take(self, one: _Person, own: np.ndarray, frame: int, free: np.ndarray) -> None:
-        """Give somebody the persons (V,) of a frame, without those of cameras that contradict the
-        others; they are no longer free."""
+    def _locate(self, own: np.ndarray, frame: int) -> np.ndarray | None:
+        """Take those of cameras that contradict the others out of the persons (V,) of a frame;
+        return the points (K, 3) m of the rest, None if they are nobody."""
         found = self._triangulate(own, frame)
         for view in np.flatnonzero(own >= 0).tolist():
             away = self._away(found, view, frame)[own[view]]
             if (own >= 0).sum() > 2 and away > self.config.largest_error:
                 own[view] = -1
         if (own >= 0).sum() < 2:
-            return
+            return None
         found = self._triangulate(own, frame)
-        if np.isfinite(found).all(-1).sum() < self.config.least_points:
-            return
-        one.points = np.where(np.isfinite(found), found, one.points)
-        one.last = frame
-        one.chosen[frame] = own
-        for view in np.flatnonzero(own >= 0):
-            free[view, own[view]] = False
+        enough = np.isfinite(found).all(-1).sum() >= self.config.least_points
+        return found if enough else None
 
-    def _returning(self, own: np.ndarray, frame: int) -> _Person:
-        """Return who of those that are lost is nearest to the persons (V,) and can have come there,
-        else somebody new."""
-        found = self._triangulate(own, frame)
-        middle = np.nanmean(found, axis=0)
+    def _find_returning(self, points: np.ndarray, frame: int) -> _Person:
+        """Return who of those that are lost is nearest to the points (K, 3) m and can have come
+        there, else somebody new."""
+        middle = np.nanmean(points, axis=0)
         full = self.number is not None and len(self.people) >= self.number
         best, nearest = None, np.inf
         for one in self.people:
@@ -146,9 +155,8 @@ class _Search:
             if apart < nearest and (full or apart <= reach):
                 best, nearest = one, apart
         if best is None:
-            best = _Person(found, frame)
+            best = _Person(points, frame)
             self.people.append(best)
-        best.points = found
         return best
 
     def _find_new(self, frame: int, free: np.ndarray) -> np.ndarray | None:

@@ -45,7 +45,7 @@ def detect_standing(
         return found
     speed: np.ndarray = np.full((len(ankles), n_feet), np.inf)
     for part in find_true_runs(known):
-        speed[part] = _speed(ankles[part, :, :2], times[part], config.window)
+        speed[part] = _measure_speed(ankles[part, :, :2], times[part], config.window)
     height = ankles[..., 2] - np.percentile(ankles[known, :, 2].min(axis=1), 10)
     start = (speed < config.start_speed) & (height < config.start_height)
     go_on = (speed < config.stop_speed) & (height < config.stop_height)
@@ -64,14 +64,12 @@ def detect_standing(
     return found
 
 
-def detect_flat_feet(
-    ankles: np.ndarray, stands: np.ndarray, config: ContactConfig | None = None
-) -> np.ndarray:
+def detect_flat_feet(ankles: np.ndarray, stands: np.ndarray) -> np.ndarray:
     """Return (F, K) bool: whether each foot stands with its heel on the floor.
 
     ankles: (F, K, 3) m. stands: (F, K) bool, see `detect_standing`.
     """
-    config = config or ContactConfig()
+    config = ContactConfig()
     found = np.zeros_like(stands)
     for foot in range(stands.shape[1]):
         for stance in find_true_runs(stands[:, foot]):
@@ -80,7 +78,7 @@ def detect_flat_feet(
     return found
 
 
-def _speed(points: np.ndarray, times: np.ndarray, window: float) -> np.ndarray:
+def _measure_speed(points: np.ndarray, times: np.ndarray, window: float) -> np.ndarray:
     """Return the speed (F, K) m/s of points (F, K, A) over `window` s around each frame."""
     last = np.searchsorted(times, times + 0.5 * window + 1e-9, side="right") - 1
     first = np.searchsorted(times, times - 0.5 * window - 1e-9)
@@ -107,7 +105,7 @@ def hold_feet(
     if not stands.any():
         return poses
     ankles = find_ankles(body)
-    offsets = _corrections(posed_joints(body, poses)[:, ankles], times, stands, config)
+    offsets = _find_corrections(posed_joints(body, poses)[:, ankles], times, stands, config)
     targets = posed_joints(body, poses)[:, ankles] + offsets
     moved = np.abs(offsets).max((1, 2)) > 0
     if not moved.any():  # a foot that stands in a single frame
@@ -140,7 +138,7 @@ def lower_feet(
     return _solve_legs(body, poses, ankles, places)
 
 
-def _corrections(
+def _find_corrections(
     ankles: np.ndarray, times: np.ndarray, stands: np.ndarray, config: ContactConfig
 ) -> np.ndarray:
     """Return the correction (F, K, 3) m of each foot along the floor: the offset to its median

@@ -83,17 +83,17 @@ def measure_gait(track: Track, config: GaitConfig | None = None) -> Gait | None:
         return None
     points = np.stack([place[name] for name in (HIPS, *ANKLES)], 1)
     known = np.isfinite(points).all(axis=(1, 2)) & ~track.lost
-    walks = [_walk(track, part, points[part], config) for part in find_true_runs(known)]
+    walks = [_measure_walk(track, part, points[part], config) for part in find_true_runs(known)]
     return max((walk for walk in walks if walk), key=lambda walk: walk.n_steps, default=None)
 
 
-def _walk(track: Track, part: slice, points: np.ndarray, config: GaitConfig) -> Gait | None:
+def _measure_walk(track: Track, part: slice, points: np.ndarray, config: GaitConfig) -> Gait | None:
     """Return the walk in frames without a gap, or None; points (F, 3, 3) m: pelvis, left ankle,
     right ankle."""
     times, pelvis = track.times[part], points[:, 0, :2]
     if len(times) < 3:
         return None
-    velocity = _velocity(pelvis, times, config.window)
+    velocity = _measure_velocity(pelvis, times, config.window)
     speed = np.linalg.norm(velocity, axis=1)
     walking = speed > config.speed
     if not walking.any():
@@ -112,7 +112,7 @@ def _walk(track: Track, part: slice, points: np.ndarray, config: GaitConfig) -> 
     strikes = sorted((row, foot) for row, kind, foot in found if kind == "strike")
     if len(strikes) < 3:  # fewer than two steps
         return None
-    lengths = _step_lengths(strikes, points, reach)
+    lengths = _measure_steps(strikes, points, reach)
     frames = track.frames[part]
     events = [
         GaitEvent(
@@ -136,7 +136,7 @@ def _walk(track: Track, part: slice, points: np.ndarray, config: GaitConfig) -> 
     )
 
 
-def _step_lengths(
+def _measure_steps(
     strikes: list[tuple[int, int]], points: np.ndarray, reach: np.ndarray
 ) -> dict[tuple[int, int], float]:
     """Return the step length, m, of every strike (row, foot) but the first.
@@ -155,7 +155,7 @@ def _step_lengths(
     return dict(zip(strikes[1:], lengths.tolist(), strict=True))
 
 
-def _velocity(points: np.ndarray, times: np.ndarray, window: float) -> np.ndarray:
+def _measure_velocity(points: np.ndarray, times: np.ndarray, window: float) -> np.ndarray:
     """Return (F, 2) m/s, the mean velocity of points (F, 2) over `window` s around each frame."""
     before = np.clip(times - 0.5 * window, times[0], None)
     after = np.clip(times + 0.5 * window, None, times[-1])

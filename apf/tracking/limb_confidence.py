@@ -72,7 +72,7 @@ def limb_confidence(
     capped = np.sqrt(np.clip(margins, 0.0, regression.most_margin))
     odds = regression.constant + regression.margin * _average_over_time(capped, n)
     odds = odds + regression.jitter * _average_over_time(
-        _jitter(ends, times, regression.at_rest), n
+        _measure_jitter(ends, times, regression.at_rest), n
     )
     if disagreement is not None:
         far = np.log(np.maximum(disagreement, regression.least) / regression.apart)
@@ -81,7 +81,7 @@ def limb_confidence(
     return expit(odds)
 
 
-def _jitter(ends: np.ndarray, times: np.ndarray, at_rest: float) -> np.ndarray:
+def _measure_jitter(ends: np.ndarray, times: np.ndarray, at_rest: float) -> np.ndarray:
     """Return acceleration over speed (F, L), 1/s; the first and the last frame repeat their
     neighbours."""
     if len(times) < 3:

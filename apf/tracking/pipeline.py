@@ -195,7 +195,7 @@ def _collect_tracks(
     parts: list[Items[Track | Path]] = []
     stopped, interrupted = None, False
     while True:
-        frames, estimates, more, error = _part(found, PART_SECONDS)
+        frames, estimates, more, error = _track_part(found, PART_SECONDS)
         if not estimates and not parts:
             raise error or InputError("there is no frame to track; expected at least one")
         if estimates:
@@ -214,16 +214,16 @@ def _collect_tracks(
             tracks = [concatenate_tracks(run).judged for run in zip(*parts, strict=True)]
             # the interrupt may have come after the last frame
             if interrupted or isinstance(error, KeyboardInterrupt):
-                tracks = [_stop_reason(track) for track in tracks]
+                tracks = [_mark_interrupted(track) for track in tracks]
             return Tracked(tracks, stopped)
 
 
-def _stop_reason(track: Track) -> Track:
+def _mark_interrupted(track: Track) -> Track:
     made = {**json.loads(track.provenance), "interrupted": True}
     return replace(track, provenance=json.dumps(made))
 
 
-def _part(
+def _track_part(
     found: Iterator[tuple[int, R]], seconds: float
 ) -> tuple[list[int], list[R], bool, BaseException | None]:
     """Track for about `seconds`. Return frames, estimates, whether more frames may follow, and the
@@ -280,7 +280,7 @@ def track_voxels(
     """
     tracker.start(pose)
     found = track_forward(tracker, voxels, lambda stage: None)
-    frames, estimates, _, error = _part(found, math.inf)
+    frames, estimates, _, error = _track_part(found, math.inf)
     if error is not None and (not estimates or not isinstance(error, KeyboardInterrupt)):
         raise error
     return frames, estimates

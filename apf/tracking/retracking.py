@@ -67,7 +67,7 @@ def apply_corrections(
             found[number] = estimate
     if found:
         track = splice_estimates(track, found, list(wanted))
-    return mark_bad(_note(track, corrections), corrections)
+    return mark_bad(_note_corrections(track, corrections), corrections)
 
 
 def find_courses(track: Track, corrections: Corrections) -> Iterator[tuple[int, int]]:
@@ -134,7 +134,7 @@ def splice_estimates(track: Track, found: dict[int, Estimate], corrected: list[i
     rows = np.flatnonzero(np.isin(track.frames, numbers))
     estimates, provenance = [found[number] for number in numbers], json.loads(track.provenance)
     made = build_track(body, track.fps, numbers, estimates, provenance).judged
-    share = _shares(track, rows, corrected)
+    share = _weigh_new_poses(track, rows, corrected)
     poses = track.poses.copy()
     both = np.stack([poses[rows], made.poses])
     away = unwrap_angles(both.swapaxes(0, 1).reshape(-1, both.shape[-1]), body)
@@ -152,7 +152,7 @@ def splice_estimates(track: Track, found: dict[int, Estimate], corrected: list[i
     return replace(track, poses=poses, joints=posed_joints(body, poses), diagnostics=diagnostics)
 
 
-def _shares(track: Track, rows: np.ndarray, corrected: list[int]) -> np.ndarray:
+def _weigh_new_poses(track: Track, rows: np.ndarray, corrected: list[int]) -> np.ndarray:
     """Return the share (n,) of the new poses in these rows of the track."""
     ends = np.flatnonzero(np.diff(rows) > 1)
     share, steps = np.ones(len(rows)), DEFAULTS.fade + 1
@@ -177,7 +177,7 @@ def mark_bad(track: Track, corrections: Corrections) -> Track:
     return replace(track, diagnostics={**track.diagnostics, "lost": track.lost | bad})
 
 
-def _note(track: Track, corrections: Corrections) -> Track:
+def _note_corrections(track: Track, corrections: Corrections) -> Track:
     """Return the track with the corrections in its provenance, after earlier ones."""
     lines = [*list_corrections(track), *corrections.describe()]
     made = {**json.loads(track.provenance), "corrections": lines}

@@ -147,7 +147,7 @@ def smooth_series(
     # Forward and backward together, the filter halves the amplitude at the frequency w at which its
     # gain is 1 / (1 + variance dt w^4 / strength), dt the time between samples.
     strength = np.median(steps) * (2 * np.pi * config.cutoff) ** 4
-    moves = [_step(dt, strength) for dt in steps]
+    moves = [_make_transition(dt, strength) for dt in steps]
     states, covariances = _run_kalman_filter(values, variance, moves)
     if config.lag is None:
         return _run_rts_smoother(states, covariances, moves)[:, :, 0]
@@ -158,7 +158,7 @@ def smooth_series(
     return out
 
 
-def _step(dt: float, strength: float) -> tuple[np.ndarray, np.ndarray]:
+def _make_transition(dt: float, strength: float) -> tuple[np.ndarray, np.ndarray]:
     """Return transition and noise covariance of (value, velocity) over `dt` s."""
     transition = np.array([[1.0, dt], [0.0, 1.0]])
     noise = strength * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])

@@ -13,7 +13,7 @@ import numpy as np
 
 from apf.body import BodyModel, posed_joints
 from apf.filters.method import Method
-from apf.filters.term_weights import comparing_weights
+from apf.filters.term_weights import list_comparing_weights
 from apf.initialisation import Start, initialise
 from apf.initialisation.from_keypoints import KeypointStart
 from apf.initialisation.start import check_startable
@@ -118,9 +118,9 @@ def _is_poor(session: Session, start: Start | None) -> bool:
 def check_terms(sequence: Sequence, method: Method) -> None:
     """Raise InputError if all terms of the likelihood need pictures and there are only masks."""
     weights = method.filter.settings
-    if sequence.has_images or any(weights[name] for name in comparing_weights(pictures=False)):
+    if sequence.has_images or any(weights[name] for name in list_comparing_weights(pictures=False)):
         return
-    terms = [term for name, term in comparing_weights().items() if weights[name]]
+    terms = [term for name, term in list_comparing_weights().items() if weights[name]]
     raise InputError(
         f"{sequence.name}: has masks, and no pictures for the terms {', '.join(terms)}; expected "
         "pictures, or other terms, too"

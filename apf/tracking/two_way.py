@@ -44,7 +44,7 @@ from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.host_voxels import HostVoxels
 
 #: One frame of a window: its number, its observation, and for each track the estimates of its runs.
-Seen = tuple[int, "_Kept", list[list[Estimate]]]
+_WindowFrame = tuple[int, "_Kept", list[list[Estimate]]]
 
 
 def track_both_ways(
@@ -66,7 +66,7 @@ def track_both_ways(
     in the backward pass, the window keeps the forward estimates of each track's first run.
     """
     config = config or TwoWayConfig()
-    window, frames = list[Seen](), iter(seen)
+    window, frames = list[_WindowFrame](), iter(seen)
     ended: BaseException | None = None
     whole = False
     while True:
@@ -119,7 +119,7 @@ def _keep(device: Device | NumpyDevice, observation: Observation) -> _Kept:
 
 
 def _reverse_observations(
-    device: Device | NumpyDevice, window: list[Seen]
+    device: Device | NumpyDevice, window: list[_WindowFrame]
 ) -> Iterator[Observation]:
     """Yield the observations of a window in reverse order; each overwrites the one before."""
     parts = [kept for _, kept, _ in reversed(window)]
@@ -136,7 +136,7 @@ def _reverse_observations(
 def _fuse_window(
     device: Device | NumpyDevice,
     back: Sequence[RecoveringRuns | SeparateRuns],
-    window: list[Seen],
+    window: list[_WindowFrame],
     fps: float,
     config: TwoWayConfig,
     progress: Callable[[], object],

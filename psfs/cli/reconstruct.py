@@ -35,7 +35,7 @@ from psfs.diagnostics.reprojection_iou import (
 )
 from psfs.output import reconstruction_folder
 from psfs.output.preview import draw_preview
-from psfs.people.volume import hold_people
+from psfs.people.volume import extend_to_people
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid, describe_expected_person, find_volume
@@ -72,7 +72,7 @@ def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
     examination = examine_footage(args, Session(opened, device, settings))
     session = examination.session
     sequence, frames = session.sequence, select_common_frames(args, session.sequence)
-    hold_people(session, body)
+    extend_to_people(session, body)
     grid = _grid(args, session)
     check_size(grid)
     _warn_of_fine_voxels(grid, sequence)

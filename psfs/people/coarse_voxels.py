@@ -133,7 +133,7 @@ class CoarseVoxels:
         picture = shown.reshape(self.rig.height, self.rig.width)
         return cv2.dilate(picture, np.ones((width, width), np.uint8)) > 0
 
-    def colours(
+    def measure_colours(
         self, images: np.ndarray, evidence: np.ndarray, parts: list[np.ndarray]
     ) -> list[np.ndarray]:
         """Return for each of `parts`, flat indices of voxels, its colours: a histogram (BANDS,
@@ -142,41 +142,41 @@ class CoarseVoxels:
         rows = [self.rows[part] for part in parts]
         everything = np.concatenate(rows) if rows else np.zeros(0, int)
         found = [np.zeros((BANDS, _LEVELS**3)) for _ in parts]
-        bands = [self._bands(part) for part in parts]
+        bands = [self._find_bands(part) for part in parts]
         for view in range(len(self.rig)):
-            nearest = self._nearest(view, everything)
+            nearest = self._find_nearest(view, everything)
             codes = colour_bins(images[view], _LEVELS).ravel()
             for part, band, into in zip(rows, bands, found, strict=True):
                 at, depth = self._places[view, part], self._depths[view, part]
-                seen = (at >= 0) & (depth < nearest[self._cells(view, at)] + self.config.voxel)
+                seen = (at >= 0) & (depth < nearest[self._find_cells(view, at)] + self.config.voxel)
                 seen &= evidence[view].ravel()[at] > 0
                 np.add.at(into, (band[seen], codes[at[seen]]), 1)
         return found
 
-    def _bands(self, voxels: np.ndarray) -> np.ndarray:
+    def _find_bands(self, voxels: np.ndarray) -> np.ndarray:
         heights = self.grid.centres(voxels)[:, 2]
         low, high = heights.min(), heights.max() + 1e-6
         return ((heights - low) / (high - low) * BANDS).astype(int)
 
-    def _cells(self, view: int, at: np.ndarray) -> np.ndarray:
+    def _find_cells(self, view: int, at: np.ndarray) -> np.ndarray:
         """Return the cells, of about a voxel's width, that flat pixels lie in."""
         width = self._widths[view]
         across = -(-self.rig.width // width)
         return (at // self.rig.width) // width * across + (at % self.rig.width) // width
 
-    def _nearest(self, view: int, rows: np.ndarray) -> np.ndarray:
+    def _find_nearest(self, view: int, rows: np.ndarray) -> np.ndarray:
         """Return the least depth of the voxels in each cell."""
         width = self._widths[view]
         n_cells = -(-self.rig.width // width) * -(-self.rig.height // width)
         nearest = np.full(n_cells, np.inf)
         at = self._places[view, rows]
         inside = at >= 0
-        cells = self._cells(view, at[inside])
+        cells = self._find_cells(view, at[inside])
         np.minimum.at(nearest, cells, self._depths[view, rows][inside])
         return nearest
 
 
-def likeness(first: np.ndarray, second: np.ndarray) -> float:
+def measure_likeness(first: np.ndarray, second: np.ndarray) -> float:
     """Return the mean Bhattacharyya coefficient of two histograms (BANDS, K) over the bands that
     both have; 1 if there is none."""
     sums = first.sum(1), second.sum(1)

@@ -92,7 +92,7 @@ class PeopleFollower:
         n_regions = int(frame.regions.max()) + 1 if len(frame.regions) else 0
         sizes = np.bincount(frame.regions, minlength=n_regions)
         moved = [of.moved for of in self._going]
-        owners = self._owners(points, frame.regions, sizes, moved)
+        owners = self._find_owners(points, frame.regions, sizes, moved)
         rows: list[np.ndarray] = [np.zeros(0, int) for _ in moved]
         for region in sorted({region for region in owners if region >= 0}):
             own = np.flatnonzero(frame.regions == region)
@@ -109,7 +109,7 @@ class PeopleFollower:
                 rows[k] = own[part]
                 if len(who) > 1:
                     self._going[k].one.touching.add(frame.index)
-        new = self._rest(points, frame, sizes, owners, rows)
+        new = self._assign_rest(points, frame, sizes, owners, rows)
         going = []
         for k, own in enumerate(rows):
             if len(own) >= self._limits.debris:
@@ -120,7 +120,7 @@ class PeopleFollower:
             going.append(_ActiveTrajectory(self.all[-1], points[own], np.zeros(2)))
         self._going = going
 
-    def _rest(
+    def _assign_rest(
         self,
         points: np.ndarray,
         frame: CoarseFrame,
@@ -152,7 +152,7 @@ class PeopleFollower:
         rows[:] = parts[: len(rows)]
         return parts[len(rows) :]
 
-    def _owners(
+    def _find_owners(
         self, points: np.ndarray, regions: np.ndarray, sizes: np.ndarray, moved: list[np.ndarray]
     ) -> list[int]:
         """Return for each trajectory the region that it takes, -1 for none."""
@@ -325,7 +325,7 @@ def _halve(floor: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def _count_standing(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -> tuple[int, int]:
-    """Return the numbers of large regions that stand, and of all large ones."""
+    """Return the number of large regions that stand, and 1 if there is any large one, else 0."""
     regions = _large_regions(frame, grid, config)
     return sum(stands(points, config) for points in regions), min(1, len(regions))
 

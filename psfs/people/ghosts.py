@@ -45,7 +45,7 @@ class Ghosts:
         self.covered = np.zeros((len(rings), *shape), bool)
         for covered, person in zip(self.covered, rings, strict=True):
             for camera, picture in zip(rig, covered, strict=True):
-                _draw(camera, person, picture)
+                _draw_hulls(camera, person, picture)
 
     def drop(self, split: SplitCloud) -> SplitCloud:
         """Return what is left of people's voxels, see `find_own`."""
@@ -88,7 +88,7 @@ class Ghosts:
         return [*kept, *clouds[-1:]]
 
 
-def _draw(camera: Camera, rings: np.ndarray, picture: np.ndarray) -> None:
+def _draw_hulls(camera: Camera, rings: np.ndarray, picture: np.ndarray) -> None:
     """Mark in the picture (H, W) bool the hulls of each two rings (R, n, 3) m that follow each
     other; rings that the camera does not show are left out."""
     pixels, depths = camera.project(rings)

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from psfs.people.coarse_voxels import BANDS, likeness
+from psfs.people.coarse_voxels import BANDS, measure_likeness
 from psfs.people.config import FollowingConfig, IdentityConfig, PeopleConfig
 from psfs.people.following import Trajectory, find_middle
 from psfs.voxels.grid import VoxelGrid
@@ -55,18 +55,18 @@ def undo_swaps(seen: Seen, window: float, config: FollowingConfig) -> None:
     ones = list(seen)
     for k, first in enumerate(ones):
         for second in ones[k + 1 :]:
-            for start, stop in _contacts(first.touching & second.touching, window / 4):
+            for start, stop in _find_contacts(first.touching & second.touching, window / 4):
                 before, after = (start - window, start - 1), (stop + 1, stop + window)
                 a, b = (seen[one].sum_colours(*before) for one in (first, second))
                 c, d = (seen[one].sum_colours(*after) for one in (first, second))
                 if not all(of.any() for of in (a, b, c, d)):
                     continue
-                kept = likeness(a, c) + likeness(b, d)
-                if likeness(a, d) + likeness(b, c) > kept + config.swap_gain:
+                kept = measure_likeness(a, c) + measure_likeness(b, d)
+                if measure_likeness(a, d) + measure_likeness(b, c) > kept + config.swap_gain:
                     _exchange(first, second, seen, stop)
 
 
-def _contacts(touching: Iterable[int], gap: float) -> list[tuple[int, int]]:
+def _find_contacts(touching: Iterable[int], gap: float) -> list[tuple[int, int]]:
     """Return the first and last frame of every contact; those closer than `gap` are one."""
     frames = np.array(sorted(touching), int)
     if not len(frames):
@@ -101,7 +101,7 @@ def join_returning(seen: Seen, grid: VoxelGrid, config: IdentityConfig, fps: flo
         for i, early in enumerate(ones):
             for j, late in enumerate(ones):
                 if early.frames[-1] < late.frames[0]:
-                    costs[i, j] = _cost(early, late, joined, grid, config, fps)
+                    costs[i, j] = _measure_cost(early, late, joined, grid, config, fps)
         pairs = [(i, j) for i, j in zip(*linear_sum_assignment(costs), strict=True)
                  if costs[i, j] < _IMPOSSIBLE]  # fmt: skip
         if not pairs:
@@ -114,7 +114,7 @@ def join_returning(seen: Seen, grid: VoxelGrid, config: IdentityConfig, fps: flo
         del joined[ones[j]]
 
 
-def _cost(
+def _measure_cost(
     early: Trajectory,
     late: Trajectory,
     seen: Seen,
@@ -129,7 +129,7 @@ def _cost(
     apart = float(np.linalg.norm(find_middle(ends[0]) - find_middle(ends[1])))
     if apart > config.speed * seconds + config.slack:
         return _IMPOSSIBLE
-    alike = likeness(
+    alike = measure_likeness(
         seen[early].sum_colours(-np.inf, np.inf), seen[late].sum_colours(-np.inf, np.inf)
     )
     size = abs(np.log(count_voxels(early) / count_voxels(late)))
@@ -145,7 +145,7 @@ def is_person(
     """Return whether a trajectory is a second person beside one of `largest` volume."""
     if count_voxels(one) < config.least_share * largest:
         return False
-    if np.median(_ends(one, grid)[:, 0]) > config.lowest:
+    if np.median(_find_ends(one, grid)[:, 0]) > config.lowest:
         return False
     shares = list(looks.unexplained.values())
     explained = bool(shares) and float(np.median(shares)) < config.unexplained
@@ -172,11 +172,11 @@ def is_part(
 def is_tall(one: Trajectory, grid: VoxelGrid, config: PeopleConfig) -> bool:
     """Return whether a trajectory is as high as a person in a fifth of its frames: a trolley, a
     ball or a dog never are, and people who crouch stand up at some time."""
-    low, high = _ends(one, grid).T
+    low, high = _find_ends(one, grid).T
     return bool(np.quantile(high - low, _CROUCHING) + config.voxel >= config.tall)
 
 
-def _ends(one: Trajectory, grid: VoxelGrid) -> np.ndarray:
+def _find_ends(one: Trajectory, grid: VoxelGrid) -> np.ndarray:
     """Return the lowest and highest voxel (_LOOKS, 2), m, in frames all over a trajectory."""
     picked = one.frames[np.linspace(0, len(one.frames) - 1, _LOOKS).round().astype(int)]
     heights = [grid.centres(one.voxels[int(index)])[:, 2] for index in picked]

@@ -118,17 +118,14 @@ def count_people(
     )
 
 
-def follow_people(
-    session: Session, number: int | None = None, config: PeopleConfig | None = None
-) -> People:
+def follow_people(session: Session, number: int | None = None) -> People:
     """Return the people in all of the session's frames.
 
     number: how many there are, if that is known: the largest so many. Raises InputError if no frame
     is selected.
     """
-    config = config or PeopleConfig()
     return session.compute_once(
-        (follow_people, number, config), lambda: _Search(session, config, 1, number).run()
+        (follow_people, number), lambda: _Search(session, PeopleConfig(), 1, number).run()
     )
 
 
@@ -163,7 +160,7 @@ def _reveal(session: Session, people: People, number: int | None) -> People:
     places = people.find_places(config.standing)
     thin = estimate_again(session, first, near=True)
     people = replace(people, places=places, background=thin)
-    session.replace_result((follow_people, number, config), people)
+    session.replace_result((follow_people, number), people)
     return people
 
 
@@ -171,7 +168,7 @@ class _Search:
     """The search for people in every `every`-th frame of a session."""
 
     def __init__(
-        self, session: Session, config: PeopleConfig, every: int, number: int | None = None
+        self, session: Session, config: PeopleConfig, every: int, number: int | None
     ) -> None:
         self.session, self.number = session, number
         self.frames = check_frames(session)[::every]
@@ -199,10 +196,9 @@ class _Search:
     def _find(self, frames: list[CoarseFrame], number: int | None) -> People:
         """Return the people in frames: `number` of them, if that is known."""
         grid, fps = self.space.grid, self.session.sequence.fps
-        found = follow(frames, grid, self.config, self.rate, number)
+        everything = follow(frames, grid, self.config, self.rate, number)
         lasting = min(self.config.least_seconds * self.rate, len(frames) / 2)
-        found = [one for one in found if len(one.voxels) >= max(2, lasting / 2)]
-        found = found or follow(frames, grid, self.config, self.rate, number)
+        found = [one for one in everything if len(one.voxels) >= max(2, lasting / 2)] or everything
         if len(found) < 2:
             return People(self.frames, grid, tuple(map(self._person, found)))
         seen: Seen = {one: Appearance() for one in found}
@@ -250,6 +246,6 @@ class _Search:
                     evidence, parts[k], rest
                 )
             if frame.images is not None:
-                colours = self.space.colours(frame.images, evidence, parts)
+                colours = self.space.measure_colours(frame.images, evidence, parts)
                 for one, found in zip(ones, colours, strict=True):
                     seen[one].colours[frame.index] = found

@@ -53,7 +53,7 @@ def separate(
         tracked, _, _ = _divide(everybody, people, contacts, config, progress)
     spaces = _find_spaces(session.rig, people, contacts, colours)
     return [
-        _person_session(session, people, number, box, (tracked, store), spaces)
+        _make_session(session, people, number, box, (tracked, store), spaces)
         for number, box in enumerate(volumes)
     ]
 
@@ -85,7 +85,7 @@ def _divide(
                 box.append(np.stack([points.min(0), points.max(0)]))
         if not ghosts and frame.images is not None and len(people) > 1:
             depths = np.stack([
-                draw(camera, cloud.centres, extents, frame.images.shape[1:3])[0]
+                draw_depths(camera, cloud.centres, extents, frame.images.shape[1:3])
                 for camera, extents in zip(rig, footprints, strict=True)
             ])  # fmt: skip
             for number, points in enumerate(split.clouds[:-1]):
@@ -140,7 +140,7 @@ def join_session(session: Session, people: People, margin: float) -> Session:
     return joint
 
 
-def _person_session(
+def _make_session(
     session: Session,
     people: People,
     number: int,
@@ -197,7 +197,7 @@ class Attribution:
         self, evidence: np.ndarray, split: SplitCloud, footprints: np.ndarray
     ) -> np.ndarray:
         """Return masks (P, V, H, W) uint8 of the people."""
-        of_counts = self._masks_of_counts()
+        of_counts = self._tabulate_masks()
         masks = np.zeros((len(split.near), *evidence.shape), np.uint8)
         for view, counts in enumerate(evidence):
             depths, beside = self._draw(view, split.clouds, footprints, counts.shape)
@@ -209,7 +209,7 @@ class Attribution:
                 if not len(split.clouds[number]):
                     continue
                 rest = [k for k in range(len(split.clouds)) if k != number]
-                mask = self._person_mask(
+                mask = self._make_mask(
                     plain, counts, depths[number], sole_depths[rest].min(0), beside[number],
                     sole_beside[rest].min(0),
                 )  # fmt: skip
@@ -226,7 +226,7 @@ class Attribution:
         drawn = [draw(self.rig[view], points, footprints[view], shape) for points in clouds]
         return np.stack([depth for depth, _ in drawn]), np.stack([away for _, away in drawn])
 
-    def _person_mask(
+    def _make_mask(
         self,
         plain: np.ndarray,
         counts: np.ndarray,
@@ -242,7 +242,7 @@ class Attribution:
         mask[hidden] = UNKNOWN_MASK
         return mask
 
-    def _masks_of_counts(self) -> np.ndarray:
+    def _tabulate_masks(self) -> np.ndarray:
         """Return the mask (256,) uint8 for each count of evidence, by its bits."""
         counts = np.arange(256).astype(np.uint8).view(np.int8)
         masks = np.rint(255 * self.config.silhouette.evidence.likelihood(counts)).astype(int)
@@ -255,21 +255,39 @@ class Attribution:
 def draw(
     camera: Camera, points: np.ndarray, footprint: np.ndarray, shape: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Draw voxels with centres (N, 3) m: return the depth (H, W) m of the nearest in each pixel,
-    `FAR` where there is none, and the distance (H, W) from the pixel to their silhouette, in metres
-    at their mean depth."""
+    """Draw voxels with centres (N, 3) m: return their depths, see `draw_depths`, and the distance
+    (H, W) from each pixel to their silhouette, in metres at their median depth; `FAR` if the camera
+    sees none of them."""
+    depths, middle = _draw(camera, points, footprint, shape)
+    if middle is None:
+        return depths, np.full(shape, FAR, np.float32)
+    free = (depths >= FAR).astype(np.uint8)
+    distance = cv2.distanceTransform(free, cv2.DIST_L2, 3)
+    return depths, distance * np.float32(middle / camera.K[0, 0])
+
+
+def draw_depths(
+    camera: Camera, points: np.ndarray, footprint: np.ndarray, shape: tuple[int, ...]
+) -> np.ndarray:
+    """Return the depth (H, W) m of the nearest of the voxels with centres (N, 3) m in each pixel,
+    `FAR` where there is none."""
+    return _draw(camera, points, footprint, shape)[0]
+
+
+def _draw(
+    camera: Camera, points: np.ndarray, footprint: np.ndarray, shape: tuple[int, ...]
+) -> tuple[np.ndarray, float | None]:
+    """Return the depths of `draw_depths`, and the median depth of the voxels that the camera sees,
+    None if it sees none."""
     depths = np.full(shape, FAR, np.float32)  # OpenCV erodes no infinite values
     inside, row, column, depth = camera.look_up(points)
     if not inside.any():
-        return depths, np.full(shape, FAR, np.float32)
+        return depths, None
     order = np.argsort(-depth, kind="stable")  # the nearest is written last
     depths[row[order], column[order]] = depth[order]
     middle = float(np.median(depth))
     width = max(3, 2 * int(np.ceil(float(footprint.max()) / middle)) + 1)
-    depths = np.asarray(cv2.erode(depths, np.ones((width, width), np.uint8)))
-    free = (depths >= FAR).astype(np.uint8)
-    distance = cv2.distanceTransform(free, cv2.DIST_L2, 3)
-    return depths, distance * np.float32(middle / camera.K[0, 0])
+    return np.asarray(cv2.erode(depths, np.ones((width, width), np.uint8))), middle
 
 
 class MaskStore:

@@ -10,7 +10,7 @@ from psfs.volume import Volume, find_volume, volume_config
 from psfs.voxels.body_prior import TrackedBody
 
 
-def hold_people(session: Session, body: TrackedBody | None = None) -> None:
+def extend_to_people(session: Session, body: TrackedBody | None = None) -> None:
     """Extend the volume, unless one is stated, to all of several people: those of a track, or those
     who are counted. The volume that is found by itself holds the largest of each frame."""
     box = _box_of_several(session, body)

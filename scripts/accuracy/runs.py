@@ -6,7 +6,7 @@ import csv
 import json
 import math
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import date
 from pathlib import Path
@@ -21,7 +21,7 @@ from apf.backend import shares_launches
 from apf.evaluation.evaluate import evaluate
 from apf.filters.method import Method
 from apf.filters.objectives import OBJECTIVES
-from apf.filters.term_weights import likelihood_weights
+from apf.filters.term_weights import parse_weights
 from apf.formats.trc import JointSeries
 from apf.scene import Scene
 from apf.tracking.pipeline import build_track, track_voxels
@@ -102,7 +102,7 @@ def make_method(setting: Setting, seed: int) -> Method:
         return _set_vertices(_set_size(settings.method, setting, seed), vertices)
     weights: dict[str, Any] = {}
     if objective not in OBJECTIVES:
-        objective, weights = "voxel", likelihood_weights(objective.replace("+", ","))
+        objective, weights = "voxel", parse_weights(objective.replace("+", ","))
     return _set_vertices(
         _set_size(Method.create(setting.method, objective, **weights), setting, seed), vertices
     )
@@ -212,20 +212,21 @@ def _read_setting(row: dict[str, Any]) -> Setting:
 
 def none_for_nan(value: Any) -> Any:
     """Return plain values with None for NaN, which JSON lacks."""
-    if isinstance(value, dict):
-        return {name: none_for_nan(of) for name, of in value.items()}
-    if isinstance(value, list):
-        return [none_for_nan(of) for of in value]
-    return None if isinstance(value, float) and math.isnan(value) else value
+    return _change(value, lambda of: None if isinstance(of, float) and math.isnan(of) else of)
 
 
 def nan_for_none(value: Any) -> Any:
     """Return the inverse of `none_for_nan`."""
+    return _change(value, lambda of: math.nan if of is None else of)
+
+
+def _change(value: Any, change: Callable[[Any], Any]) -> Any:
+    """Return plain values with `change` made to each single one in them."""
     if isinstance(value, dict):
-        return {name: nan_for_none(of) for name, of in value.items()}
+        return {name: _change(of, change) for name, of in value.items()}
     if isinstance(value, list):
-        return [nan_for_none(of) for of in value]
-    return math.nan if value is None else value
+        return [_change(of, change) for of in value]
+    return change(value)
 
 
 def _plain(run: Run) -> dict[str, Any]:

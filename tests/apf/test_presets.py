@@ -12,7 +12,7 @@ from apf.cli import main
 from apf.cli.commands import COMMANDS
 from apf.filters.config import FilterConfig
 from apf.filters.method import Method
-from apf.filters.term_weights import likelihood_weights
+from apf.filters.term_weights import parse_weights
 from apf.presets import PRESETS, Preset, preset
 from apf.tracking.recovery import Judge, RecoveryConfig
 from cl import InputError
@@ -68,12 +68,12 @@ def test_rymut_sums_distances_along_edges_and_the_impulse_is_an_option() -> None
 
 
 def test_a_likelihood_by_name_has_these_terms_alone() -> None:
-    settings = FilterConfig.create(**likelihood_weights("edge=1,silhouette")).settings
+    settings = FilterConfig.create(**parse_weights("edge=1,silhouette")).settings
     weights = {k: v for k, v in settings.items() if k.endswith("_weight") or k == "least_recall"}
     assert {k: v for k, v in weights.items() if v} == {"edge_weight": 1, "silhouette_weight": 1}
     assert not settings["foreground_join_on"]
     song = preset("song").method.filter.likelihood
-    assert FilterConfig.create(**likelihood_weights("edge=1,silhouette")).likelihood == song
+    assert FilterConfig.create(**parse_weights("edge=1,silhouette")).likelihood == song
 
 
 def test_flags_and_config_beat_a_preset(tmp_path: Path) -> None:

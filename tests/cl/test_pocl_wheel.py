@@ -77,7 +77,7 @@ cl.probe.try_apart = lambda handle, target: run_apart(handle, target or "generic
 pocl_wheel.set_target(wheel, "generic")
 print(examine(wheel).fault)
 found = probe(wheel)
-print(found.fault, found.target, pocl_wheel.target(wheel))
+print(found.fault, found.target, pocl_wheel.read_target(wheel))
 assert probe(wheel) == found and probe(wheel, afresh=True).target == found.target
 print(examine(wheel).fault)
 """

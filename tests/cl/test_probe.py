@@ -100,7 +100,7 @@ def test_a_fault_is_forgotten_after_an_hour(
 def test_a_driver_that_ends_the_process_is_a_fault(
     device: Device, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cl.probe, "position", lambda handle: (99, 0))  # no such platform
+    monkeypatch.setattr(cl.probe, "find_position", lambda handle: (99, 0))  # no such platform
     found = probe(device.handle, afresh=True)
     assert found.fault is not None and "IndexError" in found.fault and "\n" not in found.fault
 

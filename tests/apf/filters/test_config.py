@@ -7,14 +7,14 @@ import pytest
 from pydantic import ValidationError
 
 from apf.filters.config import FilterConfig, LimbSearchConfig, RefinementConfig, SearchConfig
-from apf.filters.term_weights import likelihood_weights
+from apf.filters.term_weights import parse_weights
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.terms import TERMS as REGISTERED
 from cl import InputError
 
 
 def of_terms(text: str) -> FilterConfig:
-    return FilterConfig.create(**likelihood_weights(text))
+    return FilterConfig.create(**parse_weights(text))
 
 
 def test_defaults_are_the_seed_setting() -> None:
@@ -144,7 +144,7 @@ def test_parts_have_a_dozen_settings_at_most() -> None:
 @pytest.mark.parametrize("wrong", ["", "edge,colours", "edge=much", "edge:2"])
 def test_unknown_terms(wrong: str) -> None:
     with pytest.raises(InputError, match="likelihood"):
-        likelihood_weights(wrong)
+        parse_weights(wrong)
 
 
 def test_poor_silhouettes_weaken_the_refinement_alone() -> None:

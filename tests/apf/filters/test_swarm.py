@@ -10,8 +10,10 @@ from helpers.searches import Distance
 
 from apf.body import BodyModel, load_body
 from apf.filters.config import FilterConfig
-from apf.filters.sir import SirConfig, SirParticleFilter
-from apf.filters.swarm import ParticleSwarm, SwarmConfig
+from apf.filters.searches.sir import SirConfig
+from apf.filters.searches.swarm import SwarmConfig
+from apf.filters.sir import SirParticleFilter
+from apf.filters.swarm import ParticleSwarm
 from apf.reference.filters.sir import NumpySirParticleFilter
 from apf.reference.filters.swarm import NumpyParticleSwarm, stop_at_limits, uniform_pairs
 from apf.scene import Scene

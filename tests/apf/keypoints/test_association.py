@@ -61,6 +61,25 @@ def test_who_leaves_comes_back_as_the_same_person() -> None:
     assert [count_at_once(found, least) for least in (1, 14, 15)] == [2, 2, 1]
 
 
+def test_keypoints_that_turn_out_to_be_nobody_take_nobodys_place() -> None:
+    """In one frame four cameras agree on three points of five, and each two of them too little on
+    the others: that is nobody, with whom somebody who comes back near there is not confused."""
+    person, back = walker((-0.8, 0), (0, 0)), walker((0.5, 0), (0, 0))
+    person[:, 8:17] = np.nan
+    person[:, 17:] = back[:, 17:]
+    nobody = np.full_like(person, np.nan)
+    heads = np.array([[0.6, 0, 1.4], [0.65, 0.05, 1.45], [0.55, -0.05, 1.45]])
+    for view, (camera, height, off) in enumerate(
+        zip(RIG, (0.2, 0.2, 1.2, 1.2), (13, -13, 20, -20), strict=True)
+    ):
+        feet = np.array([[0.6, 0, height], [0.65, 0.05, height]])
+        pixels, _ = camera.project(np.concatenate([heads, feet]))
+        pixels[3:, 1] += off
+        nobody[view, 9, :5] = np.column_stack([pixels, np.ones(5)])
+    (found,) = associate_people(np.stack([person, nobody], axis=2), RIG, FPS)
+    assert same(found, person) == 1
+
+
 def test_a_camera_without_a_person_and_persons_of_one_camera() -> None:
     """Somebody in a single camera, such as a picture on the wall, is nobody; one camera may miss a
     person."""

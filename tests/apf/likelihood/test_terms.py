@@ -6,7 +6,7 @@ import pytest
 from helpers.terms import assert_parity
 
 from apf.filters.config import FilterConfig
-from apf.filters.term_weights import likelihood_weights
+from apf.filters.term_weights import parse_weights
 from apf.likelihood.terms import TERMS, TermSpec
 from cl import Device
 
@@ -26,7 +26,7 @@ def test_kernels_agree_with_the_twin(device: Device, spec: TermSpec, n: int, nam
 @pytest.mark.parametrize("spec", TERMS.values(), ids=TERMS)
 def test_a_term_has_settings_and_is_chosen_by_its_name(spec: TermSpec) -> None:
     default = spec.settings()
-    weight = likelihood_weights(f"edge,{spec.name}")[f"{spec.name}_weight"]
+    weight = parse_weights(f"edge,{spec.name}")[f"{spec.name}_weight"]
     assert weight == (default.weight or spec.chosen_weight) > 0
     config = FilterConfig.create(**{f"{spec.name}_weight": weight}).likelihood
     assert spec.name in config.terms and config.term_settings(spec.name).weight == weight

@@ -146,7 +146,7 @@ def tracked(run: Live, observed: ObservedFrame) -> Estimate:
     run.expect(observed)
     tracker = run.persons[0].tracker
     tracker.observe(observed.seen[0][0])
-    return tracker.search()
+    return tracker.search_runs()[0]
 
 
 def test_stopped_it_keeps_what_it_has(filmed: Path) -> None:
