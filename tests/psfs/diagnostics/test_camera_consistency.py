@@ -19,7 +19,9 @@ import apf.cli
 import psfs
 from apf.body import load_body
 from apf.tracking.settings import DEFAULT_BODY
+from cl import NumpyDevice
 from psfs.cameras.calibration.toml_tables import write_toml_tables
+from psfs.cameras.camera import CameraRig
 from psfs.cli import main
 from psfs.common.regions import iou
 from psfs.diagnostics.camera_consistency import find_inconsistent_cameras, select_person
@@ -160,6 +162,20 @@ def test_the_library_leaves_it_out_too(late_walk: Path, caplog: pytest.LogCaptur
     ):
         (cloud,) = psfs.reconstruct(sequence, all_cameras=everyone, **few)
         assert without.volume > cloud.volume and "left out" not in caplog.text
+
+
+def test_what_is_hidden_from_a_camera_denies_nothing(late_walk: Path) -> None:
+    """The others' shape is larger where furniture hides half of a camera's picture."""
+    sequence = psfs.open_sequence(late_walk)
+    first, *others = sequence.rig
+    half = np.zeros(first.size[::-1], bool)
+    half[:, : first.size[0] // 2] = True
+    rigs = sequence.rig, CameraRig((replace(first, hidden=half), *others))
+    (seen,), (hidden,) = (
+        find_inconsistent_cameras(Session(sequence.with_rig(rig), NumpyDevice())) for rig in rigs
+    )
+    assert seen.camera == hidden.camera == "c2"
+    assert hidden.iou < 0.9 * seen.iou
 
 
 @pytest.mark.parametrize("flags", [(), ("--all-cameras",)])
