@@ -176,7 +176,7 @@ class CoarseVoxels:
         return nearest
 
 
-def measure_likeness(first: np.ndarray, second: np.ndarray) -> float:
+def measure_similarity(first: np.ndarray, second: np.ndarray) -> float:
     """Return the mean Bhattacharyya coefficient of two histograms (BANDS, K) over the bands that
     both have; 1 if there is none."""
     sums = first.sum(1), second.sum(1)

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from psfs.people.coarse_voxels import BANDS, measure_likeness
+from psfs.people.coarse_voxels import BANDS, measure_similarity
 from psfs.people.config import FollowingConfig, IdentityConfig, PeopleConfig
 from psfs.people.following import Trajectory, find_middle
 from psfs.voxels.grid import VoxelGrid
@@ -41,7 +41,7 @@ class Appearance:
         return sum(inside, np.zeros((BANDS, 1)))
 
 
-Seen = dict[Trajectory, Appearance]
+Appearances = dict[Trajectory, Appearance]
 
 
 def count_voxels(one: Trajectory) -> float:
@@ -49,7 +49,7 @@ def count_voxels(one: Trajectory) -> float:
     return float(np.median([len(of) for of in one.voxels.values()])) if one.voxels else 0.0
 
 
-def undo_swaps(seen: Seen, window: float, config: FollowingConfig) -> None:
+def undo_swaps(seen: Appearances, window: float, config: FollowingConfig) -> None:
     """Exchange two trajectories from a contact on, where their colours before and after it, within
     `window` frames, say that they were mistaken for one another."""
     ones = list(seen)
@@ -61,8 +61,8 @@ def undo_swaps(seen: Seen, window: float, config: FollowingConfig) -> None:
                 c, d = (seen[one].sum_colours(*after) for one in (first, second))
                 if not all(of.any() for of in (a, b, c, d)):
                     continue
-                kept = measure_likeness(a, c) + measure_likeness(b, d)
-                if measure_likeness(a, d) + measure_likeness(b, c) > kept + config.swap_gain:
+                kept = measure_similarity(a, c) + measure_similarity(b, d)
+                if measure_similarity(a, d) + measure_similarity(b, c) > kept + config.swap_gain:
                     _exchange(first, second, seen, stop)
 
 
@@ -75,7 +75,7 @@ def _find_contacts(touching: Iterable[int], gap: float) -> list[tuple[int, int]]
     return [(int(run[0]), int(run[-1])) for run in runs]
 
 
-def _exchange(first: Trajectory, second: Trajectory, seen: Seen, after: int) -> None:
+def _exchange(first: Trajectory, second: Trajectory, seen: Appearances, after: int) -> None:
     """Exchange all that two trajectories have in the frames after `after`."""
     ours, theirs = seen[first], seen[second]
     _exchange_after(first.voxels, second.voxels, after)
@@ -91,7 +91,9 @@ def _exchange_after(first: dict[int, T], second: dict[int, T], after: int) -> No
         one.update(other)
 
 
-def join_returning(seen: Seen, grid: VoxelGrid, config: IdentityConfig, fps: float) -> Seen:
+def join_returning(
+    seen: Appearances, grid: VoxelGrid, config: IdentityConfig, fps: float
+) -> Appearances:
     """Join trajectories of one person who left and came back, or was lost for some frames: the
     most alike first (Hungarian method), again until none is left."""
     joined = dict(seen)
@@ -117,7 +119,7 @@ def join_returning(seen: Seen, grid: VoxelGrid, config: IdentityConfig, fps: flo
 def _measure_cost(
     early: Trajectory,
     late: Trajectory,
-    seen: Seen,
+    seen: Appearances,
     grid: VoxelGrid,
     config: IdentityConfig,
     fps: float,
@@ -129,7 +131,7 @@ def _measure_cost(
     apart = float(np.linalg.norm(find_middle(ends[0]) - find_middle(ends[1])))
     if apart > config.speed * seconds + config.slack:
         return _IMPOSSIBLE
-    alike = measure_likeness(
+    alike = measure_similarity(
         seen[early].sum_colours(-np.inf, np.inf), seen[late].sum_colours(-np.inf, np.inf)
     )
     size = abs(np.log(count_voxels(early) / count_voxels(late)))

@@ -17,7 +17,7 @@ from psfs.people.config import AxisConfig, PeopleConfig
 from psfs.people.following import Trajectory, count_heads, follow
 from psfs.people.identities import (
     Appearance,
-    Seen,
+    Appearances,
     count_voxels,
     find_present_frames,
     is_part,
@@ -201,7 +201,7 @@ class _Search:
         found = [one for one in everything if len(one.voxels) >= max(2, lasting / 2)] or everything
         if len(found) < 2:
             return People(self.frames, grid, tuple(map(self._person, found)))
-        seen: Seen = {one: Appearance() for one in found}
+        seen: Appearances = {one: Appearance() for one in found}
         self._observe(seen)
         undo_swaps(seen, 2 * fps, self.config.following)
         seen = join_returning(seen, grid, self.config.identity, fps)
@@ -218,7 +218,7 @@ class _Search:
     def _person(self, one: Trajectory) -> Person:
         return Person(find_present_frames(one, self.config.following), one.voxels)
 
-    def _is_person(self, one: Trajectory, largest: Trajectory, seen: Seen) -> bool:
+    def _is_person(self, one: Trajectory, largest: Trajectory, seen: Appearances) -> bool:
         grid, others = self.space.grid, [other for other in seen if other is not one]
         return is_person(one, seen[one], grid, count_voxels(largest), self.config) and not is_part(
             one, others, grid, self.config.following
@@ -232,7 +232,7 @@ class _Search:
     def _carve(self, frame: Frame) -> CoarseFrame:
         return self.space(frame.index, self._evidence_of(frame))
 
-    def _observe(self, seen: Seen) -> None:
+    def _observe(self, seen: Appearances) -> None:
         """Look at the colours of all trajectories in some frames, and at what only they explain."""
         every = max(1, round(self.rate / self.config.identity.looks))
         for frame in self._read_frames(self.frames[::every]):

@@ -200,10 +200,12 @@ class Attribution:
         of_counts = self._tabulate_masks()
         masks = np.zeros((len(split.near), *evidence.shape), np.uint8)
         for view, counts in enumerate(evidence):
-            depths, beside = self._draw(view, split.clouds, footprints, counts.shape)
+            depths, beside = self._draw_clouds(view, split.clouds, footprints, counts.shape)
             sole_depths, sole_beside = depths, beside
             if split.sole is not split.clouds:
-                sole_depths, sole_beside = self._draw(view, split.sole, footprints, counts.shape)
+                sole_depths, sole_beside = self._draw_clouds(
+                    view, split.sole, footprints, counts.shape
+                )
             plain = of_counts[counts.view(np.uint8)]
             for number, near in enumerate(split.near):
                 if not len(split.clouds[number]):
@@ -214,12 +216,12 @@ class Attribution:
                     sole_beside[rest].min(0),
                 )  # fmt: skip
                 if len(near):
-                    _, (away,) = self._draw(view, [near], footprints, counts.shape)
+                    _, (away,) = self._draw_clouds(view, [near], footprints, counts.shape)
                     mask[(away == 0) & (mask == 0) & (counts > 0)] = UNKNOWN_MASK
                 masks[number, view] = mask
         return masks
 
-    def _draw(
+    def _draw_clouds(
         self, view: int, clouds: list[np.ndarray], footprints: np.ndarray, shape: tuple[int, ...]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return depths and distances (C, H, W) m of clouds in a camera, see `draw`."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from psfs.people.coarse_voxels import BANDS, CoarseFrame, measure_likeness
+from psfs.people.coarse_voxels import BANDS, CoarseFrame, measure_similarity
 from psfs.people.config import PeopleConfig
 from psfs.people.following import Trajectory, count_heads, follow
 from psfs.people.identities import (
@@ -216,4 +216,4 @@ def test_an_exchange_in_a_contact_is_undone_by_the_colours() -> None:
     assert [int(first.voxels[n][0]) for n in (0, 14, 15, 29)] == [0, 0, 1, 1]
     assert [int(second.voxels[n][0]) for n in (0, 14, 15, 29)] == [1, 1, 0, 0]
     early, late = seen[first].sum_colours(0, 5), seen[first].sum_colours(20, 29)
-    assert measure_likeness(early, late) == pytest.approx(1)
+    assert measure_similarity(early, late) == pytest.approx(1)
