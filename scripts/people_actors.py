@@ -141,24 +141,26 @@ TAKES = {
 class Actor:
     """One person of a take, as the scene uses its walkers. joints: (F, J, 3) m."""
 
-    def __init__(self, part: Part, data: Path) -> None:
-        skeleton = SyntheticSkeleton(part.stature)
-        seen = _load_joints(data / part.sequence / "truth.npz", part)
+    def __init__(
+        self, seen: dict[str, np.ndarray], at: tuple[float, float], stature: float
+    ) -> None:
+        """Move bones as `seen`, the joints (F, 3) m of a motion by name, about `at`, (x, y) m."""
+        skeleton = SyntheticSkeleton(stature)
         rotations = _find_rotations(skeleton, seen)
         positions = np.empty(rotations.shape[:-1])
         for bone, parent in enumerate(skeleton.parents):
             if parent < 0:
-                positions[:, bone] = seen["pelvis"] * (THIGH + SHIN) * part.stature / _leg(seen)
+                positions[:, bone] = seen["pelvis"] * (THIGH + SHIN) * stature / _leg(seen)
             else:
                 offset = rotations[:, parent] @ skeleton.offsets[bone]
                 positions[:, bone] = positions[:, parent] + offset
         feet = {"foot": ANKLE_HEIGHT, "toes": BALL_HEIGHT}
         soles = [
-            positions[:, skeleton.index(f"{side}_{bone}"), 2] - height * part.stature
+            positions[:, skeleton.index(f"{side}_{bone}"), 2] - height * stature
             for side in "lr"
             for bone, height in feet.items()
         ]
-        positions += [*part.at, -np.percentile(np.min(soles, axis=0), 5)]
+        positions += [*at, -np.percentile(np.min(soles, axis=0), 5)]
         self._motion = Motion(rotations, positions)
         self.joints = skeleton.joints(self._motion)
         self._flesh = PersonSurface(skeleton)
@@ -238,7 +240,8 @@ def make_actors(take: ActedTake, data: Path) -> list[Actor]:
     """Return the people of a take, each moved outwards until nobody before is touched."""
     actors: list[Actor] = []
     for part in take.parts:
-        actor, step = Actor(part, data), _STEP * _unit(np.array([*part.at, 0.0]))
+        seen = _load_joints(data / part.sequence / "truth.npz", part)
+        actor, step = Actor(seen, part.at, part.stature), _STEP * _unit(np.array([*part.at, 0.0]))
         for _ in range(_N_STEPS):
             gaps = [actor.joints[:, :, None] - other.joints[:, None] for other in actors]
             if all(np.linalg.norm(gap, axis=-1).min() > _APART[take.seed % 3] for gap in gaps):

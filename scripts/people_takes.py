@@ -150,7 +150,7 @@ CONFIRMED = {
 }  # fmt: skip
 
 
-class _Mover(GaitModel):
+class MoverGait(GaitModel):
     """The motion of a `Mover`."""
 
     def __init__(self, mover: Mover, seed: int) -> None:
@@ -196,7 +196,7 @@ class _Person:
     """One person of a take, as the scene uses its walkers. joints: (F, J, 3) m."""
 
     def __init__(self, mover: Mover, seed: int, times: np.ndarray) -> None:
-        gait = _Mover(mover, seed)
+        gait = MoverGait(mover, seed)
         self._motion = gait.motion(times)
         self.joints = gait.skeleton.joints(self._motion)
         self._flesh = PersonSurface(gait.skeleton)
