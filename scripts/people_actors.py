@@ -10,16 +10,16 @@ takes. Without names it writes all. No setting was chosen with them before they 
 from __future__ import annotations
 
 import argparse
-import sys
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
-from people_takes import render_take
+from people_takes import Person, render_take
 
-from apf.synthetic.body import PersonSurface
+from apf.synthetic.body import Primitive
 from apf.synthetic.config import SceneConfig
 from apf.synthetic.render import SyntheticScene
 from apf.synthetic.skeleton import (
@@ -33,6 +33,8 @@ from apf.synthetic.skeleton import (
 )
 from cl import Device, NumpyDevice, select_device
 
+#: A take to write.
+T = TypeVar("T")
 #: Frames of every take, at the 30 per second of the sequences.
 _FRAMES = 72
 #: Least distances of two people's joints, m, by the take's seed, and the steps in which a person is
@@ -138,11 +140,15 @@ TAKES = {
 }  # fmt: skip
 
 
-class Actor:
-    """One person of a take, as the scene uses its walkers. joints: (F, J, 3) m."""
+class Actor(Person):
+    """One person of a take, who moves as somebody else does."""
 
     def __init__(
-        self, seen: dict[str, np.ndarray], at: tuple[float, float], stature: float
+        self,
+        seen: dict[str, np.ndarray],
+        at: tuple[float, float],
+        stature: float,
+        primitives: list[Primitive] | None = None,
     ) -> None:
         """Move bones as `seen`, the joints (F, 3) m of a motion by name, about `at`, (x, y) m."""
         skeleton = SyntheticSkeleton(stature)
@@ -161,19 +167,7 @@ class Actor:
             for bone, height in feet.items()
         ]
         positions += [*at, -np.percentile(np.min(soles, axis=0), 5)]
-        self._motion = Motion(rotations, positions)
-        self.joints = skeleton.joints(self._motion)
-        self._flesh = PersonSurface(skeleton)
-
-    def move(self, by: np.ndarray) -> None:
-        """Move the person by (3,) m."""
-        self._motion.positions[:] += by
-        self.joints += by
-
-    def posed(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return primitives, balls, and the centre (2,) m of the shadow map."""
-        primitives = self._flesh.packed(self._motion, index)
-        return primitives, self._flesh.balls(primitives), self.joints[index, 0, :2]
+        super().__init__(skeleton, Motion(rotations, positions), primitives)
 
 
 def _load_joints(path: Path, part: Part) -> dict[str, np.ndarray]:
@@ -275,17 +269,21 @@ def write_take(folder: Path, take: ActedTake, data: Path, device: Device | Numpy
     render_take(folder, config, device, partial(_Scene, actors))
 
 
-def main() -> None:
-    """Write the takes that are named."""
-    parser = argparse.ArgumentParser(description=__doc__)
+def write_named(
+    description: str | None,
+    takes: Mapping[str, T],
+    write: Callable[[Path, T, Path, Device | NumpyDevice], None],
+) -> None:
+    """Write those of `takes` that the command line names: DATA OUT [NAME ...]."""
+    parser = argparse.ArgumentParser(description=description)
     parser.add_argument("data", type=Path)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("names", nargs="*", choices=[*TAKES, []], metavar="NAME")
+    parser.add_argument("names", nargs="*", choices=[*takes, []], metavar="NAME")
     args = parser.parse_args()
     device = select_device("auto")
-    for name in args.names or TAKES:
-        write_take(args.folder / name, TAKES[name], args.data, device)
+    for name in args.names or takes:
+        write(args.folder / name, takes[name], args.data, device)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    write_named(__doc__, TAKES, write_take)

@@ -10,27 +10,24 @@ takes, which are in `people_scenes_list.py`. No setting was chosen with them.
 
 from __future__ import annotations
 
-import argparse
 import shutil
-import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
-from people_actors import Actor
+from people_actors import Actor, write_named
 from people_scenes_list import FPS, SCENES, Act, Scene, Sitter
-from people_takes import MoverGait, render_take
+from people_takes import MoverGait, Person, render_take
 
-from apf.synthetic import body
 from apf.synthetic import render as rendering
-from apf.synthetic.body import PersonSurface, Primitive
+from apf.synthetic.body import Primitive, make_person
 from apf.synthetic.config import SceneConfig
 from apf.synthetic.render import SceneRenderer, Sensor, SyntheticScene
 from apf.synthetic.scene import Furniture
-from apf.synthetic.skeleton import SyntheticSkeleton, rotation
-from cl import Device, NumpyDevice, select_device
+from apf.synthetic.skeleton import rotation
+from cl import Device, NumpyDevice
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 
@@ -80,28 +77,10 @@ class _SitterGait(MoverGait):
                 local[bone] = rotation("y", np.radians(degrees) * share) @ local[bone]
 
 
-class _Walker:
-    """A `Sitter`, as an Actor."""
-
-    def __init__(self, sitter: Sitter, seed: int, times: np.ndarray) -> None:
-        gait = _SitterGait(sitter, seed)
-        self._motion = gait.motion(times)
-        self.joints = gait.skeleton.joints(self._motion)
-        self._flesh = PersonSurface(gait.skeleton)
-
-    move, posed = Actor.move, Actor.posed
-
-
 def _make_actor(act: Act, data: Path, frames: int) -> Actor:
     """Return the person of an act."""
-    actor = Actor(_load_joints(act, data, frames), act.at, act.stature)
-    made = body.make_person
-    body.make_person = lambda: [_widen(of, act.girth) for of in made()]
-    try:
-        actor._flesh = PersonSurface(SyntheticSkeleton(act.stature))
-    finally:
-        body.make_person = made
-    return actor
+    primitives = [_widen(of, act.girth) for of in make_person()]
+    return Actor(_load_joints(act, data, frames), act.at, act.stature, primitives)
 
 
 def _widen(part: Primitive, girth: float) -> Primitive:
@@ -131,15 +110,16 @@ def _load_joints(act: Act, data: Path, frames: int) -> dict[str, np.ndarray]:
     return {of: moved[:, k] for k, of in enumerate(names)}
 
 
-def make_people(scene: Scene, data: Path) -> list[Actor | _Walker]:
+def make_people(scene: Scene, data: Path) -> list[Person]:
     """Return the people of a take, each moved outwards until nobody before is touched."""
-    people: list[Actor | _Walker] = []
+    people: list[Person] = []
     for number, act in enumerate(scene.acts):
-        person: Actor | _Walker
+        person: Person
         if isinstance(act, Act):
             person, out = _make_actor(act, data, scene.frames), np.array([*act.at, 0.0])
         else:
-            person = _Walker(act, scene.seed + number, scene.times)
+            gait = _SitterGait(act, scene.seed + number)
+            person = Person(gait.skeleton, gait.motion(scene.times))
             out = np.append(person.joints[:, 0, :2].mean(0), 0.0)
         for _ in range(_N_STEPS):
             both = [scene.show(act) & scene.show(other) for other in scene.acts[:number]]
@@ -179,7 +159,7 @@ class _Rendered(SyntheticScene):
     def __init__(
         self,
         scene: Scene,
-        people: list[Actor | _Walker],
+        people: list[Person],
         config: SceneConfig,
         device: Device | NumpyDevice,
     ) -> None:
@@ -209,7 +189,7 @@ class _Rendered(SyntheticScene):
         self._empty = self.renderer.room.get()
 
 
-def _make_block(person: Actor | _Walker, act: Sitter, times: np.ndarray) -> list[float]:
+def _make_block(person: Person, act: Sitter, times: np.ndarray) -> list[float]:
     """Return a box of the furniture under somebody who sits."""
     pelvis = person.joints[int(np.argmax(act.sit(times))), 0]
     heading, top = np.radians(act.heading), pelvis[2] - _SEAT
@@ -247,17 +227,5 @@ def write_scene(folder: Path, scene: Scene, data: Path, device: Device | NumpyDe
         write_toml_tables(folder / "calibration.toml", rig)
 
 
-def main() -> None:
-    """Write the takes that are named."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", type=Path)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("names", nargs="*", choices=[*SCENES, []], metavar="NAME")
-    args = parser.parse_args()
-    device = select_device("auto")
-    for name in args.names or SCENES:
-        write_scene(args.folder / name, SCENES[name], args.data, device)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    write_named(__doc__, SCENES, write_scene)

@@ -192,14 +192,23 @@ class MoverGait(GaitModel):
         )
 
 
-class _Person:
+class Person:
     """One person of a take, as the scene uses its walkers. joints: (F, J, 3) m."""
 
-    def __init__(self, mover: Mover, seed: int, times: np.ndarray) -> None:
-        gait = MoverGait(mover, seed)
-        self._motion = gait.motion(times)
-        self.joints = gait.skeleton.joints(self._motion)
-        self._flesh = PersonSurface(gait.skeleton)
+    def __init__(
+        self,
+        skeleton: SyntheticSkeleton,
+        motion: Motion,
+        primitives: list[Primitive] | None = None,
+    ) -> None:
+        self._motion = motion
+        self.joints = skeleton.joints(motion)
+        self._flesh = PersonSurface(skeleton, primitives)
+
+    def move(self, by: np.ndarray) -> None:
+        """Move the person by (3,) m."""
+        self._motion.positions[:] += by
+        self.joints += by
 
     def posed(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return primitives, balls, and the centre (2,) m of the shadow map."""
@@ -256,7 +265,8 @@ class _Scene(SyntheticScene):
         bodies = len(take.movers) + len(take.things)
         super().__init__(config.replace(people=max(2, bodies)), device)
         times = np.arange(config.frames) / config.fps
-        people = [_Person(mover, take.seed + k, times) for k, mover in enumerate(take.movers)]
+        gaits = [MoverGait(mover, take.seed + k) for k, mover in enumerate(take.movers)]
+        people = [Person(gait.skeleton, gait.motion(times)) for gait in gaits]
         things = [_Object(thing, times) for thing in take.things]
         self._walkers = [*people, *things]  # type: ignore[list-item]
         self._there = np.ones((bodies, config.frames), bool)
