@@ -3,8 +3,8 @@
 A driver may list a device that it cannot use: its compiler does not know the processor, its
 kernels compute nonsense, or it ends the process. So each device builds, runs and checks a small
 kernel before it is used, in a process of its own. The result is kept in the user's cache while
-driver and processor stay the same; a fault, which somebody may mend, for an hour; not if somebody
-else ended the process.
+driver and processor stay the same; a fault, which somebody may mend, for an hour. It is not kept if
+somebody else ended the process.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Probe:
         choice works, and for other drivers.
     bandwidth: GB/s read and written by a copy; gflops: GFLOP/s of multiply-adds; 0 if it fails.
     tried_at: seconds since 1970.
-    stopped: somebody else ended the process, so that nothing is known of the device.
+    stopped: whether somebody else ended the process, so that nothing is known of the device.
     """
 
     fault: str | None

@@ -26,9 +26,9 @@ class PeopleTracker:
     """Trackers of several people who share one reconstruction (Song et al. 2.3, for each person).
 
     device: an OpenCL device. rig: V cameras. voxels: `Reconstructor.voxels` of a reconstructor of
-    all people. bodies: of each of the P people, of the same parts.
-    method: search, objective and settings of each person's tracker. joins: whether one launch
-    serves the searches of all people; by default on GPUs.
+    all people. bodies: one for each of the P people, all with the same parts. method: search,
+    objective and settings of each person's tracker. joins: whether one launch serves the searches
+    of all people; by default on GPUs.
 
     In every frame, voxels and foreground are divided among the people by the spheres along their
     limbs, extrapolated from the last two poses, see `psfs.voxels.division`. Then all searches are

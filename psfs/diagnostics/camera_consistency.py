@@ -210,7 +210,7 @@ def select_person(shown: np.ndarray, expected: np.ndarray, near: float) -> np.nd
         return shown
     rows, columns = (np.flatnonzero(expected.any(axis)) for axis in (1, 0))
     reach = max(1, round(near * np.ptp(rows)))
-    # Only so far: in whole pictures it took a fifth of the examination's time.
+    # Only within this distance: in whole pictures it took a fifth of the examination's time.
     reached = tuple(slice(max(0, of[0] - reach), of[-1] + reach + 1) for of in (rows, columns))
     selected = np.zeros_like(shown)
     beside = (~expected[reached]).view(np.uint8)

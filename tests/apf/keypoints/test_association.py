@@ -61,9 +61,9 @@ def test_who_leaves_comes_back_as_the_same_person() -> None:
     assert [count_at_once(found, least) for least in (1, 14, 15)] == [2, 2, 1]
 
 
-def test_keypoints_that_turn_out_to_be_nobody_take_nobodys_place() -> None:
-    """In one frame four cameras agree on three points of five, and each two of them too little on
-    the others: that is nobody, with whom somebody who comes back near there is not confused."""
+def test_a_rejected_match_does_not_split_a_person_who_returns() -> None:
+    """In one frame four cameras agree on only three of five points, so that the match is rejected;
+    a person who returns near these points later is still one person."""
     person, back = walker((-0.8, 0), (0, 0)), walker((0.5, 0), (0, 0))
     person[:, 8:17] = np.nan
     person[:, 17:] = back[:, 17:]
