@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from apf.keypoints import Keypoints, triangulate
-from apf.keypoints.config import TriangulationConfig
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.triangulation import TriangulationConfig
 from psfs.cli.commandline import add_message_flags, stdout
 from psfs.cli.program import run_command
 from psfs.common.files import write_atomically

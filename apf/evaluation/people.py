@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from apf.evaluation.evaluate import Evaluation, evaluate, load_truth
 from apf.evaluation.joint_names import evaluated_joints
@@ -23,6 +22,7 @@ from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.files import write_json
+from psfs.common.matching import match_pairs
 from psfs.common.npz import Values, get_scalar, read_npz
 
 #: A track whose joints lie farther than this, m, from a true person's on average is not theirs.
@@ -225,8 +225,8 @@ def evaluate_people(tracks: PeopleTracks, truth: dict[str, JointSeries]) -> Peop
     matches = _match(np.moveaxis(apart, -1, 0))
     votes = np.array([[(of == k).sum() for k in range(len(own))] for of in matches.T])
     chosen = np.full(len(true), -1)
-    rows, columns = linear_sum_assignment(-votes)
-    chosen[rows] = np.where(votes[rows, columns] > 0, columns, -1)
+    for k, track in match_pairs(-votes, 0):
+        chosen[k] = track
     errors = tuple(
         None if k < 0 else evaluate(tracks.select_seen(int(k)), series)
         for k, series in zip(chosen, truth.values(), strict=True)
@@ -278,11 +278,10 @@ def _match(apart: np.ndarray) -> np.ndarray:
             if last[k] >= 0 and distances[k, last[k]] < MATCHED and last[k] not in last[kept]:
                 kept.append(int(k))
         matches[row, kept] = last[kept]
-        costs = np.where(distances < MATCHED, distances, 1e3)
-        costs[kept] = 1e3
-        costs[:, last[kept]] = 1e3
-        for k, track in zip(*linear_sum_assignment(costs), strict=True):
-            if costs[k, track] < 1e3:
-                matches[row, k] = track
+        costs = distances.copy()
+        costs[kept] = np.inf
+        costs[:, last[kept]] = np.inf
+        for k, track in match_pairs(costs, MATCHED):
+            matches[row, k] = track
         last = np.where(matches[row] >= 0, matches[row], last)
     return matches

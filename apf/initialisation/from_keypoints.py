@@ -11,13 +11,12 @@ from apf.body.stature import stature
 from apf.initialisation.fit_config import KeypointStartConfig
 from apf.initialisation.point_fit import PointFit, PointFitter, PointViews
 from apf.initialisation.start import StartError
-from apf.keypoints.config import TriangulationConfig
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import BodyPoints, locate_points
-from apf.keypoints.triangulation import triangulate
 from apf.likelihood.keypoint_model import KeypointModel
 from apf.likelihood.observations import PointObservations
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.triangulation import TriangulationConfig, triangulate
 from psfs.common.numbers import pick_evenly
 
 #: Median length of a 2-D vector with independent standard normal coordinates (Rayleigh).

@@ -10,13 +10,18 @@ from itertools import combinations
 
 import numpy as np
 
-from apf.keypoints.config import AgreementConfig, TriangulationConfig
+from apf.keypoints.config import AgreementConfig
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import find_landmarks
 from apf.keypoints.sides import faces_backward
 from apf.keypoints.timing import describe_lags, find_late_cameras, shift_cameras
-from apf.keypoints.triangulation import reprojection_errors, triangulate, undistort_points
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.triangulation import (
+    TriangulationConfig,
+    reprojection_errors,
+    triangulate,
+    undistort_points,
+)
 
 
 def find_disagreements(

@@ -13,12 +13,17 @@ from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
-from apf.keypoints.config import AssociationConfig, TriangulationConfig
+from apf.keypoints.config import AssociationConfig
 from apf.keypoints.persons import person_sizes
-from apf.keypoints.triangulation import reprojection_errors, triangulate, undistort_points
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.triangulation import (
+    TriangulationConfig,
+    reprojection_errors,
+    triangulate,
+    undistort_points,
+)
+from psfs.common.matching import match_pairs
 
 
 @dataclass(eq=False)
@@ -104,12 +109,10 @@ class _Search:
         chosen = np.full((len(going), len(self.rig)), -1)
         for view in range(len(self.rig)):
             costs = np.array([self._away(one.points, view, frame) for one in going])
-            if not costs.size:
-                continue
-            costs[:, ~free[view]] = 1e3
-            for k, n in zip(*linear_sum_assignment(costs), strict=True):
-                if costs[k, n] < self.config.followed:
-                    chosen[k, view] = n
+            if costs.size:
+                costs[:, ~free[view]] = np.inf
+            for k, n in match_pairs(costs, self.config.followed):
+                chosen[k, view] = n
         for one, own in zip(going, chosen, strict=True):
             found = self._locate(own, frame)
             if found is None:

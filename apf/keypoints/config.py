@@ -197,22 +197,3 @@ class SideConfig(Config):
     backward: float = setting(
         0.8, "Share of the frames in which nose and toes must lie behind.", least=0.5, most=1
     )
-
-
-class TriangulationConfig(Config):
-    """Limits by which cameras are left out of a point, and points are left out."""
-
-    max_error: float = positive(
-        15.0,
-        "Mean reprojection error that the cameras of a point must stay below; others are left out.",
-        "Pose2Sim's default, for pictures about 1000 px high",
-        "px",
-        flag="--max-error",
-        flag_help="triangulate: cameras are left out of a point until the mean reprojection "
-        "error is below",
-        metavar="PX",
-    )
-    min_confidence: float = fraction(
-        0.3, "Confidence below which a keypoint counts as missing.", "Pose2Sim's default"
-    )
-    min_cameras: int = setting(2, "Fewest cameras that give a point.", "by geometry", least=2)

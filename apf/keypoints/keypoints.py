@@ -13,11 +13,18 @@ from apf.keypoints.association import associate_people, count_at_once
 from apf.keypoints.config import AssociationConfig
 from apf.keypoints.opening import Cameras, match_keypoints, match_persons, read_raw
 from apf.keypoints.readers.raw import check_view
-from apf.keypoints.triangulation import undistort_points
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
+from psfs.cameras.triangulation import (
+    Triangulation,
+    TriangulationConfig,
+    triangulate,
+    undistort_points,
+)
 from psfs.sequence import Sequence as Footage
+
+__all__ = ["Keypoints", "Triangulation", "TriangulationConfig", "triangulate"]
 
 
 @dataclass(frozen=True, eq=False)

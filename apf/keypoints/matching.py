@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from apf.keypoints.config import AssociationConfig
 from apf.keypoints.keypoints import Keypoints
 from psfs.cameras.camera import CameraRig
+from psfs.common.matching import match_pairs
 from psfs.people.people import People, Person
 from psfs.voxels.grid import VoxelGrid
 
@@ -34,10 +34,8 @@ def match_to_people(
     middles = np.stack([_middles(person, people.grid, points.shape[2]) for person in people])
     apart = np.stack([_distances(one, middles, rig) for one in points])
     for frame in np.flatnonzero(np.isfinite(apart).any((0, 1))):
-        costs = np.where(np.isfinite(apart[..., frame]), apart[..., frame], 1e3)
-        for k, person in zip(*linear_sum_assignment(costs), strict=True):
-            if costs[k, person] < config.from_voxels:
-                own[person, :, frame] = points[k, :, frame]
+        for k, person in match_pairs(apart[..., frame], config.from_voxels):
+            own[person, :, frame] = points[k, :, frame]
     return [replace(keypoints[0], points=of) for of in own]
 
 

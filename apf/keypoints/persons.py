@@ -11,9 +11,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from apf.keypoints.config import PersonConfig, TriangulationConfig
-from apf.keypoints.triangulation import reprojection_errors, triangulate, undistort_points
+from apf.keypoints.config import PersonConfig
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.triangulation import (
+    TriangulationConfig,
+    reprojection_errors,
+    triangulate,
+    undistort_points,
+)
+from psfs.common.matching import find_best_path
 
 
 def choose_person(
@@ -87,17 +93,12 @@ def _choose_over_time(
     there = np.flatnonzero(np.isfinite(scores).any(-1))
     if not there.size:
         return chosen
-    best, back = scores[there[0]], []
-    for before, after in pairwise(there):
-        step = _person_distances(points[before], points[after], sizes[before], sizes[after])
-        total = best[:, None] - config.motion * step
-        back.append(total.argmax(0))
-        best = total.max(0) + scores[after]
-    last = int(best.argmax())
-    for frame, links in zip(there[:0:-1], reversed(back), strict=True):
-        chosen[frame] = last
-        last = int(links[last])
-    chosen[there[0]] = last
+    steps = [
+        _person_distances(points[before], points[after], sizes[before], sizes[after])
+        for before, after in pairwise(there)
+    ]
+    changes = config.motion * np.reshape(steps, (-1, points.shape[1], points.shape[1]))
+    chosen[there] = find_best_path(-scores[there], changes)
     return chosen
 
 

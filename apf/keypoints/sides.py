@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.keypoints.config import SideConfig, TriangulationConfig
+from apf.keypoints.config import SideConfig
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import find_landmarks
-from apf.keypoints.triangulation import triangulate
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.triangulation import TriangulationConfig, triangulate
 from psfs.common.numbers import pick_evenly
 
 

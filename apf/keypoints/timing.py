@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from apf.keypoints.config import LagConfig, TriangulationConfig
+from apf.keypoints.config import LagConfig
 from apf.keypoints.keypoints import Keypoints
-from apf.keypoints.triangulation import reprojection_errors, triangulate
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.triangulation import TriangulationConfig, reprojection_errors, triangulate
 from psfs.diagnostics.small_views import SmallViews
 from psfs.self_calibration.points.lags import shift_points
 

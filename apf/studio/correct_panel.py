@@ -22,7 +22,7 @@ from apf.tracking.correction import (
 )
 from apf.tracking.track import Track
 from cl import InputError, UserError
-from psfs.page.look_through import crosses, intersect_rays
+from psfs.page.look_through import crosses, locate_point
 from psfs.page.timeline import add_key
 from psfs.page.words import make_lines, make_text
 
@@ -158,7 +158,7 @@ class CorrectPanel:
         if len(self._rays) < 2:
             self._tell_pointing(f"clicked in {sequence.rig[view].name}")
             return
-        place, apart = intersect_rays(self._rays, sequence.rig)
+        place, apart = locate_point(self._rays, sequence.rig)
         if self._handle is None:
             self._add_handle(opened.track, row)
         self.move_handle(place)

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from pydantic import model_validator
 
-from apf.keypoints.config import TriangulationConfig
 from cl import InputError
+from psfs.cameras.triangulation import TriangulationConfig
 from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
 
 if TYPE_CHECKING:

@@ -11,13 +11,13 @@ from importlib.metadata import version
 import numpy as np
 
 from apf.keypoints import Keypoints, triangulate
-from apf.keypoints.config import TriangulationConfig
 from apf.keypoints.landmarks import find_landmarks, landmark_edges
 from apf.keypoints.series import fill_gaps, low_pass
 from apf.tracking.config import TriangulatedConfig
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.names import join_names
+from psfs.cameras.triangulation import TriangulationConfig
 from psfs.sequence import Sequence
 
 #: The body name of such a track.

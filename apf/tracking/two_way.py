@@ -39,6 +39,7 @@ from apf.tracking.limb_confidence import REGRESSION
 from apf.tracking.recovery import RecoveringRuns, SeparateRuns
 from apf.tracking.smoothing import unwrap_angles
 from cl import Device, NumpyDevice, UserError
+from psfs.common.matching import find_best_path
 from psfs.common.numbers import find_true_runs
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.host_voxels import HostVoxels
@@ -366,21 +367,3 @@ def average_deviations(deviations: np.ndarray, taken: np.ndarray) -> np.ndarray:
     """Return the deviations (F, D) of means over those with `taken` (K, F), assuming independent
     errors of deviations (K, F, D)."""
     return np.sqrt(average_passes(deviations**2, taken) / taken.sum(0)[:, None])
-
-
-def find_best_path(costs: np.ndarray, changes: np.ndarray) -> np.ndarray:
-    """Return the sequence of states (F,) of least total cost (Viterbi 1967).
-
-    costs: (F, K) of each state. changes: (F - 1, K, K) of the transition from one state to another.
-    """
-    n_frames, total = len(costs), costs[0].copy()
-    come_from = np.zeros(costs.shape, int)
-    for frame in range(1, n_frames):
-        reached = total[:, None] + changes[frame - 1]
-        come_from[frame] = reached.argmin(0)
-        total = reached.min(0) + costs[frame]
-    path = np.empty(n_frames, int)
-    path[-1] = total.argmin()
-    for frame in range(n_frames - 1, 0, -1):
-        path[frame - 1] = come_from[frame, path[frame]]
-    return path

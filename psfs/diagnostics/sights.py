@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from psfs.cameras.camera import Camera
+from psfs.cameras.triangulation import intersect_rays
 from psfs.diagnostics.hulls import HullRays
 
 
@@ -44,9 +45,7 @@ def find_person(cameras: Sequence[Camera], sights: Sequence[Sight]) -> PersonPla
     pairs = list(zip(cameras, sights, strict=False))
     rays = np.stack([camera.R.T @ sight.direction for camera, sight in pairs])
     centres = np.stack([camera.centre for camera in cameras])
-    across = np.eye(3) - rays[:, :, None] * rays[:, None]
-    total = across.sum(axis=0) + 1e-6 * np.eye(3)
-    middle = np.linalg.solve(total, np.einsum("vij,vj->i", across, centres))
+    middle = intersect_rays(centres, rays)
     right = np.stack([camera.R[0] for camera in cameras])
     roll = right.T @ right / 0.05**2 + np.diag([1, 1, 0]) / 0.1**2
     up = np.linalg.eigh(roll)[1][:, 0]

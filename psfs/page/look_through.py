@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.triangulation import intersect_rays
 from psfs.output.preview import crop_view
 from psfs.page.nodes import to_quaternion
 from psfs.sequence import Frame
@@ -120,16 +121,13 @@ def straighten(picture: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     return cv2.remap(picture, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR)
 
 
-def intersect_rays(rays: Mapping[int, np.ndarray], rig: CameraRig) -> tuple[np.ndarray, float]:
+def locate_point(rays: Mapping[int, np.ndarray], rig: CameraRig) -> tuple[np.ndarray, float]:
     """Return the point (3,) m nearest to all rays, directions (3,) by the index of their camera,
     and its largest distance to one of them, m. Expects two rays or more."""
     centres = rig.centres[list(rays)]
-    ways = np.stack([way / np.linalg.norm(way) for way in rays.values()])
-    across = np.eye(3) - ways[:, :, None] * ways[:, None]
-    point = np.linalg.lstsq(
-        across.sum(axis=0), np.einsum("vij,vj->i", across, centres), rcond=None
-    )[0]
-    off = np.linalg.norm(np.einsum("vij,vj->vi", across, point - centres), axis=1)
+    directions = np.stack([way / np.linalg.norm(way) for way in rays.values()])
+    point = intersect_rays(centres, directions)
+    off = np.linalg.norm(np.cross(directions, point - centres), axis=1)
     return point, float(off.max())
 
 

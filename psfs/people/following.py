@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import ndimage
-from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
+from psfs.common.matching import match_pairs
 from psfs.people.coarse_voxels import CoarseFrame, count_least_voxels
 from psfs.people.config import PeopleConfig
 from psfs.voxels.grid import VoxelGrid
@@ -215,9 +215,8 @@ class PeopleFollower:
         apart = np.array(
             [[np.linalg.norm(find_middle(moved[k]) - middle) for middle in middles] for k in lost]
         )
-        for row, column in zip(*linear_sum_assignment(apart), strict=True):
-            if apart[row, column] <= self._reach:
-                owners[lost[row]] = free[column]
+        for row, column in match_pairs(apart, self._reach):
+            owners[lost[row]] = free[column]
 
 
 def _split(points: np.ndarray, moved: list[np.ndarray], axis_weight: float) -> list[np.ndarray]:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
+from psfs.common.matching import match_pairs
 from psfs.people.coarse_voxels import BANDS, measure_similarity
 from psfs.people.config import FollowingConfig, IdentityConfig, PeopleConfig
 from psfs.people.following import Trajectory, find_middle
@@ -104,8 +104,7 @@ def join_returning(
             for j, late in enumerate(ones):
                 if early.frames[-1] < late.frames[0]:
                     costs[i, j] = _measure_cost(early, late, joined, grid, config, fps)
-        pairs = [(i, j) for i, j in zip(*linear_sum_assignment(costs), strict=True)
-                 if costs[i, j] < _IMPOSSIBLE]  # fmt: skip
+        pairs = match_pairs(costs, _IMPOSSIBLE)
         if not pairs:
             return joined
         i, j = min(pairs, key=lambda pair: costs[pair])

@@ -9,6 +9,7 @@ import numpy as np
 
 from psfs.calibration.scene import CalibrationScene, rigid_transform
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.triangulation import intersect_rays
 from psfs.diagnostics.frontier import FrontierPoints, trace_points
 from psfs.self_calibration.adjustment import Adjusted, PersonPoints
 from psfs.self_calibration.config import FloorFitConfig, PersonConfig
@@ -19,13 +20,7 @@ from psfs.self_calibration.verticals import fit_vertical
 
 def triangulate_points(rig: CameraRig, points: FrontierPoints) -> np.ndarray:
     """Return the places (M, 3), m, nearest to both rays of each point."""
-    centres = rig.centres[points.views]
-    rays = trace_points(rig, points)
-    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    across = np.eye(3) - rays[..., :, None] * rays[..., None, :]
-    moments = np.einsum("mkij,mkj->mi", across, centres)
-    total = across.sum(axis=1) + 1e-9 * np.eye(3)
-    return np.linalg.solve(total, moments[..., None])[..., 0]
+    return intersect_rays(rig.centres[points.views], trace_points(rig, points))
 
 
 def align_to_person(

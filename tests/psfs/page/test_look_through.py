@@ -15,7 +15,7 @@ from psfs.page.look_through import (
     LookThrough,
     crosses,
     find_straight_map,
-    intersect_rays,
+    locate_point,
     straighten,
 )
 
@@ -40,11 +40,11 @@ def test_pictures_are_shown_where_the_scene_has_them() -> None:
 def test_clicks_meet_at_the_joint() -> None:
     rig, joint = ring(4), np.array([0.2, -0.1, 1.1])
     rays = {view: 3 * (joint - rig[view].centre) for view in (0, 2, 3)}
-    place, apart = intersect_rays(rays, rig)
+    place, apart = locate_point(rays, rig)
     assert np.allclose(place, joint) and apart < 1e-9
     assert crosses(rays) and not crosses({0: rays[0], 2: rays[2]})  # 2 is opposite of 0
     rays[0] = rays[0] + np.array([0.0, 0.0, 0.3])
-    assert intersect_rays(rays, rig)[1] > 0.02
+    assert locate_point(rays, rig)[1] > 0.02
 
 
 def test_browsers_that_came_later_lose_the_picture_too() -> None:

@@ -1,4 +1,4 @@
-"""Triangulate keypoints of several cameras.
+"""Triangulate points of several cameras: keypoints, and rays of any kind.
 
 Confidence-weighted linear triangulation (Hartley & Sturm 1997, "Triangulation", 5.1): minimises
 sum_i w_i^2 |x_i P_i3 X - P_i1 X, y_i P_i3 X - P_i2 X|^2 over the unit vectors X (4,). Cameras whose
@@ -12,8 +12,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from apf.keypoints.config import TriangulationConfig
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.common.config import Config, fraction, positive, setting
+
+
+class TriangulationConfig(Config):
+    """Limits by which cameras are left out of a point, and points are left out."""
+
+    max_error: float = positive(
+        15.0,
+        "Mean reprojection error that the cameras of a point must stay below; others are left out.",
+        "Pose2Sim's default, for pictures about 1000 px high",
+        "px",
+        flag="--max-error",
+        flag_help="triangulate: cameras are left out of a point until the mean reprojection "
+        "error is below",
+        metavar="PX",
+    )
+    min_confidence: float = fraction(
+        0.3, "Confidence below which a keypoint counts as missing.", "Pose2Sim's default"
+    )
+    min_cameras: int = setting(2, "Fewest cameras that give a point.", "by geometry", least=2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +83,25 @@ def triangulate(
     return Triangulation(
         points.reshape(*shape, 3), errors.reshape(shape), used.reshape(len(rig), *shape)
     )
+
+
+def intersect_rays(
+    origins: np.ndarray, directions: np.ndarray, seen: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the points (..., 3) with the least sum of squared distances to rays from `origins`
+    (..., V, 3) along `directions` (..., V, 3), of any length; NaN where fewer than two are there.
+
+    seen: which rays (..., V) there are; by default all whose direction is finite.
+    """
+    origins, directions = np.broadcast_arrays(origins, directions)
+    seen = np.isfinite(directions).all(axis=-1) if seen is None else seen
+    unit = np.where(seen[..., None], directions, 1.0)
+    unit = unit / np.linalg.norm(unit, axis=-1, keepdims=True)
+    across = seen[..., None, None] * (np.eye(3) - unit[..., :, None] * unit[..., None, :])
+    moments = np.einsum("...vij,...vj->...i", across, origins)
+    total = across.sum(axis=-3) + 1e-9 * np.eye(3)
+    points = np.linalg.solve(total, moments[..., None])[..., 0]
+    return np.where(seen.sum(axis=-1)[..., None] > 1, points, np.nan)
 
 
 def undistort_points(rig: CameraRig | Sequence[Camera], points: np.ndarray) -> np.ndarray:
