@@ -32,7 +32,7 @@ from peers.results import (
     summary_table,
     write_tables,
 )
-from timings.report.readme import replace_marked
+from timings.grid import replace_marked
 from timings.results import checked_out_commit
 
 from apf.evaluation.evaluate import load_truth

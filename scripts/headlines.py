@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 from accuracy.runs import Results
 from accuracy.suite_report import Row, suite_rows
-from timings.report.machines import Machine, read_machines
-from timings.report.readme import replace_marked
-from timings.tables.grid import Grid, number
-from timings.tables.whole import columns, median_ms, papers, streams
+from timings.grid import Grid, number, replace_marked
+from timings.report import Machine, read_machines
+from timings.whole_tables import columns, median_ms, papers, streams
 
 _ROOT = Path(__file__).parents[1]
 _RESULTS = _ROOT / "scripts" / "results"

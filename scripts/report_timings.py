@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Pages and plots of what compare_timings.py measured.
+"""Tables of what compare_timings.py measured.
 
     scripts/report_timings.py [FOLDER ...] [-o OUT] [--readme]
 
-makes OUT/report.md and OUT/figures/ from folders of results, one per machine: by default those in
+makes OUT/report.md from folders of results, one per machine: by default those in
 scripts/results/. With --readme also docs/speed.md's table between its marks, and its picture
 docs/timings.png.
 """
@@ -14,10 +14,14 @@ import argparse
 import sys
 from pathlib import Path
 
-from timings.report import figures
-from timings.report.machines import read_batches, read_machines
-from timings.report.page import write_report
-from timings.report.readme import update_page
+from timings.report import (
+    headline_figure,
+    read_batches,
+    read_machines,
+    update_page,
+    write_figure,
+    write_report,
+)
 
 from psfs.cli.commandline import add_message_flags, stdout
 from psfs.cli.program import run_command
@@ -40,11 +44,16 @@ def _run(args: argparse.Namespace) -> None:
     held = {path.parent for name in ("whole", "batch") for path in _RESULTS.glob(f"*/{name}.json")}
     folders = args.folders or sorted(held)
     machines = read_machines(folders)
-    write_report(machines, args.out, read_batches(folders))
+    more = [
+        machine
+        for machine in read_batches(folders)
+        if machine.name not in {m.name for m in machines}
+    ]
+    write_report([*machines, *more], args.out / "report.md")
     stdout.print(f"wrote {args.out / 'report.md'}", soft_wrap=True)
     if args.readme:
         picture = _ROOT / "docs" / "timings.png"
-        figures.write_figure(figures.headline(machines), picture)
+        write_figure(headline_figure(machines), picture)
         update_page(_ROOT / "docs" / "speed.md", machines)
         stdout.print(f"wrote docs/speed.md and {picture}", soft_wrap=True)
 

@@ -57,7 +57,7 @@ class RecoveryConfig(Config):
         0.15,
         "Mean distance of the joints up to which the search around the last pose confirms the "
         "tracker's estimate of a lost frame.",
-        "by hand, tried on `four2` of scripts/people_takes.py",
+        "by hand",
         "m",
     )
     everywhere_too: bool = setting(

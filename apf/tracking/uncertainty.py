@@ -3,7 +3,7 @@
 The linear system of the refinement says how firmly the voxels constrain every angle; an arm in
 front of the trunk is constrained by few voxels. Its inverse and the spread of the particles are
 propagated to the joints. They are scaled so that, on synthetic sequences, the 95 % ellipsoids hold
-the truth in 95 % of the frames (see scripts/calibrate_uncertainty.py), as long as no limb is lost.
+the truth in 95 % of the frames, as long as no limb is lost.
 Without refinement (the papers' presets) nothing is stated: the particles' spread alone held 23 % of
 the true joints where it stated 95 %.
 A floor per joint covers systematic errors: the voxels' resolution, and joint centres that differ
@@ -55,7 +55,7 @@ class DeviationCalibration:
         return np.array([self.floor.get(sideless(name), self.other_floor) for name in names])
 
 
-#: Estimated by scripts/calibrate_uncertainty.py from one track of each of the suite's sequences but
+#: Estimated from one track of each of the suite's sequences but
 #: the walk with eight cameras, plus a tenth. In cross-validation, leaving out one sequence, the 95
 #: % ellipsoids hold 83 to 98 % of the true joints.
 CALIBRATION = DeviationCalibration(

@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from timings.report.readme import replace_marked
-from timings.tables.grid import NONE, Grid
+from timings.grid import NONE, Grid, replace_marked
 
-from accuracy.runs import Results
-from accuracy.settings import OBSERVATIONS
+from accuracy.runs import OBSERVATIONS, Results
 from accuracy.suite_report import Row, suite_rows
 from cl import InputError
 

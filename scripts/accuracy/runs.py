@@ -1,12 +1,11 @@
-"""Track recordings with different methods, and store the results."""
+"""The runs of a suite: what they vary, their figures, and the file that stores them."""
 
 from __future__ import annotations
 
 import csv
 import json
 import math
-import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import date
 from pathlib import Path
@@ -15,20 +14,38 @@ from typing import Any
 import numpy as np
 
 from accuracy.ablation import load_preset
-from accuracy.recordings import Recording, Replay
-from accuracy.settings import Setting
-from apf.backend import shares_launches
 from apf.evaluation.evaluate import evaluate
 from apf.filters.method import Method
 from apf.filters.objectives import OBJECTIVES
 from apf.filters.term_weights import parse_weights
 from apf.formats.trc import JointSeries
-from apf.scene import Scene
-from apf.tracking.pipeline import build_track, track_voxels
 from apf.tracking.track import Track
-from apf.tracking.trackers import make_recovering_runs, with_seeds
-from cl import Device, InputError
+from cl import InputError
 from psfs.common.files import write_atomically, write_text
+
+#: The observations of a suite's runs: keypoints triangulated, without a body; the voxels; the
+#: keypoints instead of voxels; voxels and keypoints.
+OBSERVATIONS = ("triangulation", "voxels", "keypoints", "both")
+
+
+@dataclass(frozen=True)
+class Setting:
+    """All that distinguishes runs but their seed. step: every `step`-th frame is used. start: the
+    first pose, "true" from the true joints, "found" from the images alone, "none" for
+    triangulation, which has no pose. observations: one of `OBSERVATIONS`. preset: a
+    paper's settings or one of `ABLATIONS`, the base that the other fields change; "" for the
+    defaults."""
+
+    sequence: str
+    cameras: int
+    step: int
+    method: str
+    objective: str
+    particles: int
+    layers: int
+    start: str = "true"
+    observations: str = "voxels"
+    preset: str = ""
 
 
 @dataclass(frozen=True)
@@ -123,48 +140,6 @@ def _set_vertices(method: Method, vertices: str) -> Method:
     if not vertices.isdigit():
         raise InputError(f"{vertices!r} after @ of an objective; expected a number of vertices")
     return method.replace(image=method.image.replace(vertices_per_part=int(vertices)))
-
-
-def track_recording(
-    device: Device, recording: Recording, setting: Setting, seeds: list[int]
-) -> list[Track]:
-    """Return the tracks of a recording, one for each of `seeds`, from the true joints of the first
-    frame."""
-    method = make_method(setting, seeds[0])
-    body, pose = recording.first_pose
-    scaled = method.replace(filter=method.filter.scale_to_rate(recording.fps / setting.step))
-    rig, grid = recording.sequence.rig, recording.grid
-    tracker = make_recovering_runs(Scene(device, rig, grid, body), scaled, seeds)
-    seen: Iterable[tuple[int, Any]] = Replay(device, recording)
-    if not method.uses_voxels:
-        seen = recording.features(device, method.features)
-    frames, estimates = track_voxels(tracker, pose, seen)
-    return [
-        build_track(body, recording.fps, frames, list(run), of.describe())
-        for of, run in zip(with_seeds(method, seeds), zip(*estimates, strict=True), strict=True)
-    ]
-
-
-def together(device: Device, setting: Setting, seeds: list[int]) -> list[list[int]]:
-    """Return `seeds` in groups that `run` tracks at once, which takes less time."""
-    if shares_launches(device, make_method(setting, 0)):
-        return [seeds]
-    return [[seed] for seed in seeds]
-
-
-def run(device: Device, recording: Recording, setting: Setting, seeds: list[int]) -> list[Run]:
-    """Track the whole recording once with each of `seeds`, at once if the method can. Raises
-    InputError for unknown methods and objectives."""
-    assert recording.first_pose  # fit it now, outside of the measured time
-    began = time.perf_counter()
-    tracks = track_recording(device, recording, setting, seeds)
-    seconds = (time.perf_counter() - began) / len(seeds)
-    if len(tracks[0]) < len(recording.frames):
-        raise KeyboardInterrupt  # a tracker returns the frames so far when it is interrupted
-    return [
-        evaluate_run(track, recording.truth, setting, seed, seconds)
-        for seed, track in zip(seeds, tracks, strict=True)
-    ]
 
 
 def evaluate_run(

@@ -1,4 +1,4 @@
-"""Synthetic sequences that `accuracy.py` generates: its own walks, and the papers' conditions."""
+"""Synthetic sequences that `accuracy.py` generates: the papers' conditions."""
 
 from __future__ import annotations
 
@@ -10,11 +10,6 @@ from apf.synthetic.scene import SceneConfig
 from cl import Device
 from psfs.cli.commandline import stderr
 
-#: The walks that are generated when no folder is given, by name.
-OWN_WALKS: dict[str, SceneConfig] = {
-    f"walk{seed}": SceneConfig(seed=seed, height=height, cameras=8, frames=120, fps=60.0)
-    for seed, height in ((1, 1.76), (2, 1.62))
-}
 #: Diffuse light: a person's shadow is a fifth of that under two lamps.
 _SOFT: dict[str, Any] = {"cameras": 4, "shadow": 0.2}
 #: The thesis's own recordings: 4 cameras, 25 frames/s, pictures scaled to 480 x 270 (2.4).

@@ -17,9 +17,7 @@ import tomllib
 from peers.figures import LIMB_JOINTS, measure_track
 
 from accuracy.ablation import load_preset
-from accuracy.recordings import open_for_preset
-from accuracy.runs import Results, Run, evaluate_run, make_method
-from accuracy.settings import Setting
+from accuracy.runs import Results, Run, Setting, evaluate_run, make_method
 from apf.api import DEFAULT_BODY, read_given_start
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
@@ -366,3 +364,12 @@ def suite_settings(
                         yield replace(setting, observations=kind, **preset_settings(name)), folder
     if not left:
         raise InputError(f"no sequence has keypoints; expected some, for {', '.join(kinds)}")
+
+
+def open_for_preset(folder: Path, settings: Preset) -> Sequence:
+    """Return the sequence with the background of a preset, if it has images to estimate that
+    from."""
+    sequence = Sequence.open(folder)
+    if settings.background is None or not sequence.has_images:
+        return sequence
+    return Sequence.open(folder, background=settings.background)

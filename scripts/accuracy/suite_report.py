@@ -14,12 +14,10 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.patches import Patch
-from timings.tables.grid import NONE, Grid, cell
+from timings.grid import NONE, Grid, cell
 
 from accuracy.ablation import ABLATIONS
-from accuracy.frame_plot import plot_frames
-from accuracy.runs import Results, Run
-from accuracy.settings import Setting
+from accuracy.runs import Results, Run, Setting
 from apf.body.model import sideless
 from apf.evaluation.angle_truth import UNDEFINED
 from apf.evaluation.flags import FlagCounts
@@ -263,7 +261,7 @@ def mean_row(rows: Sequence[Row]) -> Row:
 
 def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
     """Write suite.md, suite.csv (a row per sequence, preset, observation and start), runs.csv (a
-    row per run), suite.png, and frames.png of the runs from the true first joints."""
+    row per run), suite.png."""
     runs = [run for run in results.runs if run.failed]
     failed = [
         f"- {r.setting.sequence}, {r.setting.preset or 'default'}, {r.setting.observations}, "
@@ -290,7 +288,6 @@ def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
             values = [*(getattr(row, name) for name in names), *row.flags]
             writer.writerow([f"{v:.4g}" if isinstance(v, float) else v for v in values])
     _plot(out / "suite.png", results, rows)
-    plot_frames(out / "frames.png", results)
 
 
 def _plot(path: Path, results: Results, rows: Sequence[Row]) -> None:

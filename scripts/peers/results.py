@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from accuracy.runs import Results, Run, nan_for_none, none_for_nan
-from timings.tables.grid import NONE, Grid, cell
+from timings.grid import NONE, Grid, cell
 
 from cl import InputError
 from peers.figures import Figures

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import platform
-import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
@@ -44,7 +43,7 @@ _POCL_THREADS = "POCL_MAX_PTHREAD_COUNT"
 
 @dataclass(frozen=True)
 class Timing:
-    """Duration, ms, of repeated runs, in their order: median, quartiles, least, mean."""
+    """Duration, ms, of repeated runs, in their order: median, quartiles, mean."""
 
     samples: tuple[float, ...]
 
@@ -61,10 +60,6 @@ class Timing:
         return self._percentile(75)
 
     @property
-    def least(self) -> float:
-        return min(self.samples)
-
-    @property
     def mean(self) -> float:
         return float(np.mean(self.samples))
 
@@ -74,24 +69,6 @@ class Timing:
     def __str__(self) -> str:
         digits = 3 if self.median < 1 else 2 if self.median < 10 else 1
         return f"{self.median:.{digits}f} [{self.low:.{digits}f}, {self.high:.{digits}f}]"
-
-
-#: Time, s, after which `time_calls` begins no further run.
-_ENOUGH = 20.0
-
-
-def time_calls(run: Callable[[], object], runs: int, warm_up: int = 1) -> Timing:
-    """Measure the wall-clock time of `run()`, which waits for its own end; stop early after
-    `_ENOUGH`."""
-    for _ in range(warm_up):
-        run()
-    ms: list[float] = []
-    began = time.perf_counter()
-    while len(ms) < runs and (not ms or time.perf_counter() - began < _ENOUGH):
-        started = time.perf_counter()
-        run()
-        ms.append(1e3 * (time.perf_counter() - started))
-    return Timing(tuple(ms))
 
 
 @dataclass(frozen=True)
@@ -236,9 +213,3 @@ def _version(package: str) -> str | None:
         return version(package)
     except PackageNotFoundError:
         return None
-
-
-def resident_megabytes() -> float:
-    """Return the memory of this process in use now, MB (Linux)."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

@@ -12,8 +12,8 @@ import numpy as np
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.likelihood.voxel import choose_cone_sampling
+from psfs.cameras.camera import CameraRig
 from psfs.voxels.grid import VoxelGrid
-from timings.bench_scene import Scene
 
 #: Stages in the order of the pipeline, with their part of Song et al.'s algorithm.
 PARTS = {
@@ -69,11 +69,11 @@ def find_stage(command: str) -> str:
 Work = dict[str, tuple[float, float]]
 
 
-def reconstruction_work(scene: Scene, grid: VoxelGrid, surface: int) -> Work:
+def reconstruction_work(rig: CameraRig, grid: VoxelGrid, surface: int) -> Work:
     """Return (bytes, operations) of each stage in dense mode without optimisations: every byte of
     input and output once, every voxel projected into every camera. A stage that is faster than its
     limit avoids some of this work. surface: number of surface voxels."""
-    views, pixels, voxels = len(scene.rig), _pixels(scene), grid.size
+    views, pixels, voxels = len(rig), _pixels(rig), grid.size
     padded = float(np.prod([n + 2 for n in grid.shape]))
     return {
         "upload": (3 * pixels, 0),
@@ -85,14 +85,14 @@ def reconstruction_work(scene: Scene, grid: VoxelGrid, surface: int) -> Work:
     }
 
 
-def tracking_work(scene: Scene, body: BodyModel, config: FilterConfig, surface: int) -> Work:
+def tracking_work(rig: CameraRig, body: BodyModel, config: FilterConfig, surface: int) -> Work:
     """Return (bytes, operations) of each stage of tracking, likewise; all layers of a frame
     together.
 
     Scoring a pose: bones posed, four corners of every cone projected, all samples of all cones
     looked up in all cameras, every surface sample compared with every cone.
     """
-    views, pixels = len(scene.rig), _pixels(scene)
+    views, pixels = len(rig), _pixels(rig)
     cones, dof = len(body.cones), body.n_dof
     search, likelihood = config.search, config.likelihood
     points = likelihood.samples.n_points / likelihood.samples.point_turns  # points per layer
@@ -111,5 +111,5 @@ def tracking_work(scene: Scene, body: BodyModel, config: FilterConfig, surface: 
     }
 
 
-def _pixels(scene: Scene) -> int:
-    return len(scene.rig) * scene.rig.width * scene.rig.height
+def _pixels(rig: CameraRig) -> int:
+    return len(rig) * rig.width * rig.height

@@ -15,8 +15,7 @@ from apf.formats.trc import JointSeries, read_trc
 from cl import InputError
 
 sys.path.insert(0, str(ROOT / "scripts"))
-from accuracy.runs import Results, Run
-from accuracy.settings import Setting
+from accuracy.runs import Results, Run, Setting
 from peers.figures import measure
 from peers.programs import JOINTS, _with_true_count, order_points
 from peers.results import (

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 from helpers import bodies
-from helpers.shared import ROOT
 
 from apf.body import load_body
 from apf.body.kinematics import posed_joints
@@ -16,10 +13,6 @@ from apf.tracking.uncertainty import (
     joint_covariance,
     raw_covariance,
 )
-
-sys.path.insert(0, str(ROOT / "scripts"))
-
-from calibrate_uncertainty import Sample, fit_calibration, pool_samples
 
 SONG = load_body("song31")
 
@@ -96,33 +89,3 @@ def test_ellipsoids_hold_what_they_say() -> None:
     covariance = np.diag([4.0, 1.0, 1.0])
     offsets = np.array([[5.0, 0, 0], [0, 5.0, 0], [0, 0, 2.7], [6.0, 0, 0]])
     assert is_inside_ellipsoid(offsets, covariance).tolist() == [True, False, True, False]
-
-
-def test_the_script_finds_what_offsets_were_drawn_from() -> None:
-    """Scale 2; a wrist of floor 20 mm that is held now firmly, now not, and a hip of 10 mm."""
-    random = np.random.default_rng(5)
-
-    def walk() -> dict[str, Sample]:
-        found = {}
-        for name, floor, held in (("wrist", 0.020, (0.005, 0.040)), ("hip", 0.010, (0.003, 0.004))):
-            raw = random.uniform(*held, 4000)[:, None, None] ** 2 * np.eye(3)
-            spread = np.sqrt(4 * raw + floor**2 * np.eye(3))
-            offsets = np.einsum("nab,nb->na", spread, random.normal(size=(4000, 3)))
-            found[name] = Sample(offsets, raw)
-        return found
-
-    walks = [walk(), walk()]
-    calibration = fit_calibration(pool_samples(walks))
-    assert calibration.scale == 2.0
-    np.testing.assert_allclose(calibration.floor["wrist"], 0.020, atol=0.002)
-    np.testing.assert_allclose(calibration.floor["hip"], 0.010, atol=0.0005)
-    for name, sample in walk().items():
-        assert abs(sample.share(calibration.scale, calibration.floor[name]) - 0.95) < 0.015
-
-
-def test_a_scale_is_preferred_where_floors_do_as_well() -> None:
-    """Offsets that know nothing of how firmly a joint is held: some scale costs next to nothing."""
-    random = np.random.default_rng(6)
-    raw = random.uniform(0.001, 0.002, 3000)[:, None, None] ** 2 * np.eye(3)
-    calibration = fit_calibration({"hip": Sample(random.normal(0, 0.02, (3000, 3)), raw)})
-    assert calibration.scale >= 2.0 and 0.018 < calibration.floor["hip"] < 0.021

@@ -1,1 +1,0 @@
-"""The report of timings: a page, figures, and the README's table."""
