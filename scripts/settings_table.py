@@ -1,76 +1,87 @@
-"""Write docs/settings.md from the tree of settings: `python scripts/settings_table.py`."""
+"""Write docs/settings.md, the public settings: `python scripts/settings_table.py`.
+
+Public is what has a flag, may stand in sequence.toml (`capture`), or is stated by a paper's preset.
+"""
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Iterator
-from functools import reduce
+from collections.abc import Iterator, Mapping
+from importlib import resources
+from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 from pydantic.fields import FieldInfo
 
 from apf.settings import Settings
-from psfs.common.config import Config, about, describe_range, field_choices, fields_below, part_kind
+from psfs.common.config import Config, about, describe_range, field_choices, part_kind
+from psfs.common.toml import parse_toml
 
 PAGE = Path(__file__).parents[1] / "docs" / "settings.md"
 _HEAD = """# Settings
 
-This page is generated from the code by `python scripts/settings_table.py`; a test compares them.
+The settings that have a flag, that `sequence.toml` may hold, or that a paper's preset states. This page is generated from the code by
+`python scripts/settings_table.py`; a test compares them.
 
-Each section is a node of the tree `apf.settings.Settings`. The nodes `reconstruction`, `method`,
-`live` and `calibration` can be stated as tables of `--config FILE.toml`, in presets and in the
-`settings.toml` beside results, for the commands that use them; `capture` is what `sequence.toml`
-may hold. In Python every node is a class whose arguments these are, `config.replace(...)` changes
-some, and what lies outside its range raises `InputError`. An empty range means any value of the
-default's kind.
+Each section is a node of the tree `apf.settings.Settings`. The nodes `reconstruction`, `method`, `live` and
+`calibration` can be stated as tables of `--config FILE.toml`, in presets and in the `settings.toml` beside results;
+`capture` is what `sequence.toml` may hold. So `method.filter.search.n_layers` is `n_layers` in the table
+`[method.filter.search]`. In Python every node is a class whose arguments these are, and `config.replace(...)` changes
+some. What lies outside its range raises `InputError`. The tree has more settings, each described beside its
+definition in a `config.py`; they can be stated in the same way, and may change without notice.
 """
+_TABLE = "| setting | default | unit or range | meaning | flag |\n|---|---|---|---|---|"
 
 
 def page() -> str:
     """Return the text of the page."""
-    return "\n".join([_HEAD, *_sections(Settings(), "", {})])
+    stated = set(_preset_keys())
+    rows = [
+        (path, _row(config, path, field))
+        for config, path, field in _leaves(Settings(), ())
+        if about(field, "flag") or path in stated or path[0] == "capture"
+    ]
+    sections = [
+        "\n".join([f"## {node}\n", _TABLE, *(row for _, row in group), ""])
+        for node, group in groupby(rows, key=lambda row: row[0][0])
+    ]
+    return "\n".join([_HEAD, *sections])
 
 
-def _sections(config: Config, where: str, shown: dict[type[Config], str]) -> Iterator[str]:
-    """Yield a section for each part of `config`; classes in `shown` are not shown again."""
+def _leaves(
+    config: Config, where: tuple[str, ...]
+) -> Iterator[tuple[Config, tuple[str, ...], FieldInfo]]:
+    """Yield the settings of a tree, each with its class's instance and its path."""
     for name, field in type(config).model_fields.items():
-        kind, inner = part_kind(field), getattr(config, name)
-        if kind is None:
-            continue
-        path = f"{where}.{name}" if where else name
-        yield f"{'###' if where else '##'} {path}\n"
-        if kind in shown:
-            yield _again(inner, shown[kind])
-            continue
-        shown[kind] = path
-        yield f"`{kind.__name__}`: {' '.join((inspect.getdoc(kind) or '').split())}\n"
-        rows = [_row(inner, *item) for item in kind.model_fields.items() if not part_kind(item[1])]
-        if rows:
-            head = "| setting | default | unit or range | flag | what it is | source |"
-            yield "\n".join([head, "|---|---|---|---|---|---|", *rows, ""])
-        yield from _sections(inner, path, shown)
+        if part_kind(field) is None:
+            yield config, (*where, name), field
+        else:
+            yield from _leaves(getattr(config, name), (*where, name))
 
 
-def _again(config: Config, before: str) -> str:
-    """Return a section for a class that already has one in `before`, with the differences."""
-    others = []
-    for path, _ in fields_below(type(config)):
-        own, usual = (reduce(getattr, path, of) for of in (config, type(config)()))
-        if own != usual:
-            others.append(f"`{'.'.join(path)}` = `{own}`")
-    differs = f", but for {', '.join(others)}" if others else ""
-    return f"As `{before}`{differs}.\n"
+def _preset_keys() -> Iterator[tuple[str, ...]]:
+    """Yield the paths of the settings that a preset states."""
+    for package in ("apf", "psfs"):
+        for file in (resources.files(package) / "presets").iterdir():
+            if file.name.endswith(".toml"):
+                yield from _keys(parse_toml(file.read_text(), file.name), ())
 
 
-def _row(config: Config, name: str, field: FieldInfo) -> str:
-    value = getattr(config, name)
+def _keys(table: Mapping[str, Any], where: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _keys(value, (*where, name))
+        else:
+            yield (*where, name)
+
+
+def _row(config: Config, path: tuple[str, ...], field: FieldInfo) -> str:
+    value = getattr(config, path[-1])
     default = "" if value is None else f"`{value}`"
-    takes = (
-        describe_range(field) or ", ".join(map(str, field_choices(field))) or about(field, "unit")
-    )
+    taken = describe_range(field) or ", ".join(map(str, field_choices(field)))
     flag = f"`{about(field, 'flag')}`" if about(field, "flag") else ""
-    source = about(field, "source") or config.SOURCE
-    cells = (f"`{name}`", default, takes, flag, field.description or "", source)
+    name = ".".join(path[1:])
+    cells = (f"`{name}`", default, taken or about(field, "unit"), field.description or "", flag)
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
