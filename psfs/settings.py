@@ -19,7 +19,6 @@ from psfs.diagnostics.config import (
 )
 from psfs.diagnostics.picture_config import PictureConfig
 from psfs.footage import settings as footage
-from psfs.footage.config import SoundConfig
 from psfs.people.config import PeopleConfig
 from psfs.self_calibration.config import PersonConfig
 from psfs.voxels.config import EdgeConfig, ReconstructionConfig
@@ -48,7 +47,6 @@ class Settings(Config):
     """The settings of every room of psfs."""
 
     capture: footage.SequenceSettings = part(footage.SequenceSettings)
-    sound: SoundConfig = part(SoundConfig)
     background: BackgroundSettings = part(BackgroundSettings)
     reconstruction: ReconstructionConfig = part(ReconstructionConfig)
     edges: EdgeConfig = part(EdgeConfig)

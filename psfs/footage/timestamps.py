@@ -21,6 +21,7 @@ from psfs.common.files import read_text
 from psfs.common.reading import parsing
 from psfs.footage.layouts.common import Footage
 from psfs.footage.media import Media
+from psfs.footage.timing import pair_frames
 
 NAME = "timestamps.csv"
 _WHAT = "times of frames"
@@ -46,7 +47,7 @@ def pair_by_timestamps(footage: Footage) -> Footage:
         return footage
     times = _assign_times(path, media)
     _assign_times(path, footage.masks or ())  # raises for masks of other frames than the videos'
-    picks, apart = pick_frames(times)
+    picks, apart = pair_frames(times)
     if not picks:
         raise InputError(f"{path}: no time is in all cameras; expected recordings that overlap")
     note = (
@@ -55,35 +56,6 @@ def pair_by_timestamps(footage: Footage) -> Footage:
     )
     chosen = footage.select(lambda _, view: [indices[view] for indices in picks])
     return replace(chosen, notes=[*footage.notes, note])
-
-
-def pick_frames(times: Sequence[np.ndarray]) -> tuple[list[tuple[int, ...]], float]:
-    """Return the frames of each camera (V,) at every common time, and the greatest difference, s.
-
-    times: (F,) s of each camera's frames, ascending. The camera with the fewest frames leads; a
-    time is left out if another camera has no frame within half the leader's usual interval.
-    """
-    leader = min(times, key=len)
-    reach = 0.5 * float(np.median(np.diff(leader))) if len(leader) > 1 else 0.0
-    nearest = np.column_stack([_find_nearest(own, leader) for own in times])  # (F, V)
-    found = np.column_stack([own[index] for own, index in zip(times, nearest.T, strict=True)])
-    away = abs(found - leader[:, None]).max(1)
-    picks: list[tuple[int, ...]] = []
-    apart = 0.0
-    for indices, distance in zip(nearest[away <= reach], away[away <= reach], strict=True):
-        if not (picks and (indices <= picks[-1]).any()):
-            picks.append(tuple(indices.tolist()))
-            apart = max(apart, float(distance))
-    return picks, apart
-
-
-def _find_nearest(times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Return the indices (N,) of those of the ascending `times` (F,) that are nearest to `wanted`
-    (N,): the earlier of two that are equally near."""
-    after = np.searchsorted(times, wanted).clip(1, max(len(times) - 1, 1))
-    before = after - 1
-    after = after.clip(max=len(times) - 1)
-    return np.where(times[after] - wanted < wanted - times[before], after, before)
 
 
 def _assign_times(path: Path, media: Sequence[Media]) -> list[np.ndarray]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -41,23 +40,42 @@ class Timing:
         the sequence."""
         return [round(by * rate / self.fps) for by, rate in zip(late, self.rates, strict=True)]
 
-    def picks(self, counts: Sequence[int]) -> list[list[int]]:
-        """Return for each camera the indices of its frames, nearest in time to the sequence's
-        frames.
+    def frame_times(self, counts: Sequence[int]) -> list[np.ndarray]:
+        """Return the times (F,) s of each camera's frames; counts: their numbers."""
+        timed = zip(counts, self.late, self.rates, strict=True)
+        return [(np.arange(count) - late) / rate for count, late, rate in timed]
 
-        counts: frames of each camera. The sequence begins at the first time that all cameras have.
-        """
-        per_frame = np.array(self.rates) / self.fps
-        late = np.array(self.late)
-        first = math.ceil(max(0.0, float((-late / per_frame).max())))
-        picked: list[list[int]] = [[] for _ in counts]
-        for frame in range(first, first + max(counts)):
-            indices = np.floor(frame * per_frame + 0.5).astype(int) + late
-            if (indices >= np.array(counts)).any():
-                break
-            for frames, index in zip(picked, indices, strict=True):
-                frames.append(int(index))
-        return picked
+
+def pair_frames(times: Sequence[np.ndarray]) -> tuple[list[tuple[int, ...]], float]:
+    """Return the frames of each camera (V,) at every common time, and the greatest difference, s.
+
+    times: (F,) s of each camera's frames, ascending. The camera with the longest usual interval
+    leads; a time is left out if another camera has no frame within half that
+    interval.
+    """
+    intervals = [float(np.median(np.diff(own))) if len(own) > 1 else 0.0 for own in times]
+    slowest = max(intervals)
+    leader, reach = times[intervals.index(slowest)], 0.5 * slowest
+    nearest = np.column_stack([_find_nearest(own, leader) for own in times])  # (F, V)
+    found = np.column_stack([own[index] for own, index in zip(times, nearest.T, strict=True)])
+    away = abs(found - leader[:, None]).max(1)
+    near = away <= reach + 1e-9  # times that are computed are rounded
+    picks: list[tuple[int, ...]] = []
+    apart = 0.0
+    for indices, distance in zip(nearest[near], away[near], strict=True):
+        if not (picks and (indices <= picks[-1]).any()):
+            picks.append(tuple(indices.tolist()))
+            apart = max(apart, float(distance))
+    return picks, apart
+
+
+def _find_nearest(times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return the indices (N,) of those of the ascending `times` (F,) that are nearest to `wanted`
+    (N,): the earlier of two that are equally near."""
+    after = np.searchsorted(times, wanted).clip(1, max(len(times) - 1, 1))
+    before = after - 1
+    after = after.clip(max=len(times) - 1)
+    return np.where(times[after] - wanted < wanted - times[before], after, before)
 
 
 def find_timing(
@@ -110,10 +128,10 @@ def synchronise(footage: Footage, timing: Timing) -> Footage:
         return footage
     media = [kind for kind in (footage.images, footage.masks) if kind]
     counts = [min(kind[view].count for kind in media) for view in range(len(footage.rig))]
-    picks = timing.picks(counts)
-    if not picks[0]:
+    picks, _ = pair_frames(timing.frame_times(counts))
+    if not picks:
         raise InputError(
             f"no time is in all cameras, which are late by {join_names(map(str, timing.late))} "
             f"frames and have {join_names(map(str, counts))}"
         )
-    return footage.select(lambda _, view: picks[view])
+    return footage.select(lambda _, view: [frame[view] for frame in picks])

@@ -12,7 +12,8 @@ import pytest
 from cl import InputError
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
 from psfs.footage.settings import SequenceSettings
-from psfs.footage.timestamps import pair_by_timestamps, pick_frames
+from psfs.footage.timestamps import pair_by_timestamps
+from psfs.footage.timing import pair_frames
 from psfs.sequence import Sequence
 
 TIMES = {0: [1.0, 1.1, 1.2, 1.3, 1.4, 1.5], 1: [1.09, 1.21, 1.41, 1.5]}  # 1.3 was dropped
@@ -78,9 +79,9 @@ def test_files_that_do_not_fit(tmp_path: Path, change, message: str) -> None:
 
 def test_the_earlier_of_two_that_are_equally_near() -> None:
     times = [np.array([0.0, 2.0, 4.0]), np.array([-1.0, 1.0, 3.0, 4.5])]
-    assert pick_frames(times) == ([(0, 0), (1, 1), (2, 3)], 1.0)
-    assert pick_frames([np.array([0.0]), np.array([-1.0, 0.0])]) == ([(0, 1)], 0.0)
+    assert pair_frames(times) == ([(0, 0), (1, 1), (2, 3)], 1.0)
+    assert pair_frames([np.array([0.0]), np.array([-1.0, 0.0])]) == ([(0, 1)], 0.0)
 
 
 def test_times_that_no_camera_shares() -> None:
-    assert pick_frames([np.arange(3.0), 100 + np.arange(3.0)]) == ([], 0.0)
+    assert pair_frames([np.arange(3.0), 100 + np.arange(3.0)]) == ([], 0.0)

@@ -1,0 +1,239 @@
+"""When each camera took its pictures: one estimate of offsets from whichever evidence there is.
+
+Two kinds of evidence tell the offset between two cameras: costs at every whole offset (of signals
+that both show, such as silhouettes, keypoints or the height of a head), and offsets measured with
+a deviation (sound, time stamps). `estimate_times` combines all of them: whole offsets of the
+greatest likelihood, then weighted least squares around these for the fractions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+#: Independent measurements per frame: in neighbouring frames silhouettes and keypoints err alike.
+INDEPENDENT_SHARE = 0.1
+#: Least share of the frames that must be left at an offset.
+_LEAST_OVERLAP = 0.4
+#: Stretches of frames by which an offset is tested, and interleaved parts that these make up.
+_BLOCKS, _FOLDS = 10, 5
+#: Variance, frames^2, of an offset that no evidence tells.
+_UNKNOWN = 1e6
+
+#: Evidence of pairs of cameras (a, b): sums and numbers of differences (2 most + 1, B, 2) at
+#: offsets of -most to most frames by which b's pictures come later, in B stretches of frames.
+PairCosts = Mapping[tuple[int, int], np.ndarray]
+
+
+@dataclass(frozen=True)
+class MeasuredOffset:
+    """The pictures of camera `b` come `offset` frames later than those of `a`, to a standard
+    deviation of `sigma` frames."""
+
+    a: int
+    b: int
+    offset: float
+    sigma: float
+
+
+@dataclass(frozen=True, eq=False)
+class CameraTimes:
+    """The times of V cameras.
+
+    offsets: (V,) frames by which each camera's pictures come later than the median camera's.
+    sigmas: (V,) their standard deviations, frames. chances: (V,) probability that as many of
+    five interleaved parts of the frames have their best offset within one frame of this one, if
+    each is best at any offset alike, as parts are that tell nothing; 1 without an offset.
+    """
+
+    offsets: np.ndarray
+    sigmas: np.ndarray
+    chances: np.ndarray
+
+    @property
+    def whole(self) -> list[int]:
+        """The offsets (V,) in whole frames."""
+        return [round(float(offset)) for offset in self.offsets]
+
+
+def compare_signals(a: np.ndarray, b: np.ndarray, most: int, cap: float) -> np.ndarray:
+    """Compare signals (F, K) of two cameras, NaN where unknown; return `PairCosts` of the absolute
+    differences, each at most `cap`.
+
+    What differs in all frames alike comes from the calibration and not from the time: the
+    differences with or without their median are used, whichever fit better.
+    """
+    padded = np.pad(b.T, ((0, 0), (most, most)), constant_values=np.nan)
+    shifted = np.lib.stride_tricks.sliding_window_view(padded, len(a), axis=1)
+    differences = a.T[:, None] - shifted  # (K, offsets, F)
+    known = np.isfinite(differences)
+    starts = np.unique(np.linspace(0, len(a), min(_BLOCKS, len(a)) + 1).astype(int))[:-1]
+    counts = np.add.reduceat(known.sum(0), starts, axis=1)
+    tried = []
+    for steady in (np.zeros(known.shape[:2]), _medians(differences, known.sum(-1))):
+        apart = np.minimum(np.abs(differences - steady[..., None]), cap)
+        sums = np.add.reduceat(np.where(known, apart, 0).sum(0), starts, axis=1)
+        tried.append(np.stack([sums, counts], -1))
+    return min(tried, key=lambda table: float(np.nanmin(mean_costs(table), initial=np.inf)))
+
+
+def mean_costs(table: np.ndarray) -> np.ndarray:
+    """Return the mean differences (L,) of `PairCosts` (L, B, 2); NaN where too few are left."""
+    sums, counts = table.sum(axis=1).T
+    enough = counts > _LEAST_OVERLAP * counts.max(initial=1)
+    return np.where(enough, sums / np.maximum(counts, 1), np.nan)
+
+
+def estimate_times(
+    n_cameras: int, costs: PairCosts, measured: Sequence[MeasuredOffset] = (), noise: float = 1e-9
+) -> CameraTimes:
+    """Estimate the cameras' offsets from all evidence.
+
+    noise: mean difference up to which signals agree. Differences are taken to be Laplace
+    distributed with an unknown scale, so the log-likelihood of an offset is -n log(mean + noise).
+    """
+    tables = {pair: _measure_likelihood(table, noise) for pair, table in costs.items()}
+    whole = _choose_whole_offsets(n_cameras, tables, measured)
+    offsets, sigmas = combine_offsets(n_cameras, [*_measure_fractions(tables, whole), *measured])
+    chances = np.ones(n_cameras)
+    for view in np.flatnonzero(whole):
+        if any(view in pair for pair in tables):
+            chances[view] = _test_offset(int(view), whole, costs, tables)
+    return CameraTimes(offsets, sigmas, chances)
+
+
+def combine_offsets(
+    n_cameras: int, measured: Iterable[MeasuredOffset]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the offsets (V,), frames, whose median is 0, that fit measured ones best by weighted
+    least squares, and their standard deviations (V,)."""
+    normal, right = np.eye(n_cameras) / _UNKNOWN, np.zeros(n_cameras)
+    for row in measured:
+        difference = np.zeros(n_cameras)
+        difference[[row.a, row.b]] = -1, 1
+        normal += np.outer(difference, difference) / row.sigma**2
+        right += difference * row.offset / row.sigma**2
+    covariance = np.linalg.inv(normal)
+    offsets = covariance @ right
+    centred = np.eye(n_cameras) - 1 / n_cameras
+    spread = np.diag(centred @ covariance @ centred)
+    return offsets - np.median(offsets), np.sqrt(np.maximum(spread, 0))
+
+
+def _medians(values: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Return the medians (...) of values (..., n), of which `counts` (...) are not NaN."""
+    ordered, counts = np.sort(values), np.maximum(counts, 1)[..., None]
+    low, high = (np.take_along_axis(ordered, k, -1) for k in ((counts - 1) // 2, counts // 2))
+    return np.nan_to_num(0.5 * (low + high)[..., 0])
+
+
+def _measure_likelihood(table: np.ndarray, noise: float) -> np.ndarray:
+    """Return the negative log-likelihoods (L,) of `PairCosts` (L, B, 2); where too few frames are
+    left, that of the worst offset."""
+    known = mean_costs(table)
+    worst = np.nanmax(known) if np.isfinite(known).any() else 1.0
+    n = INDEPENDENT_SHARE * float(table[..., 1].sum(axis=1).max())
+    return n * np.log(np.where(np.isfinite(known), known, worst) + noise)
+
+
+def _choose_whole_offsets(
+    n_cameras: int,
+    tables: Mapping[tuple[int, int], np.ndarray],
+    measured: Sequence[MeasuredOffset],
+) -> np.ndarray:
+    """Return the whole offsets (V,) of the greatest likelihood, whose median is 0.
+
+    From no offsets and from the offsets to each camera in turn, one camera after another is moved
+    while that helps. A camera whose offset would be the longest that was tried gets none.
+    """
+    start = np.round(combine_offsets(n_cameras, measured)[0]).astype(int)
+    most = max((len(table) // 4 for table in tables.values()), default=0)
+    starts = [start]
+    for root in range(n_cameras):
+        offsets = start.copy()
+        for a, b in tables:
+            if root in (a, b):
+                least = int(tables[a, b].argmin()) - len(tables[a, b]) // 2
+                offsets[a + b - root] = offsets[root] + (least if root == a else -least)
+        starts.append(np.clip(offsets, -most, most))
+    span = np.arange(-most, most + 1)
+    best = start, np.inf
+    for offsets in starts if tables else ():
+        cost = np.inf
+        while True:
+            for view in range(n_cameras):
+                curve = _sum_curves(view, offsets, span, tables, measured)
+                offsets[view] = span[int(curve.argmin())]
+            pairs = tables.items()
+            total = float(sum(_look_up(t, offsets[b] - offsets[a]) for (a, b), t in pairs))
+            if not total < cost:
+                break
+            cost = total
+        if cost < best[1]:
+            best = offsets.copy(), cost
+    whole = best[0] - round(float(np.median(best[0])))
+    return np.where(np.abs(whole) < max(most, 1) if tables else True, whole, 0)
+
+
+def _sum_curves(
+    view: int,
+    offsets: np.ndarray,
+    span: np.ndarray,
+    tables: Mapping[tuple[int, int], np.ndarray],
+    measured: Sequence[MeasuredOffset],
+) -> np.ndarray:
+    """Return the negative log-likelihoods (L,) of a camera's offsets `span` (L,)."""
+    curve = np.zeros(len(span))
+    for (a, b), table in tables.items():
+        if view in (a, b):
+            curve += _look_up(table, span - offsets[a] if view == b else offsets[b] - span)
+    for m in measured:
+        if view in (m.a, m.b):
+            apart = span - offsets[m.a] if view == m.b else offsets[m.b] - span
+            curve += 0.5 * ((apart - m.offset) / m.sigma) ** 2
+    return curve
+
+
+def _look_up(table: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """Return the values of a table (2 most + 1,) at offsets; those of the ends beyond them."""
+    most = len(table) // 2
+    return np.asarray(table[np.clip(offsets, -most, most) + most])
+
+
+def _measure_fractions(
+    tables: Mapping[tuple[int, int], np.ndarray], whole: np.ndarray
+) -> list[MeasuredOffset]:
+    """Return the offsets of pairs at the minimum of the parabola through the costs around whole
+    offsets (V,); pairs without a minimum there tell nothing."""
+    found = []
+    for (a, b), table in tables.items():
+        middle = int(whole[b] - whole[a]) + len(table) // 2
+        if not 1 <= middle < len(table) - 1:
+            continue
+        before, here, after = table[middle - 1 : middle + 2]
+        bend = before - 2 * here + after
+        aside = 0.5 * (before - after) / bend if bend > 0 else np.inf
+        if abs(aside) <= 1:
+            offset = float(whole[b] - whole[a]) + aside
+            found.append(MeasuredOffset(a, b, offset, float(1 / np.sqrt(bend))))
+    return found
+
+
+def _test_offset(
+    view: int, whole: np.ndarray, costs: PairCosts, tables: Mapping[tuple[int, int], np.ndarray]
+) -> float:
+    """Return the probability of `CameraTimes.chances` of one camera's offset."""
+    from scipy.stats import binom  # takes a while to load
+
+    own = {pair: costs[pair] for pair in tables if view in pair}
+    most = max(len(table) for table in own.values()) // 4
+    span = np.arange(-most, most + 1)
+    agreeing = 0
+    for fold in range(_FOLDS):
+        part = {pair: _measure_likelihood(of[:, fold::_FOLDS], 1e-9) for pair, of in own.items()}
+        curve = _sum_curves(view, whole, span, part, ())
+        agreeing += bool(np.ptp(curve) > 0) and abs(span[int(curve.argmin())] - whole[view]) <= 1
+    # One of them agrees because the offset was estimated from it, too.
+    return float(binom.sf(agreeing - 2, _FOLDS - 1, 3 / len(span)))
