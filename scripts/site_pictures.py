@@ -22,7 +22,7 @@ from PIL import Image
 
 from apf.body.kinematics import posed_cones
 from apf.body.model import find_side
-from apf.report.overlay import COLOURS, draw_overlay
+from apf.report.drawing import SIDES, Figure
 from apf.tracking.track import Track
 from psfs.output.preview import View, shade_cloud
 from psfs.output.reconstruction_folder import ReconstructionFolder
@@ -67,11 +67,8 @@ def draw_picture(demo: Demo, frame: Frame, row: int, body: bool) -> np.ndarray:
     """Draw the first camera's picture around the person, with the tracked body if `body`."""
     picture = frame.images[0]
     if body:
-        track = demo.track
-        names = track.its_body.cone_names
-        picture = draw_overlay(
-            picture, demo.sequence.rig[0], demo.cones[row], names, track.joints[row], track.edges
-        )
+        picture = picture.copy()
+        Figure(demo.track).draw(picture, demo.sequence.rig[0], row)
     return cv2.resize(picture[demo.crop(row)], PANEL, interpolation=cv2.INTER_AREA)
 
 
@@ -94,7 +91,7 @@ def draw_skeleton(voxels: np.ndarray, track: Track, row: int, view: View) -> np.
     points = [tuple(int(value) for value in point) for point in np.rint(pixels * 16)]
     for a, b in sorted(track.edges, key=lambda edge: -depth[edge].mean()):
         sides = {find_side(track.joint_names[a]), find_side(track.joint_names[b])} - {"middle"}
-        colour = COLOURS[sides.pop() if sides else "middle"]
+        colour = SIDES[sides.pop() if sides else "middle"][::-1]
         cv2.line(drawn, points[a], points[b], colour, 5, cv2.LINE_AA, 4)
     for point in points:
         cv2.circle(drawn, point, 3 * 16, _INK, -1, cv2.LINE_AA, 4)

@@ -6,11 +6,11 @@ import argparse
 from contextlib import ExitStack
 from pathlib import Path
 
+from apf.report import OVERLAY, PAGE
 from apf.report.agreement import choose_rows
-from apf.report.judged import OVERLAY, judge_track, write_report
-from apf.report.names import PAGE
-from apf.report.overlay import write_overlay
-from apf.report.people_page import write_people_overlay, write_people_page
+from apf.report.drawing import write_overlay
+from apf.report.judged import judge_track, write_report
+from apf.report.page import write_page
 from apf.report.summary import (
     open_tracked_sequence,
     read_summary,
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> None:
         doubts = summary.get("quality", {}).get("doubts", [])
         quality = judge_track(session, track, advance, doubts=doubts)
         if draw:
-            write_overlay(folder / OVERLAY, sequence, track, track.its_body, advance)
+            write_overlay(folder / OVERLAY, sequence, track, advance)
         stack.close()
         write_report(folder, sequence.name, quality, summary)
     for warning in summary["warnings"]:
@@ -101,10 +101,10 @@ def _run_people(args: argparse.Namespace, folder: Path) -> None:
         if not args.no_overlay and not video.exists():
             bar = stack.enter_context(progress_bar())
             task = bar.add_task("overlay", total=len(tracks.frames))
-            write_people_overlay(video, sequence, tracks, lambda: bar.advance(task))
-        page = write_people_page(folder, sequence.name, tracks, video)
+            write_overlay(video, sequence, tracks, lambda: bar.advance(task))
+        write_page(folder / PAGE, sequence.name, tracks, video)
     for number in range(1, len(tracks) + 1):
         own = person_folder(folder, number)
         for line in read_summary(own).get("says", ()):
             stdout.print(f"{own.name}: {line}", soft_wrap=True)
-    stdout.print(f"wrote {page}", soft_wrap=True)
+    stdout.print(f"wrote {folder / PAGE}", soft_wrap=True)

@@ -22,8 +22,8 @@ from apf.cli.takes.results import RESULTS, FinishedTake, finish_take, print_outc
 from apf.cli.takes.take_report import TakeLine, TakeReport, describe_spread
 from apf.filters.method import Method
 from apf.initialisation import StartError
+from apf.report import PAGE
 from apf.report.judged import keep_judged_frames
-from apf.report.names import PAGE
 from apf.tracking.batch import run_at_once
 from apf.tracking.progress import StageProgress
 from apf.tracking.settings import GivenStart, TakeSettings

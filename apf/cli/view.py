@@ -12,7 +12,6 @@ import numpy as np
 from apf.cli.takes.opened_track import open_given_track
 from apf.studio.folders import find_kind
 from apf.studio.opened import OpenedTracks, add_tracks, open_track, read_seen_frames
-from apf.studio.pictures import draw_people
 from apf.studio.watch import TrackWatch
 from apf.tracking.people import list_people
 from cl import InputError, select_device
@@ -53,10 +52,10 @@ def _view(
         sequence, shown = opened.sequence, int(opened.frames[0]) if frame is None else frame
         if sequence is None:
             raise InputError(f"{args.out}: {'; '.join(opened.remarks)}; expected its footage")
-        if not any(shown in rows for rows in opened.rows.values()):
+        if not any(shown in figure.rows for figure in opened.figures.values()):
             raise InputError(f"{args.track or args.out}: frame {shown} was not tracked")
 
         def draw() -> np.ndarray:
-            return draw_people(sequence.read(shown), opened, None)
+            return opened.draw(sequence.read(shown), None)
 
         write_view(args, sequence, draw)

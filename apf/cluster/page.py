@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 from apf.cluster.record import RECORD, TakeRecord
 from apf.cluster.take_row import THUMBNAIL, TakeRow
-from apf.report.names import PAGE
+from apf.report import PAGE
 from psfs.common.files import open_text, resolve_path, write_text
 
 LOGS = "logs"

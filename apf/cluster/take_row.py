@@ -11,10 +11,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from apf.body.kinematics import posed_cones
 from apf.body.stature import is_whole, stature
 from apf.evaluation.evaluate import Evaluation
-from apf.report.overlay import overlay_picture
+from apf.report.drawing import Figure, draw_mosaic
 from apf.report.quality import DOUBTFUL
 from apf.report.summary import read_summary
 from apf.tracking.take import Take
@@ -106,17 +105,8 @@ class TakeRow:
 
 def write_thumbnail(folder: Path, take: Take, track: Track) -> None:
     """Write the middle frame of the first camera, with the body, into the folder of results."""
-    middle, body = len(track) // 2, take.body
-    shown = [i for i, cone in enumerate(body.cones) if cone.in_images]
-    picture = overlay_picture(
-        take.sequence.read(int(track.frames[middle])),
-        take.sequence.rig,
-        posed_cones(body, track.poses[middle : middle + 1])[0, shown],
-        [body.cone_names[i] for i in shown],
-        track.joints[middle],
-        track.edges,
-        views=[0],
-    )
+    frame = take.sequence.read(int(track.frames[len(track) // 2]))
+    picture = draw_mosaic(frame, take.sequence.rig, [Figure(track)], views=[0])
     height = round(picture.shape[0] * _WIDTH / picture.shape[1])
     small = cv2.resize(picture, (_WIDTH, height), interpolation=cv2.INTER_AREA)
     write_picture(folder / THUMBNAIL, small)

@@ -1,4 +1,4 @@
-"""Measure the agreement of a track's poses with the silhouettes of their frames."""
+"""Measure the agreement of a track's poses with the silhouettes and keypoints of their frames."""
 
 from __future__ import annotations
 
@@ -11,9 +11,12 @@ import cv2
 import numpy as np
 
 from apf.body.cones import project_outlines
-from apf.body.kinematics import posed_cones
-from apf.report.overlay import check_indices
-from apf.report.parts import Part, find_parts
+from apf.body.kinematics import bone_matrices, posed_cones
+from apf.body.limbs import LIMB_ENDS, limb_chains
+from apf.body.model import BodyModel
+from apf.keypoints.keypoints import Keypoints
+from apf.keypoints.landmarks import locate_points
+from apf.report.drawing import check_indices
 from apf.tracking.track import Track
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
@@ -31,6 +34,41 @@ _LEAST_PIXELS = 20
 #: A surface voxel farther than this from every cone, m, is unexplained: about a forearm's girth,
 #: and more than the hulls of few cameras exceed the body.
 _FAR = 0.10
+#: Distance, m, at the point's depth beyond which the body does not explain a keypoint; the points
+#: of people differ by less from their prior position on the body.
+_KEYPOINT_FAR = 0.15
+#: Least confidence of keypoints that count.
+_CONFIDENCE = 0.3
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a body with its usual name; cones: indices; end: index of its last joint."""
+
+    name: str
+    cones: tuple[int, ...]
+    end: int
+
+
+def find_parts(body: BodyModel) -> tuple[Part, ...]:
+    """Return trunk, limbs and head of `body`, as far as it has them."""
+    numbers = {name: number for number, name in enumerate(body.joint_names)}
+    ends = {numbers[joint]: name for name, joint in LIMB_ENDS.items() if joint in numbers}
+    heads = [{body.joints[end].bone} for end, name in ends.items() if name == "head"]
+    limbs = [set(chain) for chain in limb_chains(body)] + heads
+    trunk = set(range(len(body.bones))).difference(*limbs)
+    found = [_part(body, trunk, "trunk")]
+    for bones in limbs:
+        names = [name for end, name in ends.items() if body.joints[end].bone in bones]
+        found.append(_part(body, bones, names[0] if names else body.bones[max(bones)].name))
+    images = {c for c, cone in enumerate(body.cones) if cone.in_images}
+    return tuple(part for part in found if images & set(part.cones) and part.end >= 0)
+
+
+def _part(body: BodyModel, bones: set[int], name: str) -> Part:
+    cones = tuple(c for c, cone in enumerate(body.cones) if cone.bone in bones)
+    joints = [j for j, joint in enumerate(body.joints) if joint.bone in bones]
+    return Part(name, cones, joints[-1] if joints else -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,3 +211,32 @@ def measure_explained(
         shown[inside] += seen[y, x]
         uncovered[inside] += seen[y, x] & ~body[y, x]
     return float(1 - (2 * uncovered >= shown).sum() / len(points))
+
+
+def measure_keypoint_agreement(track: Track, keypoints: Keypoints, rig: CameraRig) -> np.ndarray:
+    """Return the share (F,) of the keypoints that lie near their point on the body; NaN in frames
+    without keypoints.
+
+    keypoints: of the cameras of `rig` and all frames of the sequence.
+    """
+    points = locate_points(track.its_body, keypoints.names)
+    rotations, origins = bone_matrices(track.its_body, track.poses)
+    offsets = np.einsum("spij,pj->spi", rotations[:, points.bones], points.offsets)
+    expected_points = origins[:, points.bones] + offsets
+    near, known = np.zeros(len(track)), np.zeros(len(track))
+    for camera, observed in zip(rig, keypoints.points, strict=True):
+        shown = observed[track.frames][:, points.columns].astype(np.float64)
+        pixels = shown[..., :2].reshape(-1, 2)
+        if camera.lens.any():
+            pixels = camera.undistort(pixels)
+        local = expected_points @ camera.R.T + camera.t
+        with np.errstate(divide="ignore", invalid="ignore"):
+            expected = (local @ camera.K.T)[..., :2] / local[..., 2:]
+            off = np.linalg.norm(expected - pixels.reshape(expected.shape), axis=-1)
+            apart = off * local[..., 2] / camera.K[0, 0]
+        sure = (np.nan_to_num(shown[..., 2]) >= _CONFIDENCE) & np.isfinite(off)
+        near += (sure & (apart <= _KEYPOINT_FAR) & (local[..., 2] > 0)).sum(axis=1)
+        known += sure.sum(axis=1)
+    with np.errstate(invalid="ignore"):
+        shares: np.ndarray = near / known
+    return shares

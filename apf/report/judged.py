@@ -9,10 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from apf.keypoints.keypoints import Keypoints
-from apf.report.agreement import Agreement, choose_rows, compare_with_silhouettes
-from apf.report.keypoint_agreement import measure_keypoint_agreement
+from apf.report import OVERLAY, PAGE
+from apf.report.agreement import (
+    Agreement,
+    choose_rows,
+    compare_with_silhouettes,
+    measure_keypoint_agreement,
+)
+from apf.report.drawing import gather
 from apf.report.motion_limits import find_impossible_motion
-from apf.report.names import PAGE
 from apf.report.page import write_page
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY, body_facts, read_tracked_grid
@@ -24,7 +29,6 @@ from psfs.output.reconstruction_folder import device_facts
 from psfs.session import Session
 from psfs.voxels.config import ReconstructionConfig
 
-OVERLAY = "overlay.mp4"
 #: Files of a track besides summary and page, as the summary lists them.
 FILES = (
     "track.npz", "joints.trc", "joints.csv", "body.toml", "start.txt", "settings.toml", OVERLAY,
@@ -87,7 +91,8 @@ def write_report(
     if page:
         settings = folder / "settings.toml"
         text = read_text(settings, "settings") if settings.exists() else ""
-        write_page(folder / PAGE, name, quality, summary, text, folder / OVERLAY)
+        track, shown = gather(quality.track), summary | {"settings": text}
+        write_page(folder / PAGE, name, track, folder / OVERLAY, quality, shown)
     write_json(folder / SUMMARY, summary)
     return written
 

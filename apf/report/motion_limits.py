@@ -3,9 +3,9 @@ too fast for the legs.
 
 The first comes from a start that faced the wrong way, the others from a frame rate that is stated
 too high. The ground pushes and does not pull, so the centre of mass accelerates downward by at most
-g; at twice the rate accelerations are four times as high. Legs swing as pendulums: from a slow walk
-to a run of v^2 / (g L) = 3 people take f = 0.4 to 1.0 sqrt(g / L) steps per second (Alexander 1989,
-"Optimization and gaits in the locomotion of vertebrates").
+g; at twice the rate accelerations are four times as high. Legs swing as pendulums: at a speed v
+people take 0.87 Fr^0.2 sqrt(g / L) steps per second, Fr = v^2 / (g L), since a stride is 2.3 Fr^0.3
+legs long (Alexander 1989, "Optimization and gaits in the locomotion of vertebrates").
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ from apf.tracking.gait import measure_gait
 from apf.tracking.track import Track
 
 _GRAVITY = 9.81
+#: The factor and the power of that law; and the least Fr at which it is asked: slower people may
+#: dance.
+_STEPS, _POWER, _WALKS_ON = 0.87, 0.2, 0.5
 #: Share of the body's mass of the segments between two joints, of each side (Winter 2009, table
 #: 4.1; hands are counted with forearms, feet with shanks). The rest is trunk and head.
 _LIMBS = (
@@ -29,41 +32,48 @@ _LIMBS = (
     ("knee", "ankle", 0.061),
 )
 _TRUNK, _HEAD = 0.497, 0.081
-#: Cosine of the largest angle between the heading and the direction of a straight walk.
-_STRAIGHT = 0.7
-#: Height of ankles above the floor, m.
-_ANKLE_HEIGHT = 0.08
 _JOINTS = {"neck", "head_top", *(f"{s}_{end}" for s in "lr" for pair in _LIMBS for end in pair[:2])}
 
 
 def find_impossible_motion(track: Track, config: MotionConfig | None = None) -> list[str]:
-    """Return what people do not do, a line each; nothing for a body without arms, legs or head, or
-    where the person is lost in a tenth of the frames."""
+    """Return what people do not do, a line each; nothing for a body without arms, legs or head.
+    Frames in which the person is lost are not judged."""
     config = config or MotionConfig()
     columns = match_joints(track.joint_names)
-    if not columns.keys() >= _JOINTS or len(track) < 3 or track.lost.mean() > config.lost:
+    if not columns.keys() >= _JOINTS or len(track) < 3:
         return []
-    place = {name: track.joints[:, column] for name, column in columns.items()}
-    found = [_find_backward_walk(track, place, config), _find_fast_fall(track, place, config)]
-    if not found[1]:
-        found.append(_find_fast_steps(track, place, config))
-    return [text for text in found if text]
+    joints = np.where(track.lost[:, None, None], np.nan, track.joints)
+    points = {name: joints[:, column] for name, column in columns.items()}
+    legs = [
+        np.linalg.norm(points[f"{side}_{a}"] - points[f"{side}_{b}"], axis=1)
+        for side in "lr"
+        for a, b in (("hip", "knee"), ("knee", "ankle"))
+    ]
+    if not np.isfinite(legs).any():
+        return []
+    leg = 0.5 * float(np.nansum(np.nanmedian(legs, axis=1)))
+    lines = [
+        _find_backward_walk(track, points, leg, config),
+        _find_fast_fall(track, points, config),
+    ]
+    if not lines[1]:
+        lines.append(_find_fast_steps(track, joints, leg, config))
+    return [text for text in lines if text]
 
 
 def _find_backward_walk(
-    track: Track, place: dict[str, np.ndarray], config: MotionConfig
+    track: Track, points: dict[str, np.ndarray], leg: float, config: MotionConfig
 ) -> str | None:
-    """Return a line if most of the walked path leads backward."""
-    pelvis = 0.5 * (place["l_hip"] + place["r_hip"])
+    """Return a line if most of the path leads backward, by more than a leg's length."""
+    pelvis = 0.5 * (points["l_hip"] + points["r_hip"])
     velocity = _smooth_derivative(pelvis, track.times, config.window, 1)[:, :2]
-    ahead = np.cross(place["l_hip"] - place["r_hip"], [0.0, 0.0, 1.0])[:, :2]
+    ahead = np.cross(points["l_hip"] - points["r_hip"], [0.0, 0.0, 1.0])[:, :2]
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1), 1e-9)[:, None]
-    speed = np.linalg.norm(velocity, axis=1)
-    along = np.einsum("fa,fa->f", velocity, ahead)
-    walking, seconds = speed > config.walk_speed, np.gradient(track.times)
-    backward = float((speed * seconds)[walking & (along < -_STRAIGHT * speed)].sum())
-    total = float((speed * seconds)[walking].sum())
-    if backward < config.backward_path or backward < config.backward_share * total:
+    seconds = np.gradient(track.times)
+    along = np.nan_to_num(np.einsum("fa,fa->f", velocity, ahead)) * seconds
+    backward = float(-along[along < 0].sum())
+    total = float(np.nansum(np.linalg.norm(velocity, axis=1) * seconds))
+    if backward < max(leg, config.backward * total):
         return None
     return (
         f"the person walks backward ({backward:.1f} m of {total:.1f} m); expected somebody who "
@@ -71,18 +81,21 @@ def _find_backward_walk(
     )
 
 
-def _find_fast_fall(track: Track, place: dict[str, np.ndarray], config: MotionConfig) -> str | None:
-    """Return a line if the centre of mass accelerates downward by more than gravity."""
-    trunk = 0.5 * (place["neck"] + 0.5 * (place["l_hip"] + place["r_hip"]))
-    mass = _TRUNK * trunk + _HEAD * place["head_top"]
+def _find_fast_fall(
+    track: Track, points: dict[str, np.ndarray], config: MotionConfig
+) -> str | None:
+    """Return a line if the centre of mass accelerates downward by more than gravity in one frame of
+    twenty."""
+    trunk = 0.5 * (points["neck"] + 0.5 * (points["l_hip"] + points["r_hip"]))
+    mass = _TRUNK * trunk + _HEAD * points["head_top"]
     for first, last, share in _LIMBS:
         for side in "lr":
-            mass = mass + share * 0.5 * (place[f"{side}_{first}"] + place[f"{side}_{last}"])
+            mass = mass + share * 0.5 * (points[f"{side}_{first}"] + points[f"{side}_{last}"])
     fall = -_smooth_derivative(mass, track.times, config.window, 2)[:, 2]
     known = fall[np.isfinite(fall)]
-    if len(known) < 3 / config.fall_share:  # a single frame's jump is no fall
+    if len(known) < 60:  # three frames: a single frame's jump is no fall
         return None
-    greatest = float(np.quantile(known, 1 - config.fall_share))
+    greatest = float(np.quantile(known, 0.95))
     if greatest < config.fall * _GRAVITY:
         return None
     return (
@@ -92,31 +105,23 @@ def _find_fast_fall(track: Track, place: dict[str, np.ndarray], config: MotionCo
 
 
 def _find_fast_steps(
-    track: Track, place: dict[str, np.ndarray], config: MotionConfig
+    track: Track, joints: np.ndarray, leg: float, config: MotionConfig
 ) -> str | None:
-    """Return a line if the steps are faster than legs of this length swing at this speed."""
+    """Return a line if the steps are faster than legs of this length, m, swing at this speed."""
     filtered = [
         _smooth_derivative(points, track.times, 0.5 * config.window, 0)
-        for points in track.joints.swapaxes(0, 1)
+        for points in joints.swapaxes(0, 1)
     ]
     gait = measure_gait(replace(track, joints=np.stack(filtered, 1)))
     if gait is None:
         return None
-    segments = (("hip", "knee"), ("knee", "ankle"))
-    legs = [
-        np.linalg.norm(place[f"{side}_{a}"] - place[f"{side}_{b}"], axis=1)
-        for side in "lr"
-        for a, b in segments
-    ]
-    leg = 0.5 * float(np.nansum(np.nanmedian(legs, axis=1))) + _ANKLE_HEIGHT
-    steps, froude = gait.cadence / 60, gait.speed**2 / (_GRAVITY * leg)
-    most = config.fast_steps if config.walks_on < froude < config.sprints else config.most_steps
-    if steps * np.sqrt(leg / _GRAVITY) < most:
+    froude, steps = gait.speed**2 / (_GRAVITY * leg), gait.cadence / 60
+    most = config.steps * _STEPS * froude**_POWER * np.sqrt(_GRAVITY / leg)
+    if froude < _WALKS_ON or steps < most:
         return None
     return (
         f"the person takes {steps:.1f} steps per second at {gait.speed:.1f} m/s; expected at most "
-        f"{most / np.sqrt(leg / _GRAVITY):.1f} with legs of {leg:.2f} m: {track.fps:g} frames per "
-        "second may be too high"
+        f"{most:.1f} with legs of {leg:.2f} m: {track.fps:g} frames per second may be too high"
     )
 
 

@@ -16,9 +16,8 @@ import numpy as np
 
 from apf.body.limbs import limb_names
 from apf.body.model import plain_name
-from apf.report.agreement import Agreement, choose_rows
+from apf.report.agreement import Agreement, choose_rows, find_parts
 from apf.report.config import QualityConfig
-from apf.report.parts import find_parts
 from apf.tracking.correction import list_corrections
 from apf.tracking.limb_confidence import REGRESSION
 from apf.tracking.track import Track, spans
@@ -73,7 +72,7 @@ class Quality:
         """Confidence (S, P) in [0, 1] of each part; 0 where the person was lost."""
         ends = [part.end for part in find_parts(self.track.its_body)]
         config, deviations = self.config, self.deviations[self.rows][:, ends]
-        certain = 1 / (1 + (deviations / config.halved) ** config.steepness)
+        certain = 0.5 ** (deviations / config.halved) ** 2
         inside = 1.0 if self.agreement is None else self.agreement.inside
         power = np.log(0.5) / np.log(config.inside)
         confidence: np.ndarray = np.nan_to_num(certain * inside**power, nan=0.0)
@@ -103,7 +102,7 @@ class Quality:
             unexplained = (self.agreement.explained < self.config.explained) & held
             found["voxels away from the body"] = self.rows[unexplained]
         if self.near is not None:
-            apart = (self.near[self.rows] < self.config.near) & held
+            apart = (self.near[self.rows] < self.config.explained) & held
             found["keypoints away from the body"] = self.rows[apart]
         return {what: rows for what, rows in found.items() if rows.size}
 
@@ -138,20 +137,17 @@ class Quality:
 
     @property
     def _is_confirmed(self) -> bool:
-        """Whether more than doubtful limbs shows that the track is wrong."""
+        """Whether more than doubtful limbs shows that the track is wrong: the person is lost, or
+        the body does not fit what was observed."""
         if self.lost.sum() >= self.config.bad * max(1, self.there.sum()):
             return True
-        if self.near is not None and np.nanmean(self.near) < self.config.fitting:
-            return True
-        found, parts = self.agreement, float((self.confidence < DOUBTFUL).mean())
-        if found is None:
-            return self.near is None and parts >= self.config.doubtful_parts
-        with np.errstate(invalid="ignore"):
-            overlap = np.nanmean(found.body_iou) / np.nanmean(found.voxel_iou)
-        away = float((found.explained < self.config.explained).mean())
-        return away >= self.config.away or bool(
-            parts >= self.config.doubtful_parts and overlap < self.config.overlap
-        )
+        shares = [] if self.near is None else [np.nanmean(self.near)]
+        if self.agreement is not None:
+            overlaps = [self.agreement.body_iou, self.agreement.voxel_iou]
+            with np.errstate(invalid="ignore"):
+                shares.append(np.nanmean(overlaps[0]) / np.nanmean(overlaps[1]))
+            shares.append(np.nanmean(self.agreement.explained))
+        return not shares or bool(np.min(shares) < self.config.fits)
 
     @property
     def _lasting_doubts(self) -> list[str]:
@@ -159,7 +155,7 @@ class Quality:
         near = np.nan if self.near is None else float(np.nanmean(self.near))
         far = (
             [f"only {near:.0%} of the keypoints are near the body"]
-            if near < self.config.near
+            if near < self.config.explained
             else []
         )
         return [*self.doubts, *(text for text in far if text not in self.doubts)]

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from apf.body.kinematics import bone_matrices, posed_joints
-from apf.body.limbs import limb_bones, limb_ends
+from apf.body.limbs import limb_ends
 from apf.body.mesh import cone_mesh
-from apf.report.scene_colours import LOST, colour_by_side, colour_edges
-from apf.tracking.track import Track
+from apf.report.drawing import Figure
 from psfs.page.nodes import NO_LINES, to_quaternion
 
 if TYPE_CHECKING:
@@ -22,31 +21,21 @@ _JOINT_SIZE = 0.03  # m
 
 
 class BodyNodes:
-    """A track's body in one frame: cones, skeleton, joints, and trails of the limbs' ends.
+    """A figure in one frame: cones, skeleton, joints, and trails of the limbs' ends.
 
-    scene: viser's. name: of the node that holds all others. colour: RGB, of the cones of one of
-    several people; else they have the colours of their sides.
+    scene: viser's. name: of the node that holds all others.
     """
 
-    def __init__(
-        self,
-        scene: viser.SceneApi,
-        name: str,
-        track: Track,
-        colour: tuple[int, int, int] | None = None,
-    ) -> None:
+    def __init__(self, scene: viser.SceneApi, name: str, figure: Figure) -> None:
+        self.figure, track = figure, figure.track
         self._track, body = track, track.its_body
-        self._limb_bones, self.ends = limb_bones(body), limb_ends(body)
-        self._lost, self._lost_limbs = track.lost, track.lost_limbs  # computed at each call
-        self._edge_colours = colour_edges(track)
+        self.ends = limb_ends(body)
         self._root = scene.add_frame(name, show_axes=False)
         self._bones = [
             scene.add_frame(f"{name}/{b}", show_axes=False) for b in range(len(body.bones))
         ]
         self.cones: list[viser.MeshHandle] = []
-        by_side = colour_by_side(body.cone_names).tolist()
-        self._cone_colours = by_side if colour is None else [colour] * len(by_side)
-        self._cone_bones = np.array([cone.bone for cone in body.cones])
+        self._colours = figure.colour_cones(0)
         mesh = cone_mesh(body, _VERTICES_PER_CONE)
         for number, cone in enumerate(body.cones):
             faces = mesh.faces[mesh.parts == number]
@@ -56,11 +45,11 @@ class BodyNodes:
                     f"{name}/{cone.bone}/cone{number}",
                     mesh.positions[used, 0],
                     corners.reshape(-1, 3),
-                    color=self._cone_colours[number],
+                    color=tuple(self._colours[number].tolist()),
                     opacity=0.55,
                 )
             )
-        self._shown_lost, self._with_trails = np.zeros(len(body.cones), bool), True
+        self._with_trails = True
         self.skeleton = scene.add_line_segments(
             f"{name}/skeleton", np.zeros((len(track.edges), 2, 3), np.float32),
             np.zeros((len(track.edges), 2, 3), np.uint8), thickness=_BONE_WIDTH,
@@ -77,14 +66,11 @@ class BodyNodes:
 
     def show(self, row: int, trail_rows: int) -> None:
         """Show a row of the track, with trails of the rows before it."""
-        track = self._track
+        track, figure = self._track, self.figure
         self._place_bones(track.poses[row])
-        lost = bool(self._lost[row])
-        lost_bones = (self._lost_limbs[row] @ self._limb_bones).astype(bool) | lost
-        self._colour_cones(lost_bones[self._cone_bones])
+        self._colour_cones(figure.colour_cones(row))
         self._place_joints(track.joints[row])
-        colours = np.where(lost, np.array(LOST, np.uint8), self._edge_colours)
-        self.skeleton.colors = np.repeat(colours[:, None], 2, axis=1)
+        self.skeleton.colors = np.repeat(figure.colour_edges(row)[:, None], 2, axis=1)
         self._show_trails(row, trail_rows)
 
     def set_visible(self, shown: bool) -> None:
@@ -109,10 +95,10 @@ class BodyNodes:
         """Draw trails from the next frame on, or none."""
         self._with_trails = shown
 
-    def _colour_cones(self, lost: np.ndarray) -> None:
-        for number in np.flatnonzero(lost != self._shown_lost):
-            self.cones[number].color = LOST if lost[number] else self._cone_colours[number]
-        self._shown_lost = lost
+    def _colour_cones(self, colours: np.ndarray) -> None:
+        for number in np.flatnonzero((colours != self._colours).any(axis=1)):
+            self.cones[number].color = tuple(colours[number].tolist())
+        self._colours = colours
 
     def _show_trails(self, row: int, rows: int) -> None:
         past = self._track.joints[max(0, row - rows) : row + 1][:, self.ends].astype(np.float32)
@@ -120,7 +106,6 @@ class BodyNodes:
             self.trails.visible = False
             return
         lines = np.stack([past[:-1], past[1:]], axis=2).reshape(-1, 2, 3)
-        sides = colour_by_side(self._track.joint_names[end] for end in self.ends)
-        colours = np.tile(sides, (len(past) - 1, 1))
+        colours = np.tile(self.figure.colour_joints(self.ends), (len(past) - 1, 1))
         self.trails.points, self.trails.visible = lines, True
         self.trails.colors = np.repeat(colours[:, None], 2, axis=1)

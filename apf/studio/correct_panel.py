@@ -111,7 +111,7 @@ class CorrectPanel:
             self._remove_handle()
             return
         opened, frame = self._watch.opened, self._watch.frame
-        row = next(iter(opened.rows.values())).get(frame)
+        row = next(iter(opened.figures.values())).rows.get(frame)
         if row is None:
             self._say(f"frame {frame} was not tracked; expected one that was")
             return
@@ -147,7 +147,7 @@ class CorrectPanel:
             return
         opened, frame, sequence = self._watch.opened, self._watch.frame, self._watch.opened.sequence
         assert sequence is not None
-        row = next(iter(opened.rows.values())).get(frame)
+        row = next(iter(opened.figures.values())).rows.get(frame)
         if row is None:
             self._say(f"frame {frame} was not tracked; expected one that was")
             return
@@ -216,7 +216,7 @@ class CorrectPanel:
             return
         opened = self._watch.opened
         name, track = next(iter(opened.tracks.items()))
-        row = opened.rows[name][self._handle.frame]
+        row = opened.figures[name].rows[self._handle.frame]
         pose = correct_pose(track.its_body, track.poses[row], self._handle.wanted)
         self._watch.bodies[name].show_pose(pose)
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from apf.body.limbs import limb_names
-from apf.report.curves import angle_curves
+from apf.report.page import angle_curves
 from apf.tracking.track import Track
+from psfs.page.colours import CONFIDENCE
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -30,7 +31,7 @@ _MARGIN = {"l": 42, "r": 8, "t": 28, "b": 34}
 
 
 def angle_groups(track: Track) -> dict[str, list[dict[str, Any]]]:
-    """Return the curves of each joint by its name, see `apf.report.curves.angle_curves`."""
+    """Return the curves of each joint by its name, see `angle_curves`."""
     return {group["name"]: group["curves"] for group in angle_curves(track)}
 
 
@@ -52,18 +53,18 @@ def draw_angles(track: Track, name: str) -> go.Figure:
 
 def draw_confidence(track: Track) -> go.Figure:
     """Return the figure of the probability that each limb is right, and the confidence in the
-    whole person, by frame: dark is doubtful."""
+    whole person, by frame: red is doubtful."""
     import plotly.graph_objects as go
 
     rows = [*limb_names(track.its_body), "person"]
     values = np.column_stack([track.limb_confidence, np.where(track.lost, 0.0, track.confidence)])
     figure = go.Figure(
         go.Heatmap(
-            x=track.frames, y=rows, z=values.T, zmin=0, zmax=1, colorscale="Cividis",
+            x=track.frames, y=rows, z=values.T, zmin=0, zmax=1, colorscale=CONFIDENCE,
             colorbar={"thickness": 8, "title": ""},
         )
     )  # fmt: skip
-    figure.update_layout(title="confidence: dark is doubtful", xaxis_title="frame")
+    figure.update_layout(title="confidence: red is doubtful", xaxis_title="frame")
     return _small(figure)
 
 

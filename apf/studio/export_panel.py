@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from apf.formats import BODY_WRITERS, WRITERS
-from apf.report.names import PAGE
+from apf.report import PAGE
 from apf.studio.watch import TrackWatch
 from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track

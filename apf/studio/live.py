@@ -8,13 +8,11 @@ from collections.abc import Callable
 import numpy as np
 
 from apf.body.kinematics import posed_joints
-from apf.body.model import BodyModel
 from apf.live.pace import describe_run
 from apf.live.session import LiveResult, LiveStart
 from apf.live.timeline import Timeline
-from apf.report.people_page import person_colour
+from apf.report.drawing import make_still_figure
 from apf.studio.body_nodes import BodyNodes
-from apf.tracking.track import Track
 from psfs.cameras.camera import CameraRig
 from psfs.page.frame import BrowserPage
 from psfs.page.nodes import CameraNodes, add_floor
@@ -61,11 +59,12 @@ class LivePage(BrowserPage):
         people = ((start.body, start.pose), *start.others)
         self.nodes = [
             BodyNodes(
-                scene, f"/people/{k}", _still_track(*one),
-                person_colour(k) if len(people) > 1 else None,
+                scene,
+                f"/people/{k}",
+                make_still_figure(body, pose, number=k if len(people) > 1 else None),
             )
-            for k, one in enumerate(people)
-        ]  # fmt: skip
+            for k, (body, pose) in enumerate(people)
+        ]
         for nodes in self.nodes:
             nodes.show(0, 0)
         CameraNodes(scene, rig)
@@ -139,13 +138,3 @@ class LivePage(BrowserPage):
             if len(newest) > 1:
                 words = f"{n_lost} of {len(newest)} people are lost"
         self._status.content = make_lines([(kind, words), ("note", describe_run(result, timeline))])
-
-
-def _still_track(body: BodyModel, pose: np.ndarray) -> Track:
-    """Return a track of one frame, which the nodes of a body are made from."""
-    poses = np.asarray(pose, float)[None]
-    return Track(
-        body_name=body.name, dof_names=body.dof_names, joint_names=tuple(body.joint_names),
-        fps=30.0, frames=np.zeros(1, int), poses=poses, joints=posed_joints(body, poses),
-        edges=np.array(body.edges), body=body,
-    )  # fmt: skip

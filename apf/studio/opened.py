@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from apf.report.drawing import Figure, draw_mosaic
 from apf.report.summary import (
     open_tracked_sequence,
     read_summary,
@@ -22,7 +23,7 @@ from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, UserError
 from psfs.page.clouds import CarvedClouds
 from psfs.page.opened import Opened, try_footage
-from psfs.sequence import Sequence
+from psfs.sequence import Frame, Sequence
 from psfs.session import Session, SessionSettings
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
@@ -49,16 +50,20 @@ class OpenedTracks(Opened):
     look_at: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @cached_property
-    def rows(self) -> dict[str, dict[int, int]]:
-        """Row in each track of each frame that shows the person, by the frame's number."""
+    def figures(self) -> dict[str, Figure]:
+        """Each person as drawn, in the frames that show the person."""
+        several = len(self.tracks) > 1
         return {
-            name: {
-                int(frame): row
-                for row, frame in enumerate(track.frames)
-                if frame in self.seen.get(name, track.frames)
-            }
-            for name, track in self.tracks.items()
+            name: Figure(track, name, number if several else None, self.seen.get(name))
+            for number, (name, track) in enumerate(self.tracks.items())
         }
+
+    def draw(self, frame: Frame, view: int | None) -> np.ndarray:
+        """Return the picture (h, w, 3) uint8 BGR of a frame with all bodies; of one camera (its
+        index) or, for None, of all."""
+        assert self.sequence is not None
+        views = None if view is None else [view]
+        return draw_mosaic(frame, self.sequence.rig, list(self.figures.values()), views)
 
     @property
     def track(self) -> Track:

@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from apf.body.limbs import limb_names
-from apf.report.people_page import person_colour
 from apf.studio.body_nodes import BodyNodes
 from apf.studio.curves import angle_groups, draw_angles, draw_confidence
 from apf.studio.opened import OpenedTracks
-from apf.studio.pictures import draw_people
 from psfs.page.pictures import shrink_picture
 from psfs.page.watch import Watch
 from psfs.sequence import Frame
@@ -39,15 +37,9 @@ class TrackWatch(Watch):
         super().__init__(server, opened, panel, beside)
 
     def _add_nodes(self, scene: viser.SceneApi) -> None:
-        tracks = self.opened.tracks
         self.bodies = {
-            name: BodyNodes(
-                scene,
-                f"/people/{number}",
-                track,
-                person_colour(number) if len(tracks) > 1 else None,
-            )
-            for number, (name, track) in enumerate(tracks.items())
+            name: BodyNodes(scene, f"/people/{number}", figure)
+            for number, (name, figure) in enumerate(self.opened.figures.items())
         }
         super()._add_nodes(scene)
 
@@ -83,8 +75,8 @@ class TrackWatch(Watch):
 
     def _show_frame(self, frame: int) -> None:
         super()._show_frame(frame)
-        for name, body in self.bodies.items():
-            row = self.opened.rows[name].get(frame)
+        for body in self.bodies.values():
+            row = body.figure.rows.get(frame)
             body.set_visible(row is not None)
             if row is not None:
                 body.show(row, int(_TRAIL_SECONDS * self.opened.fps))
@@ -92,7 +84,7 @@ class TrackWatch(Watch):
     def _describe_frame(self, frame: int) -> list[tuple[str, object]]:
         opened, lines = self.opened, list[tuple[str, object]]()
         for name, track in opened.tracks.items():
-            row = opened.rows[name].get(frame)
+            row = opened.figures[name].rows.get(frame)
             whose = f"{name}: " if len(opened.tracks) > 1 else ""
             if row is None:
                 lines.append(("note", f"{whose}not tracked in this frame"))
@@ -115,7 +107,7 @@ class TrackWatch(Watch):
         return [*(("note", line) for line in self.opened.quality), *super()._list_notes()]
 
     def _draw_picture(self, frame: Frame, view: int | None) -> np.ndarray:
-        return shrink_picture(draw_people(frame, self.opened, view))
+        return shrink_picture(self.opened.draw(frame, view))
 
     def _show_layers(self, shown: dict[str, bool]) -> None:
         for body in self.bodies.values():

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from apf.body import load_body
 from apf.body.kinematics import posed_joints
 from apf.evaluation.joint_names import EVALUATED_JOINTS
 from apf.formats.trc import JointSeries
+from apf.tracking.people import PeopleTracks
 from apf.tracking.track import Track
 
 
@@ -37,6 +40,15 @@ def walker(frames: int = 30, start: int = 0, fps: float = 60.0, body_name: str =
         provenance='{"seed": 7}',
         body=body,
     )
+
+
+def pair() -> PeopleTracks:
+    """Return two walkers, of whom the second is visible in frames 2 to 4."""
+    first, frames = walker(6), np.arange(6)
+    poses = first.poses.copy()
+    poses[:, first.dof_names.index("pelvis.tx")] += 0.8
+    second = replace(first, poses=poses, joints=first.joints + np.array([0.8, 0, 0]))
+    return PeopleTracks((first, second), frames, (frames, frames[2:5]), 1, ("good", "bad"))
 
 
 def truth_of(track: Track) -> JointSeries:

@@ -12,7 +12,7 @@ from apf.cli.flags.shared import (
 )
 from apf.cli.method_flags import add_method_flags
 from apf.presets import PRESETS
-from apf.report.names import PAGE
+from apf.report import PAGE
 from apf.settings import Settings
 from apf.tracking.config import BatchConfig, TriangulatedConfig
 from psfs.cli.commandline import add_device_flag, add_output_flag

@@ -12,8 +12,7 @@ from apf.cli.keypoints.flags import find_seen_frames, open_people_keypoints, rea
 from apf.cli.method_flags import METHOD_FLAGS
 from apf.cli.people_flag import people_number
 from apf.keypoints import Keypoints
-from apf.report.overlay import write_overlay
-from apf.report.people_page import write_people_overlay
+from apf.report.drawing import write_overlay
 from apf.tracking.config import TriangulatedConfig
 from apf.tracking.people import PeopleTracks, person_folder
 from apf.tracking.track import PEOPLE, Track
@@ -108,7 +107,7 @@ def _triangulate_people(
         if not job.no_overlay:
             with progress_bar() as bar:
                 task = bar.add_task("overlay", total=len(frames))
-                write_people_overlay(
+                write_overlay(
                     job.output / "overlay.mp4", sequence, found, lambda: bar.advance(task)
                 )
     who = f"{len(tracks)} people" if len(tracks) > 1 else "one person"
@@ -124,7 +123,7 @@ def _write(args: argparse.Namespace, output: Path, sequence: Sequence, track: Tr
     if not args.no_overlay:
         with progress_bar() as bar:
             task = bar.add_task("overlay", total=len(track))
-            write_overlay(output / "overlay.mp4", sequence, track, None, lambda: bar.advance(task))
+            write_overlay(output / "overlay.mp4", sequence, track, lambda: bar.advance(task))
 
 
 def _describe(track: Track) -> str:

@@ -18,8 +18,9 @@ from apf.cli.people_flag import people_number
 from apf.cli.takes.job import TrackJob
 from apf.filters.method import Method
 from apf.keypoints import Keypoints
-from apf.report.judged import OVERLAY
-from apf.report.people_page import write_people_overlay, write_people_page
+from apf.report import OVERLAY, PAGE
+from apf.report.drawing import write_overlay
+from apf.report.page import write_page
 from apf.tracking.people import PeopleTracks
 from apf.tracking.progress import StageProgress
 from apf.tracking.settings import GivenStart
@@ -193,6 +194,6 @@ def write_together(
     if not job.args.no_overlay:
         line.n_frames = len(tracks.frames)
         line.begin("overlay")
-        write_people_overlay(folder / OVERLAY, sequence, tracks, lambda: line("overlay"))
+        write_overlay(folder / OVERLAY, sequence, tracks, lambda: line("overlay"))
     if not job.args.no_report:
-        write_people_page(folder, sequence.name, tracks, folder / OVERLAY)
+        write_page(folder / PAGE, sequence.name, tracks, folder / OVERLAY)

@@ -15,16 +15,15 @@ from apf.cli.takes.kept_parts import remove_parts
 from apf.cli.takes.take_report import Judgement, was_interrupted
 from apf.filters.method import Method
 from apf.formats.pose import write_pose
+from apf.report import OVERLAY, PAGE
+from apf.report.drawing import write_overlay
 from apf.report.judged import (
     FILES,
-    OVERLAY,
     compare_with_keypoints,
     judge_track,
     run_facts,
     write_report,
 )
-from apf.report.names import PAGE
-from apf.report.overlay import write_overlay
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
 from apf.tracking.progress import StageProgress
@@ -127,7 +126,7 @@ def _draw_overlays(job: TrackJob, take: Take, line: StageProgress) -> None:
         return
     for track, folder in zip(take.tracks, job.folders, strict=True):
         line.begin("overlay")
-        write_overlay(folder / OVERLAY, take.sequence, track, take.body, partial(line, "overlay"))
+        write_overlay(folder / OVERLAY, take.sequence, track, partial(line, "overlay"))
 
 
 def print_outcome(judgement: Judgement, n_frames: int) -> None:

@@ -14,11 +14,13 @@ from helpers import tracks
 from helpers.browser import browser
 
 from apf.cli import main
+from apf.report import PAGE
 from apf.report.agreement import Agreement
-from apf.report.film import encode_page_video
-from apf.report.page import write_page
+from apf.report.drawing import gather
+from apf.report.page import encode_page_video, write_page
 from apf.report.quality import Quality
 from apf.report.summary import body_facts
+from apf.tracking.people import PeopleTracks
 from cl import InputError
 from psfs.output.video import count_frames, write_video
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
@@ -76,8 +78,9 @@ def page_of(quality: Quality, path: Path, video: Path) -> Path:
         "body": body_facts(quality.track.its_body),
         "quality": quality.facts(),
         "files": ["track.npz"],
+        "settings": "particles = 200\n",
     }
-    write_page(path, "a <walk>", quality, summary, "particles = 200\n", video)
+    write_page(path, "a <walk>", gather(quality.track), video, quality, summary)
     return path
 
 
@@ -126,7 +129,8 @@ def test_in_a_browser(page_file: Path) -> None:
         page.wait_for_function(shown.format(3))
         assert "left arm" in page.locator("#lines").inner_text()
         joints = page.locator("#joint option").all_inner_texts()
-        assert {"hip", "knee", "shoulder"} <= set(joints)
+        assert joints[:2] == ["knee", "hip"] and "shoulder" in joints
+        assert page.title() == page.locator("#name").inner_text() == "a <walk>"
         page.locator("#joint").select_option(label="knee")
         curves = page.evaluate("document.getElementById('angles').data.map((one) => one.name)")
         assert curves == ["left flexion", "right flexion"]
@@ -219,3 +223,77 @@ def test_reports_of_what_is_no_track(tmp_path: Path, capsys: pytest.CaptureFixtu
     (tmp_path / "summary.json").write_text("{}")
     assert main(["report", str(tmp_path)]) == 2
     assert "summary.json: not the summary of an `apf track`" in capsys.readouterr().err
+
+
+def test_content_of_the_page_of_several(tmp_path: Path) -> None:
+    (tmp_path / "person1").mkdir()
+    (tmp_path / "person1" / "report.html").write_text("its own")
+    write_page(tmp_path / PAGE, "a <walk>", tracks.pair(), tmp_path / "none.mp4")
+    page = (tmp_path / PAGE).read_text()
+    text = re.search(r'type="application/json">(.*?)</script>', page, re.S)
+    assert text is not None
+    content = json.loads(text[1])
+    assert content["counts"] == [1, 1, 2, 2, 2, 1]
+    one, two = content["people"]
+    assert (one["page"], two["page"]) == ("person1/report.html", None)
+    assert (two["verdict"], two["seen"], two["shown"]) == ("bad", "2-4", [0, 0, 1, 1, 1, 0])
+    assert "1 more that moves is not followed" in content["lines"][1]
+
+
+def test_people_are_switched_on_and_off(tmp_path: Path) -> None:
+    path = tmp_path / PAGE
+    write_page(path, "walk", tracks.pair(), tmp_path / "none.mp4")
+    with browser() as opened:
+        page = opened.new_page()
+        page.set_default_timeout(120_000)  # a machine under load
+        errors: list[str] = []
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.goto(path.as_uri())
+        page.wait_for_selector("body[data-ready=yes]")
+        count = "() => traces(%d).length"
+        assert page.evaluate(count % 0) == 2  # bones and joints of one
+        assert page.evaluate(count % 3) == 4
+        page.locator("#people input").first.click()
+        assert page.evaluate(count % 0) == 0
+        assert page.evaluate(count % 3) == 2
+        assert errors == []
+
+
+def test_commands_take_all_people_or_say_why_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    both = tracks.pair()
+    away = replace(both[1], diagnostics={**both[1].diagnostics, "lost": np.arange(6) < 2})
+    replace(both, tracks=(both[0], away)).save(out)
+    assert main(["export", str(out), "--to", "csv", "--raw", "-o", str(tmp_path / "files")]) == 0
+    files = [tmp_path / "files" / f"person{k}" / "angles.csv" for k in (1, 2)]
+    assert all(file.exists() for file in files)
+    assert "the person was not there in frames 0-1" in capsys.readouterr().out
+    assert main(["smooth", str(out), "-o", str(tmp_path / "smooth")]) == 0
+    smooth = PeopleTracks.open(tmp_path / "smooth")
+    assert [track.smoothing is not None for track in smooth] == [True, True]
+    assert smooth.seen[1].tolist() == [2, 3, 4]
+    assert main(["render", str(tmp_path), str(out), "-o", str(tmp_path / "pictures")]) == 2
+    assert "each picture is of one body; expected one's folder, as" in capsys.readouterr().err
+
+
+def test_folders_that_hold_no_track_of_a_body_say_what_they_hold(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for seed in (0, 1):
+        tracks.walker(6).save(tmp_path / "seeds" / "person1" / f"seed{seed}" / "track.npz")
+    track = tracks.walker(6)
+    points = replace(track, body=None, dof_names=(), poses=track.poses[:, :0])
+    points.save(tmp_path / "points" / "track.npz")
+    for command, said in (
+        (["export", "seeds"], f"2 runs; expected one, as {tmp_path}"),
+        (["view", "seeds", "--png", "x.png"], f"2 runs; expected one, as {tmp_path}"),
+        (["report", "points"], "triangulated points, which are not judged; expected the track of"),
+        (
+            ["view", "points", "--png", "x.png"],
+            "expected another one: triangulated points have none",
+        ),
+    ):
+        assert main([command[0], str(tmp_path / command[1]), *command[2:]]) == 2
+        assert said in capsys.readouterr().err

@@ -16,9 +16,13 @@ from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method
 from apf.initialisation.from_joints import fit_to_joints
 from apf.keypoints.keypoints import Keypoints
-from apf.report.agreement import choose_rows, compare_with_silhouettes, measure_explained
-from apf.report.keypoint_agreement import measure_keypoint_agreement
-from apf.report.parts import find_parts
+from apf.report.agreement import (
+    choose_rows,
+    compare_with_silhouettes,
+    find_parts,
+    measure_explained,
+    measure_keypoint_agreement,
+)
 from apf.report.quality import DOUBTFUL, Quality
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import track_take

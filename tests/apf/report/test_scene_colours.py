@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from apf.report.scene_colours import LOST, SIDES
+from apf.report.drawing import LOST, SIDES
 
 #: Linear RGB as people without one kind of cone see it (Machado, Oliveira & Fernandes, IEEE TVCG
 #: 15, 2009, severity 1).

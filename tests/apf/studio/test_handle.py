@@ -14,6 +14,7 @@ pytest.importorskip("viser", reason="viser is not installed")
 
 import viser
 
+from apf.report.drawing import Figure
 from apf.studio.correct_panel import CorrectPanel
 from apf.studio.handle import JointHandle
 from apf.synthetic.config import SceneConfig
@@ -75,7 +76,8 @@ def test_root_is_not_turned(scene: viser.SceneApi) -> None:
 def test_clicks_in_pictures_of_two_frames_are_not_combined(server: viser.ViserServer) -> None:
     track, rig = tracks.walker(5), make_rig(SceneConfig(cameras=3))
     opened = SimpleNamespace(
-        track=track, tracks={"walk": track}, rows={"walk": {k: k for k in range(4)}}, people=1,
+        track=track, tracks={"walk": track}, people=1,
+        figures={"walk": Figure(track, seen=np.arange(4))},
         sequence=SimpleNamespace(rig=rig), folder=Path("walk"),
     )  # fmt: skip
     drawn: list[np.ndarray] = []

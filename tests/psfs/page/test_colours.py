@@ -30,7 +30,7 @@ def test_colourings() -> None:
     clay = colour_voxels(cloud_of(9, coloured=False), "colour")
     np.testing.assert_allclose(clay / 255, np.tile(CLAY, (9, 1)), atol=1 / 255)
     unsure, sure = colour_voxels(cloud, "probability")[[0, -1]].astype(int)
-    assert unsure[2] > unsure[1] and sure[:2].min() > 200 > sure[2]  # violet to yellow
+    assert unsure[0] > 2 * unsure[1] and sure[1] > 2 * sure[0]  # red to green
     grid = VoxelGrid(np.array([0, 0, -0.1]), 0.1, (1, 1, 21))
     column = VoxelCloud(grid, np.arange(21), np.ones(21, np.float32))
     blue, red = colour_voxels(column, "height")[[0, -1]].astype(int)

@@ -1,4 +1,4 @@
-"""Drawing the tracked body over pictures."""
+"""Drawing tracked bodies over pictures."""
 
 from __future__ import annotations
 
@@ -12,15 +12,11 @@ import pytest
 from helpers import tracks
 from helpers.shared import shared_data
 
-from apf.body import load_body
-from apf.body.kinematics import posed_cones
-from apf.report.overlay import COLOURS, draw_overlay, overlay_picture, write_overlay
+from apf.report.drawing import LOST, SIDES, Figure, draw_mosaic, write_overlay
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.files import write_picture
 from psfs.sequence import Frame, Sequence
-
-BODY = load_body("song31")
 
 
 def camera(name: str, angle: float, size: tuple[int, int] = (320, 240)) -> Camera:
@@ -57,53 +53,67 @@ class Footage:
         return map(self.read, indices)
 
 
-def body_at(row: int = 0) -> tuple[np.ndarray, list[str], np.ndarray, np.ndarray]:
-    """cones, cone names, joints and edges of one frame of the walker."""
-    track = tracks.walker(frames=6)
-    return posed_cones(BODY, track.poses)[row], BODY.cone_names, track.joints[row], track.edges
-
-
 def nearest(image: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
-    """(h, w) where the picture has about this colour."""
-    return np.abs(image.astype(int) - colour).max(axis=-1) < 40
+    """(h, w) where the picture has about this RGB colour."""
+    return np.abs(image.astype(int) - colour[::-1]).max(axis=-1) < 40
+
+
+def mosaic_of(sequence: Footage, views: list[int] | None = None) -> np.ndarray:
+    return draw_mosaic(sequence.read(0), sequence.rig, [Figure(tracks.walker(6))], views)
 
 
 def test_sides_have_their_colours_where_the_limbs_are() -> None:
     view = camera("front", np.pi / 2, (640, 480))
-    cones, names, joints, edges = body_at()
-    image = np.full((480, 640, 3), 90, np.uint8)
-    drawn = draw_overlay(image, view, cones, names, joints, edges)
-    assert drawn.shape == image.shape
-    assert np.all(image == 90)  # a copy is drawn on
+    track = tracks.walker(frames=6)
+    drawn, joints = np.full((480, 640, 3), 90, np.uint8), track.joints[0]
+    Figure(track).draw(drawn, view, 0)
     pixels, _ = view.project(joints)
-    track = tracks.walker(frames=1)
     for side, prefix in (("left", "l_"), ("right", "r_")):
         limb = [i for i, name in enumerate(track.joint_names) if name.startswith(prefix)]
-        rows, columns = np.nonzero(nearest(drawn, COLOURS[side]))
+        rows, columns = np.nonzero(nearest(drawn, SIDES[side]))
         assert len(rows) > 200
         assert pixels[limb, 1].min() - 15 < rows.min() < rows.max() < pixels[limb, 1].max() + 50
         assert abs(np.median(columns) - np.median(pixels[limb, 0])) < 15
-    assert nearest(drawn, COLOURS["middle"]).sum() > 200
+    assert nearest(drawn, SIDES["middle"]).sum() > 200
     changed = np.any(drawn != 90, axis=-1)
     assert 0.005 < changed.mean() < 0.3
 
 
 def test_body_behind_the_camera_or_far_outside_draws_nothing() -> None:
-    view = camera("back", 0.0)
-    cones, names, joints, edges = body_at()
-    image = np.full((240, 320, 3), 90, np.uint8)
+    view, track = camera("back", 0.0), tracks.walker(1)
     for shift in ([50.0, 0, 0], [0, 300.0, 0]):
-        moved = cones.copy()
-        moved[:, 0:3] += shift
-        moved[:, 4:7] += shift
-        drawn = draw_overlay(image, view, moved, names, joints + shift, edges)
-        np.testing.assert_array_equal(drawn, image)
+        poses = track.poses.copy()
+        poses[:, [track.dof_names.index(f"pelvis.t{axis}") for axis in "xyz"]] += shift
+        drawn = np.full((240, 320, 3), 90, np.uint8)
+        Figure(replace(track, poses=poses, joints=track.joints + shift)).draw(drawn, view, 0)
+        assert np.all(drawn == 90)
+
+
+def test_lost_people_and_limbs_have_their_own_colour() -> None:
+    track = tracks.walker(2)
+    figure = Figure(replace(track, diagnostics={"lost": np.array([False, True])}), number=1)
+    assert not (figure.colour_cones(0) == LOST).any()
+    assert (figure.colour_cones(1) == LOST).all() and (figure.colour_edges(1) == LOST).all()
+
+
+def test_people_are_drawn_while_they_are_seen() -> None:
+    sequence, both, names = Footage([(320, 240)] * 2), tracks.pair(), ("person1", "person2")
+    figures = [
+        Figure(track, name, k, seen)
+        for k, (track, name, seen) in enumerate(zip(both, names, both.seen, strict=True))
+    ]
+    for frame, n in zip(range(6), both.counts, strict=True):
+        one, all_ = (
+            draw_mosaic(sequence.read(frame), sequence.rig, shown)
+            for shown in (figures[:1], figures)
+        )
+        assert ((one != all_).any(-1).sum() > 500) == (n == 2)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8, 12])
 def test_mosaic_is_bounded_and_even(count: int) -> None:
     sequence = Footage([(641, 481)] * count)
-    picture = overlay_picture(sequence.read(0), sequence.rig, *body_at())
+    picture = mosaic_of(sequence)
     height, width = picture.shape[:2]
     assert width <= 1920
     assert height <= 1080
@@ -115,18 +125,18 @@ def test_mosaic_is_bounded_and_even(count: int) -> None:
 
 def test_views_of_different_sizes_are_not_stretched() -> None:
     sequence = Footage([(320, 240), (160, 240)])
-    picture = overlay_picture(sequence.read(0), sequence.rig, *body_at())
+    picture = mosaic_of(sequence)
     assert picture.shape == (240, 640, 3)
     assert not picture[:, 480:].any()  # beside the narrow picture
-    one = overlay_picture(sequence.read(0), sequence.rig, *body_at(), views=[1])
+    one = mosaic_of(sequence, [1])
     np.testing.assert_array_equal(one[:, :160], picture[:, 320:480])
 
 
 def test_masks_are_drawn_on_where_there_are_no_images() -> None:
     sequence = Footage([(320, 240)], masks=True)
-    picture = overlay_picture(sequence.read(0), sequence.rig, *body_at())
+    picture = mosaic_of(sequence)
     assert 100 < np.median(picture) < 200
-    assert nearest(picture, COLOURS["right"]).sum() > 50
+    assert nearest(picture, SIDES["right"]).sum() > 50
 
 
 @pytest.mark.parametrize(
@@ -138,7 +148,7 @@ def test_video_has_every_frame(tmp_path: Path, frames: list[int], fps: float) ->
     track = replace(walk, frames=np.array(frames))
     calls: list[None] = []
     path = tmp_path / "out" / "overlay.mp4"
-    write_overlay(path, sequence, track, BODY, progress=lambda: calls.append(None))
+    write_overlay(path, sequence, track, progress=lambda: calls.append(None))
     capture = cv2.VideoCapture(str(path))
     assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == len(frames) == len(calls)
     assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(fps)
@@ -155,7 +165,7 @@ def test_lost_frames_say_so(tmp_path: Path) -> None:
     lost = replace(track, diagnostics={"lost": np.array([False, True])})
     frames = []
     for name, shown in (("a", track), ("b", lost)):
-        write_overlay(tmp_path / f"{name}.mp4", sequence, shown, BODY)
+        write_overlay(tmp_path / f"{name}.mp4", sequence, shown)
         capture = cv2.VideoCapture(str(tmp_path / f"{name}.mp4"))
         frames.append([capture.read()[1].astype(int) for _ in range(2)])
     first, second = (np.abs(a - b)[:24].max() for a, b in zip(*frames, strict=True))
@@ -168,7 +178,7 @@ def test_lost_frames_say_so(tmp_path: Path) -> None:
 def test_frames_beyond_the_sequence(tmp_path: Path, frames: list[int], message: str) -> None:
     track = replace(tracks.walker(frames=len(frames)), frames=np.array(frames, int))
     with pytest.raises(InputError, match=message):
-        write_overlay(tmp_path / "a.mp4", Footage([(320, 240)]), track, BODY)
+        write_overlay(tmp_path / "a.mp4", Footage([(320, 240)]), track)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -180,7 +190,7 @@ def test_a_frame_that_fails_leaves_no_video(tmp_path: Path) -> None:
             return super().read(index)
 
     with pytest.raises(InputError, match="frame 2"):
-        write_overlay(tmp_path / "a.mp4", Damaged([(320, 240)]), tracks.walker(frames=6), BODY)
+        write_overlay(tmp_path / "a.mp4", Damaged([(320, 240)]), tracks.walker(frames=6))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -195,7 +205,7 @@ def test_png(tmp_path: Path) -> None:
 def test_real_sequence_with_grey_pictures(tmp_path: Path) -> None:
     sequence = Sequence.open(shared_data("bodytrack_walk"))
     track = tracks.walker(frames=len(sequence))
-    write_overlay(tmp_path / "a.mp4", sequence, track, BODY)
+    write_overlay(tmp_path / "a.mp4", sequence, track)
     image = cv2.VideoCapture(str(tmp_path / "a.mp4")).read()[1]
     assert image.shape == (960, 1280, 3)
     expected = sequence.read(0).images

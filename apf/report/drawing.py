@@ -1,0 +1,295 @@
+"""The one place that says how a tracked body is drawn: its parts, their colours, its outline over
+pictures. Overlay, report, studio and thumbnails draw `Figure`s."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Callable, Iterable
+from collections.abc import Sequence as Items
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from apf.body.cones import project_outlines
+from apf.body.kinematics import posed_cones, posed_joints
+from apf.body.limbs import limb_bones
+from apf.body.model import BodyModel, find_side
+from apf.tracking.people import PeopleTracks, person_folder
+from apf.tracking.track import Track
+from cl import InputError
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.scaling import scale_picture
+from psfs.output.preview import crop_view
+from psfs.output.video import write_video
+from psfs.sequence import Frame, Sequence
+
+#: RGB of a side of the body, bright enough for dark pictures and grey ones; and of what is lost.
+#: People who are colour-blind distinguish them.
+SIDES = {"left": (60, 170, 255), "right": (255, 120, 40), "middle": (70, 230, 120)}
+LOST = (120, 0, 80)
+#: RGB of several people; they repeat.
+PEOPLE = (
+    (83, 145, 207), (230, 155, 109), (129, 189, 143), (185, 145, 203), (214, 126, 117),
+    (169, 149, 129), (226, 159, 197), (150, 161, 172),
+)  # fmt: skip
+_LOST = np.array(LOST, np.uint8)
+_JOINT, _RIM, _TEXT = (255, 255, 255), (25, 25, 25), (245, 245, 245)
+#: The mosaic's largest width and height, px.
+MOSAIC_SIZE = (1920, 1080)
+_BITS = 4  # fractional bits of the coordinates that OpenCV draws with
+_FAR = 10_000.0  # px; lines are clipped there, because OpenCV's integers would overflow
+
+
+class Figure:
+    """A tracked person as drawn everywhere.
+
+    name: of the person. number: among several, who have a colour each; None for the only one, whose
+    parts have the colours of their sides. Lost limbs, and a lost person, have the colour LOST.
+    seen: frames (F,) that show the person; all without. rows: of the track, by the numbers of these
+    frames.
+    """
+
+    def __init__(
+        self,
+        track: Track,
+        name: str = "",
+        number: int | None = None,
+        seen: np.ndarray | None = None,
+    ) -> None:
+        self.track, self.name, body = track, name, track.body
+        self.colour = None if number is None else PEOPLE[number % len(PEOPLE)]
+        there = np.ones(len(track), bool) if seen is None else np.isin(track.frames, seen)
+        self.rows = {int(track.frames[row]): int(row) for row in np.flatnonzero(there)}
+        ends = (track.joint_names[end] for _, end in track.edges)
+        self._edge_colours = self._pick_colours(ends)
+        self._cone_colours = self._pick_colours(body.cone_names if body is not None else ())
+        self._lost = track.lost  # computed at each call
+        self._lost_cones = np.repeat(self._lost[:, None], len(self._cone_colours), axis=1)
+        self._outlined = np.zeros(0, int)
+        if body is not None and body.cones:
+            lost_bones = (track.lost_limbs @ limb_bones(body)).astype(bool)
+            self._lost_cones |= lost_bones[:, [cone.bone for cone in body.cones]]
+            self._outlined = np.flatnonzero([cone.in_images for cone in body.cones])
+
+    def is_lost(self, row: int) -> bool:
+        """Return whether the person is lost in a row of the track."""
+        return bool(self._lost[row])
+
+    def colour_cones(self, row: int) -> np.ndarray:
+        """Return the colours (C, 3) uint8 of the body's cones."""
+        return np.where(self._lost_cones[row][:, None], _LOST, self._cone_colours)
+
+    def colour_edges(self, row: int) -> np.ndarray:
+        """Return the colours (E, 3) uint8 of the skeleton's edges."""
+        return np.where(self._lost[row], _LOST, self._edge_colours)
+
+    def colour_joints(self, joints: Items[int]) -> np.ndarray:
+        """Return the colours (n, 3) uint8 of joints, by their indices."""
+        return self._pick_colours(self.track.joint_names[joint] for joint in joints)
+
+    def draw(self, image: np.ndarray, camera: Camera, row: int) -> None:
+        """Draw the body in a row of the track over `image` (h, w, 3) uint8 BGR as `camera` sees it;
+        nothing of what lies behind the camera."""
+        joints, thickness = self.track.joints[row], max(1, round(min(camera.size) / 320))
+        if len(self._outlined):
+            cones = posed_cones(self.track.its_body, self.track.poses[[row]])[0, self._outlined]
+            colours = self.colour_cones(row)[self._outlined, ::-1].tolist()
+            _draw_cones(image, camera, cones, colours, thickness)
+        colour = _JOINT if self.colour is None else self.colour[::-1]
+        _draw_skeleton(image, *camera.project(joints), self.track.edges, thickness, colour)
+
+    def pack(self, frames: np.ndarray) -> dict[str, Any]:
+        """Return the skeleton in frames (F,) for the script of a page: joints (F, J, 3) m, NaN
+        where the person is not seen, as base64 of little-endian float32."""
+        rows = [self.rows.get(int(frame)) for frame in frames]
+        unseen = np.full(self.track.joints.shape[1:], np.nan)
+        joints = [unseen if row is None else self.track.joints[row] for row in rows]
+        return {
+            "name": self.name,
+            "colour": None if self.colour is None else css(self.colour),
+            "joint_names": list(self.track.joint_names),
+            "edges": self.track.edges.tolist(),
+            "edge_colours": [css(colour) for colour in self._edge_colours.tolist()],
+            "joints": encode(np.stack(joints), "<f4"),
+            "shown": [int(row is not None) for row in rows],
+            "lost_at": [int(row is not None and self.is_lost(row)) for row in rows],
+        }
+
+    def _pick_colours(self, names: Iterable[str]) -> np.ndarray:
+        colours = [self.colour or SIDES[find_side(name)] for name in names]
+        return np.array(colours, np.uint8).reshape(-1, 3)
+
+
+def gather(tracks: Track | PeopleTracks) -> PeopleTracks:
+    """Return the people of a take; a single track is that of the only one."""
+    if isinstance(tracks, Track):
+        return PeopleTracks((tracks,), tracks.frames, (tracks.frames,))
+    return tracks
+
+
+def make_figures(tracks: PeopleTracks) -> list[Figure]:
+    """Return the figure of each person, in the frames that show the person."""
+    several = len(tracks) > 1
+    return [
+        Figure(track, person_folder(Path(), k + 1).name, k if several else None, seen)
+        for k, (track, seen) in enumerate(zip(tracks, tracks.seen, strict=True))
+    ]
+
+
+def make_still_figure(
+    body: BodyModel, pose: np.ndarray, frame: int = 0, number: int | None = None
+) -> Figure:
+    """Return the figure of a body in a pose (D,), of one frame."""
+    poses = np.asarray(pose, float)[None]
+    track = Track(
+        body_name=body.name, dof_names=body.dof_names, joint_names=tuple(body.joint_names),
+        fps=30.0, frames=np.array([frame]), poses=poses, joints=posed_joints(body, poses),
+        edges=np.array(body.edges), body=body,
+    )  # fmt: skip
+    return Figure(track, number=number)
+
+
+def draw_mosaic(
+    frame: Frame, rig: CameraRig, figures: Items[Figure], views: Items[int] | None = None
+) -> np.ndarray:
+    """Return a frame's mosaic (h, w, 3) uint8 BGR: all cameras, or those of `views`, with everybody
+    that the frame shows, near people over far ones, and the names of those who are lost.
+
+    Where the frame has no images the masks are drawn on. It has even sides within MOSAIC_SIZE.
+    """
+    chosen = range(len(rig)) if views is None else views
+    columns, scale = _arrangement(len(chosen), rig.width, rig.height)
+    width, height = (max(2, math.floor(scale * side / 2) * 2) for side in (rig.width, rig.height))
+    mosaic = np.zeros((-(-len(chosen) // columns) * height, columns * width, 3), np.uint8)
+    shown = [(one, one.rows[frame.index]) for one in figures if frame.index in one.rows]
+    shown = [(one, row) for one, row in shown if np.isfinite(one.track.joints[row]).any()]
+    lost = [f"   {one.name} LOST" for one, row in shown if one.is_lost(row)]
+    note = ("   LOST" if lost else "") if len(figures) == 1 else "".join(lost)
+    for tile, view in enumerate(chosen):
+        camera = rig[view].scaled(scale)
+        picture = scale_picture(crop_view(frame, view, rig[view]), scale)[:height, :width]
+        picture = np.ascontiguousarray(picture).copy()
+        centres = [np.nanmean(one.track.joints[row], axis=0) for one, row in shown]
+        away = [-float(np.linalg.norm(centre - camera.centre)) for centre in centres]
+        for k in np.argsort(away):
+            shown[k][0].draw(picture, camera, shown[k][1])
+        _label(picture, f"{camera.name}   frame {frame.index}{note}")
+        y, x = height * (tile // columns), width * (tile % columns)
+        mosaic[y : y + len(picture), x : x + picture.shape[1]] = picture
+    return mosaic
+
+
+def write_overlay(
+    path: str | Path,
+    sequence: Sequence,
+    tracks: Track | PeopleTracks,
+    progress: Callable[[], object] | None = None,
+) -> None:
+    """Write an mp4 of the tracked frames as `draw_mosaic` shows them.
+
+    progress: called after each frame. Plays as fast as the scene (slower below 1 frame/s). Raises
+    InputError when a frame is not in the sequence or the video cannot be written.
+    """
+    everybody = gather(tracks)
+    figures, frames = make_figures(everybody), everybody.frames
+    steps = np.diff(frames)
+    step = max(1.0, float(np.median(steps)) if steps.size else 1.0)
+    with write_video(path, max(1.0, everybody[0].fps / step)) as video:
+        for frame in sequence.select_frames(check_indices(sequence, frames)):
+            video.write(draw_mosaic(frame, sequence.rig, figures))
+            if progress is not None:
+                progress()
+
+
+def check_indices(sequence: Sequence, indices: np.ndarray) -> list[int]:
+    """Return frame numbers (F,) of a track as a list. Raises InputError if there is none, or one
+    that the sequence does not have."""
+    if not indices.size:
+        raise InputError("the track holds no frame to draw")
+    if indices.min() < 0 or indices.max() >= len(sequence):
+        raise InputError(
+            f"{sequence.folder}: the track has frames {indices.min()}..{indices.max()}; "
+            f"the sequence {len(sequence)}"
+        )
+    return [int(index) for index in indices]
+
+
+def css(colour: Items[int]) -> str:
+    """Return an RGB colour as CSS has it."""
+    return "rgb({}, {}, {})".format(*colour)
+
+
+def encode(values: np.ndarray, kind: str) -> str:
+    """Return numbers as base64 of the little-endian type `kind`."""
+    return base64.b64encode(np.ascontiguousarray(values).astype(kind).tobytes()).decode()
+
+
+def _draw_cones(
+    image: np.ndarray, camera: Camera, cones: np.ndarray, colours: list[Any], thickness: int
+) -> None:
+    """Tint and outline cones (C, 16), near ones over far ones."""
+    corners = project_outlines(camera, cones)
+    distance = np.linalg.norm((cones[:, 0:3] + cones[:, 4:7]) / 2 - camera.centre, axis=-1)
+    visible = [
+        (_to_fixed_point(corners[i]), colours[i])
+        for i in np.argsort(-distance)
+        if np.isfinite(corners[i]).all()
+    ]
+    tint = image.copy()
+    for quad, colour in visible:
+        cv2.fillConvexPoly(tint, cv2.convexHull(quad), colour, cv2.LINE_AA, _BITS)
+    cv2.addWeighted(tint, 0.16, image, 0.84, 0, dst=image)
+    for quad, colour in visible:  # a dark rim keeps the lines visible on any background
+        cv2.polylines(image, [quad], True, _RIM, thickness + 2, cv2.LINE_AA, _BITS)
+        cv2.polylines(image, [quad], True, colour, thickness, cv2.LINE_AA, _BITS)
+
+
+def _draw_skeleton(
+    image: np.ndarray,
+    pixels: np.ndarray,
+    depth: np.ndarray,
+    edges: np.ndarray,
+    thickness: int,
+    colour: tuple[int, ...],
+) -> None:
+    visible = depth > 0
+    points = _to_fixed_point(pixels)
+    for a, b in edges:
+        if visible[a] and visible[b]:
+            cv2.line(image, points[a], points[b], colour, 1, cv2.LINE_AA, _BITS)
+    radius = round((0.8 + 0.7 * thickness) * 2**_BITS)
+    for point in points[visible]:
+        cv2.circle(image, point, radius + 2**_BITS, _RIM, -1, cv2.LINE_AA, _BITS)
+        cv2.circle(image, point, radius, _JOINT, -1, cv2.LINE_AA, _BITS)
+
+
+def _to_fixed_point(pixels: np.ndarray) -> np.ndarray:
+    """Return pixels (..., 2) as the integers with `_BITS` fractional bits that OpenCV draws."""
+    return np.rint(np.clip(pixels, -_FAR, _FAR) * 2**_BITS).astype(np.int32)
+
+
+def _arrangement(n: int, width: int, height: int) -> tuple[int, float]:
+    """Return columns and scale, 1 at most, for n tiles: those that would be largest within
+    MOSAIC_SIZE, as a page shows them, fewest empty, then widest."""
+
+    def key(columns: int) -> tuple[float, int, int]:
+        rows = -(-n // columns)
+        scale = min(MOSAIC_SIZE[0] / (columns * width), MOSAIC_SIZE[1] / (rows * height))
+        return round(scale, 6), -rows * columns, columns
+
+    columns = max(range(1, n + 1), key=key)
+    return columns, min(1.0, key(columns)[0])
+
+
+def _label(image: np.ndarray, text: str) -> None:
+    """Draw white text on a dark strip in the upper left corner."""
+    size = max(0.4, min(image.shape[:2]) / 800)
+    font = cv2.FONT_HERSHEY_SIMPLEX
+    (width, height), below = cv2.getTextSize(text, font, size, 1)
+    pad = round(12 * size)
+    strip = image[: height + below + pad, : width + 2 * pad]
+    strip[:] = strip // 3
+    cv2.putText(image, text, (pad, height + pad // 2), font, size, _TEXT, 1, cv2.LINE_AA)

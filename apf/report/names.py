@@ -1,3 +1,0 @@
-"""The names of a report's files."""
-
-PAGE = "report.html"
