@@ -28,7 +28,6 @@ from peers.results import (
     PeerRun,
     print_tables,
     replace_suite_runs,
-    sequence_table,
     summary_table,
     write_tables,
 )
@@ -86,7 +85,7 @@ def _run(args: argparse.Namespace) -> None:
         raise InputError(f"{args.out}: no runs; expected a suite with keypoints.npz and truth.npz")
     write_tables(args.out, results)
     if args.tables:
-        shown = f"{summary_table(results).markdown()}\n\n{sequence_table(results).markdown()}"
+        shown = summary_table(results).markdown()
         replace_marked(_ROOT / "docs" / "accuracy.md", args.tables, shown)
     print_tables(results)
 

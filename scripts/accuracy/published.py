@@ -53,18 +53,12 @@ def _spread(*rows: Row) -> list[str]:
 
 def publish_suite(root: Path, results: Results) -> None:
     """Write the table of docs/accuracy.md that has the name of the results' folder, `suite` or
-    `hard`. For a suite of presets only, write that of the presets, beside the defaults in the
-    neighbouring folder `suite`; of presets that start from the true joints only, that of
-    docs/papers.md."""
+    `hard`; for a suite of presets only, that of docs/papers.md."""
     page = root / "docs" / "accuracy.md"
     if any(not run.setting.preset for run in results.runs):
         replace_marked(page, results.path.parent.name, suite_headline(results))
         return
-    if all(run.setting.start in _TRUE_STARTS for run in results.runs):
-        replace_marked(root / "docs" / "papers.md", "trial", trial_headline(results))
-        return
-    defaults = Results.read(results.path.parent.parent / "suite" / "results.json")
-    replace_marked(page, "presets", presets_headline(results, defaults))
+    replace_marked(root / "docs" / "papers.md", "trial", trial_headline(results))
 
 
 def trial_headline(results: Results) -> str:
@@ -92,30 +86,6 @@ def trial_headline(results: Results) -> str:
 
 #: Starts from the true joints, and their names beside the preset's.
 _TRUE_STARTS = {"true": "", "measured": ", measured girths"}
-
-
-def presets_headline(results: Results, defaults: Results) -> str:
-    """Return Markdown with the mean error with an automatic start, of the defaults and of each
-    preset."""
-    columns: dict[str, dict[str, Row]] = {"default": {}}
-    for run in (*defaults.runs, *results.runs):
-        setting, source = run.setting, results if run.setting.preset else defaults
-        if setting.observations == "voxels" and setting.start == "found":
-            row = Row.create(setting, source.select(setting), float("nan"))
-            columns.setdefault(setting.preset or "default", {})[setting.sequence] = row
-    cells = [
-        [name, *(_describe_row(of[name]) if name in of else NONE for of in columns.values())]
-        for name in sorted({name for of in columns.values() for name in of})
-    ]
-    about = "; ".join(
-        f"{what}: {of.conditions['device']}, {of.made}, commit {of.conditions['commit']}, "
-        f"up to {max(run.seed for run in of.runs) + 1} seeds"
-        for what, of in (("default", defaults), ("presets", results))
-    )
-    note = f"mm, ± between seeds; far: beyond 150 mm. {about}."
-    return Grid(
-        "Mean error from a start of their own", ["sequence", *columns], cells, note
-    ).markdown()
 
 
 def _describe_row(row: Row) -> str:

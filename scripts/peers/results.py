@@ -29,13 +29,7 @@ _HEADS = (
     "jitter, mm/frame²",
     "skating, mm",
 )
-_NOTE = (
-    "Means over the sequences, 12 joints (shoulders, elbows, wrists, hips, knees, ankles), the "
-    "same keypoints (MediaPipe Pose). Offset-free: without the offset that a joint keeps in the "
-    "body's own frame. Gaps: joint-frames without a position. Jitter: mean second difference of "
-    "the error. Skating: way of an ankle along the floor in a stance of the truth. Seconds: for "
-    "all frames of a sequence, of the processor; on a GPU by the clock."
-)
+_NOTE = "Means over the sequences of 12 joints."
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ sys.path.insert(0, str(ROOT / "scripts"))
 
 import accuracy.suite as suite
 from accuracy.ablation import ABLATIONS, READINGS, load_preset
-from accuracy.published import presets_headline, suite_headline, trial_headline
+from accuracy.published import suite_headline, trial_headline
 from accuracy.runs import Results, Run, Setting
 from accuracy.suite import (
     Job,
@@ -286,19 +286,6 @@ def test_the_report(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {
         "results.json", "runs.csv", "suite.csv", "suite.md", "suite.png"
     }  # fmt: skip
-
-
-def test_presets_beside_the_defaults(tmp_path: Path) -> None:
-    conditions = {"device": "abacus", "commit": "c0ffee"}
-    defaults, results = (Results(tmp_path / name, conditions) for name in ("a.json", "b.json"))
-    song, rymut = (replace(FOUND, preset=name) for name in ("song", "rymut"))
-    defaults.add(a_run(FOUND, 0, 40.0))
-    defaults.add(a_run(FOUND, 1, 44.0))
-    results.add(a_run(song, 0, 70.0))
-    results.add(replace(a_run(rymut, 0, np.nan), failed="nobody stands there"))
-    shown = presets_headline(results, defaults)
-    assert "| sequence | default | song | rymut |" in shown
-    assert "| walk | 42.0 ± 2.8, 25 % far | 70.0, 25 % far | nobody found |" in shown
 
 
 def test_presets_from_the_true_joints(tmp_path: Path) -> None:
