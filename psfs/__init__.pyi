@@ -12,7 +12,6 @@ from .background.config import BackgroundConfig as BackgroundConfig
 from .background.config import ChromaKeyConfig as ChromaKeyConfig
 from .background.config import EvidenceConfig as EvidenceConfig
 from .background.config import LightConfig as LightConfig
-from .background.estimation_config import TakeConfig as TakeConfig
 from .cameras.camera import Camera as Camera
 from .cameras.camera import CameraRig as CameraRig
 from .presets import preset as preset

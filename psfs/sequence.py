@@ -92,8 +92,6 @@ class Sequence:
         self.volume: tuple[np.ndarray, np.ndarray] | None = self._volume()
         self._masks_of: Callable[[int], np.ndarray] | None = None
         self._space_of: Callable[[int], Space | None] | None = None
-        #: Whether the silhouettes show the person poorly, see `with_masks`.
-        self.poor_silhouettes = False
         self._kept: np.ndarray | None = None
         self._n_kept = 0
 
@@ -136,14 +134,12 @@ class Sequence:
         self,
         masks_of: Callable[[int], np.ndarray],
         space_of: Callable[[int], Space | None] | None = None,
-        poor: bool = False,
     ) -> Sequence:
         """Return the same views with other silhouettes: the masks (V, H, W) uint8 that `masks_of`
         returns for the number of a frame. space_of: likewise returns where the person may be, None
-        for everywhere. poor: whether the masks show the person poorly."""
+        for everywhere."""
         other = copy(self)
         other.background_kind, other._masks_of, other._space_of = "masks", masks_of, space_of
-        other.poor_silhouettes = poor
         vars(other).pop("background", None)  # the property's kept value
         return other
 

@@ -77,9 +77,6 @@ class Session:
         settings: SessionSettings | None = None,
     ) -> None:
         self.sequence, self.device = sequence, device
-        #: The views as a start needs them, if they are others: silhouettes in which a person who
-        #: stands does not face the wrong way.
-        self.start_sequence: Sequence | None = None
         self.settings = settings or SessionSettings()
         self._background: Background | None = None
         self._results: dict[Hashable, Any] = {}

@@ -7,7 +7,7 @@ flags of single settings.
 from __future__ import annotations
 
 from psfs.background.config import ScreenConfig
-from psfs.background.estimation_config import BackgroundModelConfig, TakeConfig
+from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.calibration.config import CalibrationConfig
 from psfs.common.config import Config, part
 from psfs.diagnostics.config import (
@@ -29,7 +29,6 @@ class BackgroundSettings(Config):
 
     model: BackgroundModelConfig = part(BackgroundModelConfig)
     screen: ScreenConfig = part(ScreenConfig)
-    take: TakeConfig = part(TakeConfig)
 
 
 class DiagnosticsSettings(Config):

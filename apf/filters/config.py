@@ -166,15 +166,6 @@ class RefinementConfig(Config):
     strength: float = positive(
         1350.0, "Weight of the voxels' mean cost against the prior's squared distance."
     )
-    poor: float = setting(
-        0.03,
-        "Factor of `strength` where silhouettes show the person poorly, so that many voxels are of "
-        "nobody.",
-        "Pose2Sim's `Demo_MultiPerson`: at full strength the refined pose has an error 11 % higher "
-        "than the particles' mean; in `synth_box_4cam` it is 5 % lower",
-        above=0,
-        most=1,
-    )
     width: float = positive(
         4.0,
         "Standard deviation of the prior about the particles' mean.",
@@ -331,11 +322,6 @@ class FilterConfig(Config):
     def searches_limbs(self) -> bool:
         """Whether the limb search runs before an estimate is final."""
         return self.limb_search.reach > 0 and self.refinement.steps > 0
-
-    def for_poor_silhouettes(self) -> FilterConfig:
-        """Return the settings for silhouettes that show the person poorly."""
-        refinement = self.refinement
-        return self.with_changes(refinement_strength=refinement.poor * refinement.strength)
 
     def scale_to_rate(self, fps: float) -> FilterConfig:
         """Return the settings for `fps` frames/s: deviations that are stated for 60 frames/s grow

@@ -94,7 +94,7 @@ def _find(
     """Find the person with these settings."""
     check_startable(template)  # before the voxels are carved
     device, chosen = session.device, session.frames
-    sequence = session.start_sequence or session.sequence
+    sequence = session.sequence
     check_rate(sequence, chosen.step)
     grid = automatic_grid(session)
     carve = session.reconstructor(grid)

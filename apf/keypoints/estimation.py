@@ -22,10 +22,10 @@ from apf.keypoints.readers.orders import MEDIAPIPE
 from apf.keypoints.standing import PersonFinder
 from cl import DeviceError, InputError, select_device
 from psfs.backend import make_evidence_function
-from psfs.background.standing import StandingPeople
 from psfs.common.files import write_text
 from psfs.common.regions import keep_large_regions
 from psfs.common.system import ignore_signals
+from psfs.people.standing import StandingPeople
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import SilhouetteConfig
 

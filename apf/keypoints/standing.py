@@ -8,8 +8,8 @@ import numpy as np
 from apf.keypoints.config import StandingRegionConfig
 from apf.keypoints.network import PoseNetwork
 from apf.keypoints.readers.orders import MEDIAPIPE
-from psfs.background.standing import StandingPeople
 from psfs.cameras.camera import Camera
+from psfs.people.standing import StandingPeople
 
 _TRUNK = [MEDIAPIPE.index(n) for n in ("left_shoulder", "right_shoulder", "left_hip", "right_hip")]
 #: Points around a person's axis at each height.

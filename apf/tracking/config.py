@@ -87,7 +87,7 @@ class RecoveryConfig(Config):
             return self
         return self.replace(unknown=self.worst, everywhere_too=not has_head(body))
 
-    def for_poor_silhouettes(self) -> RecoveryConfig:
+    def for_uncertain_start(self) -> RecoveryConfig:
         """Return the config for a track from an automatic start that fits poorly.
 
         Silhouettes that lack parts of the person misfit the right pose, too: until there is a good

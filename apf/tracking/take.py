@@ -97,22 +97,13 @@ def track_take(
     report("preparing")
     began = time.perf_counter()
     points = None if keypoint_fit is None else keypoint_fit.observations
-    recovery = RecoveryConfig().for_poor_silhouettes() if _is_poor(session, start) else None
-    if session.sequence.poor_silhouettes:
-        method = method.replace(filter=method.filter.for_poor_silhouettes())
+    uncertain = start is not None and start.registration_error > start.config.acceptance.good
+    recovery = RecoveryConfig().for_uncertain_start() if uncertain else None
     task = TrackingTask(body, pose, method, settings.run_seeds, points, recovery)
     store = None if keep is None else lambda parts: keep(body, pose, parts)
     tracked = track_frames(session, task, report, store)
     seconds = time.perf_counter() - began
     return Take(session.sequence, body, pose, start, tracked.tracks, seconds, tracked.error)
-
-
-def _is_poor(session: Session, start: Start | None) -> bool:
-    """Return whether silhouettes show the person poorly: an automatic start fits poorly, or
-    their background, which is estimated from the take, is poor."""
-    if start is not None and start.registration_error > start.config.acceptance.good:
-        return True
-    return session.sequence.poor_silhouettes
 
 
 def check_terms(sequence: Sequence, method: Method) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial, reduce
 from itertools import chain, islice
 
@@ -27,13 +27,11 @@ class Background:
     """The empty scene as a Gaussian per pixel.
 
     mean, std: (V, H, W, 3) float32 grey levels, BGR. H and W are the rig's; smaller views are
-    padded with zeros in `mean` and with `BackgroundModelConfig.std_floor` in `std`. poor: whether
-    it comes from a take in which people keep still, so that it shows parts of them.
+    padded with zeros in `mean` and with `BackgroundModelConfig.std_floor` in `std`.
     """
 
     mean: np.ndarray
     std: np.ndarray
-    poor: bool = field(default=False, kw_only=True)
 
 
 def estimate_background(

@@ -1,4 +1,4 @@
-"""Chromaticity, and parsing of colours."""
+"""Chromaticity, bins, and parsing of colours."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ import re
 import numpy as np
 
 from cl import InputError
+
+#: Number of colour bins: 16 per channel.
+N_BINS = 16**3
 
 
 def chromaticity(pixels: np.ndarray) -> np.ndarray:
@@ -25,3 +28,10 @@ def parse_colour(text: object) -> np.ndarray:
     if not isinstance(text, str) or not re.fullmatch(r"#[0-9a-fA-F]{6}", text):
         raise InputError(f"key = {text!r}; expected a colour #rrggbb, such as #00b140")
     return np.array([int(text[i : i + 2], 16) for i in (5, 3, 1)], np.float64)
+
+
+def colour_bins(colours: np.ndarray, levels: int = 16) -> np.ndarray:
+    """Return the number of the bin (...) of colours (..., 3) uint8 or float, with `levels` bins per
+    channel, a power of 2."""
+    bins = (colours // (256 // levels)).astype(np.intp)
+    return (bins[..., 0] * levels + bins[..., 1]) * levels + bins[..., 2]

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from psfs.background.person_search import colour_bins
 from psfs.cameras.camera import CameraRig
+from psfs.common.colours import colour_bins
 from psfs.people.config import PeopleConfig
 from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.config import ReconstructionConfig

@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psfs.backend import make_evidence_function
-from psfs.background.gaussian import Background
-from psfs.background.standing import StandingPeople
 from psfs.common.numbers import select_span
 from psfs.diagnostics.small_views import Shrink
 from psfs.people.coarse_voxels import CoarseFrame, CoarseVoxels
@@ -26,7 +24,7 @@ from psfs.people.identities import (
     join_returning,
     undo_swaps,
 )
-from psfs.people.standing import estimate_again, find_places
+from psfs.people.standing import StandingPeople, find_places
 from psfs.sequence import Frame
 from psfs.session import Session, check_frames
 from psfs.silhouettes.config import SilhouetteConfig
@@ -45,16 +43,12 @@ class Person:
 @dataclass(frozen=True, eq=False)
 class People:
     """The people in `frames`, the largest first, in coarse voxels of `grid`; `objects`: the number
-    of other things that move. places: where they stand, if that is known to help where the
-    silhouettes are poor. background: before which they are then tracked; it shows them thinner than
-    the session's, which their starts need."""
+    of other things that move."""
 
     frames: range
     grid: VoxelGrid
     persons: tuple[Person, ...]
     objects: int = 0
-    places: StandingPeople | None = None
-    background: Background | None = None
 
     def __len__(self) -> int:
         return len(self.persons)
@@ -81,10 +75,8 @@ class People:
             )
             for person in self.persons
         ]
-        shown = [number for number, person in enumerate(limited) if len(person.frames)]
-        places = self.places and self.places.select(shown)
-        persons = tuple(limited[k] for k in shown)
-        return replace(self, frames=frames, persons=persons, places=places)
+        persons = tuple(person for person in limited if len(person.frames))
+        return replace(self, frames=frames, persons=persons)
 
     def box(self, margin: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest and highest corner (3,), m, of the box around everybody's voxels, and
@@ -131,37 +123,14 @@ def follow_people(session: Session, number: int | None = None) -> People:
 
 def follow_several(session: Session, number: int | None = None) -> People | None:
     """Return the people in all of the session's frames, also a single person beside an object that
-    moves; None if there is one person alone, or `number`, of `follow_people`, is 1.
-
-    If the background comes from the take and people keep still in it, they are found twice: where
-    they stand reveals more of the background.
-    """
+    moves; None if there is one person alone, or `number`, of `follow_people`, is 1."""
     if number == 1:
         return None
     counted = count_people(session) if number is None else None
     if counted is not None and len(counted) + counted.objects < 2:
         return None
     people = follow_people(session, number)
-    if not len(people) or len(people) + people.objects < 2:
-        return None
-    background = session.sequence.background
-    if len(people) < 2 or background is None or background is not session.background:
-        return people
-    return _reveal(session, people, number) if background.poor else people
-
-
-def _reveal(session: Session, people: People, number: int | None) -> People:
-    """Return people who keep still and hide the background, followed again before one that takes
-    account of them."""
-    config = PeopleConfig()
-    first = people.find_places(config.standing)
-    session.revise_background(estimate_again(session, first))
-    people = _Search(session, config, 1, len(people)).run()
-    places = people.find_places(config.standing)
-    thin = estimate_again(session, first, near=True)
-    people = replace(people, places=places, background=thin)
-    session.replace_result((follow_people, number), people)
-    return people
+    return people if len(people) and len(people) + people.objects > 1 else None
 
 
 class _Search:

@@ -47,13 +47,9 @@ def separate(
     everybody = join_session(session, people, config.margin)
     contacts = find_contacts(people, session.rate, config)
     store, volumes, colours = _divide(everybody, people, contacts, config, progress)
-    tracked = store
-    if people.background is not None:
-        everybody.revise_background(people.background)
-        tracked, _, _ = _divide(everybody, people, contacts, config, progress)
     spaces = _find_spaces(session.rig, people, contacts, colours)
     return [
-        _make_session(session, people, number, box, (tracked, store), spaces)
+        _make_session(session, people, number, box, store, spaces)
         for number, box in enumerate(volumes)
     ]
 
@@ -77,13 +73,10 @@ def _divide(
     for frame in everybody.sequence.frames(everybody.settings.selection):
         cloud = reconstruct(frame).cloud()
         split = split_cloud(cloud, people, frame.index, config, contacts[frame.index])
-        ghosts = people.places and Ghosts(rig, people.places, frame.index)
-        if ghosts:
-            split = ghosts.drop(split)
         for box, points in zip(boxes, split.clouds, strict=False):
             if len(points):
                 box.append(np.stack([points.min(0), points.max(0)]))
-        if not ghosts and frame.images is not None and len(people) > 1:
+        if frame.images is not None and len(people) > 1:
             depths = np.stack([
                 draw_depths(camera, cloud.centres, extents, frame.images.shape[1:3])
                 for camera, extents in zip(rig, footprints, strict=True)
@@ -93,8 +86,6 @@ def _divide(
                     rig, frame.images, depths, points, grid.voxel_size
                 )
         masks = attribution(reconstruct.evidence(), split, footprints)
-        if ghosts:
-            ghosts.hide_others(masks)
         for number, own in enumerate(masks):
             store.add(number, frame.index, own)
         if progress is not None:
@@ -114,19 +105,17 @@ def _find_spaces(
     contacts: dict[int, list[Pair]],
     colours: dict[tuple[int, int], Disagreement],
 ) -> Callable[[int, int], Space | None] | None:
-    """Return where a person, by number, may be in a frame: not where ghosts are. Before a good
-    background those who touch somebody may be everywhere: an arm may be in the other's space."""
+    """Return where a person, by number, may be in a frame: not where ghosts are. Those who touch
+    somebody may be everywhere: an arm may be in the other's space."""
     if len(people) < 2:
         return None  # nobody makes ghosts
-    poor = people.places is not None
-    places = people.places or people.find_places()
+    places = people.find_places()
 
     def find_space(number: int, frame: int) -> Space | None:
-        touches = any(number in pair for pair in contacts.get(frame, ()))
-        if touches and not poor:  # ghosts before a poor background touch as well
+        if any(number in pair for pair in contacts.get(frame, ())):
             return None
         seen = colours.get((number, frame))
-        return lambda points: Ghosts(rig, places, frame, poor).find_own(number, points, seen)
+        return lambda points: Ghosts(rig, places, frame).find_own(number, points, seen)
 
     return find_space
 
@@ -134,8 +123,6 @@ def _find_spaces(
 def join_session(session: Session, people: People, margin: float) -> Session:
     """Return a session whose volume holds everybody, with `margin` m around them."""
     joint = Session(session.sequence, session.device, session.settings)
-    if session.background is not None and session.background is not session.sequence.background:
-        joint.revise_background(session.background)
     joint.replace_result(find_volume, Volume(*people.box(margin)))
     return joint
 
@@ -145,18 +132,15 @@ def _make_session(
     people: People,
     number: int,
     volume: Volume,
-    stores: tuple[MaskStore, MaskStore],
+    store: MaskStore,
     spaces: Callable[[int, int], Space | None] | None,
 ) -> Session:
-    """Return the session of one person. stores: the masks to track them by, and those of a
-    start."""
+    """Return the session of one person. store: their masks."""
     selection = select_span(people.persons[number].frames, session.frames.step)
     # The person's own masks hold ghosts that all cameras see before or behind people.
     space_of = None if spaces is None else partial(spaces, number)
-    poor = people.places is not None
-    masks_of, start_masks_of = (partial(store.get, number) for store in stores)
     rig, views = with_hidden_maps(session.rig), session.sequence
-    sequence = views.with_masks(masks_of, space_of, poor).with_rig(rig)
+    sequence = views.with_masks(partial(store.get, number), space_of).with_rig(rig)
     changes = {
         "silhouette": {"evidence": {"unknown_mask": UNKNOWN_MASK}},
         "occupancy": {"min_cameras": 1},  # what others hide is not seen, yet may be occupied
@@ -167,8 +151,6 @@ def _make_session(
         session.settings.voxel_size,
     )
     own = Session(sequence, session.device, settings)
-    # Ghosts stay in it: without them more people who stand face the wrong way.
-    own.start_sequence = views.with_masks(start_masks_of).with_rig(rig)
     own.replace_result(find_volume, volume)
     return own
 

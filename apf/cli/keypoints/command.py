@@ -12,12 +12,12 @@ from apf.cli.people_flag import people_number
 from apf.keypoints.estimation import EstimationJob, estimate_keypoints, write_openpose
 from apf.keypoints.network import check_network
 from cl import InputError, select_device
-from psfs.background.standing import StandingPeople
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.cli.sequence_flags import collect_overrides, open_sequence
 from psfs.cli.settings import FILE, write_settings
 from psfs.common.outputs import output_folder
 from psfs.people.people import follow_several
+from psfs.people.standing import StandingPeople
 from psfs.sequence import Sequence
 from psfs.session import Session
 

@@ -19,8 +19,8 @@ from apf.cli import main
 from apf.keypoints import Keypoints
 from apf.keypoints.estimation import CropConfig, update_crop
 from apf.keypoints.readers.orders import MEDIAPIPE
-from psfs.background.standing import StandingPeople
 from psfs.common.outputs import output_folder
+from psfs.people.standing import StandingPeople
 
 FRAMES = 6
 STAND_IN = '''

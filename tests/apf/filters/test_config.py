@@ -145,10 +145,3 @@ def test_parts_have_a_dozen_settings_at_most() -> None:
 def test_unknown_terms(wrong: str) -> None:
     with pytest.raises(InputError, match="likelihood"):
         parse_weights(wrong)
-
-
-def test_poor_silhouettes_weaken_the_refinement_alone() -> None:
-    config = FilterConfig.create(refinement_poor=0.1, refinement_strength=50.0, noise=0.2)
-    weaker = config.for_poor_silhouettes()
-    assert weaker.refinement.strength == pytest.approx(5)
-    assert weaker.with_changes(refinement_strength=50.0) == config

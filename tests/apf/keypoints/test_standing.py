@@ -6,8 +6,8 @@ import numpy as np
 from helpers import scenes
 
 from apf.keypoints.standing import PersonFinder
-from psfs.background.standing import StandingPeople
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.people.standing import StandingPeople
 
 PLACES = np.array([[-0.5, 0.0, 1.6], [0.5, 0.0, 1.6]])
 

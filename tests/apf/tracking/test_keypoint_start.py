@@ -45,7 +45,6 @@ class Blind:
     """A sequence whose pictures nobody looks at."""
 
     rig, fps, folder, name = RIG, 30.0, Path("nowhere"), "nowhere"
-    poor_silhouettes = False
 
     def __len__(self) -> int:
         return N

@@ -102,11 +102,11 @@ def test_a_misfitting_pose_that_two_searches_find_is_followed(
     assert [e.pose[0] for e in found] == ([0.0] * 3 if stands_still else [0.05, 0.1, 0.15])
 
 
-def test_poor_silhouettes_misfit_a_person_who_is_followed() -> None:
+def test_after_an_uncertain_start_only_the_worst_misfit_is_a_loss() -> None:
     """Before there is a good frame, the misfit of an accepted start is no sign of loss."""
     config = RecoveryConfig()
     lost = {}
-    for name, of in (("usual", config), ("poor", config.for_poor_silhouettes())):
+    for name, of in (("usual", config), ("poor", config.for_uncertain_start())):
         tracker = RecoveringTracker(OnALine(0.1), lambda: OnALine(0.2), config=of)
         lost[name] = [estimate.lost for estimate in run(tracker, [0.5, 0.5, 5.0])]
     assert lost == {"usual": [True, True, True], "poor": [False, False, True]}

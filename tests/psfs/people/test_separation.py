@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ from helpers import footage, scenes
 
 from cl import NumpyDevice
 from psfs.background.config import UNKNOWN, EvidenceConfig
-from psfs.background.standing import StandingPeople
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.people.config import SeparationConfig
@@ -134,8 +132,7 @@ def test_sessions_of_frames_from_the_last_to_the_first(tmp_path: Path) -> None:
         Person(np.array(seen), {index: block(x) for index in seen})
         for x, seen in ((-0.5, [0, 1, 2]), (0.5, [1, 3]))
     ]
-    places = StandingPeople(np.array([2]), np.array([[[-0.5, 0, 1.5], [0.5, 0, 1.5]]]))
-    people = People(session.frames, GRID, tuple(persons), places=places)
+    people = People(session.frames, GRID, tuple(persons))
     assert people.counts.tolist() == [1, 1, 2, 1]
     nobody = People(session.frames, GRID, ())
     assert nobody.counts.tolist() == [0, 0, 0, 0]
@@ -146,7 +143,6 @@ def test_sessions_of_frames_from_the_last_to_the_first(tmp_path: Path) -> None:
         low, high = People(session.frames, GRID, (person,)).box(margin)
         box = find_volume(own)
         np.testing.assert_allclose([box.low, box.high], [low, high])
-    assert own.sequence.poor_silhouettes and not sequence.poor_silhouettes
     space = own.sequence.read(2).space
     assert space is not None
     trunks = np.array([[0.5, 0.05, 1.0], [-0.5, 0.05, 1.0]])  # of the person, and of the other
@@ -169,27 +165,5 @@ def test_space_of_others_who_stand_is_no_persons_unless_they_touch(tmp_path: Pat
         assert space is not None
         assert space(trunks).tolist() == [number == 0, number == 1]
         assert own.sequence.read(1).space is None
-        assert not own.sequence.poor_silhouettes
-    places = StandingPeople(np.array([0]), np.array([[[-0.4, 0, 1.5], [0.4, 0, 1.5]]]))
-    poor = separate(session, replace(people, places=places), config=config)
-    assert poor[0].sequence.read(1).space is not None  # what touches may be a ghost
     (alone,) = separate(session, People(session.frames, GRID, (left,), objects=1))
     assert alone.sequence.read(0).space is None
-
-
-def test_starts_have_the_masks_before_the_first_background(tmp_path: Path) -> None:
-    sequence = Sequence.open(footage.native(tmp_path / "s", frames=1))
-    session = Session(sequence, NumpyDevice(), SessionSettings(voxel_size=0.1))
-    shown = session.background
-    assert shown is not None
-    other = replace(shown, mean=shown.mean.copy())
-    other.mean[:, 10:40, 20:44] = 255 - other.mean[:, 10:40, 20:44]  # which is foreground
-    places = StandingPeople(np.array([0]), np.array([[[0, 0, 1.5]]]))
-    person = Person(np.array([0]), {0: block(0)})
-    people = People(session.frames, GRID, (person,), places=places, background=other)
-    (own,) = separate(session, people)
-    assert own.start_sequence is not None
-    tracked, start = own.sequence.read(0), own.start_sequence.read(0)
-    assert tracked.masks is not None and start.masks is not None
-    assert (tracked.masks > 128).any() and not (start.masks > 128).any()
-    assert start.space is None

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from psfs.background.standing import StandingPeople
-from psfs.people.people import People, Person
-from psfs.people.standing import find_places
+from psfs.people.standing import StandingPeople, find_places
 from psfs.voxels.grid import VoxelGrid
 
 GRID = VoxelGrid.covering(np.array([-2.0, -2, 0]), np.array([2.0, 2, 2.2]), 0.08)
@@ -36,16 +34,8 @@ def test_people_take_up_space_about_their_axes() -> None:
     places = np.array([[[0, 0, 1.7], [1, 0, 1.5]], [[0.5, 0, 1.7], [np.nan] * 3]])
     people = StandingPeople(np.array([10, 20]), places)
     points = np.array([[0, 0, 1.0], [0.1, 0.05, 1.2], [0.4, 0, 1.2], [0, 0, 1.8], [1, 0, 1.4]])
-    np.testing.assert_array_equal(people.contain(points, 14), [1, 1, 0, 0, 1])
+    both = [people.contain(points, 14, person).tolist() for person in range(2)]
+    assert both == [[1, 1, 0, 0, 0], [0, 0, 0, 0, 1]]
     moved = points + np.array([0.5, 0, 0])
-    # The second person is not seen there and takes up none.
-    np.testing.assert_array_equal(people.contain(moved, 90), [1, 1, 0, 0, 0])
-
-
-def test_places_stay_with_those_who_are_seen_in_some_frames() -> None:
-    persons = tuple(Person(np.array(seen), {}) for seen in ([0, 1], [3], [2, 3]))
-    places = StandingPeople(np.arange(4), np.random.default_rng(0).normal(size=(4, 3, 3)))
-    late = People(range(4), GRID, persons, places=places).during(range(2, 4))
-    assert late.places is not None and len(late) == 2
-    np.testing.assert_array_equal(late.places.places, places.places[:, 1:])
-    assert People(range(4), GRID, persons).during(range(2, 4)).places is None
+    assert people.contain(moved, 90, 0).tolist() == [1, 1, 0, 0, 0]
+    assert not people.contain(moved, 90, 1).any()  # who is not seen there

@@ -1,0 +1,112 @@
+"""Which pixels people cover in each frame of a take, by all cameras' evidence together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.rig_geometry import find_seen_box, required_views
+
+#: Number of voxels, at most, in which the rays of the cameras meet.
+_VOXELS = 60_000
+#: Probability that a camera denies a voxel that is occupied, since a person is in its background,
+#: or looks like it: one camera of four may.
+_WRONGLY_DENIED = 0.1
+#: Distance by which voxels reach beyond their projected edges, px: of a small picture's blur.
+_MARGIN = 1
+
+
+class Rays:
+    """The pixels of all cameras in which the voxels appear where people may be: those in the hull
+    of the moving `regions` (V, h, w) bool. regions: the part of them that this hull covers."""
+
+    def __init__(self, rig: CameraRig, regions: np.ndarray) -> None:
+        self._shape = regions.shape
+        needed = required_views(rig)
+        box = find_seen_box(rig, needed) or (np.full(3, -1.0), np.full(3, 1.0))
+        for _ in range(2):  # the second grid bounds the hull of the first
+            edge = float(np.cbrt(np.prod(box[1] - box[0]) / _VOXELS))
+            axes = [np.arange(a, b, edge) + edge / 2 for a, b in zip(*box, strict=True)]
+            centres = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+            seen, shown = np.zeros((2, len(centres)), np.int16)
+            for camera, region in zip(rig, regions, strict=True):
+                inside, row, column, _ = camera.look_up(centres)
+                seen[inside] += 1
+                shown[inside] += region[row, column]
+            hull = centres[(seen >= needed) & (shown == seen)]
+            if not len(hull):
+                break
+            box = hull.min(0) - edge, hull.max(0) + edge
+        self.n_voxels = len(hull)
+        self._views = [_ViewRays(camera, hull, edge, rig.width) for camera in rig]
+        nothing = [np.zeros((1, len(of.voxels)), np.float32) for of in self._views]
+        within = [np.isfinite(self.project(view, values)[0]) for view, values in enumerate(nothing)]
+        self.regions = regions & np.stack(within)
+
+    def __len__(self) -> int:
+        return len(self._views)
+
+    def gather(self, view: int, maps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the voxels (K,) that a view sees and the values (n, K) of its maps (n, h, w)
+        there."""
+        of = self._views[view]
+        return of.voxels, maps.reshape(len(maps), -1)[:, of.pixels]
+
+    def project(self, view: int, values: np.ndarray) -> np.ndarray:
+        """Return (n, h, w) float32: the greatest of the values (n, K) of the voxels on each pixel's
+        ray, in the order of `gather`; -inf where there is no voxel."""
+        of, (_, height, width) = self._views[view], self._shape
+        maps = np.full((len(values), height * width), -np.inf, np.float32)
+        if len(of.voxels):
+            maps[:, of.pixels[of.starts]] = np.maximum.reduceat(values, of.starts, axis=1)
+        kernel = np.ones((of.across, of.across), np.uint8)
+        return np.stack([cv2.dilate(own.reshape(height, width), kernel) for own in maps])
+
+
+class _ViewRays:
+    """A view's voxels in the order of the pixels in which they appear; starts: the first one of
+    each pixel. across: their size, px."""
+
+    def __init__(self, camera: Camera, voxels: np.ndarray, edge: float, width: int) -> None:
+        inside, row, column, depth = camera.look_up(voxels)
+        pixels = row * width + column
+        order = np.argsort(pixels, kind="stable")
+        self.voxels, self.pixels = np.flatnonzero(inside)[order], pixels[order]
+        self.starts = np.flatnonzero(np.diff(self.pixels, prepend=-1))
+        nearest = float(np.percentile(depth, 10)) if len(depth) else np.inf
+        self.across = max(1, int(np.ceil(edge * camera.K[0, 0] / nearest))) + 2 * _MARGIN
+
+
+class Coverage:
+    """Estimates who covers which pixel. agreement: the share of the pixels that look like a person
+    or that the other cameras take for one, in which both do."""
+
+    def __init__(self, rays: Rays) -> None:
+        self._rays, self.agreement = rays, 0.0
+
+    def update(self, evidence: Sequence[np.ndarray]) -> np.ndarray:
+        """Return (V, n, h, w) bool: whether a pixel more likely shows a person than the background,
+        given its own `evidence` (n, h, w) of each view, log ratios, and that of the other views.
+
+        A view's evidence for a voxel is log(P / 0.5) of the pixel's probability P of a person: what
+        is in front of it or behind it may be seen instead (Song et al. eq. (5)).
+        """
+        views, total = [], np.zeros((len(evidence[0]), self._rays.n_voxels), np.float32)
+        for view, maps in enumerate(evidence):
+            voxels, ratios = self._rays.gather(view, maps)
+            person = 1 / (1 + np.exp(-ratios))
+            nats = np.log(2 * np.maximum(person, _WRONGLY_DENIED)).astype(np.float32)
+            total[:, voxels] += nats
+            views.append((voxels, nats))
+        covered, alike, either = [], 0, 0
+        for view, (voxels, nats) in enumerate(views):
+            others = self._rays.project(view, total[:, voxels] - nats)
+            covered.append(evidence[view] + others > 0)
+            person, meet = evidence[view] > 0, others > 0
+            alike += np.count_nonzero(person & meet)
+            either += np.count_nonzero(person | meet)
+        self.agreement = alike / max(1, either)
+        return np.stack(covered)

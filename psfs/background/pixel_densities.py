@@ -1,0 +1,162 @@
+"""Densities of a pixel's colour where a static camera shows the background, and a person."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from psfs.background.config import BackgroundConfig
+from psfs.common.colours import N_BINS, colour_bins
+
+#: Least change of a pixel over a take that is motion, grey levels: more than shades of a shadow and
+#: than three times the noise.
+_MOTION = 18.0
+#: Width of gaps in moving regions that are closed, and the area of the largest one that is noise.
+_GAP_PX, _SPECK_PX2 = 9, 40.0
+#: Least standard deviation of an estimated background, and that of an extrapolated one, grey
+#: levels.
+_LEAST_STD, _EXTRAPOLATED_STD = 5.0, 10.0
+#: Standard deviation of the light factor of background pixels around 1.
+_SHADE = 0.06
+#: Share of every density that is another: what no model explains.
+_UNEXPLAINED = 0.05
+#: Bound of the evidence of a single pixel, nats.
+_LIMIT = 4.0
+
+
+def find_moving_region(frames: np.ndarray) -> np.ndarray:
+    """Return (h, w) bool: the pixels where frames (n, h, w, 3) uint8 of a static camera change,
+    with holes filled. A person who moves a little at times is inside the region."""
+    smooth = np.stack([cv2.GaussianBlur(frame, (0, 0), 1.0) for frame in frames])
+    ordered = np.sort(smooth, axis=0)
+    outliers = 1 if len(frames) > 3 else 0  # at either end
+    change = (ordered[-1 - outliers] - ordered[outliers]).max(-1).astype(np.float32)
+    changes = (change > max(_MOTION, 3 * float(np.median(change)))).view(np.uint8)
+    moving = cv2.morphologyEx(changes, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    gap = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_GAP_PX, _GAP_PX))
+    closed = cv2.morphologyEx(moving, cv2.MORPH_CLOSE, gap)
+    outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    filled = np.zeros(moving.shape, np.uint8)
+    large = [outline for outline in outlines if cv2.contourArea(outline) > _SPECK_PX2]
+    cv2.drawContours(filled, large, -1, 1, cv2.FILLED)
+    return cv2.dilate(filled, np.ones((3, 3), np.uint8)) > 0
+
+
+class PixelDensities:
+    """Log ratios of the person's colours over the background's in one camera's frames.
+
+    frames: (n, h, w, 3) uint8. region: (h, w) bool, beyond which nobody is. mean, std: (h, w, 3),
+    the frames' moments. from_median: whether they are the background at first; else it is
+    extrapolated from the nearest pixels outside of the region on either side, above and below.
+
+    All densities are relative to the uniform one, which is the person's at first.
+    """
+
+    def __init__(
+        self,
+        frames: np.ndarray,
+        region: np.ndarray,
+        mean: np.ndarray,
+        std: np.ndarray,
+        from_median: bool,
+    ) -> None:
+        self._region, self._shape = region, frames.shape[:3]
+        self._shown = frames[:, region].astype(np.float32)
+        self._bins = colour_bins(self._shown)
+        self._around = _find_surroundings(cv2.blur(mean, (3, 3)), region)
+        self._unseen = self._surrounding_density(self._shown)
+        self._person = np.ones(N_BINS)
+        self.learn(mean, std, np.full(region.shape, from_median))
+
+    def learn(self, mean: np.ndarray, std: np.ndarray, known: np.ndarray) -> None:
+        """Take the moments (h, w, 3) for the background of the pixels that are `known` (h, w)."""
+        region = self._region
+        estimated = self._density(self._shown, mean[region], std[region])
+        mixed = (1 - _UNEXPLAINED) * estimated + _UNEXPLAINED * self._unseen
+        self._background = np.where(known[region], mixed, self._unseen)
+
+    def learn_person(self, histograms: list[np.ndarray]) -> None:
+        """Take the colours of the cameras' histograms (N_BINS,) for the person's. Each camera
+        counts alike; neighbouring colours share their counts."""
+        shares = [own / max(own.sum(), 1e-6) for own in histograms]
+        size = round(N_BINS ** (1 / 3))
+        cube = np.mean(shares, axis=0).reshape(3 * [size]).astype(np.float32)
+        for axis in range(3):
+            flat = np.moveaxis(cube, axis, 0).reshape(size, -1)
+            flat = cv2.GaussianBlur(flat, (1, 0), sigmaX=0.1, sigmaY=0.7)
+            cube = np.moveaxis(flat.reshape(3 * [size]), 0, axis)
+        total = max(float(cube.sum()), 1e-6)
+        self._person = (1 - _UNEXPLAINED) * N_BINS / total * cube.ravel() + _UNEXPLAINED
+
+    def count_colours(self, covered: np.ndarray) -> np.ndarray:
+        """Return the histogram (N_BINS,) of the pixels that are `covered` (n, h, w)."""
+        return np.bincount(
+            self._bins.ravel(), covered[:, self._region].ravel().astype(float), N_BINS
+        )
+
+    def evidence(self) -> np.ndarray:
+        """Return (n, h, w) float32: the log ratio, person over background, the mean over 3 x 3
+        pixels."""
+        ratios = np.log(self._person[self._bins] / self._background)
+        pictures = np.full(self._shape, -_LIMIT, np.float32)
+        pictures[:, self._region] = np.clip(ratios, -_LIMIT, _LIMIT)
+        return np.stack([cv2.blur(picture, (3, 3)) for picture in pictures])
+
+    def extrapolate(self) -> np.ndarray:
+        """Return the extrapolated background's mean and standard deviation (h, w, 4) float32, NaN
+        outside of the region and where it may look like the person."""
+        colours, shares = (np.stack(of) for of in zip(*self._around, strict=True))
+        mean = np.einsum("kp,kpc->pc", shares, colours)
+        variance = np.einsum("kp,kpc->p", shares, (colours - mean) ** 2) / 3
+        std = np.sqrt(variance + _EXTRAPOLATED_STD**2)
+        ratio = np.log(self._person[colour_bins(mean)] / self._surrounding_density(mean[None])[0])
+        std[ratio > -_LIMIT / 2] = np.nan
+        picture = np.full((*self._shape[1:], 4), np.nan, np.float32)
+        picture[self._region] = np.concatenate([mean, std[:, None]], -1)
+        return picture
+
+    def _surrounding_density(self, shown: np.ndarray) -> np.ndarray:
+        """Return the density (n, pixels) of the colours `shown` (n, pixels, 3) if the background
+        looks as it does around the region."""
+        std = np.float32(_EXTRAPOLATED_STD)
+        near = sum(
+            share * self._density(shown, colour, np.full_like(colour, std))
+            for colour, share in self._around
+        )
+        return np.asarray((1 - _UNEXPLAINED) * near + _UNEXPLAINED, np.float32)
+
+    def _density(self, shown: np.ndarray, mean: np.ndarray, std: np.ndarray) -> np.ndarray:
+        """Return the density (n, pixels) of the colours `shown` (n, pixels, 3) before a background
+        of these moments (pixels, 3), brighter or darker."""
+        light, weight = BackgroundConfig(), np.maximum(std, _LEAST_STD) ** -2
+        lit = weight * mean
+        factor = np.einsum("npc,pc->np", shown, lit) / ((lit * mean).sum(-1) + 1e-6)
+        factor = np.clip(factor, light.shadow_low, light.shadow_high)
+        rest = shown - factor[..., None] * mean
+        distance = np.einsum("npc,npc,pc->np", rest, rest, weight)
+        distance += ((1 - factor) / _SHADE) ** 2
+        peak = 256**3 * (2 * np.pi) ** -1.5 * np.sqrt(weight.prod(-1))
+        return np.asarray(peak * np.exp(-0.5 * distance), np.float32)
+
+
+def _find_surroundings(
+    picture: np.ndarray, region: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return colours (pixels, 3) and shares (pixels,) of the nearest pixels of a picture (h, w, 3)
+    outside of the region (h, w), to the left, to the right, above and below each of its pixels."""
+    height, width = region.shape
+    indices: np.ndarray = np.indices(region.shape)
+    row, column = indices[0], indices[1]
+    left = np.maximum.accumulate(np.where(region, -1, column), 1)
+    right = np.minimum.accumulate(np.where(region, width, column)[:, ::-1], 1)[:, ::-1]
+    above = np.maximum.accumulate(np.where(region, -1, row), 0)
+    below = np.minimum.accumulate(np.where(region, height, row)[::-1], 0)[::-1]
+    nearest = []
+    for y, x in ((row, left), (row, right), (above, column), (below, column)):
+        y, x = y[region], x[region]
+        inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
+        distance = abs(y - row[region]) + abs(x - column[region])
+        colour = picture[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
+        nearest.append((colour, np.where(inside, 1 / (1 + distance), 1e-9)))
+    total = sum(share for _, share in nearest)
+    return [(colour, share / total) for colour, share in nearest]
