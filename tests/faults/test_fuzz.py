@@ -38,9 +38,15 @@ from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.calibration import read_calibration
 from psfs.common.files import read_json
+from psfs.common.pictures import read_picture
 from psfs.common.toml import read_toml
 from psfs.footage.timestamps import _read_times
 from psfs.voxels.body_prior import TrackedBody
+from psfs.voxels.clouds import read_cloud, write_npz
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+#: Of pictures.
+SUFFIXES = (".png", ".jpg", ".bmp", ".tiff", ".ppm")
 
 
 def seeds(folder: Path) -> None:
@@ -57,6 +63,13 @@ def seeds(folder: Path) -> None:
     marker = {"name": "knee", "joint": "l_knee", "offset": [0.1, 0.0, 0.0]}
     (folder / "markers.toml").write_text(tomli_w.dumps({"stature": 1.8, "marker": [marker]}))
     opensim.write_model(folder / "model.osim")
+    cloud = VoxelCloud(
+        VoxelGrid(np.zeros(3), 0.1, (5, 5, 5)), np.arange(9, dtype=np.int32), np.ones(9, np.float32)
+    )
+    write_npz(cloud, folder / "cloud.npz")
+    picture = np.random.default_rng(1).integers(0, 255, (24, 32, 3), np.uint8)
+    for suffix in SUFFIXES:
+        cv2.imwrite(str(folder / f"picture{suffix}"), picture)
     (folder / "dask.json").write_text('{"type": "Scheduler", "address": "tcp://127.0.0.1:1"}')
 
 
@@ -128,6 +141,8 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "markers.toml": load_markers,
     "model.osim": read_model,
     "dask.json": _read_scheduler_file,
+    "cloud.npz": read_cloud,
+    **{f"picture{suffix}": read_picture for suffix in SUFFIXES},
 }
 
 

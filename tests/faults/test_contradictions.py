@@ -1,15 +1,9 @@
-"""Faults of the third round: interrupts while workers start, lists of people, corrections, models
-of OpenSim, and errors that are handed on by Dask."""
+"""Tracks, people, corrections and models that contradict themselves."""
 
 from __future__ import annotations
 
 import json
-import os
-import pickle
-import signal
-import subprocess
-import sys
-import threading
+from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,59 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import tracks
-from helpers.faults import refused
+from helpers.faults import changed_npz, refused, run
 from helpers.opensim import write_model
 
 from apf.cli.keypoints.flags import keypoints_path
 from apf.filters.method import Method
 from apf.formats.opensim.model import read_model
+from apf.keypoints.opening import read_raw
 from apf.tracking.correction import Correction, Corrections
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import PEOPLE
-from cl import DeviceError, InputError, MissingFileError
-from psfs.cameras.calibration import find_calibration, read_calibration
-from psfs.common.system import defer_interrupts
+from cl import InputError
 from psfs.voxels.grid import VoxelGrid
-
-needs_signals = pytest.mark.skipif(os.name != "posix", reason="sends signals")
-
-
-@needs_signals
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
-def test_interrupts_wait_until_workers_have_started(name: str) -> None:
-    inside, before = [], signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt), defer_interrupts():
-        os.kill(os.getpid(), getattr(signal, name))
-        inside.append(True)
-    assert inside and signal.getsignal(signal.SIGINT) is before
-
-
-@needs_signals
-def test_processes_of_threads_started_inside_receive_no_interrupts() -> None:
-    show = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()))"
-    said = []
-
-    def start() -> None:
-        said.append(subprocess.run([sys.executable, "-c", show], capture_output=True, text=True,
-                                   check=True).stdout.strip())  # fmt: skip
-
-    with defer_interrupts():
-        thread = threading.Thread(target=start)
-        thread.start()
-    thread.join()
-    start()
-    assert said == ["True", "False"]
-
-
-@pytest.mark.parametrize("kind", [InputError, MissingFileError, DeviceError])
-def test_errors_of_a_worker_arrive_as_they_were(kind: type[Exception]) -> None:
-    support = pytest.importorskip("tblib.pickling_support")
-    try:
-        raise kind("a.toml: no such file")
-    except kind as error:
-        support.install(error)
-        found = pickle.loads(pickle.dumps(error))
-    assert type(found) is kind and str(found) == "a.toml: no such file"
 
 
 @pytest.mark.parametrize(
@@ -134,22 +87,33 @@ def test_a_table_for_a_name_in_settings() -> None:
 
 @pytest.mark.parametrize("pattern", ["x/**a/[*", "**a"])
 def test_patterns_of_keypoints(pattern: str, tmp_path: Path) -> None:
-    from argparse import Namespace
-
     with pytest.raises(InputError, match="pattern"):
         keypoints_path(Namespace(keypoints=pattern), tmp_path)
 
 
-def test_names_with_nul_in_a_list_of_takes(stock: Path) -> None:
-    (stock / "list.toml").write_text('[[take]]\nfolder = "se\\u0000q"\n')
-    words = ["apf", "batch", str(stock / "list.toml"), "-o", str(stock / "new"), "--workers", "1"]
-    refused(words, stock, "holds the character NUL")
+@pytest.mark.parametrize("pattern", ["x/**a/[*", "**a", "["])
+def test_patterns(pattern: str) -> None:
+    with pytest.raises(InputError, match=r"keypoints|pattern"):
+        read_raw(Path(pattern))
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
-def test_a_pipe_as_calibration(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "calibration.toml")
-    found = find_calibration(tmp_path)
-    assert found is not None
-    with pytest.raises(InputError, match=r"calibration\.toml: is no regular file"):
-        read_calibration(found)
+@pytest.mark.parametrize("name", ["track/track.npz", "truth.npz"])
+def test_a_frame_twice(stock: Path, name: str) -> None:
+    changed_npz(stock / name, frames=np.zeros(6, int))
+    words = ["apf", "evaluate", str(stock / "track"), "--truth", str(stock / "truth.npz")]
+    refused(
+        [*words, "-o", str(stock / "new")],
+        stock,
+        Path(name).parent.name or name,
+        "frames are not ascending",
+    )
+
+
+def test_the_root_folder() -> None:
+    outcome = run(["apf", "synth", "-o", "/", "--frames", "2", "--cameras", "2"])
+    assert outcome.code == 2 and "has no name of its own" in outcome.err
+
+
+def test_odd_sides() -> None:
+    outcome = run(["apf", "synth", "-o", "new", "--size", "65x49"])
+    assert outcome.code == 2 and "expected even sides" in outcome.err

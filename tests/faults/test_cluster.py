@@ -1,0 +1,130 @@
+"""Batches and clusters: servers of another kind, lists of takes, errors of workers, interrupts."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from helpers.faults import refused
+
+from apf.cli.batch.take import TakeJob
+from apf.cluster.connection import _check_answer
+from cl import DeviceError, InputError, MissingFileError
+from psfs.common.system import defer_interrupts
+
+needs_signals = pytest.mark.skipif(os.name != "posix", reason="sends signals")
+
+
+@pytest.fixture
+def stock(stock: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(stock)
+    return stock
+
+
+@pytest.mark.parametrize("word", ["--output=/elsewhere", "--log-file=/elsewhere", "--quiet"])
+def test_flags_of_a_whole_batch_in_a_take(tmp_path: Path, word: str) -> None:
+    job = TakeJob("a", tmp_path, tmp_path / "out", tmp_path / "log", (word,), where="list: take 1")
+    with pytest.raises(InputError, match=r"list: take 1: --.* applies only to the whole batch"):
+        job.arguments()
+
+
+@pytest.mark.parametrize("name", ["index.html", "takes.csv", "manifest.txt", "a\udcff"])
+def test_names_that_a_batch_needs_itself(stock: Path, name: str) -> None:
+    shown = name.replace("\udcff", "")
+    toml = f"[[take]]\nfolder = 'walk'\nname = '{shown}'\n"
+    words = ["apf", "batch", "takes.toml", "-o", "new", "--workers", "1"]
+    if name != shown:
+        (stock / "walk").rename(stock / name)
+        words[2] = name
+    (stock / "takes.toml").write_text(toml)
+    refused(words, stock, shown)
+
+
+def test_names_with_nul_in_a_list_of_takes(stock: Path) -> None:
+    (stock / "list.toml").write_text('[[take]]\nfolder = "se\\u0000q"\n')
+    words = ["apf", "batch", str(stock / "list.toml"), "-o", str(stock / "new"), "--workers", "1"]
+    refused(words, stock, "holds the character NUL")
+
+
+@pytest.fixture
+def server() -> Iterator[Callable[[bytes], str]]:
+    sockets: list[socket.socket] = []
+
+    def start(greeting: bytes) -> str:
+        listener = socket.create_server(("127.0.0.1", 0))
+        sockets.append(listener)
+
+        def serve() -> None:
+            connection, _ = listener.accept()
+            sockets.append(connection)
+            connection.sendall(greeting)
+
+        threading.Thread(target=serve, daemon=True).start()
+        return f"tcp://127.0.0.1:{listener.getsockname()[1]}"
+
+    yield start
+    for opened in sockets:
+        opened.close()
+
+
+@pytest.mark.parametrize("greeting", [b"", b"SSH-2.0-OpenSSH_9.2p1\r\n", b"\0" * 64])
+def test_servers_of_another_kind(server: Callable[[bytes], str], greeting: bytes) -> None:
+    with pytest.raises((ValueError, TimeoutError)):
+        _check_answer(server(greeting), 0.3)
+
+
+def test_a_scheduler_answers(server: Callable[[bytes], str]) -> None:
+    _check_answer(server(struct.pack("<Q", 200) + b"greeting"), 5.0)
+
+
+@pytest.mark.parametrize("address", ["hello", "http://127.0.0.1:1", "tcp://127.0.0.1", "tcp://:x"])
+def test_addresses_that_are_none(address: str) -> None:
+    with pytest.raises(ValueError):
+        _check_answer(address, 0.3)
+
+
+@pytest.mark.parametrize("kind", [InputError, MissingFileError, DeviceError])
+def test_errors_of_a_worker_arrive_as_they_were(kind: type[Exception]) -> None:
+    support = pytest.importorskip("tblib.pickling_support")
+    try:
+        raise kind("a.toml: no such file")
+    except kind as error:
+        support.install(error)
+        found = pickle.loads(pickle.dumps(error))
+    assert type(found) is kind and str(found) == "a.toml: no such file"
+
+
+@needs_signals
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_interrupts_wait_until_workers_have_started(name: str) -> None:
+    inside, before = [], signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), defer_interrupts():
+        os.kill(os.getpid(), getattr(signal, name))
+        inside.append(True)
+    assert inside and signal.getsignal(signal.SIGINT) is before
+
+
+@needs_signals
+def test_processes_of_threads_started_inside_receive_no_interrupts() -> None:
+    show = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()))"
+    said = []
+
+    def start() -> None:
+        said.append(subprocess.run([sys.executable, "-c", show], capture_output=True, text=True,
+                                   check=True).stdout.strip())  # fmt: skip
+
+    with defer_interrupts():
+        thread = threading.Thread(target=start)
+        thread.start()
+    thread.join()
+    start()
+    assert said == ["True", "False"]

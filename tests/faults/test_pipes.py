@@ -1,0 +1,69 @@
+"""Pipes and devices in the place of files: nobody waits for their other end."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from helpers.faults import refused
+
+from apf.keypoints.opening import read_raw
+from cl import InputError
+from psfs.cameras.calibration import find_calibration, read_calibration
+from psfs.common.reading import open_input
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
+VIEW = ["psfs", "view", "out", "--frame", "1"]
+EVALUATE = ["apf", "evaluate", "track", "--truth", "truth.npz", "-o", "new"]
+INFO = ["psfs", "info", "seq", "--no-pictures"]
+
+
+@pytest.fixture
+def stock(stock: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(stock)
+    return stock
+
+
+PIPES = {
+    "truth.npz": EVALUATE,
+    "track/track.npz": ["apf", "smooth", "track", "-o", "new"],
+    "c.toml": [*INFO, "--config", "c.toml"],
+    "x.log": [*INFO, "--log-file", "x.log"],
+    "out/summary.json": [*VIEW, "--png", "x.png"],
+    "out/clouds/frame_000001.npz": [*VIEW, "--png", "x.png"],
+    "out/manifest.txt": VIEW,
+    "walk/calibration.toml": ["psfs", "info", "walk", "--no-pictures"],
+    "walk/videos/cam01.mp4": ["psfs", "info", "walk", "--no-pictures"],
+    "takes.toml": ["apf", "batch", "takes.toml", "-o", "new"],
+}
+
+
+@pytest.mark.parametrize("name", PIPES)
+def test_pipes(stock: Path, name: str) -> None:
+    (stock / name).unlink(missing_ok=True)
+    os.mkfifo(stock / name)
+    refused(PIPES[name], stock, Path(name).name)
+
+
+@pytest.mark.parametrize("name", ["k.npz", "k.npy", "k.pkl", "k.csv", "k/c1_000000.json"])
+def test_pipes_of_keypoints(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    os.mkfifo(path)
+    with pytest.raises(InputError, match="is no regular file"):
+        read_raw(path.parent if path.suffix == ".json" else path)
+
+
+def test_a_pipe_as_calibration(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "calibration.toml")
+    found = find_calibration(tmp_path)
+    assert found is not None
+    with pytest.raises(InputError, match=r"calibration\.toml: is no regular file"):
+        read_calibration(found)
+
+
+@pytest.mark.parametrize("path", ["/dev/zero", "/dev/null"])
+def test_devices(path: str) -> None:
+    with pytest.raises(InputError, match="is no regular file"):
+        open_input(Path(path))
