@@ -47,8 +47,6 @@ from .likelihood.config import SurfaceSamplesConfig as SurfaceSamplesConfig
 from .presets import Preset as Preset
 from .presets import preset as preset
 from .scene import Scene as Scene
-from .tracking.config import ContactConfig as ContactConfig
-from .tracking.config import GaitConfig as GaitConfig
 from .tracking.config import RecoveryConfig as RecoveryConfig
 from .tracking.config import SmoothingConfig as SmoothingConfig
 from .tracking.gait import Gait as Gait

@@ -18,15 +18,7 @@ from apf.keypoints.config import (
 from apf.live.config import CaptureConfig, LiveConfig
 from apf.report.config import MotionConfig, QualityConfig
 from apf.synthetic.config import SceneConfig
-from apf.tracking.confidence_config import ConfidenceConfig, CorrectionConfig
-from apf.tracking.config import (
-    BatchConfig,
-    GaitConfig,
-    RecoveryConfig,
-    SmoothingConfig,
-    TriangulatedConfig,
-    TwoWayConfig,
-)
+from apf.tracking.config import RecoveryConfig, SmoothingConfig, TriangulatedConfig
 from psfs import settings as of_psfs
 from psfs.common.config import Config, part
 
@@ -46,7 +38,6 @@ class KeypointSettings(Config):
 class ClusterSettings(Config):
     """Many takes, and long ones in chunks."""
 
-    at_once: BatchConfig = part(BatchConfig)
     chunks: ChunksConfig = part(ChunksConfig)
     workers: WorkerConfig = part(WorkerConfig)
 
@@ -59,11 +50,7 @@ class Settings(of_psfs.Settings):
     joint_start: JointFitConfig = part(JointFitConfig)
     keypoint_start: KeypointStartConfig = part(KeypointStartConfig)
     recovery: RecoveryConfig = part(RecoveryConfig)
-    two_way: TwoWayConfig = part(TwoWayConfig)
     smoothing: SmoothingConfig = part(SmoothingConfig)
-    confidence: ConfidenceConfig = part(ConfidenceConfig)
-    correction: CorrectionConfig = part(CorrectionConfig)
-    gait: GaitConfig = part(GaitConfig)
     keypoints: KeypointSettings = part(KeypointSettings)
     triangulated: TriangulatedConfig = part(TriangulatedConfig)
     quality: QualityConfig = part(QualityConfig)

@@ -73,12 +73,6 @@ def stature(body: BodyModel) -> float:
     )
 
 
-def upright_heights(body: BodyModel) -> np.ndarray:
-    """Return the heights (J,), m, of the joints of the upright body over its lowest point."""
-    pose = _upright(body)
-    return posed_joints(body, pose)[0, :, 2] - lowest_point(posed_cones(body, pose)[0])
-
-
 def _upright(body: BodyModel) -> np.ndarray:
     """Return the pose (1, D) with all angles at 0, as far as the limits allow."""
     return np.clip(np.zeros(body.n_dof), body.lower, body.upper)[None]

@@ -131,6 +131,6 @@ class LiveConfig(Config):
     governor: GovernorConfig = part(GovernorConfig)
     #: Detection of a lost person. Far from the pose of the frame before, a few particles reach a
     #: misfit of about 0.6; only above that nothing fits.
-    recovery: RecoveryConfig = part(RecoveryConfig, ratio=3.0, least=0.6, unknown=0.6)
+    recovery: RecoveryConfig = part(RecoveryConfig, ratio=3.0, least=0.6)
     #: Frames that are dropped leave gaps; time is worth more than a second look at every frame.
     reconstruction: ReconstructionConfig = Field(default_factory=_without_second_look)

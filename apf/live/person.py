@@ -38,7 +38,7 @@ class LivePerson:
         ]
         self.tracker = self.trackers[0]
         self._uses_voxels, self._config = searches[0].uses_voxels, config
-        self._judge = Judge(config.recovery.for_body(self.body))
+        self._judge = Judge(config.recovery)
         self._translation = make_translation_matrix(self.body)
         self._moved = np.zeros(self.body.n_dof)
         # time and centre of the voxels of the last good pose

@@ -19,11 +19,11 @@ from apf.body.model import plain_name
 from apf.report.agreement import Agreement, choose_rows, find_parts
 from apf.report.config import QualityConfig
 from apf.tracking.correction import list_corrections
-from apf.tracking.limb_confidence import REGRESSION
+from apf.tracking.limb_confidence import LEAST_SECONDS, LOST, lasts_long_enough
 from apf.tracking.track import Track, spans
 
 #: A part with less confidence should be checked; a limb counts as lost below it, too.
-DOUBTFUL = REGRESSION.lost
+DOUBTFUL = LOST
 #: Most frame ranges that a line lists; the page shows all.
 _NAMED = 4
 
@@ -133,7 +133,7 @@ class Quality:
 
     @property
     def _lasts(self) -> bool:
-        return REGRESSION.lasts(self.track.times)
+        return lasts_long_enough(self.track.times)
 
     @property
     def _is_confirmed(self) -> bool:
@@ -187,7 +187,7 @@ class Quality:
             looks = "was not compared with the silhouettes"
         elif self.verdict == "unknown":
             looks = (
-                f"lasts for less than {REGRESSION.least_time:g} s, too short to say whether its "
+                f"lasts for less than {LEAST_SECONDS:g} s, too short to say whether its "
                 "limbs are right"
             )
         lines = [f"the track {looks}: {'; '.join(facts)}", *list_corrections(track)]

@@ -14,7 +14,7 @@ from apf.studio.handle import JointHandle
 from apf.studio.opened import OpenedTracks
 from apf.studio.watch import TrackWatch
 from apf.tracking.correction import (
-    DEFAULTS,
+    REACH,
     Correction,
     Corrections,
     correct_pose,
@@ -61,7 +61,7 @@ class CorrectPanel:
         )  # fmt: skip
         self.place = gui.add_button("put it right in this frame", hint="key: C", disabled=True)
         self.reach = gui.add_number(
-            "reach, s", DEFAULTS.reach, min=0.0, max=10.0, step=0.1,
+            "reach, s", REACH, min=0.0, max=10.0, step=0.1,
             hint="time before and after the frame that is tracked again",
         )  # fmt: skip
         self.bad = gui.add_button("mark this frame as bad", hint="key: B", disabled=True)

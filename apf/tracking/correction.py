@@ -13,7 +13,6 @@ from pydantic import ConfigDict, Field
 from apf.body.limbs import limb_bones, solve_inverse_kinematics
 from apf.body.model import BodyModel, plain_name
 from apf.likelihood.observations import PointObservations
-from apf.tracking.confidence_config import CorrectionConfig
 from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cameras.camera import CameraRig
@@ -21,8 +20,9 @@ from psfs.common.schema import Name, PathText, Table, Vector, parse_values
 from psfs.common.toml import read_toml, write_toml
 from psfs.voxels.grid import VoxelGrid
 
-#: The defaults of a file of corrections.
-DEFAULTS = CorrectionConfig()
+#: The defaults of a file of corrections: time before and after a corrected frame, s, that is
+#: tracked again; error, m, of a joint placed by hand, as between two people who mark it.
+REACH, ERROR = 0.4, 0.02
 _Frame = Annotated[int, Field(ge=0, le=2**40)]
 
 
@@ -33,7 +33,7 @@ class Correction:
     frame: int
     joint: str
     position: tuple[float, float, float]
-    error: float = DEFAULTS.error
+    error: float = ERROR
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Corrections:
     track: Path
     points: tuple[Correction, ...] = ()
     bad: tuple[tuple[int, int], ...] = ()
-    reach: float = DEFAULTS.reach
+    reach: float = REACH
 
     def check(self, track: Track) -> None:
         """Raise InputError unless all frames and joints are those of `track`."""
@@ -109,14 +109,14 @@ class _Point(Table):
     frame: _Frame
     joint: Name
     position: Vector
-    error: Annotated[float, Field(ge=0.001, le=1.0)] = DEFAULTS.error
+    error: Annotated[float, Field(ge=0.001, le=1.0)] = ERROR
 
 
 class _File(Table):
     model_config = ConfigDict(extra="forbid")
 
     track: PathText
-    reach: Annotated[float, Field(ge=0.0, le=60.0)] = DEFAULTS.reach
+    reach: Annotated[float, Field(ge=0.0, le=60.0)] = REACH
     bad: tuple[tuple[_Frame, _Frame], ...] = ()
     point: tuple[_Point, ...] = ()
 

@@ -12,13 +12,25 @@ import numpy as np
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
-from apf.body.stature import ANKLES, upright_heights
-from apf.tracking.config import ContactConfig, FloatingFeetConfig
+from apf.body.stature import ANKLES
 from psfs.common.numbers import find_true_runs
 
 #: Number of Gauss-Newton steps; longest step, rad or m, because a straight knee hardly changes the
 #: leg's length; step of the numerical derivatives, rad or m.
 _STEPS, _LONGEST, _DELTA = 12, 0.1, 1e-4
+#: Speed along the floor, m/s, and height, m, above the usual level of the lower foot's ankle below
+#: which a foot may begin to stand, and above which it no longer does, because its heel is off the
+#: floor: true feet stand below 0.3 m/s and swing at up to 4.
+_BEGIN_SPEED, _END_SPEED, _BEGIN_HEIGHT, _END_HEIGHT = 0.45, 0.5, 0.04, 0.06
+#: A moment, s: time over which the speed is computed, least duration of a stance and of a swing
+#: between two, a sixth of usual ones.
+_MOMENT = 0.1
+#: Time, s, over which the correction of a held foot fades in and out.
+_FADE = 0.12
+#: Distance, m, along the floor above which a foot slides and does not stand.
+_LONGEST_SLIDE = 0.12
+#: Height, m, above the lowest one of the stance below which the heel is on the floor, too.
+_FLAT_HEIGHT = 0.025
 #: Tolerance, m, within which a foot is held along the floor (x, y) and in height (z).
 _TOLERANCE = np.array([5e-4, 5e-4, 5e-3])
 
@@ -30,14 +42,11 @@ def find_ankles(body: BodyModel) -> list[int]:
     return [names.index(name) for name in ANKLES] if set(ANKLES) <= set(names) else []
 
 
-def detect_standing(
-    ankles: np.ndarray, times: np.ndarray, config: ContactConfig | None = None
-) -> np.ndarray:
+def detect_standing(ankles: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return (F, K) bool: whether each foot stands.
 
     ankles: (F, K, 3) m, smooth, NaN where unknown, at `times` (F,) s.
     """
-    config = config or ContactConfig()
     n_feet = ankles.shape[1]
     found: np.ndarray = np.zeros((len(ankles), n_feet), bool)
     known = np.isfinite(ankles).all(axis=(1, 2))
@@ -45,22 +54,22 @@ def detect_standing(
         return found
     speed: np.ndarray = np.full((len(ankles), n_feet), np.inf)
     for part in find_true_runs(known):
-        speed[part] = _measure_speed(ankles[part, :, :2], times[part], config.window)
+        speed[part] = _measure_speed(ankles[part, :, :2], times[part], _MOMENT)
     height = ankles[..., 2] - np.percentile(ankles[known, :, 2].min(axis=1), 10)
-    start = (speed < config.start_speed) & (height < config.start_height)
-    go_on = (speed < config.stop_speed) & (height < config.stop_height)
+    start = (speed < _BEGIN_SPEED) & (height < _BEGIN_HEIGHT)
+    go_on = (speed < _END_SPEED) & (height < _END_HEIGHT)
     for foot in range(n_feet):
         for gap in find_true_runs(~go_on[:, foot] & known):
             inside = gap.start > 0 and gap.stop < len(times) and known[gap.start - 1 : gap.stop + 1]
-            if np.all(inside) and times[gap.stop] - times[gap.start] < config.shortest:
+            if np.all(inside) and times[gap.stop] - times[gap.start] < _MOMENT:
                 go_on[gap, foot] = True
         for run in find_true_runs(go_on[:, foot]):
             begins = np.flatnonzero(start[run, foot])
             lasts = times[run.stop - 1] - times[run.start]
-            if len(begins) and lasts >= config.shortest:
+            if len(begins) and lasts >= _MOMENT:
                 stance = slice(run.start + begins[0], run.stop)
                 corners = np.ptp(ankles[stance, foot, :2], axis=0)
-                found[stance, foot] = np.linalg.norm(corners) < config.longest_slide
+                found[stance, foot] = np.linalg.norm(corners) < _LONGEST_SLIDE
     return found
 
 
@@ -69,12 +78,11 @@ def detect_flat_feet(ankles: np.ndarray, stands: np.ndarray) -> np.ndarray:
 
     ankles: (F, K, 3) m. stands: (F, K) bool, see `detect_standing`.
     """
-    config = ContactConfig()
     found = np.zeros_like(stands)
     for foot in range(stands.shape[1]):
         for stance in find_true_runs(stands[:, foot]):
             height = ankles[stance, foot, 2]
-            found[stance, foot] = height < np.percentile(height, 10) + config.flat_height
+            found[stance, foot] = height < np.percentile(height, 10) + _FLAT_HEIGHT
     return found
 
 
@@ -89,11 +97,7 @@ def _measure_speed(points: np.ndarray, times: np.ndarray, window: float) -> np.n
 
 
 def hold_feet(
-    body: BodyModel,
-    poses: np.ndarray,
-    times: np.ndarray,
-    stands: np.ndarray,
-    config: ContactConfig | None = None,
+    body: BodyModel, poses: np.ndarray, times: np.ndarray, stands: np.ndarray
 ) -> np.ndarray:
     """Return `poses` (F, D), changed so that each foot stays at one place on the floor while it
     stands.
@@ -101,11 +105,10 @@ def hold_feet(
     The poses are smooth, at `times` (F,) s, without gaps. stands: (F, K), see `find_ankles`.
     Heights do not change, because the heel rises before the foot leaves the floor.
     """
-    config = config or ContactConfig()
     if not stands.any():
         return poses
     ankles = find_ankles(body)
-    offsets = _find_corrections(posed_joints(body, poses)[:, ankles], times, stands, config)
+    offsets = _find_corrections(posed_joints(body, poses)[:, ankles], times, stands)
     targets = posed_joints(body, poses)[:, ankles] + offsets
     moved = np.abs(offsets).max((1, 2)) > 0
     if not moved.any():  # a foot that stands in a single frame
@@ -115,32 +118,7 @@ def hold_feet(
     return out
 
 
-def lower_feet(
-    body: BodyModel, poses: np.ndarray, times: np.ndarray, config: FloatingFeetConfig | None = None
-) -> np.ndarray:
-    """Return `poses` (F, D) with lower ankles if standing feet float over the floor, z = 0.
-
-    Silhouettes miss soles in shadow and of the floor's colour, so that legs end too high. How high
-    standing ankles are over their height in the upright body says by how much; but a heel may be
-    raised as well. So feet are drawn down by a share of it, and less the higher they are lifted, as
-    far as the legs give way.
-    times: (F,) s.
-    """
-    config = config or FloatingFeetConfig()
-    ankles = find_ankles(body)
-    places = posed_joints(body, poses)[:, ankles]
-    above = places[..., 2] - upright_heights(body)[ankles]
-    stands = detect_standing(places, times)
-    gap = float(np.percentile(above[stands], config.percentile)) if stands.any() else 0.0
-    if not config.least < gap < config.most:
-        return poses
-    places[..., 2] -= config.share * gap * np.clip(1 - (above - gap) / config.air, 0, 1)
-    return _solve_legs(body, poses, ankles, places)
-
-
-def _find_corrections(
-    ankles: np.ndarray, times: np.ndarray, stands: np.ndarray, config: ContactConfig
-) -> np.ndarray:
+def _find_corrections(ankles: np.ndarray, times: np.ndarray, stands: np.ndarray) -> np.ndarray:
     """Return the correction (F, K, 3) m of each foot along the floor: the offset to its median
     position while it stands, which fades before and after."""
     offsets = np.zeros_like(ankles)
@@ -153,7 +131,7 @@ def _find_corrections(
                 (stance.stop - 1, range(stance.stop, len(times))),
             ):
                 for frame in frames:
-                    share = 1 - abs(times[frame] - times[edge]) / config.fade
+                    share = 1 - abs(times[frame] - times[edge]) / _FADE
                     if share <= 0 or stands[frame, foot]:
                         break
                     smooth = share * share * (3 - 2 * share)

@@ -14,10 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from apf.body.stature import ANKLES, HIPS
-from apf.tracking.config import GaitConfig
 from apf.tracking.track import Track
 from psfs.common.numbers import find_true_runs
 
+#: Least speed, m/s, of the pelvis that counts as walking: old people's slow walk is about 0.6.
+#: Least range, m, of a foot's motion relative to the pelvis in every stride. Time, s, over which
+#: direction and speed of the pelvis are computed: about a step.
+_LEAST_SPEED, _LEAST_SWING, _STEP_SECONDS = 0.3, 0.15, 0.5
 #: The joints whose middle is the pelvis if the body has no pelvis joint.
 _HIP_JOINTS = ("l_hip", "r_hip")
 
@@ -70,12 +73,11 @@ class Gait:
         }
 
 
-def measure_gait(track: Track, config: GaitConfig | None = None) -> Gait | None:
+def measure_gait(track: Track) -> Gait | None:
     """Return the longest walk in `track`, which should be smoothed.
 
     Returns None if nobody walks two steps, or if the body has no pelvis or ankles.
     """
-    config = config or GaitConfig()
     place = dict(zip(track.joint_names, track.joints.swapaxes(0, 1), strict=True))
     if HIPS not in place and set(_HIP_JOINTS) <= set(place):
         place[HIPS] = sum(place[name] for name in _HIP_JOINTS) / 2
@@ -83,19 +85,19 @@ def measure_gait(track: Track, config: GaitConfig | None = None) -> Gait | None:
         return None
     points = np.stack([place[name] for name in (HIPS, *ANKLES)], 1)
     known = np.isfinite(points).all(axis=(1, 2)) & ~track.lost
-    walks = [_measure_walk(track, part, points[part], config) for part in find_true_runs(known)]
+    walks = [_measure_walk(track, part, points[part]) for part in find_true_runs(known)]
     return max((walk for walk in walks if walk), key=lambda walk: walk.n_steps, default=None)
 
 
-def _measure_walk(track: Track, part: slice, points: np.ndarray, config: GaitConfig) -> Gait | None:
+def _measure_walk(track: Track, part: slice, points: np.ndarray) -> Gait | None:
     """Return the walk in frames without a gap, or None; points (F, 3, 3) m: pelvis, left ankle,
     right ankle."""
     times, pelvis = track.times[part], points[:, 0, :2]
     if len(times) < 3:
         return None
-    velocity = _measure_velocity(pelvis, times, config.window)
+    velocity = _measure_velocity(pelvis, times)
     speed = np.linalg.norm(velocity, axis=1)
-    walking = speed > config.speed
+    walking = speed > _LEAST_SPEED
     if not walking.any():
         return None
     from scipy.signal import find_peaks  # takes a while to load
@@ -106,7 +108,7 @@ def _measure_walk(track: Track, part: slice, points: np.ndarray, config: GaitCon
         (int(row), kind, foot)
         for foot in range(2)
         for kind, sign in (("strike", 1.0), ("off", -1.0))
-        for row in find_peaks(sign * reach[:, foot], prominence=config.swing)[0]
+        for row in find_peaks(sign * reach[:, foot], prominence=_LEAST_SWING)[0]
         if walking[row]
     ]
     strikes = sorted((row, foot) for row, kind, foot in found if kind == "strike")
@@ -155,10 +157,11 @@ def _measure_steps(
     return dict(zip(strikes[1:], lengths.tolist(), strict=True))
 
 
-def _measure_velocity(points: np.ndarray, times: np.ndarray, window: float) -> np.ndarray:
-    """Return (F, 2) m/s, the mean velocity of points (F, 2) over `window` s around each frame."""
-    before = np.clip(times - 0.5 * window, times[0], None)
-    after = np.clip(times + 0.5 * window, None, times[-1])
+def _measure_velocity(points: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return (F, 2) m/s, the mean velocity of points (F, 2) over `_STEP_SECONDS` around each
+    frame."""
+    before = np.clip(times - 0.5 * _STEP_SECONDS, times[0], None)
+    after = np.clip(times + 0.5 * _STEP_SECONDS, None, times[-1])
     moved = [
         np.interp(after, times, points[:, axis]) - np.interp(before, times, points[:, axis])
         for axis in range(2)

@@ -22,7 +22,6 @@ from apf.filters.method import Method
 from apf.initialisation.sequence import check_rate
 from apf.likelihood.observations import Observation, Observed, PointObservations, Shown
 from apf.scene import Scene
-from apf.tracking.config import RecoveryConfig
 from apf.tracking.limb_confidence import limb_margins
 from apf.tracking.track import Track, concatenate_tracks
 from apf.tracking.trackers import make_recovering_runs, run_seeds, with_seeds
@@ -62,15 +61,13 @@ PART_SECONDS = 1.0
 @dataclass(frozen=True, eq=False)
 class TrackingTask:
     """A body to track, from `pose` (D,) in the first frame on, by `method`, with one track for each
-    of `seeds`. keypoints: returns the observed points of a frame, by its number. recovery: when the
-    body counts as lost."""
+    of `seeds`. keypoints: returns the observed points of a frame, by its number."""
 
     body: BodyModel
     pose: np.ndarray
     method: Method
     seeds: list[int]
     keypoints: FrameKeypoints | None = None
-    recovery: RecoveryConfig | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,11 +101,11 @@ def track_frames(
     seen = observations(session, task)
     runs = [run_seeds(seed, method.n_runs) for seed in task.seeds]
     every_seed = [seed for of in runs for seed in of]
-    tracker = make_recovering_runs(scene, scaled, every_seed, task.recovery)
+    tracker = make_recovering_runs(scene, scaled, every_seed)
     tracker.start(task.pose)
     report = progress or (lambda stage: None)
     if method.goes_back:
-        back = [make_recovering_runs(scene, scaled, own, task.recovery) for own in runs]
+        back = [make_recovering_runs(scene, scaled, own) for own in runs]
         found = track_both_ways(session.device, tracker, back, seen, report, fps=session.rate)
     else:
         found = track_forward(tracker, seen, report)

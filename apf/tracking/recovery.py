@@ -12,10 +12,17 @@ from apf.body.kinematics import posed_joints
 from apf.filters.base import DeviceTracker, Estimate, Tracker
 from apf.likelihood.observations import Observation
 from apf.tracking.config import RecoveryConfig
+from apf.tracking.limb_confidence import SAME_PLACE
 
 #: Values of `Estimate.restart`: tracked from the last frame, or found by a search near the last
 #: good pose or by a global search.
 TRACKED, LOCAL_RESTART, GLOBAL_RESTART = 0, 1, 2
+#: Misfit at which hardly anything of the body is visible: the greatest limit, and the only one
+#: before there are good frames, because poor silhouettes misfit the right pose, too.
+WORST = 0.9
+#: Number of good frames whose misfits are compared; of lost frames from one global search to the
+#: next, because each takes seconds; of consecutive searches in a lost frame.
+_WINDOW, RETRY, _N_STEPS = 60, 5, 2
 
 
 class Judge:
@@ -23,7 +30,7 @@ class Judge:
 
     def __init__(self, config: RecoveryConfig | None = None) -> None:
         self.config = config or RecoveryConfig()
-        self._good: deque[float] = deque(maxlen=self.config.window)
+        self._good: deque[float] = deque(maxlen=_WINDOW)
 
     def forget(self) -> None:
         """Forget the good frames."""
@@ -32,15 +39,15 @@ class Judge:
     @property
     def limit(self) -> float:
         """The misfit above which the track is lost now."""
-        config = self.config
         if not self._good:
-            return config.unknown
-        return float(np.clip(config.ratio * np.median(self._good), config.least, config.worst))
+            return WORST
+        usual = self.config.ratio * np.median(self._good)
+        return float(np.clip(usual, self.config.least, WORST))
 
     def judge(self, estimate: Estimate, restart: int = TRACKED) -> Estimate:
         """Return the estimate with its confidence: 1/2 at the limit, NaN without a misfit."""
-        confidence = 1 / (1 + (estimate.misfit / self.limit) ** self.config.steepness)
-        lost = self.config.on and bool(confidence < 0.5)
+        confidence = 1 / (1 + (estimate.misfit / self.limit) ** 4)
+        lost = bool(confidence < 0.5)
         return replace(estimate, confidence=confidence, lost=lost, restart=restart)
 
     def accept(self, estimate: Estimate) -> None:
@@ -55,8 +62,11 @@ class RecoveringTracker:
 
     wide: makes the tracker that searches around the last good pose when the person is lost, with
     more noise and more layers. everywhere: returns start poses (D,) from an observation, for the
-    case that this search fails; None if there is no such search. enough: whether an observation
-    shows enough of the person to search by it; by default always. Estimates of lost frames hold the
+    case that this search fails; None if there is no such search. always_everywhere: whether that is
+    searched even if a pose near the last one fits; for bodies without a head, because legs alone
+    also fit arms and trunk. retry: number of lost frames from one search everywhere to the next.
+    recovers: whether the body can be lost at all. enough: whether an observation shows enough of
+    the person to search by it; by default always. Estimates of lost frames hold the
     last good pose, unless the first of these searches confirms the tracker's: then the pictures are
     poor, and the pose goes on.
     """
@@ -68,8 +78,13 @@ class RecoveringTracker:
         everywhere: Callable[[Observation], Iterable[np.ndarray]] | None = None,
         config: RecoveryConfig | None = None,
         enough: Callable[[Observation], bool] = lambda observation: True,
+        *,
+        always_everywhere: bool = False,
+        retry: int = RETRY,
+        recovers: bool = True,
     ) -> None:
-        self._judge, self._enough = Judge(config), enough
+        self._judge, self._enough, self._recovers = Judge(config), enough, recovers
+        self._always_everywhere, self._retry = always_everywhere, retry
         self._tracker, self._make_wide, self._everywhere = tracker, wide, everywhere
         self._wide: Tracker | None = None
 
@@ -90,6 +105,8 @@ class RecoveringTracker:
     def recover_if_lost(self, estimate: Estimate, observation: Observation) -> Estimate:
         """Return the result of `step`, given the tracker's own `estimate` for an observation."""
         found = self._judge.judge(estimate)
+        if not self._recovers:
+            return replace(found, lost=False)
         if found.lost:
             found = self._recover(observation, found)
         if found.lost:
@@ -109,16 +126,15 @@ class RecoveringTracker:
 
     def _agree(self, one: Estimate, other: Estimate) -> bool:
         """Return whether two estimates have the joints at nearly the same places, and neither a
-        misfit from `RecoveryConfig.worst` on."""
-        config, body = self._judge.config, one.body
+        misfit from `WORST` on."""
+        body = one.body
         places = posed_joints(body, np.stack([one.pose, other.pose]))
         apart = np.linalg.norm(places[0] - places[1], axis=-1).mean()
-        return bool(max(one.misfit, other.misfit) < config.worst and apart < config.agreement)
+        return bool(max(one.misfit, other.misfit) < WORST and apart < SAME_PLACE)
 
     def _reacquire(self, observation: Observation, lost: Estimate) -> Estimate:
         near = found = self._search_around(self._pose, observation, LOCAL_RESTART)
-        config = self._judge.config
-        again = self._n_lost % config.retry == 0 and (found.lost or config.everywhere_too)
+        again = self._n_lost % self._retry == 0 and (found.lost or self._always_everywhere)
         if again and self._everywhere is not None:
             tried = [
                 self._search_around(pose, observation, GLOBAL_RESTART)
@@ -133,7 +149,7 @@ class RecoveringTracker:
         if self._wide is None:
             self._wide = self._make_wide()
         self._wide.start(pose)
-        for _ in range(self._judge.config.n_steps):
+        for _ in range(_N_STEPS):
             estimate = self._wide.step(observation)
         return self._judge.judge(estimate, restart)
 

@@ -14,7 +14,6 @@ from apf.filters.method import Method
 from apf.likelihood.observations import PointObservations, make_empty_observations
 from apf.scene import Scene
 from apf.tracking.correction import (
-    DEFAULTS,
     Correction,
     Corrections,
     correct_pose,
@@ -29,6 +28,9 @@ from cl import InputError
 from psfs.session import Session
 from psfs.volume import automatic_grid
 from psfs.voxels.grid import VoxelGrid
+
+#: Frames at each end of what is tracked again over which it passes into the track as it was.
+_FADE = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +131,7 @@ def _follow(
 
 def splice_estimates(track: Track, found: dict[int, Estimate], corrected: list[int]) -> Track:
     """Return the track with the estimates in place of its own; they fade into it at the ends of
-    each stretch, but not within `CorrectionConfig.fade` frames of a corrected one."""
+    each stretch, but not within `_FADE` frames of a corrected one."""
     body, numbers = track.its_body, sorted(found)
     rows = np.flatnonzero(np.isin(track.frames, numbers))
     estimates, provenance = [found[number] for number in numbers], json.loads(track.provenance)
@@ -155,7 +157,7 @@ def splice_estimates(track: Track, found: dict[int, Estimate], corrected: list[i
 def _weigh_new_poses(track: Track, rows: np.ndarray, corrected: list[int]) -> np.ndarray:
     """Return the share (n,) of the new poses in these rows of the track."""
     ends = np.flatnonzero(np.diff(rows) > 1)
-    share, steps = np.ones(len(rows)), DEFAULTS.fade + 1
+    share, steps = np.ones(len(rows)), _FADE + 1
     for stretch in np.split(np.arange(len(rows)), ends + 1):
         first, last = rows[stretch[0]], rows[stretch[-1]]
         from_start = (rows[stretch] - first + 1) / steps if first > 0 else np.inf

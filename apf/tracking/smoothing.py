@@ -19,11 +19,14 @@ from scipy.spatial.transform import Rotation
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel, FreeAxis
-from apf.tracking.config import ContactConfig, SmoothingConfig
+from apf.tracking.config import SmoothingConfig
 from apf.tracking.foot_contact import detect_standing, find_ankles, hold_feet
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.numbers import find_true_runs
+
+#: Least deviation, as a share of the median of the stated ones; smaller ones are replaced by it.
+_LEAST_DEVIATION = 0.1
 
 
 def smooth_track(track: Track, config: SmoothingConfig | None = None) -> Track:
@@ -41,7 +44,7 @@ def smooth_track(track: Track, config: SmoothingConfig | None = None) -> Track:
     body, times = track.its_body, track.times
     deviation = track.diagnostics.get("deviation", np.ones_like(track.poses))
     relative = deviation / np.maximum(np.median(deviation, axis=0), 1e-12) if len(track) else 1.0
-    variance = np.maximum(relative, config.min_deviation) ** 2
+    variance = np.maximum(relative, _LEAST_DEVIATION) ** 2
     poses = unwrap_angles(track.poses, body)
     joints = {tuple(axis.dof for axis in axes): axes for axes in _find_ball_joints(body)}
     single = [dof for dof in range(body.n_dof) if not any(dof in dofs for dofs in joints)]
@@ -53,8 +56,8 @@ def smooth_track(track: Track, config: SmoothingConfig | None = None) -> Track:
             of[:, dofs] = _smooth_rotations(of[:, dofs], axes, mean, times[part], config)
     poses = np.where(track.lost[:, None], track.poses, np.clip(poses, body.lower, body.upper))
     diagnostics = dict(track.diagnostics)
-    if config.lag is None and config.contact is not None:
-        poses, diagnostics["standing"] = _hold_feet(track, poses, config.contact)
+    if config.lag is None and config.hold_feet:
+        poses, diagnostics["standing"] = _hold_feet(track, poses)
     provenance = json.loads(track.provenance)
     provenance["smoothing"] = {
         "mode": "whole sequence" if config.lag is None else "fixed lag",
@@ -71,18 +74,16 @@ def smooth_track(track: Track, config: SmoothingConfig | None = None) -> Track:
     )
 
 
-def _hold_feet(
-    track: Track, poses: np.ndarray, config: ContactConfig
-) -> tuple[np.ndarray, np.ndarray]:
+def _hold_feet(track: Track, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return smooth `poses` (F, D) in which standing feet are held, and which feet stand: (F, 2)
     bool."""
     body, times = track.its_body, track.times
     if not find_ankles(body):
         return poses, track.standing
     ankles = posed_joints(body, poses)[:, find_ankles(body)]
-    stands = detect_standing(np.where(track.lost[:, None, None], np.nan, ankles), times, config)
+    stands = detect_standing(np.where(track.lost[:, None, None], np.nan, ankles), times)
     for part in find_unbroken_parts(track):
-        poses[part] = hold_feet(body, poses[part], times[part], stands[part], config)
+        poses[part] = hold_feet(body, poses[part], times[part], stands[part])
     return poses, stands
 
 

@@ -17,7 +17,6 @@ from apf.filters.term_weights import list_comparing_weights
 from apf.initialisation import Start, initialise
 from apf.initialisation.from_keypoints import KeypointStart
 from apf.initialisation.start import check_startable
-from apf.tracking.config import RecoveryConfig
 from apf.tracking.keypoint_start import fit_to_keypoints
 from apf.tracking.pipeline import TrackingTask, track_frames
 from apf.tracking.settings import TakeSettings
@@ -97,9 +96,7 @@ def track_take(
     report("preparing")
     began = time.perf_counter()
     points = None if keypoint_fit is None else keypoint_fit.observations
-    uncertain = start is not None and start.registration_error > start.config.acceptance.good
-    recovery = RecoveryConfig().for_uncertain_start() if uncertain else None
-    task = TrackingTask(body, pose, method, settings.run_seeds, points, recovery)
+    task = TrackingTask(body, pose, method, settings.run_seeds, points)
     store = None if keep is None else lambda parts: keep(body, pose, parts)
     tracked = track_frames(session, task, report, store)
     seconds = time.perf_counter() - began

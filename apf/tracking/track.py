@@ -20,7 +20,7 @@ from apf.formats import BODY_WRITERS, WRITERS, BodyMotion, JointSeries
 from apf.formats.motion import interpolate_gaps
 from apf.formats.trc import CONVENTIONS, write_trc
 from apf.tracking.foot_contact import detect_flat_feet, find_ankles
-from apf.tracking.limb_confidence import REGRESSION, limb_confidence
+from apf.tracking.limb_confidence import LOST, limb_confidence
 from cl import InputError
 from psfs.cameras.names import join_names
 from psfs.common.files import write_atomically
@@ -200,7 +200,7 @@ class Track:
     @property
     def lost_limbs(self) -> np.ndarray:
         """Limbs (F, L) bool that are probably wrong while the person is tracked."""
-        return (self.limb_confidence < REGRESSION.lost) & ~self.lost[:, None]
+        return (self.limb_confidence < LOST) & ~self.lost[:, None]
 
     @property
     def its_body(self) -> BodyModel:

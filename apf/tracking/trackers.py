@@ -7,6 +7,7 @@ from typing import cast
 import numpy as np
 
 from apf.backend import make_device_tracker, make_tracker, shares_launches
+from apf.body.stature import has_head
 from apf.filters.base import Tracker
 from apf.filters.method import Method
 from apf.initialisation import StartConfig, StartError, find_start
@@ -15,9 +16,10 @@ from apf.initialisation.from_keypoints import fit_pose_to_points
 from apf.initialisation.kept_voxels import store_voxels
 from apf.likelihood.observations import AnyVoxels, Observation, split_observation
 from apf.scene import Scene
-from apf.tracking.config import RecoveryConfig
-from apf.tracking.recovery import RecoveringRuns, RecoveringTracker, SeparateRuns
+from apf.tracking.recovery import RETRY, RecoveringRuns, RecoveringTracker, SeparateRuns
 
+#: Factor of the noise in the searches for a lost person.
+_WIDER = 4.0
 #: Settings of the global search for a lost person: one attempt, because it is repeated soon.
 _ONE_ATTEMPT = StartConfig(acceptance=AcceptanceConfig(n_attempts=1))
 #: 2^64 divided by the golden ratio.
@@ -39,16 +41,16 @@ def run_seeds(seed: int, n_runs: int) -> list[int]:
 
 
 def make_recovering_runs(
-    scene: Scene, method: Method, seeds: list[int], config: RecoveryConfig | None = None
+    scene: Scene, method: Method, seeds: list[int]
 ) -> RecoveringRuns | SeparateRuns:
     """Make the recovering trackers of `method` with each of `seeds`, batched into one if the method
     allows it."""
     methods = with_seeds(method, seeds)
     if len(seeds) == 1 or not shares_launches(scene.device, method):
-        return SeparateRuns([make_recovering_tracker(scene, of, config=config) for of in methods])
+        return SeparateRuns([make_recovering_tracker(scene, of) for of in methods])
 
     def watch(run: int, restart: Tracker) -> RecoveringTracker:
-        return make_recovering_tracker(scene, methods[run], restart, config)
+        return make_recovering_tracker(scene, methods[run], restart)
 
     return RecoveringRuns(make_device_tracker(scene, method, seeds), len(seeds), watch)
 
@@ -57,17 +59,13 @@ def make_recovering_tracker(
     scene: Scene,
     method: Method,
     tracker: Tracker | None = None,
-    config: RecoveryConfig | None = None,
 ) -> RecoveringTracker:
     """Make the recovering tracker of `method`, see `recovery`; it wraps `tracker`, if given, which
     must search by that method."""
-    config = (config or RecoveryConfig()).for_body(scene.body)
-    config = config.replace(on=config.on and method.recover)
-    if method.objective == "keypoints":  # keypoints show without a search whether somebody is there
-        config = config.replace(retry=1)
     search = method.filter.search
-    longer = {} if method.search == "sir" else {"n_layers": config.longer * search.n_layers}
-    wide = method.filter.with_changes(noise=config.wider * search.noise, **longer)
+    # The SIR filter has no layers.
+    layers = {} if method.search == "sir" else {"n_layers": 2 * search.n_layers}
+    wide = method.filter.with_changes(noise=_WIDER * search.noise, **layers)
     wider = method.replace(filter=wide)
 
     def everywhere(observation: Observation) -> list[np.ndarray]:
@@ -96,6 +94,9 @@ def make_recovering_tracker(
         tracker or make_tracker(scene, method),
         lambda: make_tracker(scene, wider),
         everywhere if method.uses_voxels or method.uses_keypoints else None,
-        config,
-        enough,
+        enough=enough,
+        recovers=method.recover,
+        always_everywhere=not has_head(scene.body),
+        # Keypoints show without a search whether somebody is there.
+        retry=1 if method.objective == "keypoints" else RETRY,
     )

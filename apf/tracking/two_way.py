@@ -4,9 +4,9 @@ A filter knows only the past: if an arm comes out from in front of the trunk, th
 then, and was wrong before. A backward pass from the end of the take has the opposite weakness. As
 in a two-filter smoother (Fraser & Potter 1969, "The optimum linear smoother as a combination of two
 optimum linear filters") the two passes are combined. Runs with different random numbers make
-different errors, so all their passes take part. If passes agree to within `TwoWayConfig.near`,
-average them, which reduces the error; otherwise use the pass with the lower image error over
-consecutive frames (Viterbi 1967).
+different errors, so all their passes take part. If passes agree to within `SAME_PLACE`, average
+them, which reduces the error; otherwise use the pass with the lower image error over consecutive
+frames (Viterbi 1967).
 
 A long take is processed in overlapping windows, because the observations of a window are held in
 memory. Live tracking has no backward pass.
@@ -33,9 +33,7 @@ from apf.likelihood.observations import (
     split_observation,
     with_points,
 )
-from apf.tracking.config import TwoWayConfig
-from apf.tracking.foot_contact import lower_feet
-from apf.tracking.limb_confidence import REGRESSION
+from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
 from apf.tracking.recovery import RecoveringRuns, SeparateRuns
 from apf.tracking.smoothing import unwrap_angles
 from cl import Device, NumpyDevice, UserError
@@ -44,6 +42,18 @@ from psfs.common.numbers import find_true_runs
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.host_voxels import HostVoxels
 
+#: Mean jump, m, of the joints where the pass changes that costs as much as an error of 1 of a
+#: frame, in the likelihood's unit; three times as much or as little changes nothing.
+_JUMP_PER_ERROR = 0.6
+#: Time, s, of the Savitzky-Golay window that smooths the poses; longer ones flatten fast motion.
+#: Largest distance, m, of a limb's joints from their smoothed positions.
+_SMOOTHED_SECONDS, _SMOOTHED_WITHIN = 0.15, 0.01
+#: Frames at a window's end that are tracked again in the next window, so that the backward pass has
+#: converged where poses become final; at most a third of the window.
+OVERLAP = 30
+#: Largest window: bytes of its observations, about 500 frames of 4 cameras of 640 x 480 with clean
+#: silhouettes; frames, if the observations are keypoints alone.
+MOST_BYTES, MOST_FRAMES = 500_000_000, 1000
 #: One frame of a window: its number, its observation, and for each track the estimates of its runs.
 _WindowFrame = tuple[int, "_Kept", list[list[Estimate]]]
 
@@ -54,7 +64,6 @@ def track_both_ways(
     back: Sequence[RecoveringRuns | SeparateRuns],
     seen: Iterable[tuple[int, Observation]],
     progress: Callable[[str], object],
-    config: TwoWayConfig | None = None,
     *,
     fps: float = 30.0,
 ) -> Iterator[tuple[int, list[Estimate]]]:
@@ -66,7 +75,6 @@ def track_both_ways(
     interrupt or error that ends the frames early is raised after the frames before it; if it occurs
     in the backward pass, the window keeps the forward estimates of each track's first run.
     """
-    config = config or TwoWayConfig()
     window, frames = list[_WindowFrame](), iter(seen)
     ended: BaseException | None = None
     whole = False
@@ -80,16 +88,16 @@ def track_both_ways(
                 window.append((index, _keep(device, shown), by_track))
                 n_bytes += window[-1][1].nbytes
                 progress("tracking")
-                if config.full(len(window), n_bytes):
+                if is_full(len(window), n_bytes):
                     break
             else:
                 whole = True
         except (KeyboardInterrupt, UserError) as error:
             ended, whole = error, True
-        n_final = len(window) if whole else len(window) - min(config.overlap, len(window) // 3)
+        n_final = len(window) if whole else len(window) - min(OVERLAP, len(window) // 3)
         try:
             report = partial(progress, "tracking back")
-            final = _fuse_window(device, back, window, fps, config, report)
+            final = _fuse_window(device, back, window, fps, report)
         except (KeyboardInterrupt, UserError) as error:
             ended, n_final = error, len(window)
             final = [[_without_disagreement(runs[0]) for runs in of] for _, _, of in window]
@@ -100,6 +108,11 @@ def track_both_ways(
         if whole:
             return
         del window[:n_final]
+
+
+def is_full(n_frames: int, n_bytes: int) -> bool:
+    """Return whether a window of so many frames and bytes is full."""
+    return n_frames >= MOST_FRAMES or (n_frames > 2 and n_bytes > MOST_BYTES)
 
 
 class _Kept(NamedTuple):
@@ -139,11 +152,9 @@ def _fuse_window(
     back: Sequence[RecoveringRuns | SeparateRuns],
     window: list[_WindowFrame],
     fps: float,
-    config: TwoWayConfig,
     progress: Callable[[], object],
 ) -> list[list[Estimate]]:
-    """Run the backward passes over a window; return each track's fused estimates of its frames.
-    Feet that float are lowered, unless keypoints show where they are."""
+    """Run the backward passes over a window; return each track's fused estimates of its frames."""
     if not window:
         return []
     for runs, last in zip(back, window[-1][2], strict=True):
@@ -155,28 +166,13 @@ def _fuse_window(
         for frames, runs, ahead in zip(found, back, by_track, strict=True):
             passes = [*ahead, *runs.step(observation)]
             poses = np.stack([each.pose for each in passes])
-            frames.append((passes, runs.score_poses(exchange_limbs(passes[0].body, poses, config))))
+            frames.append((passes, runs.score_poses(exchange_limbs(passes[0].body, poses))))
         progress()
     tracks = []
     for frames in found:
         passes_of, errors = zip(*frames[::-1], strict=True)
-        fused = fuse_passes(passes_of, np.stack(errors), config, fps)
-        seen_feet = any(kept.points is not None for _, kept, _ in window)
-        tracks.append(fused if seen_feet else _lower_feet(fused, config, fps))
+        tracks.append(fuse_passes(passes_of, np.stack(errors), fps))
     return [list(estimates) for estimates in zip(*tracks, strict=True)]
-
-
-def _lower_feet(estimates: list[Estimate], config: TwoWayConfig, fps: float) -> list[Estimate]:
-    """Lower the feet of consecutive frames' estimates, but of lost frames, see `lower_feet`."""
-    known = np.flatnonzero([not estimate.lost for estimate in estimates])
-    if not known.size:
-        return estimates
-    poses = np.stack([estimates[row].pose for row in known])
-    lowered = lower_feet(estimates[0].body, poses, known / fps, config.floor)
-    found = list(estimates)
-    for row, pose in zip(known, lowered, strict=True):
-        found[row] = replace(found[row], pose=pose)
-    return found
 
 
 def _without_disagreement(estimate: Estimate) -> Estimate:
@@ -185,9 +181,7 @@ def _without_disagreement(estimate: Estimate) -> Estimate:
     return replace(estimate, disagreement=np.full(len(limb_ends(estimate.body)), np.nan))
 
 
-def exchange_limbs(
-    body: BodyModel, poses: np.ndarray, config: TwoWayConfig | None = None
-) -> np.ndarray:
+def exchange_limbs(body: BodyModel, poses: np.ndarray) -> np.ndarray:
     """Return the poses (K + K (K - 1) L, D) to compare: those of K passes (K, D), then each of them
     with each of the L limbs of each other pass.
 
@@ -199,8 +193,7 @@ def exchange_limbs(
     mixed = np.where(limbs, poses[other, None], poses[trunk, None])
     places = posed_joints(body, poses)
     apart = np.linalg.norm(places[other] - places[trunk], axis=-1)
-    near = (config or TwoWayConfig()).near
-    far = np.any(joints & (apart[:, None] > near / 2), axis=2)
+    far = np.any(joints & (apart[:, None] > SAME_PLACE / 2), axis=2)
     pair, limb = np.nonzero(far)
     there = places[other[pair]]
     mixed[far] = solve_inverse_kinematics(body, mixed[far], limbs[limb], joints[limb], there)
@@ -210,7 +203,6 @@ def exchange_limbs(
 def fuse_passes(
     estimates: Sequence[Sequence[Estimate]],
     errors: np.ndarray,
-    config: TwoWayConfig | None = None,
     fps: float = 30.0,
 ) -> list[Estimate]:
     """Fuse K passes' estimates of consecutive frames, `fps` per second, into one estimate per
@@ -220,8 +212,7 @@ def fuse_passes(
     chosen one by one. The `disagreement` of a limb is the distance of its end in the passes from
     that in the result.
     """
-    config = config or TwoWayConfig()
-    passes, body = _Passes(estimates, config), estimates[0][0].body
+    passes, body = _Passes(estimates), estimates[0][0].body
     of_limb, limbs = limb_joints(body), limb_masks(body)
     trunk = ~np.any(of_limb, axis=0)
     trunk |= ~trunk.any()  # if the body has no joints but those of its limbs
@@ -249,9 +240,8 @@ def fuse_passes(
         pose[:, dofs] = reached(*mean, limb)[:, dofs]
         deviation[:, dofs] = average_deviations(passes.deviations, agreed)[:, dofs]
     known = np.any(~passes.lost, axis=0)
-    pose = smooth_poses(
-        body, pose, known, config.n_steady(fps), config.near / 2, config.steady_within
-    )
+    n_smoothed = round(_SMOOTHED_SECONDS * fps) | 1  # odd, as a parabola's window is
+    pose = smooth_poses(body, pose, known, n_smoothed)
     apart = passes.measure_disagreement(pose)
     return [
         replace(of[way], pose=pose[row], deviation=deviation[row], disagreement=apart[row])
@@ -279,18 +269,16 @@ def smooth_poses(
     poses: np.ndarray,
     known: np.ndarray,
     n: int,
-    most: float,
-    within: float,
 ) -> np.ndarray:
     """Return poses (F, D) smoothed by local parabolas over `n` frames (Savitzky & Golay 1964),
     within the body's limits.
 
-    First smooth the angles; then fit each limb to its smoothed joints, to within `within` m, by
-    inverse kinematics, because different angles can give the same pose. If smoothing would move a
-    joint by more than `most` m, the limb stays as it was tracked: it jumps to where it was found
-    again. Frames that are not `known` (F,) stay as they are, and no parabola crosses them.
+    First smooth the angles; then fit each limb to its smoothed joints by inverse kinematics,
+    because different angles can give the same pose. If smoothing would move a joint by more than
+    half of `SAME_PLACE`, the limb stays as it was tracked: it jumps to where it was found again.
+    Frames that are not `known` (F,) stay as they are, and no parabola crosses them.
     """
-    poses = unwrap_angles(poses, body)
+    poses, most = unwrap_angles(poses, body), SAME_PLACE / 2
     for part in find_true_runs(known):
         if n < 5 or part.stop - part.start < n:  # a parabola passes through any three points
             continue
@@ -304,7 +292,9 @@ def smooth_poses(
         moved = np.linalg.norm(places - tracked, axis=-1)
         for dofs, joints in zip(limb_masks(body), limb_joints(body), strict=True):
             near = moved[:, joints].max(1, initial=0) < most
-            reached = solve_inverse_kinematics(body, poses[part], dofs, joints, places, within)
+            reached = solve_inverse_kinematics(
+                body, poses[part], dofs, joints, places, _SMOOTHED_WITHIN
+            )
             poses[part] = np.where(near[:, None], reached, poses[part])
     return poses
 
@@ -313,8 +303,8 @@ class _Passes:
     """Poses and deviations (K, F, D) and joints (K, F, J, 3) m of K passes, and the frames (K, F)
     in which each has lost the person."""
 
-    def __init__(self, estimates: Sequence[Sequence[Estimate]], config: TwoWayConfig) -> None:
-        self._config, self._body = config, estimates[0][0].body
+    def __init__(self, estimates: Sequence[Sequence[Estimate]]) -> None:
+        self._body = estimates[0][0].body
         passes = list(zip(*estimates, strict=True))
         poses = np.stack([[estimate.pose for estimate in each] for each in passes])
         self.poses = unwrap_angles(poses, self._body)  # from one pass to the other
@@ -325,10 +315,10 @@ class _Passes:
     def choose(self, misfits: np.ndarray, places: np.ndarray) -> np.ndarray:
         """Return the best pass (F,) by misfits (F, K) and by the jumps of joints between frames;
         places: (K, F, N, 3) m, the joints of each pass."""
-        costs = misfits / self._config.misfit
+        costs = _JUMP_PER_ERROR * misfits
         costs += 1e6 * (self.lost & ~self.lost.all(0)).T
         jumps = np.linalg.norm(places[None, :, 1:] - places[:, None, :-1], axis=-1).mean(-1)
-        return find_best_path(costs, np.moveaxis(jumps, -1, 0) / self._config.jump)
+        return find_best_path(costs, np.moveaxis(jumps, -1, 0))
 
     def find_agreeing_passes(self, way: np.ndarray, of: np.ndarray) -> np.ndarray:
         """Return which passes (K, F) have the joints `of` (J,) where the chosen `way` (F,) has
@@ -339,10 +329,10 @@ class _Passes:
         alone = np.arange(len(self.poses))[:, None] == way
         chosen = self.joints[way, np.arange(len(way))]
         apart = np.linalg.norm(self.joints - chosen, axis=-1)[..., of].max(-1)
-        agreed = alone | ((apart < self._config.near) & ~self.lost)
+        agreed = alone | ((apart < SAME_PLACE) & ~self.lost)
         off = posed_joints(self._body, average_passes(self.poses, agreed))
         off -= average_passes(self.joints, agreed)
-        between = np.linalg.norm(off, axis=-1)[:, of].max(-1) < self._config.near / 4
+        between = np.linalg.norm(off, axis=-1)[:, of].max(-1) < SAME_PLACE / 4
         return np.where(between, agreed, alone)
 
     def measure_disagreement(self, poses: np.ndarray) -> np.ndarray:
@@ -350,7 +340,7 @@ class _Passes:
         geometric mean over the passes; NaN in frames that fewer than two passes have tracked."""
         ends = limb_ends(self._body)
         away = self.joints[:, :, ends] - posed_joints(self._body, poses)[:, ends]
-        far = np.maximum(np.linalg.norm(away, axis=-1), REGRESSION.least)
+        far = np.maximum(np.linalg.norm(away, axis=-1), LEAST_DISTANCE)
         several = (~self.lost).sum(0) > 1
         mean = np.exp(average_passes(np.log(far), ~self.lost | ~several))
         return np.where(several[:, None], mean, np.nan)

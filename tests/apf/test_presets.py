@@ -14,7 +14,6 @@ from apf.filters.config import FilterConfig
 from apf.filters.method import Method
 from apf.filters.term_weights import parse_weights
 from apf.presets import PRESETS, Preset, preset
-from apf.tracking.recovery import Judge, RecoveryConfig
 from cl import InputError
 from psfs.cli.program import program_parser
 from psfs.cli.settings import with_settings
@@ -100,12 +99,3 @@ def test_unknown_presets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert main(["track", "walk", "-o", str(tmp_path / "out"), "--config", str(file)]) == 2
     assert "expected one of kwolek, rymut, song" in capsys.readouterr().err
     assert Preset().method == Method()
-
-
-def test_nobody_is_lost_where_nobody_is_looked_for() -> None:
-    from apf.filters.base import Estimate
-
-    judge = Judge(RecoveryConfig(on=False))
-    fields = dict.fromkeys(Estimate.__dataclass_fields__)
-    estimate = Estimate(**{**fields, "misfit": 5.0})
-    assert not judge.judge(estimate).lost and Judge().judge(estimate).lost

@@ -14,7 +14,8 @@ from apf.cli.method_flags import add_method_flags
 from apf.presets import PRESETS
 from apf.report import PAGE
 from apf.settings import Settings
-from apf.tracking.config import BatchConfig, TriangulatedConfig
+from apf.tracking.batch import ON_CPU, ON_GPU
+from apf.tracking.config import TriangulatedConfig
 from psfs.cli.commandline import add_device_flag, add_output_flag
 from psfs.cli.sequence_flags import (
     add_all_cameras_flag,
@@ -42,8 +43,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--at-once",
         type=int,
         metavar="N",
-        help="of several takes, work on N at a time "
-        f"(default: {BatchConfig().on_gpu} on a GPU, else {BatchConfig().on_cpu})",
+        help=f"of several takes, work on N at a time (default: {ON_GPU} on a GPU, else {ON_CPU})",
     )
 
 

@@ -20,7 +20,6 @@ from apf.initialisation.shape_fit import Cloud
 from apf.initialisation.start import check_startable
 from apf.scene import Scene
 from apf.tracking.pipeline import track_voxels
-from apf.tracking.recovery import RecoveryConfig
 from apf.tracking.trackers import make_recovering_tracker
 from cl import Device
 
@@ -144,9 +143,3 @@ def test_partial_bodies_are_not_lost_for_the_parts_that_they_lack(name: str) -> 
     assert not any(estimate.lost for estimate in estimates)
     for estimate, true in zip(estimates, poses, strict=True):
         assert error(body, estimate.pose, true) < 0.15
-
-
-def test_only_whole_bodies_have_an_absolute_limit() -> None:
-    config = RecoveryConfig()
-    assert config.for_body(SONG) == config
-    assert config.for_body(part("rymut31_lower")).unknown == config.worst

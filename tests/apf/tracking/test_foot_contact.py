@@ -8,24 +8,19 @@ import numpy as np
 import pytest
 from helpers.striders import SONG, Stride, strider, track_of_poses
 
-from apf.body import load_body, posed_joints
-from apf.body.stature import upright_heights
+from apf.body import load_body
 from apf.tracking.foot_contact import (
-    ContactConfig,
     detect_flat_feet,
     detect_standing,
     find_ankles,
     hold_feet,
-    lower_feet,
 )
 from apf.tracking.smoothing import SmoothingConfig, smooth_track
 from apf.tracking.track import Track
-from cl import InputError
 from psfs.common.numbers import find_true_runs
 
 ANKLES = find_ankles(SONG)
 JOINTS = ("knee", "ankle")
-LEGS = ("l_thigh.ry", "l_calf.ry", "r_thigh.ry", "r_calf.ry")
 
 
 def travel(track: Track, stands: np.ndarray) -> float:
@@ -58,7 +53,7 @@ def test_stances_are_found(fps: float) -> None:
 def test_standing_feet_do_not_slide_and_the_rest_stays() -> None:
     noisy, true = strider(noise=0.03), strider()
     stands = Stride().stands(len(true))
-    free = smooth_track(noisy, SmoothingConfig(contact=None))
+    free = smooth_track(noisy, SmoothingConfig(hold_feet=False))
     held = smooth_track(noisy)
     assert travel(noisy, stands) > 0.05 and travel(free, stands) > 0.02
     assert travel(held, stands) < 0.01
@@ -147,42 +142,8 @@ def test_lost_frames_are_neither_standing_nor_changed() -> None:
     np.testing.assert_array_equal(held.poses[lost], noisy.poses[lost])
 
 
-def stand(height: float) -> Track:
-    """Half a second on the left leg, knees bent, the ankles `height` m above where they stand; the
-    right foot is in the air."""
-    poses = np.tile(SONG.rest_pose, (30, 1))
-    for name, angle in zip(LEGS, (0.3, 0.6, 0.9, 1.5), strict=True):
-        poses[:, SONG.dof_names.index(name)] = angle
-    z = posed_joints(SONG, poses[:1])[0, ANKLES[0], 2]
-    poses[:, SONG.dof_names.index("pelvis.tz")] += upright_heights(SONG)[ANKLES[0]] - z + height
-    return track_of_poses(SONG, poses)
-
-
-def test_feet_that_float_are_lowered() -> None:
-    track = stand(0.06)
-    moved = posed_joints(SONG, lower_feet(SONG, track.poses, track.times)) - track.joints
-    standing, lifted = moved[0, ANKLES]
-    assert -0.03 < standing[2] < -0.01  # at most by half of it, less than the legs would like
-    assert 2 * standing[2] < 3 * lifted[2] < 0  # by about a half: it is 10 cm higher
-    assert np.abs(moved[:, ANKLES, :2]).max() < 1e-3
-    assert np.abs(moved[:, SONG.joint_names.index("pelvis")]).max() < 2e-3
-
-
-@pytest.mark.parametrize("height", [-0.03, 0.01, 0.15])
-def test_feet_stay_on_the_floor_in_it_or_on_a_box(height: float) -> None:
-    track = stand(height)
-    assert lower_feet(SONG, track.poses, track.times) is track.poses
-
-
 def test_bodies_without_feet() -> None:
     body = load_body("rymut31_upper")
     track = track_of_poses(body, np.tile(body.rest_pose, (20, 1)))
-    assert lower_feet(body, track.poses, track.times) is track.poses
     held = smooth_track(track)
     assert not find_ankles(body) and held.standing.shape == (20, 2) and not held.standing.any()
-
-
-def test_settings_that_make_no_sense() -> None:
-    for wrong in ({"start_speed": 0}, {"stop_speed": 0.1}, {"stop_height": 0.01}, {"fade": 0}):
-        with pytest.raises(InputError, match="expected"):
-            ContactConfig(**wrong)

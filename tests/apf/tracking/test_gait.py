@@ -14,10 +14,9 @@ from helpers.striders import STANCE, Stride, strider, track_of_poses
 from apf.body import load_body
 from apf.synthetic.gait import GaitModel as SyntheticGait
 from apf.synthetic.walk import Walk
-from apf.tracking.gait import GaitConfig, measure_gait
+from apf.tracking.gait import measure_gait
 from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
-from cl import InputError
 
 
 def filmed(walk: Walk, frames: int = 240) -> Track:
@@ -84,9 +83,3 @@ def test_no_step_is_counted_across_lost_frames() -> None:
     assert whole is not None and parted is not None
     assert parted.n_steps < whole.n_steps
     assert all(event.frame >= 110 for event in parted.events)
-
-
-def test_settings_that_make_no_sense() -> None:
-    for wrong in ({"speed": 0}, {"swing": -1}, {"window": 0}):
-        with pytest.raises(InputError, match="expected"):
-            GaitConfig(**wrong)

@@ -10,8 +10,7 @@ from helpers import tracks
 
 from apf.body import load_body
 from apf.body.limbs import limb_ends, limb_names
-from apf.tracking.confidence_config import ConfidenceConfig
-from apf.tracking.limb_confidence import REGRESSION, limb_confidence, limb_margins
+from apf.tracking.limb_confidence import LOST, limb_confidence, limb_margins
 from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
 
@@ -47,7 +46,7 @@ def test_nothing_is_known_where_no_limb_was_looked_for() -> None:
     assert np.isnan(limb_confidence(margins, np.zeros((7, 4, 3)), np.arange(7) / 60)).all()
 
 
-def test_what_speaks_against_a_limb() -> None:
+def test_what_speaks_against_a_limb(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each by itself, a mean over a moment; whatever the rate of the frames."""
     for fps in (30, 60):
         n = 2 * fps
@@ -57,11 +56,11 @@ def test_what_speaks_against_a_limb() -> None:
         margins = np.full((n, 4), 0.3)
         margins[n // 2 :, 0] = 0.02
         ends[n // 2 :, 1, 2] += 0.06 * (-1.0) ** np.arange(n - n // 2)
-        strict = ConfidenceConfig(constant=-18.4)
-        believed = limb_confidence(margins, ends, times, regression=strict)
+        monkeypatch.setattr("apf.tracking.limb_confidence._CONSTANT", -18.4)  # stricter
+        believed = limb_confidence(margins, ends, times)
         assert believed[: n // 4].min() > 0.75 and believed[:, 2:].min() > 0.75
         assert believed[3 * n // 4 :, :2].max() < 0.45
-        crossing = [int(np.argmax(believed[:, k] < REGRESSION.lost)) / n for k in range(2)]
+        crossing = [int(np.argmax(believed[:, k] < LOST)) / n for k in range(2)]
         np.testing.assert_allclose(crossing, 0.5, atol=0.1)
 
 

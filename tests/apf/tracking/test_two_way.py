@@ -21,11 +21,11 @@ from apf.filters.method import Method
 from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, crop_voxels
 from apf.reference.kept_voxels import uncrop
 from apf.scene import Scene
-from apf.tracking.limb_confidence import REGRESSION
+from apf.tracking import two_way
+from apf.tracking.limb_confidence import LEAST_DISTANCE, SAME_PLACE
 from apf.tracking.recovery import SeparateRuns
 from apf.tracking.trackers import make_recovering_runs, make_recovering_tracker, run_seeds
 from apf.tracking.two_way import (
-    TwoWayConfig,
     exchange_limbs,
     find_best_path,
     fuse_passes,
@@ -83,8 +83,8 @@ def test_ways_that_agree_give_their_mean() -> None:
     found = fuse_passes(frames, np.zeros((4, 2 + 2 * N_LIMBS)))
     np.testing.assert_allclose(found[0].deviation, 0.02 / np.sqrt(2))
     apart = np.array([one.disagreement for one in found])
-    assert apart[:, RIGHT_ARM].min() > REGRESSION.least
-    assert np.delete(apart, RIGHT_ARM, 1).max() == pytest.approx(REGRESSION.least)
+    assert apart[:, RIGHT_ARM].min() > LEAST_DISTANCE
+    assert np.delete(apart, RIGHT_ARM, 1).max() == pytest.approx(LEAST_DISTANCE)
 
 
 def test_the_mean_is_of_the_ways_that_agree() -> None:
@@ -102,7 +102,7 @@ def test_the_mean_is_of_the_ways_that_agree() -> None:
     np.testing.assert_allclose(found[2].deviation[arm], 0.02 / np.sqrt(3))
     np.testing.assert_allclose(found[2].deviation[~arm], 0.02 / np.sqrt(4))
     places = posed_joints(BODY, np.stack([*ways, expected]))[:, BODY.joint_names.index("r_wrist")]
-    away = np.maximum(np.linalg.norm(places[:4] - places[4], axis=-1), REGRESSION.least)
+    away = np.maximum(np.linalg.norm(places[:4] - places[4], axis=-1), LEAST_DISTANCE)
     assert found[2].disagreement is not None
     assert found[2].disagreement[RIGHT_ARM] == pytest.approx(np.exp(np.log(away).mean()))
 
@@ -113,27 +113,25 @@ def test_poses_are_steadied_by_parabolas() -> None:
     times = np.linspace(0, 1, n)[:, None]
     smooth = BODY.rest_pose + 0.3 * times**2 * np.isin(BODY.dof_names, ["pelvis.tx", "pelvis.rz"])
     known = np.arange(n) != 12
-    np.testing.assert_allclose(smooth_poses(BODY, smooth, known, 5, 0.04, 0.01), smooth, atol=1e-12)
+    np.testing.assert_allclose(smooth_poses(BODY, smooth, known, 5), smooth, atol=1e-12)
     noisy = smooth + random.normal(scale=0.01, size=smooth.shape)
     noisy = np.clip(noisy, BODY.lower, BODY.upper)
     noisy[12] = BODY.rest_pose
-    found = smooth_poses(BODY, noisy, known, 5, 0.04, 0.01)
+    found = smooth_poses(BODY, noisy, known, 5)
     np.testing.assert_array_equal(found[12], noisy[12])
     assert np.abs(found - smooth)[known].mean() < 0.75 * np.abs(noisy - smooth)[known].mean()
-    np.testing.assert_array_equal(smooth_poses(BODY, noisy, known, 3, 0.04, 0.01), noisy)
+    np.testing.assert_array_equal(smooth_poses(BODY, noisy, known, 3), noisy)
     # Though angles go another way round to the same pose, its joints move steadily.
     wrist = BODY.joint_names.index("l_wrist")
     other = moved(BODY.rest_pose, **{f"l_upper_arm__r{axis}": 0.4 for axis in "xyz"})
     jumping = np.where(np.arange(n)[:, None] % 2, other, moved(other, l_upper_arm__ry=0.12))
     places = posed_joints(BODY, jumping)[:, wrist]
-    found = posed_joints(BODY, smooth_poses(BODY, jumping, known, 5, 0.05, 0.01))[:, wrist]
+    found = posed_joints(BODY, smooth_poses(BODY, jumping, known, 5))[:, wrist]
     assert np.ptp(found[2:10], axis=0).max() < 0.6 * np.ptp(places[2:10], axis=0).max()
     # A limb that jumps to where it is found again stays on either side.
     again = np.where(np.arange(n)[:, None] < 20, BODY.rest_pose, moved(other, l_upper_arm__ry=1.0))
-    away = posed_joints(BODY, smooth_poses(BODY, again, known, 5, 0.04, 0.01)) - posed_joints(
-        BODY, again
-    )
-    assert np.abs(away[:, wrist]).max() < 0.04
+    away = posed_joints(BODY, smooth_poses(BODY, again, known, 5)) - posed_joints(BODY, again)
+    assert np.abs(away[:, wrist]).max() < SAME_PLACE / 2
 
 
 def test_runs_have_seeds_of_their_own() -> None:
@@ -252,19 +250,16 @@ def frames(n: int, ending: BaseException | None = None) -> Iterator[tuple[int, f
 
 
 @pytest.fixture
-def kept_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("apf.tracking.two_way.crop_voxels", lambda device, shown: shown)
+    monkeypatch.setattr("apf.tracking.two_way.OVERLAP", 3)
+    monkeypatch.setattr("apf.tracking.two_way.MOST_FRAMES", 12)
 
 
-CONFIG = TwoWayConfig(overlap=3, longest=12)
-
-
-def test_windows_overlap_and_give_every_frame_once(kept_as_it_is: None) -> None:
+def test_windows_overlap_and_give_every_frame_once(short_windows: None) -> None:
     back, told = Follower(), list[str]()
     found = list(
-        track_both_ways(
-            NumpyDevice(), Forward(), [SeparateRuns([back])], frames(25), told.append, CONFIG
-        )
+        track_both_ways(NumpyDevice(), Forward(), [SeparateRuns([back])], frames(25), told.append)
     )
     assert [index for index, _ in found] == list(range(5, 30))
     for (_, (one,)), (_, shown) in zip(found, frames(25), strict=True):
@@ -282,10 +277,10 @@ def test_windows_overlap_and_give_every_frame_once(kept_as_it_is: None) -> None:
 
 
 def test_windows_end_with_the_memory() -> None:
-    config = TwoWayConfig(memory=1e-6)  # 1000 bytes
-    assert not config.full(9, 1000) and config.full(9, 1001)
-    assert not config.full(2, 9000)  # a way back needs frames
-    assert config.full(config.longest, 0)
+    most = two_way.MOST_BYTES
+    assert not two_way.is_full(9, most) and two_way.is_full(9, most + 1)
+    assert not two_way.is_full(2, 9 * most)  # a backward pass needs frames
+    assert two_way.is_full(two_way.MOST_FRAMES, 0)
 
 
 @pytest.mark.parity("common/uncrop.uncrop")
@@ -328,7 +323,7 @@ def test_kept_frames_are_restored_about_the_foreground(device: Device) -> None:
 
 @pytest.mark.parametrize("ending", [KeyboardInterrupt(), InputError("a torn file")])
 def test_what_ends_the_frames_is_raised_after_them(
-    kept_as_it_is: None, ending: BaseException
+    short_windows: None, ending: BaseException
 ) -> None:
     found, back = [], Follower()
     with pytest.raises(type(ending)):
@@ -338,7 +333,6 @@ def test_what_ends_the_frames_is_raised_after_them(
             [SeparateRuns([back])],
             frames(7, ending),
             lambda stage: None,
-            CONFIG,
         ):
             found.append(one)
     assert len(found) == 7 and len(back.seen) == 7
@@ -347,7 +341,7 @@ def test_what_ends_the_frames_is_raised_after_them(
 @pytest.mark.parametrize("ending", [KeyboardInterrupt(), DeviceError("the device is lost")])
 @pytest.mark.parametrize(("n", "kept"), [(7, 7), (25, 12)])
 def test_what_ends_the_way_back_leaves_the_way_ahead(
-    kept_as_it_is: None, ending: BaseException, n: int, kept: int
+    short_windows: None, ending: BaseException, n: int, kept: int
 ) -> None:
     """All of it, be it the whole take or its first window."""
 
@@ -358,7 +352,7 @@ def test_what_ends_the_way_back_leaves_the_way_ahead(
     found = []
     with pytest.raises(type(ending)):
         for one in track_both_ways(
-            NumpyDevice(), Forward(), [SeparateRuns([Follower()])], frames(n), progress, CONFIG
+            NumpyDevice(), Forward(), [SeparateRuns([Follower()])], frames(n), progress
         ):
             found.append(one)
     assert len(found) == kept and np.isnan(found[3][1][0].disagreement).all()
