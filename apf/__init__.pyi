@@ -24,8 +24,8 @@ from .filters.config import LimbSearchConfig as LimbSearchConfig
 from .filters.config import RefinementConfig as RefinementConfig
 from .filters.config import SearchConfig as SearchConfig
 from .filters.method import Method as Method
-from .filters.searches.sir import SirConfig as SirConfig
-from .filters.searches.swarm import SwarmConfig as SwarmConfig
+from .filters.searches import SirConfig as SirConfig
+from .filters.searches import SwarmConfig as SwarmConfig
 from .filters.sir import SirParticleFilter as SirParticleFilter
 from .filters.swarm import ParticleSwarm as ParticleSwarm
 from .image_objective.config import FeatureConfig as FeatureConfig
@@ -37,13 +37,10 @@ from .initialisation import StartError as StartError
 from .initialisation import initialise as initialise
 from .initialisation.from_joints import fit_to_joints as fit_to_joints
 from .keypoints.keypoints import Keypoints as Keypoints
-from .likelihood.config import ContourConfig as ContourConfig
 from .likelihood.config import KeypointConfig as KeypointConfig
 from .likelihood.config import LikelihoodConfig as LikelihoodConfig
-from .likelihood.config import MotionPriorConfig as MotionPriorConfig
-from .likelihood.config import PartColourConfig as PartColourConfig
-from .likelihood.config import ReprojectionConfig as ReprojectionConfig
-from .likelihood.config import SurfaceSamplesConfig as SurfaceSamplesConfig
+from .likelihood.terms import ContourConfig as ContourConfig
+from .likelihood.terms import PartColourConfig as PartColourConfig
 from .presets import Preset as Preset
 from .presets import preset as preset
 from .scene import Scene as Scene

@@ -20,7 +20,7 @@ from apf.filters.objectives import OBJECTIVES
 from apf.filters.searches import SEARCHES
 from apf.image_objective.config import FeatureConfig
 from apf.image_objective.features import Features
-from apf.image_objective.opengl import egl_context
+from apf.image_objective.opengl.context import egl_context
 from apf.image_objective.renderer import draw_hypotheses
 from apf.likelihood.observations import Shown
 from apf.reference.filters.annealed import NumpyAnnealedParticleFilter
@@ -81,7 +81,7 @@ def make_device_tracker(
     if seeds is not None and not shares_launches(scene.opencl, method):
         raise InputError(
             f"seeds {list(seeds)} at once by {method.search} over {method.objective}; expected apf "
-            "over voxels or keypoints, without terms that depend on the track so far"
+            "over voxels or keypoints"
         )
     search, objective = SEARCHES[method.search], OBJECTIVES[method.objective]
     likelihood = resolve_name(objective.likelihood)(scene, method, len(seeds or [0]))
@@ -104,8 +104,7 @@ def check_renderer(device: Device | NumpyDevice, method: Method) -> None:
 def shares_launches(device: Device | NumpyDevice, method: Method) -> bool:
     """Return whether one tracker of `method` can make several runs at once."""
     specs = SEARCHES[method.search], OBJECTIVES[method.objective]
-    fits = all(s.shares_launches for s in specs) and not method.filter.likelihood.track_terms
-    return fits and isinstance(device, Device)
+    return all(spec.shares_launches for spec in specs) and isinstance(device, Device)
 
 
 def _make_numpy_tracker(scene: Scene, method: Method) -> NumpyTracker:

@@ -28,12 +28,8 @@ from .silhouettes.config import SilhouetteConfig as SilhouetteConfig
 from .volume import automatic_grid as automatic_grid
 from .voxels.clouds import read_cloud as read_cloud
 from .voxels.clouds import write_cloud as write_cloud
-from .voxels.config import BodyPriorConfig as BodyPriorConfig
-from .voxels.config import ColourConfig as ColourConfig
-from .voxels.config import ForegroundJoinConfig as ForegroundJoinConfig
 from .voxels.config import OccupancyConfig as OccupancyConfig
 from .voxels.config import ReconstructionConfig as ReconstructionConfig
-from .voxels.config import VolumeConfig as VolumeConfig
 from .voxels.grid import VoxelCloud as VoxelCloud
 from .voxels.grid import VoxelGrid as VoxelGrid
 

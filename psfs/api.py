@@ -70,7 +70,7 @@ def reconstruct(
     are dropped, see `remove_debris`. all_cameras: keep cameras that disagree with the others; by
     default they are left out, with a warning in the log, see `examine`. config: settings of
     silhouettes and occupancy. track: folder of `apf track`, or its npz: the tracked body is a prior
-    of the voxels, see `BodyPriorConfig`. Raises InputError if nothing stands out from the
+    of the voxels, see `psfs.voxels.body_prior`. Raises InputError if nothing stands out from the
     background or the track is not of these frames, DeviceError if the device cannot be used.
     """
     check_sequence(sequence, frames)

@@ -35,7 +35,7 @@ class Reconstructor:
     time and memory on large grids (see `SparseSurface`). follow: move the grid with the person
     along x and y, by whole voxels. This copies 16 bytes to the host per frame, and the grid needs
     to be only as large as the person, not the room (see `GridFollower`). body: a tracked body as
-    a prior, from a first pass (see `BodyPriorConfig`).
+    a prior, from a first pass (see `psfs.voxels.body_prior`).
 
     The appearance model of the silhouettes is fitted to every frame for the next one (see
     `Foreground`), unless `AppearanceConfig.learn` is off. The first frame is reconstructed again,
@@ -72,7 +72,7 @@ class Reconstructor:
             occupancy = Occupancy(self._bricks)
             self.surface = Surface(device, grid.shape, occupancy.probability, config.occupancy)
             self._stages = [occupancy, self.surface]
-        self.voxels = Voxels(grid, self.silhouette, self.surface, config.colour)
+        self.voxels = Voxels(grid, self.silhouette, self.surface)
         self._follower = GridFollower(device, grid, self.surface.list) if follow else None
         self._uploads: Uploads | None = None
         self._ahead: Frame | None = None

@@ -21,7 +21,7 @@ from psfs.diagnostics.picture_config import PictureConfig
 from psfs.footage import settings as footage
 from psfs.people.config import PeopleConfig
 from psfs.self_calibration.config import PersonConfig
-from psfs.voxels.config import EdgeConfig, ReconstructionConfig
+from psfs.voxels.config import ReconstructionConfig
 
 
 class BackgroundSettings(Config):
@@ -48,7 +48,6 @@ class Settings(Config):
     capture: footage.SequenceSettings = part(footage.SequenceSettings)
     background: BackgroundSettings = part(BackgroundSettings)
     reconstruction: ReconstructionConfig = part(ReconstructionConfig)
-    edges: EdgeConfig = part(EdgeConfig)
     diagnostics: DiagnosticsSettings = part(DiagnosticsSettings)
     people: PeopleConfig = part(PeopleConfig)
     calibration: CalibrationConfig = part(CalibrationConfig)

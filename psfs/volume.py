@@ -9,17 +9,25 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import CameraRig
 from psfs.common.numbers import pick_evenly
-from psfs.common.ranges import LARGEST
 from psfs.sequence import Sequence
 from psfs.session import Session, check_frames
-from psfs.voxels.config import ReconstructionConfig, VolumeConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupied_box import (
+    FLOOR,
     default_voxel_size,
     largest_parts_box,
     reachable_box,
     remove_speckle,
 )
+
+#: Examined frames, spread over the selection.
+VOLUME_SAMPLES = 8
+#: Margin on each side of the box, as a share of the box.
+VOLUME_MARGIN = 0.06
+#: Voxels along the longest side of the volume in the coarse search, and the least margin in them.
+_COARSE, _MARGIN_VOXELS = 64, 1.5
+#: Depth, m, below FLOOR beyond which visible parts count nevertheless: people reach 0.1 m.
+_FLOOR_DEPTH = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +49,8 @@ def automatic_grid(session: Session) -> VoxelGrid:
         volume = find_volume(session)
         voxel_size = session.settings.voxel_size
         if voxel_size is None:
-            config = volume_config(session.sequence, session.reconstruction)
-            voxel_size = default_voxel_size(session.rig, volume.low, volume.high, config)
+            objects = session.sequence.subject == "object"
+            voxel_size = default_voxel_size(session.rig, volume.low, volume.high, objects=objects)
         return VoxelGrid.covering(volume.low, volume.high, voxel_size)
 
     return session.compute_once(automatic_grid, compute)
@@ -54,23 +62,10 @@ def find_volume(session: Session) -> Volume:
 
     Without a stated volume, the scene within reach of the cameras is reconstructed coarsely in some
     frames spread over the selection. The volume is the box around the largest connected part of
-    each of these frames, with a margin, see `VolumeConfig`. It ends at the floor only if the
-    reconstructed parts do, see `VolumeConfig.floor_depth`. Raises InputError if no frame shows
-    foreground.
+    each of these frames, with a margin. It ends at the floor only if the reconstructed parts do,
+    and the subject is a person. Raises InputError if no frame shows foreground.
     """
     return session.compute_once(find_volume, lambda: _find_box(session))
-
-
-def volume_config(sequence: Sequence, config: ReconstructionConfig | None = None) -> VolumeConfig:
-    """Return the settings for the volume of a sequence.
-
-    For objects no distance to the cameras counts as that of people, so no floor is assumed and
-    voxels are as small as the object needs.
-    """
-    volume = (config or ReconstructionConfig()).volume
-    if sequence.subject == "object":
-        return volume.replace(people_distance=LARGEST)
-    return volume
 
 
 def _find_box(session: Session) -> Volume:
@@ -79,14 +74,13 @@ def _find_box(session: Session) -> Volume:
         return Volume(np.asarray(stated[0], np.float64), np.asarray(stated[1], np.float64))
     frames = check_frames(session)
     config = session.reconstruction
-    n_samples = config.volume.samples
-    picked = pick_evenly(len(frames), n_samples)
+    picked = pick_evenly(len(frames), VOLUME_SAMPLES)
     evidence = session.evidence([frames[int(i)] for i in picked])
     search = BoxSearch(
         session.rig,
         [remove_speckle(maps) for maps in evidence],
-        volume_config(session.sequence, config),
         config.occupancy.seeing_cameras(len(session.rig)),
+        has_floor=session.sequence.subject != "object",
     )
     box = search.run()
     if box is None:
@@ -105,20 +99,19 @@ Box = tuple[np.ndarray, np.ndarray]
 class BoxSearch:
     """Search for the box around the largest part of each frame, coarse to fine. evidence: maps of
     each frame, from `remove_speckle`. min_cameras: least number of cameras that see an occupied
-    voxel."""
+    voxel. has_floor: whether a floor is assumed, if the rig is large enough for people."""
 
     rig: CameraRig
     evidence: list[np.ndarray]
-    config: VolumeConfig
     min_cameras: int
+    has_floor: bool = True
 
     def run(self) -> Box | None:
         """Return the lowest and highest corner, m; None if nothing is occupied."""
-        config = self.config
-        everywhere = reachable_box(self.rig, config, floor=False)
-        above = reachable_box(self.rig, config)
+        everywhere = reachable_box(self.rig, floor=False)
+        above = reachable_box(self.rig, floor=self.has_floor)
         has_floor = above[0][2] > everywhere[0][2]
-        lowest = config.floor - config.floor_depth if has_floor else np.inf
+        lowest = FLOOR - _FLOOR_DEPTH if has_floor else np.inf
         box = self._within(everywhere)
         if box is not None and box[0][2] <= lowest:  # else `above`, smaller, gives the same
             box = self._within(box)  # finer voxels resolve parts smaller than coarse ones
@@ -130,14 +123,11 @@ class BoxSearch:
     def _within(self, box: Box) -> Box | None:
         """Return the box around the occupied voxels in `box`, with a margin."""
         low, high = box
-        config = self.config
-        grid = VoxelGrid.covering(low, high, float(np.max(high - low)) / config.coarse)
+        grid = VoxelGrid.covering(low, high, float(np.max(high - low)) / _COARSE)
         found = largest_parts_box(self.rig, self.evidence, grid, self.min_cameras)
         if found is None:
             return None
-        margin = np.maximum(
-            config.margin * (found[1] - found[0]), config.margin_voxels * grid.voxel_size
-        )
+        margin = np.maximum(VOLUME_MARGIN * (found[1] - found[0]), _MARGIN_VOXELS * grid.voxel_size)
         return np.maximum(found[0] - margin, low), np.minimum(found[1] + margin, high)
 
 

@@ -17,8 +17,7 @@ from cl import Step
 def make_voxel_likelihood(scene: Scene, config: FilterConfig, n_runs: int = 1) -> Likelihood:
     """Return the voxel likelihood for `n_runs` runs of a filter; include the keypoint term if its
     weight is not 0."""
-    search = config.search
-    voxels = VoxelLikelihood(scene, config.likelihood, search.n_particles, n_runs, search.velocity)
+    voxels = VoxelLikelihood(scene, config.likelihood, config.search.n_particles, n_runs)
     return add_keypoint_term(scene, config, voxels, n_runs)
 
 

@@ -7,21 +7,24 @@ others.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import reduce
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from pydantic import model_validator
 
 from apf.likelihood.config import KeypointConfig, LikelihoodConfig
-from apf.likelihood.terms import TERMS as REGISTERED
 from cl import InputError
-from psfs.common.config import Config, fields_below, natural, nonnegative, part, positive, setting
+from psfs.common.config import Config, fields_below, nonnegative, part, setting
 
 if TYPE_CHECKING:
     import numpy as np
 
 #: Frame rate, 1/s, that the sigmas of body models are stated for.
 SIGMA_FPS = 60.0
+#: Distances at which the cost of the refinement is half its maximum (Geman & McClure 1987): of a
+#: voxel, m, about its edge; of an observed point, in standard deviations.
+VOXEL_SCALE, POINT_SCALE = 0.03, 2.5
 
 
 class SearchConfig(Config):
@@ -77,16 +80,6 @@ class SearchConfig(Config):
         above=0,
         below=100,
     )
-    spread: float = setting(
-        0.0,
-        "Bound of the noise after the first layer, times the set's own deviation (Deutscher & Reid "
-        "2005); 0 for none.",
-        "off: it did not help with so few particles",
-        least=0,
-        most=1000,
-        flag="--spread",
-        flag_help="bound of the noise, times the set's own deviation; 0 for none",
-    )
     velocity: float = setting(
         0.5,
         "Share of the last change by which the next frame's particles are shifted: 0 for Song "
@@ -141,134 +134,71 @@ class SearchConfig(Config):
         return self.noise * self.noise_decay ** np.arange(self.n_layers)
 
 
-class RefinementConfig(Config):
-    """Gauss-Newton steps of the estimate against the surface voxels."""
+@dataclass(frozen=True)
+class GaussNewtonFit:
+    """A fit by Gauss-Newton: its steps, the prior's standard deviation about the particles' mean in
+    parts of the first layer's noise, and the scale of the observed points' weights in the first
+    step, in standard deviations. It shrinks to `POINT_SCALE`, as that of the voxels shrinks from
+    twice `VOXEL_SCALE` (graduated non-convexity, Blake & Zisserman 1987)."""
 
-    SOURCE: ClassVar = "by hand"
-
-    steps: int = nonnegative(
-        4,
-        "Number of steps; 0 for no refinement and no limb search.",
-        "tuned: a fifth one changes nothing",
-    )
-    scale: float = positive(
-        0.03,
-        "Distance at which a voxel is half unexplained in the cost (Geman & McClure 1987).",
-        "by hand: about a voxel",
-        "m",
-    )
-    reach: float = positive(
-        0.06,
-        "Scale of the voxels' weights in the first step; it shrinks to `scale` (graduated "
-        "non-convexity, Blake & Zisserman 1987).",
-        unit="m",
-    )
-    strength: float = positive(
-        1350.0, "Weight of the voxels' mean cost against the prior's squared distance."
-    )
-    width: float = positive(
-        4.0,
-        "Standard deviation of the prior about the particles' mean.",
-        "by hand: as far as the particles reach",
-        "of the first layer's noise",
-    )
-    point_strength: float = positive(
-        1.0,
-        "Weight of each observed point's squared distance, in standard deviations, relative to"
-        " the prior's.",
-        "1 for independent errors",
-    )
-    point_scale: float = positive(
-        2.5,
-        "Distance at which the cost of an observed point is half its maximum.",
-        unit="standard deviations",
-    )
-    point_reach: float = positive(
-        10.0,
-        "Scale of the observed points' weights in the first step; it shrinks to `point_scale`,"
-        " as `reach` does.",
-        unit="standard deviations",
-    )
+    steps: int
+    width: float
+    point_reach: float
 
     @property
     def reaches(self) -> list[tuple[float, float]]:
         """The reach of voxels, m, and of observed points, in deviations, in every step and after
         the last one."""
 
-        def shrinking(reach: float, scale: float) -> list[float]:
+        def shrink_to(scale: float, reach: float) -> list[float]:
             shrink = min(1.0, (scale / reach) ** (1 / max(1, self.steps - 1)))
-            found = [reach]
+            reaches = [reach]
             for _ in range(self.steps):
-                found.append(max(scale, found[-1] * shrink))
-            return found
+                reaches.append(max(scale, reaches[-1] * shrink))
+            return reaches
 
-        voxels = shrinking(self.reach, self.scale)
-        return list(zip(voxels, shrinking(self.point_reach, self.point_scale), strict=True))
+        voxels = shrink_to(VOXEL_SCALE, 2 * VOXEL_SCALE)
+        return list(zip(voxels, shrink_to(POINT_SCALE, self.point_reach), strict=True))
+
+
+class RefinementConfig(Config):
+    """Gauss-Newton steps of the estimate against the surface voxels and observed points."""
+
+    steps: int = nonnegative(
+        4,
+        "Number of steps; 0 for no refinement and no limb search.",
+        "tuned: a fifth one changes nothing",
+    )
 
 
 class LimbSearchConfig(Config):
     """The search for limbs elsewhere, before a frame's estimate is final."""
 
-    SOURCE: ClassVar = "by hand"
-
     reach: float = nonnegative(
         16.0,
         "Distance within which limbs are searched, beside a search anywhere within their "
         "limits; 0 turns the limb search off.",
-        "tuned on the synthetic walks",
+        "tuned on walks",
         "of the body's sigmas",
     )
     rounds: int = nonnegative(
         4,
         "Number of further rounds, each around the best poses of the previous round and half "
         "as wide.",
-        "tuned on synth_box_4cam and synth_salsa_4cam_hd: without them lost arms were seldom "
-        "found again, because few random poses have the forearm in its outline",
-    )
-    round_reach: float = positive(
-        8.0,
-        "Standard deviation in the first of these rounds.",
-        "tuned with them",
-        "of the body's sigmas",
-    )
-    near_margin: float = nonnegative(
-        0.01,
-        "Least relative decrease of the error for a limb to be moved within `reach`.",
-        "tuned on the synthetic walks",
-    )
-    far_margin: float = nonnegative(
-        0.05,
-        "Least relative decrease of the error for a limb to be moved anywhere.",
-        "tuned: with 0.03 limbs were moved that had been right",
+        "tuned: few random poses have the forearm in its outline, so that without them lost arms "
+        "are seldom found again",
     )
     least_recall: float = nonnegative(
         2.0,
         "Least weight of the silhouette recall when the best poses are compared, because both "
         "legs may lie in the silhouette of one.",
-        "tuned on the synthetic walks",
-    )
-    point_steps: int = natural(
-        6,
-        "Number of Gauss-Newton steps on the observed points alone; the limbs of their result "
-        "are among the poses that are compared.",
-    )
-    point_reach: float = positive(
-        60.0,
-        "Scale of the observed points' weights in the first of these steps.",
-        "by hand: about 250 px",
-        "standard deviations",
-    )
-    point_width: float = positive(
-        40.0,
-        "Standard deviation of the prior about the mean in these steps.",
-        "by hand: about the motion of a limb in a few frames",
-        "of the first layer's noise",
+        "tuned on walks",
     )
 
     @property
     def reaches(self) -> list[float]:
         """Spread of the poses in each round, in the body's sigmas."""
-        return [self.reach, *(self.round_reach * 0.5**i for i in range(self.rounds))]
+        return [self.reach * 0.5**i for i in range(1 + self.rounds)]
 
 
 class FilterConfig(Config):
@@ -310,13 +240,15 @@ class FilterConfig(Config):
         return {name: reduce(getattr, path, self) for name, path in _PATHS.items()}
 
     @property
-    def by_points(self) -> FilterConfig:
-        """Settings of the refinement that moves limbs to observed points."""
-        search = self.limb_search
-        return self.with_changes(
-            refinement_steps=search.point_steps, refinement_point_reach=search.point_reach,
-            refinement_width=search.point_width,
-        )  # fmt: skip
+    def fit(self) -> GaussNewtonFit:
+        """The refinement; its prior reaches as far as the particles do."""
+        return GaussNewtonFit(self.refinement.steps, width=4.0, point_reach=4 * POINT_SCALE)
+
+    @property
+    def point_fit(self) -> GaussNewtonFit:
+        """The fit that moves limbs to observed points: with errors of about 250 px, and a prior
+        about as wide as the motion of a limb in a few frames."""
+        return GaussNewtonFit(steps=6, width=40.0, point_reach=60.0)
 
     @property
     def searches_limbs(self) -> bool:
@@ -326,13 +258,11 @@ class FilterConfig(Config):
     def scale_to_rate(self, fps: float) -> FilterConfig:
         """Return the settings for `fps` frames/s: deviations that are stated for 60 frames/s grow
         with the time between frames."""
-        longer, settings = SIGMA_FPS / fps, self.settings
-        growing = ["noise", *(f"{t.name}_{s}" for t in REGISTERED.values() for s in t.per_interval)]
-        return self.with_changes(**{name: settings[name] * longer for name in growing})
+        return self.with_changes(noise=self.search.noise * SIGMA_FPS / fps)
 
 
 #: Parts whose settings have names of their own; those of all others begin with the part's.
-_UNPREFIXED = ("search", "likelihood", "reprojection", "samples")
+_UNPREFIXED = ("search", "likelihood")
 
 
 def _name_setting(path: tuple[str, ...]) -> str:

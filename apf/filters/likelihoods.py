@@ -5,7 +5,7 @@ from __future__ import annotations
 from apf.filters.annealed import add_keypoint_term, make_voxel_likelihood
 from apf.filters.method import Method
 from apf.image_objective.objective import ImageObjective
-from apf.image_objective.opengl import OpenGLObjective
+from apf.image_objective.opengl.objective import OpenGLObjective
 from apf.likelihood.base import Likelihood
 from apf.scene import Scene
 

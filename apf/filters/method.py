@@ -10,9 +10,7 @@ from pydantic import model_validator
 
 from apf.filters.config import FilterConfig
 from apf.filters.objectives import OBJECTIVES, ObjectiveSpec
-from apf.filters.searches import SEARCHES
-from apf.filters.searches.sir import SirConfig
-from apf.filters.searches.swarm import SwarmConfig
+from apf.filters.searches import SEARCHES, SirConfig, SwarmConfig
 from apf.filters.term_weights import KEYPOINTS_ON
 from apf.image_objective.config import FeatureConfig, ObjectiveConfig
 from psfs.common.config import Config, natural, part, setting, with_parts

@@ -95,12 +95,10 @@ class ParticleSet(Stage):
 
         errors: (N,) of the particles in set `source`; the other set gets the next layer's."""
         last = layer == self.config.n_layers - 1
-        if self.device.is_gpu and not last and self.config.spread == 0:
+        if self.device.is_gpu and not last:
             return [self.anneal_diffuse(layer, errors, source)]
-        launches = [self.anneal(layer, errors)]
-        if last or self.config.spread > 0:
-            launches.append(self.estimate(source))
-        return launches if last else [*launches, self.diffuse(layer + 1, source)]
+        following = self.estimate(source) if last else self.diffuse(layer + 1, source)
+        return [self.anneal(layer, errors), following]
 
     def push(self, offset: np.ndarray) -> None:
         """Add `offset` (D,) to the shift of the next frame's particles; wait for the device."""
@@ -119,12 +117,10 @@ class ParticleSet(Stage):
             n=self.config.n_particles,
             layer=layer,
             noise=self.config.layer_noise[layer],
-            spread=self.config.spread if layer > 0 else 0.0,
             seeds=self._seeds,
             frames=self.frame,
             sigmas=self._sigmas,
             limits=self._limits,
-            result=self.result,
             motion=self.motion,
             parents=self.parents,
             poses=self.sets[source],

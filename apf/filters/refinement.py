@@ -8,7 +8,8 @@ import numpy as np
 from apf.body.jacobian import bone_moves, cone_moves
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, FRAME_FLOATS, SPAN_FLOATS, body_defines, pack_body
-from apf.filters.config import FilterConfig
+from apf.filters.config import POINT_SCALE, VOXEL_SCALE, FilterConfig, GaussNewtonFit
+from apf.likelihood.config import EXCHANGE_COST
 from apf.likelihood.observations import ObservedPoints
 from cl import Array, Device, InputError, Launch
 from cl.signature import Argument
@@ -16,6 +17,9 @@ from cl.workgroups import pack_defines
 from psfs.cameras.camera import CAMERA_FLOATS
 from psfs.common.cones import CONE_FLOATS
 
+#: Weight of the voxels' mean cost against the prior's squared distance; that of each observed point
+#: is 1, as for independent errors.
+VOXEL_STRENGTH = 1350.0
 _GROUP = 256
 #: Floats that the kernel keeps of a voxel.
 _VOXEL_FLOATS = 9
@@ -41,10 +45,11 @@ class Refinement:
         *,
         voxels: bool = True,
         observed: ObservedPoints | None = None,
+        fit: GaussNewtonFit | None = None,
     ) -> None:
         self.device = device
         self.body = body
-        self.config, self._n_points = config.refinement, config.likelihood.samples.n_points * voxels
+        self.fit, self._n_points = fit or config.fit, config.likelihood.n_points * voxels
         self._filter, self._observed = config, observed
         self.n_poses = n_poses
         n = body.n_dof
@@ -61,7 +66,7 @@ class Refinement:
         moves = np.zeros((len(body.cones) + len(body.bones), row), np.float32)
         moves[:, :n] = np.concatenate([cone_moves(body), bone_moves(body)]) > 0
         self._moves = device.to_device(moves)
-        self._sigma = device.to_device(prior_deviation(body, config).astype(np.float32))
+        self._sigma = device.to_device(prior_deviation(body, config, self.fit).astype(np.float32))
         self._limits = device.to_device(body.limits)
         self.shift = device.empty((n_poses, n), np.float32)
         self._least = device.empty((n_poses,), np.float32)
@@ -74,16 +79,16 @@ class Refinement:
         """Refine poses of `body`, which differs from the one before in numbers alone."""
         self.body = body
         self._body.set(pack_body(body))
-        self._sigma.set(prior_deviation(body, self._filter).astype(np.float32))
+        self._sigma.set(prior_deviation(body, self._filter, self.fit).astype(np.float32))
         self._limits.set(body.limits)
 
     def launcher(self, points: Array | None, results: Array) -> list[Launch]:
         """Return the launches that fit `results` (n_poses, D) to the surface `points` (K, 4), if
         voxels are used, and to the observed points; no launches with 0 steps."""
-        if self.config.steps == 0:
+        if self.fit.steps == 0:
             return []
         launches, poses = self._solve_launches(points, results)
-        return [*launches, self._end(self.config.steps, results, poses)]
+        return [*launches, self._end(self.fit.steps, results, poses)]
 
     def shift_launcher(self, points: Array | None, results: Array) -> list[Launch]:
         """Return the launches that write to `shift` (n_poses, D) how far the fit would move
@@ -92,10 +97,9 @@ class Refinement:
 
     def _solve_launches(self, points: Array | None, results: Array) -> tuple[list[Launch], Array]:
         """Return the launches of all steps, and the pose after the last one."""
-        config, poses = self.config, results
-        reaches = config.reaches
+        reaches, poses = self.fit.reaches, results
         launches = [self._system(points, poses, reaches[0], 0)]
-        for step in range(config.steps):
+        for step in range(self.fit.steps):
             launches += self._step(step, points, results, poses, reaches[step + 1])
             poses = self._poses[step % 2]
         return launches, poses
@@ -142,18 +146,18 @@ class Refinement:
 
     def _evidence(self, points: Array | None, reach: tuple[float, float]) -> dict[str, Argument]:
         """Return the kernels' arguments for the linear system, by name."""
-        config, observed = self.config, self._observed
+        observed = self._observed
         strength, weight = self._voxel_weights
         return {
             "n_points": self._n_points,
-            "scale": config.scale,
+            "scale": VOXEL_SCALE,
             "reach": reach[0],
             "points": points,
-            "point_scale": config.point_scale,
+            "point_scale": POINT_SCALE,
             "point_reach": reach[1],
-            "point_root": (config.point_strength / weight) ** 0.5,
-            "point_share": config.point_strength * config.point_scale**2 / strength,
-            "exchange": self._filter.keypoints.exchange,
+            "point_root": (1 / weight) ** 0.5,
+            "point_share": POINT_SCALE**2 / strength,
+            "exchange": EXCHANGE_COST,
             "cameras": observed.cameras if observed is not None else None,
             "observed": observed.table if observed is not None else None,
             "table": self._body,
@@ -163,8 +167,8 @@ class Refinement:
     @property
     def _voxel_weights(self) -> tuple[float, float]:
         """Strength of a voxel in the cost, and its weight in the linear system."""
-        strength = self.config.strength / max(1, self._n_points)
-        return strength, strength / self.config.scale**2
+        strength = VOXEL_STRENGTH / max(1, self._n_points)
+        return strength, strength / VOXEL_SCALE**2
 
     def _step_arguments(self, results: Array, poses: Array, step: int) -> dict[str, Argument]:
         """Return the kernels' arguments for a step, by name."""
@@ -205,6 +209,6 @@ class Refinement:
             )
 
 
-def prior_deviation(body: BodyModel, config: FilterConfig) -> np.ndarray:
+def prior_deviation(body: BodyModel, config: FilterConfig, fit: GaussNewtonFit) -> np.ndarray:
     """Return (D,) prior standard deviation of the refined pose about the particles' mean."""
-    return np.maximum(config.refinement.width * config.search.noise * body.sigma, 1e-6)
+    return np.maximum(fit.width * config.search.noise * body.sigma, 1e-6)

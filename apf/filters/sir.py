@@ -7,7 +7,7 @@ import numpy as np
 from apf.filters.base import DeviceTracker
 from apf.filters.config import FilterConfig
 from apf.filters.particle_set import ParticleSet
-from apf.filters.searches.sir import SirConfig
+from apf.filters.searches import SirConfig
 from apf.likelihood.base import Likelihood
 from apf.scene import Scene
 from cl import InputError, Step

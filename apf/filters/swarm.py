@@ -8,7 +8,7 @@ from apf.body.model import BodyModel
 from apf.filters.base import DeviceTracker
 from apf.filters.config import FilterConfig, SearchConfig
 from apf.filters.particle_set import ParticleSet
-from apf.filters.searches.swarm import SwarmConfig
+from apf.filters.searches import SwarmConfig
 from apf.likelihood.base import Likelihood
 from apf.scene import Scene
 from cl import Array, Device, Kernel, Launch, Step

@@ -18,7 +18,7 @@ def _usual_terms() -> dict[str, str]:
         "overlap": "overlap_weight",
         "posture": "posture_prior_weight",
         **{name: f"{name}_weight" for name in default.terms},
-        "pictures": "foreground_join_on",
+        "pictures": "foreground_join",
     }
 
 
@@ -35,7 +35,7 @@ def _other_terms() -> dict[str, tuple[str, float]]:
 
 
 #: Terms that compare nothing with observations, and those that need pictures.
-_PRIORS = ("overlap", "posture", "motion_prior", "pictures")
+_PRIORS = ("overlap", "posture", "pictures")
 _OF_PICTURES = ("contour", "part_colour")
 _USUAL_TERMS, _OTHER_TERMS = _usual_terms(), _other_terms()
 #: The default weight of keypoints where another option than their weight turns them on.

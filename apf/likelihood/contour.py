@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from apf.likelihood.term import Shared, Term
-from apf.likelihood.terms.contour import ContourConfig
+from apf.likelihood.terms import ContourConfig
 from cl import Array, Launch
 from cl.signature import Argument
 from cl.workgroups import row_group
@@ -22,17 +22,13 @@ N_NORMALS = 4
 REACH, DIAGONAL_REACH = 3, 2
 #: Value of a contour hidden by furniture: counts neither as present nor as missing.
 HIDDEN = 128
-#: Gain of the Sobel operator, per grey value and pixel.
-SOBEL_GAIN = 128
+#: Result of the Sobel operator, whose gain is 128 per grey value and pixel, that counts as a full
+#: contour: 7.5 grey levels per pixel; 4 do as well, 12 worse.
+FULL_CONTRAST = 960
 #: Pixels from the border that have no gradient, and no contour.
 MARGIN = 2
 OUTER_MARGIN = MARGIN + REACH
 _STRIP = 8
-
-
-def full_contrast(config: ContourConfig) -> int:
-    """Return the result of the Sobel operator that counts as a full contour."""
-    return max(1, round(config.contrast * SOBEL_GAIN))
 
 
 class Contours(Term):
@@ -84,7 +80,7 @@ class Contours(Term):
             ),
             self.launch(
                 "find_contours", self._size(OUTER_MARGIN),
-                row_group(self.device), **shape, contrast=full_contrast(self._settings),
+                row_group(self.device), **shape, contrast=FULL_CONTRAST,
                 gradients=self._gradients, contours=self.contours,
             ),
         ]  # fmt: skip

@@ -9,8 +9,9 @@ import numpy as np
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, body_defines, pack_body
 from apf.likelihood.base import Likelihood
-from apf.likelihood.config import KeypointConfig
+from apf.likelihood.config import EXCHANGE_COST, KeypointConfig
 from apf.likelihood.observations import (
+    POINT_REACH,
     Observation,
     ObservedPoints,
     make_empty_observations,
@@ -149,8 +150,8 @@ class KeypointLikelihood(Likelihood):
             adds=adds,
             per_seen=per_seen,
             weight=weight,
-            reach=self.config.reach,
-            exchange=self.config.exchange,
+            reach=POINT_REACH,
+            exchange=EXCHANGE_COST,
             posture_weight=posture_weight,
             posture=self._posture,
             poses=poses,

@@ -17,6 +17,9 @@ from psfs.voxels.host_voxels import HostVoxels
 
 #: Numbers of a row of the packed table, see observed.h.
 OBSERVED_FLOATS = 12
+#: Distance, in standard deviations, at which the cost of a point is half its maximum of 1 (Geman &
+#: McClure 1987).
+POINT_REACH = 5.0
 
 
 @dataclass(frozen=True, eq=False)

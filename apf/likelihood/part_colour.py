@@ -16,7 +16,7 @@ from apf.body.limbs import trunk_bones
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, body_defines, pack_body
 from apf.likelihood.term import Shared, Term
-from apf.likelihood.terms.part_colour import PartColourConfig
+from apf.likelihood.terms import PartColourConfig
 from cl import Array, Launch
 from cl.signature import Argument
 from cl.workgroups import pack_defines
@@ -34,6 +34,13 @@ ROWS, COLUMNS = 10, 6
 #: Bits per channel of the palette's lookup table, and the table's number of colours.
 _BITS = 5
 N_COLOURS = 1 << 3 * _BITS
+#: Number of colours of the palette: a fixed grid of 256 colours distinguishes skin and a red shirt
+#: less well. Least number of pixels of a person from which a palette is made.
+_PALETTE_COLOURS, _LEAST_PIXELS = 48, 500
+#: Share that histograms keep from frame to frame: about a second at 30 frames/s. Likelihood of a
+#: code on a part that never showed it. Bound of the log ratios, nats, so that no colour is
+#: impossible on a part. Number of samples from which on a part's ratios count in full.
+DECAY, RARE, BOUND, LEAST_SAMPLES = 0.97, 0.004, 2.0, 60.0
 #: Number of pixels from which a palette is made: more pixels change it little.
 _PALETTE_PIXELS = 4096
 
@@ -92,9 +99,7 @@ def find_trunk_cone(body: BodyModel) -> int:
     return max(chosen, key=lambda c: float(np.mean(body.cones[c].radii)), default=-1)
 
 
-def fit_palette(
-    pictures: np.ndarray, silhouettes: np.ndarray, config: PartColourConfig
-) -> np.ndarray | None:
+def fit_palette(pictures: np.ndarray, silhouettes: np.ndarray) -> np.ndarray | None:
     """Fit a palette to the colours of pictures (V, H, W, 3) uint8 BGR inside silhouettes (V, H, W).
 
     Return (N_COLOURS,) uint8 the code of every colour, blue in the highest bits; None if there are
@@ -102,11 +107,12 @@ def fit_palette(
     which shading changes.
     """
     person = pictures[silhouettes == 255]
-    if len(person) < config.least_pixels:
+    if len(person) < _LEAST_PIXELS:
         return None
     chosen = person[np.arange(_PALETTE_PIXELS) * len(person) // _PALETTE_PIXELS]
-    n = min(config.n_colours, N_CODES - 2)
-    centres, _ = kmeans2(_lab(chosen), n, iter=20, minit="++", seed=0, missing="warn")
+    centres, _ = kmeans2(
+        _lab(chosen), _PALETTE_COLOURS, iter=20, minit="++", seed=0, missing="warn"
+    )
     levels = (np.arange(1 << _BITS) << 8 - _BITS) + (1 << 7 - _BITS)
     every = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), -1).reshape(-1, 3)
     away = ((_lab(every.astype(np.uint8))[:, None] - centres) ** 2).sum(-1)
@@ -176,7 +182,7 @@ class PartColours(Term):
         if pictures is not self._pictures:
             self._pictures, self._encode = pictures, self._encoding_launch(pictures)
         if not self._has_palette:
-            palette = fit_palette(pictures.get(), self._maps.get()[..., 0], self.settings)
+            palette = fit_palette(pictures.get(), self._maps.get()[..., 0])
             if palette is None:
                 return
             self._palette.set(palette)
@@ -198,7 +204,6 @@ class PartColours(Term):
         )
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
-        settings = self.settings
         return [
             self.launch(
                 "count_colours",
@@ -217,10 +222,10 @@ class PartColours(Term):
                 "learn_colours",
                 (N_CODES * self.ratios.shape[0],),
                 (N_CODES,),
-                decay=settings.decay,
-                rare=settings.rare,
-                bound=settings.bound,
-                least=settings.least_samples,
+                decay=DECAY,
+                rare=RARE,
+                bound=BOUND,
+                least=LEAST_SAMPLES,
                 counts=self._counts,
                 histograms=self.histograms,
                 ratios=self.ratios,

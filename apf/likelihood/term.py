@@ -22,15 +22,13 @@ from psfs.voxels.host_voxels import HostVoxels
 class Shared:
     """Data that the voxel likelihood shares with its terms.
 
-    n_runs: number of the tracker's runs, one after the other in each array of poses. velocity:
-    share of the last change that is expected again. cameras: the packed rig. maps: (V, H, W, 2)
-    uint8 of the frame that is being prepared. seen: pairs of arrays by name; the preparation of a
-    frame writes the first, its search reads the second, see `Ahead`.
+    n_runs: number of the tracker's runs, one after the other in each array of poses. cameras: the
+    packed rig. maps: (V, H, W, 2) uint8 of the frame that is being prepared. seen: pairs of arrays
+    by name; the preparation of a frame writes the first, its search reads the second, see `Ahead`.
     """
 
     scene: Scene
     n_runs: int
-    velocity: float
     cameras: Array
     maps: Array
     seen: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
@@ -89,7 +87,6 @@ class SharedTwin:
     `make_sample_rows`."""
 
     scene: Scene
-    velocity: float
     rows: np.ndarray
 
 

@@ -10,9 +10,9 @@ import pyopencl
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, FRAME_FLOATS, SPAN_FLOATS, body_defines, pack_body
 from apf.likelihood.base import Likelihood, PointSubset
-from apf.likelihood.config import KeypointConfig, LikelihoodConfig
+from apf.likelihood.config import EXCHANGE_COST, KeypointConfig, LikelihoodConfig
 from apf.likelihood.contour import N_NORMALS
-from apf.likelihood.observations import ObservedPoints
+from apf.likelihood.observations import POINT_REACH, ObservedPoints
 from apf.likelihood.part_colour import N_CODES, RATIO_STEPS, find_trunk_cone, list_scored_parts
 from apf.likelihood.silhouette_recall import SilhouetteRecall
 from apf.likelihood.term import Shared, make_terms
@@ -22,7 +22,6 @@ from cl.signature import Argument
 from cl.staging import Ahead
 from cl.workgroups import pack_defines, pack_size
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.names import join_names
 from psfs.common.cones import CONE_FLOATS
 from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.grid import VoxelGrid
@@ -34,6 +33,11 @@ from psfs.voxels.reprojection import Reprojection
 _GROUP, _SHARED_GROUP = 512, 256
 #: Floats of a cone's outline in a picture: x and y of its corners.
 _OUTLINE_FLOATS = 8
+#: Distance between the samples on a cone, m: as accurate as 0.05, in less time.
+_SAMPLE_SPACING = 0.06
+#: Distance, m, at which a surface voxel is half unexplained (Geman & McClure 1987): about that of a
+#: body's surface from its cones and from the hull of few cameras.
+SURFACE_SCALE = 0.05
 #: Fewest rows and columns of samples on a cone: the shortest one, too, shows its outline.
 _FEWEST_SAMPLES = (4, 3)
 #: Numbers that score_poses adds up per camera, and items that add up each; numbers that it keeps of
@@ -41,7 +45,7 @@ _FEWEST_SAMPLES = (4, 3)
 _SUMS, _ADDERS, _VIEW_FLOATS = 8, 8, 3
 
 
-def choose_cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
+def choose_cone_sampling(body: BodyModel, spacing: float = _SAMPLE_SPACING) -> np.ndarray:
     """Return (C, 2) int32 numbers of sample rows along and columns across each cone, about
     `spacing` m apart; 0 for cones that are not compared with images."""
     rows = [np.linalg.norm(cone.end - cone.start) / spacing for cone in body.cones]
@@ -77,7 +81,7 @@ def _frame_array_shapes(
     """Return shapes and types of a frame's arrays: maps, contours, colour codes, surface samples
     and their pixels. Contours and codes have a single element if their term is off."""
     views, *size = len(rig), rig.height, rig.width
-    n_points = config.samples.n_points
+    n_points = config.n_points
     contours = (views, N_NORMALS, *size) if "contour" in config.terms else (1,)
     codes = (views, *size) if "part_colour" in config.terms else (1,)
     bytes_: list[tuple[tuple[int, ...], type[np.generic]]]
@@ -91,9 +95,8 @@ class VoxelLikelihood(Likelihood):
 
     `errors` is Song et al. eq. (16) with its sign corrected, plus further terms, see
     `LikelihoodConfig`; it holds the particles of `n_runs` runs. `misfits` holds one value per run.
-    seen: maps, contours and codes of the latest frame, which poses are scored against. velocity:
-    share of the last change that the motion prior expects again. Raises InputError for several runs
-    with terms that depend on the track so far. Twin: reference/likelihood/voxel.py.
+    seen: maps, contours and codes of the latest frame, which poses are scored against. Twin:
+    reference/likelihood/voxel.py.
     """
 
     points: Array
@@ -106,13 +109,7 @@ class VoxelLikelihood(Likelihood):
         config: LikelihoodConfig,
         n_particles: int,
         n_runs: int = 1,
-        velocity: float = 0.0,
     ) -> None:
-        if n_runs > 1 and config.track_terms:
-            raise InputError(
-                f"{n_runs} runs at once: the likelihood's term {join_names(config.track_terms)} "
-                "depends on the track so far; expected none"
-            )
         device, body, rig = scene.opencl, scene.body, scene.rig
         self.device, self.rig, self.config = device, rig, config
         self.unit = float(len(rig))
@@ -122,11 +119,12 @@ class VoxelLikelihood(Likelihood):
         maps, contours, codes, points, pixels = zip(
             self._ahead.written, self._ahead.read, strict=True
         )
-        join = config.reprojection.foreground_join
-        self.reprojection = Reprojection(device, rig, scene.voxel_grid, join=join, maps=maps[0])
+        self.reprojection = Reprojection(
+            device, rig, scene.voxel_grid, join=config.foreground_join, maps=maps[0]
+        )
         self.seen = {"maps": maps[1], "contours": contours[1], "codes": codes[1]}
         self._body = device.to_device(pack_body(body), "the body model")
-        rows = make_sample_rows(choose_cone_sampling(body, config.reprojection.sample_spacing))
+        rows = make_sample_rows(choose_cone_sampling(body))
         self._rows = device.to_device(rows, "the cones' samples")
         self._defines = self._choose_defines(body)
         self._n_pairs = len(body.apart)
@@ -145,7 +143,7 @@ class VoxelLikelihood(Likelihood):
             "observed": None, "point_weight": 0.0, "point_reach": 1.0, "exchange": 0.0
         }  # fmt: skip
         seen = {"contours": contours, "codes": codes}
-        shared = Shared(scene, n_runs, velocity, self._cameras, maps[0], seen)
+        shared = Shared(scene, n_runs, self._cameras, maps[0], seen)
         self.terms = make_terms(shared, config.terms)
         self._uses_pictures = any(term.uses_pictures for term in self.terms.values())
         self._arguments: dict[str, Argument] = {
@@ -160,7 +158,7 @@ class VoxelLikelihood(Likelihood):
     def change_body(self, body: BodyModel) -> None:
         self._body.set(pack_body(body))
         self._posture.set(posture_prior(body))
-        rows = make_sample_rows(choose_cone_sampling(body, self.config.reprojection.sample_spacing))
+        rows = make_sample_rows(choose_cone_sampling(body))
         self._rows = self.device.to_device(rows, "the cones' samples")
         self._row_parts = self.device.to_device(list_scored_parts(body, rows))
         for launch in self._scores:
@@ -214,9 +212,7 @@ class VoxelLikelihood(Likelihood):
         """
         config, turn = self.config, self.n_launchers
         self.n_launchers += 1
-        subset = PointSubset(
-            turn % config.samples.point_turns % config.samples.n_points, config.samples.point_turns
-        )
+        subset = PointSubset(turn % config.point_turns % config.n_points, config.point_turns)
         return self._score_all_terms(poses, subset, self.errors, config.silhouette_recall_weight)
 
     def rescoring_launcher(
@@ -238,8 +234,8 @@ class VoxelLikelihood(Likelihood):
         self._point_arguments = {
             "observed": observed.table,
             "point_weight": config.weight,
-            "point_reach": config.reach,
-            "exchange": config.exchange,
+            "point_reach": POINT_REACH,
+            "exchange": EXCHANGE_COST,
         }
         return True
 
@@ -294,10 +290,10 @@ class VoxelLikelihood(Likelihood):
             cameras=self._cameras,
             **self.seen,
             **self._row_arguments(),
-            n_points=config.samples.n_points,
+            n_points=config.n_points,
             first_point=subset.first,
             stride=subset.stride,
-            scale=config.surface_scale,
+            scale=SURFACE_SCALE,
             points=self.points,
             n_pairs=self._n_pairs,
             pairs=self._pairs,

@@ -7,8 +7,6 @@ import logging
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
-from importlib.util import find_spec
-from pkgutil import iter_modules, resolve_name
 from typing import Protocol, TypeVar
 
 log = logging.getLogger(__name__)
@@ -25,26 +23,20 @@ T = TypeVar("T", bound=Named)
 
 
 class Registry(Mapping[str, T]):
-    """The entries of one `kind` by name, in the order of registration, this program's own first.
+    """The entries of one `kind` by name: `entries`, this program's own, then those of others.
 
-    package: whose modules register this program's own, each by an object of the name `attribute`,
-    an entry or a tuple of entries. group: of entry points, by which another package registers such
-    an object. They are loaded when the first entry is asked for. An entry point that fails, or has
-    a name that is taken, is left out with a warning.
+    group: of entry points, by which another package registers an entry or a tuple of entries. They
+    are loaded when the first entry is asked for. An entry point that fails, or has a name that is
+    taken, is left out with a warning.
     """
 
-    def __init__(self, kind: type[T], package: str, attribute: str, group: str) -> None:
-        self._kind, self._package, self._attribute = kind, package, attribute
-        self.group = group
+    def __init__(self, kind: type[T], group: str, entries: tuple[T, ...]) -> None:
+        self._kind, self._own, self.group = kind, entries, group
 
     @cached_property
     def _entries(self) -> dict[str, T]:
         found: dict[str, T] = {}
-        spec = find_spec(self._package)
-        assert spec is not None
-        for module in iter_modules(spec.submodule_search_locations):
-            path = f"{self._package}.{module.name}:{self._attribute}"
-            self._add(found, resolve_name(path))
+        self._add(found, self._own)
         for point in sorted(entry_points(group=self.group), key=lambda point: point.name):
             try:
                 self._add(found, point.load())

@@ -11,27 +11,30 @@ from psfs.session import Session
 from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.body_prior import TrackedBody
 
+#: Frames in which the track is compared with the silhouettes; least share of the body's axes that
+#: lies on silhouettes: below it, the track is of another take.
+_SAMPLES, _LEAST_AGREEMENT = 5, 0.4
+
 
 def check_body(session: Session, body: TrackedBody) -> None:
     """Raise InputError if the body lacks one of the session's frames, or if it does not lie on the
-    silhouettes, see `BodyPriorConfig.least_agreement`."""
+    silhouettes, see `_LEAST_AGREEMENT`."""
     body.check_frames(session.frames)
-    config = session.reconstruction.body
     known = [i for i in session.frames if np.isfinite(body[i]).all(-1).any()]
     if not known:
         raise InputError(
             f"{body.path}: the person is lost in all frames; expected some with a body"
         )
-    indices = [known[i] for i in pick_evenly(len(known), config.samples)]
+    indices = [known[i] for i in pick_evenly(len(known), _SAMPLES)]
     shares = [
         share_on_silhouettes(session.rig, evidence, body[index])
         for index, evidence in zip(indices, session.evidence(indices), strict=True)
     ]
     share = float(np.nanmean(shares)) if np.isfinite(shares).any() else 0.0
-    if share < config.least_agreement:
+    if share < _LEAST_AGREEMENT:
         raise InputError(
             f"{body.path}: {share:.0%} of the body's axes lie on the silhouettes of "
-            f"{session.sequence.name}; expected {config.least_agreement:.0%} or more, as a track "
+            f"{session.sequence.name}; expected {_LEAST_AGREEMENT:.0%} or more, as a track "
             "of that take has"
         )
 

@@ -20,7 +20,7 @@ from psfs.diagnostics.config import OccluderConfig
 from psfs.diagnostics.small_views import Shrink
 from psfs.session import Session
 from psfs.silhouettes.config import SilhouetteConfig
-from psfs.volume import BoxSearch, volume_config
+from psfs.volume import VOLUME_SAMPLES, BoxSearch
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupied_box import finest_pixel, remove_speckle
@@ -213,13 +213,13 @@ def _box(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the stated volume, or the enlarged box around the visible person; None if neither
     exists."""
-    volume, stated = volume_config(session.sequence), session.sequence.volume
+    stated = session.sequence.volume
     if stated is not None:
         low, high = stated
         return np.asarray(low, float), np.asarray(high, float)
     needed = OccupancyConfig().seeing_cameras(len(rig))
-    clean = [remove_speckle(evidence[i]) for i in pick_evenly(len(evidence), volume.samples)]
-    found = BoxSearch(rig, clean, volume, needed).run()
+    clean = [remove_speckle(evidence[i]) for i in pick_evenly(len(evidence), VOLUME_SAMPLES)]
+    found = BoxSearch(rig, clean, needed, has_floor=session.sequence.subject != "object").run()
     if found is None:  # the stages that need a volume report it
         return None
     low, high = found

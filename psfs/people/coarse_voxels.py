@@ -56,7 +56,7 @@ class CoarseVoxels:
         reconstruction: ReconstructionConfig,
         config: PeopleConfig,
     ) -> None:
-        low, high = stated or reachable_box(rig, reconstruction.volume)
+        low, high = stated or reachable_box(rig)
         low, high = np.array(low, float), np.array(high, float)
         high[2] = max(low[2] + config.voxel, min(high[2], config.ceiling))
         finest = float(np.cbrt(np.prod(high - low) / _MOST_VOXELS))

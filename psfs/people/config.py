@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import ClassVar
 
 from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
-from psfs.voxels.config import DivisionConfig
 
 #: Provenance of most settings of people.
 _BY_HAND = "by hand, on `hard_duo_6cam` and single people in other rooms"
@@ -198,7 +197,6 @@ class PeopleConfig(Config):
         0.5, "Time for which somebody must be seen to count.", unit="s"
     )
     following: FollowingConfig = part(FollowingConfig)
-    division: DivisionConfig = part(DivisionConfig)
     identity: IdentityConfig = part(IdentityConfig)
     separation: SeparationConfig = part(SeparationConfig)
     standing: AxisConfig = part(AxisConfig)

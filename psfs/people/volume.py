@@ -6,7 +6,7 @@ import numpy as np
 
 from psfs.people.people import count_people
 from psfs.session import Session
-from psfs.volume import Volume, find_volume, volume_config
+from psfs.volume import VOLUME_MARGIN, Volume, find_volume
 from psfs.voxels.body_prior import TrackedBody
 
 
@@ -17,7 +17,7 @@ def extend_to_people(session: Session, body: TrackedBody | None = None) -> None:
     if box is None:
         return
     found, (low, high) = find_volume(session), box
-    margin = volume_config(session.sequence, session.reconstruction).margin * (high - low)
+    margin = VOLUME_MARGIN * (high - low)
     session.replace_result(
         find_volume,
         Volume(np.minimum(found.low, low - margin), np.maximum(found.high, high + margin)),

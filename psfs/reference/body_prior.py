@@ -8,25 +8,31 @@ import numpy as np
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import cell_rays, cells
 from psfs.common.cones import cone_distances, ray_cone_distances
-from psfs.voxels.body_prior import body_counts, find_low_cones, location_counts
-from psfs.voxels.config import BodyPriorConfig, ReconstructionConfig
+from psfs.voxels.body_prior import (
+    COLOUR_REACH,
+    EDGE,
+    LOW_WIDTH,
+    WIDTH,
+    body_counts,
+    find_low_cones,
+    location_counts,
+)
+from psfs.voxels.config import ReconstructionConfig
 
 #: Points whose distances to all cones are computed at once.
 _LOT = 2**15
 
 
-def body_evidence(
-    points: np.ndarray, cones: np.ndarray, config: BodyPriorConfig, step: float
-) -> np.ndarray:
+def body_evidence(points: np.ndarray, cones: np.ndarray, step: float) -> np.ndarray:
     """Return the counts (N,) of `step` nats that a body with cones (C, 16), NaN where they are
     unknown, adds to voxels at `points` (N, 3) m."""
-    inside, outside, known = body_counts(config, cones, step)
+    inside, outside, known = body_counts(cones, step)
     nearest = np.full(len(points), np.inf)
     if len(known):
         for first in range(0, len(points), _LOT):
             lot = slice(first, first + _LOT)
             nearest[lot] = cone_distances(points[lot], known).min(1)
-    within = np.clip((config.distance - nearest) / (config.distance + config.depth), 0, 1)
+    within = np.clip((EDGE - nearest) / (2 * EDGE), 0, 1)
     return np.rint(outside + within * (inside - outside))
 
 
@@ -36,20 +42,20 @@ def body_location(
     """Return the location prior (V, rows, columns) int8, counts of `ratio_steps`, of a body with
     cones (C, 16), NaN where they are unknown, None if all are; and the number from 1 of the cone
     that each cell shows or is near to, (V, rows, columns) int8, 0 if it is none."""
-    own, steps = config.body, config.silhouette.evidence.ratio_steps
-    inside, outside = location_counts(own, cones, steps)
+    steps = config.silhouette.evidence.ratio_steps
+    inside, outside = location_counts(cones, steps)
     numbers = 1 + np.flatnonzero(np.isfinite(cones).all(-1))
     known = cones[numbers - 1]
     odds, parts = [], []
     if not len(known):
         return None, np.zeros((len(rig), *cells(rig)), np.int8)
-    low = find_low_cones(own, known, config.silhouette.floor.height)
+    low = find_low_cones(known, config.silhouette.floor.height)
     for camera, rays in zip(rig, cell_rays(rig), strict=True):
         distances = ray_cone_distances(camera.centre, rays.reshape(-1, 3), known)
         distances = np.nan_to_num(distances, nan=np.inf)
-        width = np.where(low & (distances < 0), own.low_width, own.width)
+        width = np.where(low & (distances < 0), LOW_WIDTH, WIDTH)
         counts = (-steps * distances / width).max(1)
         odds.append(np.rint(np.clip(counts, outside, inside)).reshape(rays.shape[:2]))
-        shown = np.where(distances.min(1) < own.colour_reach, numbers[distances.argmin(1)], 0)
+        shown = np.where(distances.min(1) < COLOUR_REACH, numbers[distances.argmin(1)], 0)
         parts.append(shown.reshape(rays.shape[:2]))
     return np.stack(odds).astype(np.int8), np.stack(parts).astype(np.int8)

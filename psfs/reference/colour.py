@@ -6,7 +6,7 @@ import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import pixel_boxes, voxel_footprints
-from psfs.voxels.config import ColourConfig
+from psfs.voxels.colour import TOLERANCE
 from psfs.voxels.grid import VoxelGrid
 
 
@@ -31,11 +31,9 @@ def surface_colour(
     surface: np.ndarray,
     images: np.ndarray,
     evidence: np.ndarray,
-    config: ColourConfig | None = None,
 ) -> np.ndarray:
     """Return (N, 4) uint8 RGB of the voxels with flat indices `surface`, and the number of cameras
     in the mean; images (V, H, W, 3) BGR. See `psfs.voxels.colour.SurfaceColour`."""
-    tolerance = (config or ColourConfig()).tolerance
     centres = grid.centres(surface)
     sums = np.zeros((2, len(centres), 3), int)  # seen within the silhouette, seen at all
     numbers = np.zeros((2, len(centres)), int)
@@ -46,7 +44,7 @@ def surface_colour(
         inside, row, column, depth = camera.look_up(centres)
         voxels, rgb = np.flatnonzero(inside), images[view, row, column, ::-1].astype(int)
         behind = depth - buffer[row, column]
-        seen = behind <= tolerance * grid.voxel_size
+        seen = behind <= TOLERANCE * grid.voxel_size
         for kind, counts in enumerate((seen & (evidence[view, row, column] > 0), seen)):
             sums[kind][voxels[counts]] += rgb[counts]
             numbers[kind][voxels[counts]] += 1

@@ -123,8 +123,7 @@ class NumpyReconstructor:
         body = None
         if self.body is not None and self.foreground is None:
             cones = self.body[frame.index]
-            own = self.config.body
-            body = partial(body_evidence, cones=cones, config=own, step=step)
+            body = partial(body_evidence, cones=cones, step=step)
         padded = occupancy(self.rig, self.grid, evidence, step, config, body=body)
         probability = smooth(padded, config.smoothing == "faces")
         occupied = probability > config.threshold
@@ -133,7 +132,7 @@ class NumpyReconstructor:
         surface = surface_voxels(occupied, config.closed_surface)
         colours = None
         if frame.images is not None:
-            seen = (frame.images, evidence, self.config.colour)
+            seen = (frame.images, evidence)
             colours = partial(surface_colour, self.rig, self.grid, surface, *seen)
         count = int(occupied.sum())
         return HostVoxels(self.grid, probability, surface, count, colours, evidence, frame.images)

@@ -10,8 +10,7 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import pixel_boxes, voxel_footprints
 from psfs.reference.edge_distance import proximity
 from psfs.reference.hidden import mark_hidden
-from psfs.voxels.config import EdgeConfig, ForegroundJoinConfig
-from psfs.voxels.foreground_join import MARK
+from psfs.voxels.foreground_join import BELOW, LEAST_PIXELS, MARK, SIDES
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
 from psfs.voxels.reprojection import edge_reach, proximity_table
@@ -39,14 +38,12 @@ def boundary(silhouette: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return edge
 
 
-def join_foreground(
-    silhouette: np.ndarray, evidence: np.ndarray, config: ForegroundJoinConfig
-) -> np.ndarray:
+def join_foreground(silhouette: np.ndarray, evidence: np.ndarray) -> np.ndarray:
     """Return `silhouette` (H, W) bool with the foreground of `evidence` (H, W) int8 beside it.
 
     Twin of foreground_join.cl. The computation works in cells of MARK x MARK pixels: the box of the
-    cells that the silhouette touches, made larger by `config.sides` and `config.below`; in the box,
-    all foreground pixels of those cells that have at least `config.least_pixels` together with
+    cells that the silhouette touches, made larger by `SIDES` and `BELOW`; in the box,
+    all foreground pixels of those cells that have at least `LEAST_PIXELS` together with
     their eight neighbours in the box.
     """
     height, width = silhouette.shape
@@ -62,14 +59,14 @@ def join_foreground(
     if not len(y):
         return silhouette
     tall = y.max() + 1 - y.min()
-    sides, below = config.sides * tall // 100, config.below * tall // 100
+    sides, below = SIDES * tall // 100, BELOW * tall // 100
     box = np.zeros((rows, columns), bool)
     above, left = max(y.min() - sides, 0), max(x.min() - sides, 0)
     box[above : y.max() + 1 + below, left : x.max() + 1 + sides] = True
     shown = evidence > 0
     counts = np.where(box, cells(shown), 0)
     near = ndimage.convolve(counts, np.ones((3, 3), int), mode="constant")
-    taken = box & (near >= config.least_pixels)
+    taken = box & (near >= LEAST_PIXELS)
     pixels = taken.repeat(MARK, 0).repeat(MARK, 1)[:height, :width]
     return silhouette | (shown & pixels)
 
@@ -83,12 +80,11 @@ class NumpyReprojection:
         rig: CameraRig,
         grid: VoxelGrid,
         *,
-        edges: EdgeConfig | None = None,
-        join: ForegroundJoinConfig | None = None,
+        join: bool = False,
     ) -> None:
         self._join = join
         self.rig = rig
-        self._proximity = proximity_table(*edge_reach(rig, edges or EdgeConfig()))
+        self._proximity = proximity_table(*edge_reach(rig))
 
     def __call__(self, voxels: HostVoxels) -> np.ndarray:
         shape = (self.rig.height, self.rig.width)
@@ -97,8 +93,8 @@ class NumpyReprojection:
         extents = voxel_footprints(self.rig, voxels.grid.voxel_size)
         for view, camera in enumerate(self.rig):
             silhouette = splat(camera, centres, extents[view], shape)
-            if self._join is not None and self._join.on and voxels.evidence is not None:
-                silhouette = join_foreground(silhouette, voxels.evidence[view], self._join)
+            if self._join and voxels.evidence is not None:
+                silhouette = join_foreground(silhouette, voxels.evidence[view])
             edge = boundary(silhouette, camera.size)
             maps[view, ..., 0] = np.where(silhouette, 255, 0)
             maps[view, ..., 1] = proximity(edge, self._proximity)

@@ -12,8 +12,22 @@ from cl import InputError
 from psfs.common.cones import CONE_FLOATS, largest_slopes
 from psfs.common.npz import Values, read_npz
 from psfs.common.ranges import spans
-from psfs.voxels.config import BodyPriorConfig, ReconstructionConfig
+from psfs.voxels.config import ReconstructionConfig
 
+#: Log odds, nats, that a voxel or pixel well within the body shows the person.
+INSIDE = 5.0
+#: Log odds that a voxel outside of the body does, and that a pixel beside it does; 0 in a frame in
+#: which a limb is lost.
+OUTSIDE, BESIDE = -2.0, -1.2
+#: Distance, m, from the cones' surface, inwards and outwards, over which the log odds of voxels
+#: change.
+EDGE = 0.02
+#: Distance, m, at the drawn body's edge over which the log odds of pixels fall by 1 nat, and the
+#: same within parts lower than LOW, m, above the floor, whose shadows look like shoes.
+WIDTH, LOW_WIDTH, LOW = 0.01, 0.0035, 0.2
+#: Distance, m, from the drawn body up to which pixels are compared with the colours of its nearest
+#: part instead of those of the whole person.
+COLOUR_REACH = 0.1
 #: Places of a cone's slope and of its part among its floats, where `psfs.common.cones` leaves a 0.
 _SLOPE, _PART = 11, 15
 #: The arrays of a `track.npz` that are read here; a cone of which nothing is known is NaN.
@@ -101,48 +115,44 @@ class TrackedBody:
             )
 
 
-def body_counts(
-    config: BodyPriorConfig, cones: np.ndarray, step: float
-) -> tuple[float, float, np.ndarray]:
+def body_counts(cones: np.ndarray, step: float) -> tuple[float, float, np.ndarray]:
     """Return the evidence counts of `step` nats that a body adds inside and outside, and its known
     cones (N, 16).
 
     A limb that the track has lost may be anywhere: nothing is then held against any voxel.
     """
     known = np.isfinite(cones).all(-1)
-    outside = config.outside if known.all() else 0.0
-    return config.inside / step, outside / step, cones[known]
+    outside = OUTSIDE if known.all() else 0.0
+    return INSIDE / step, outside / step, cones[known]
 
 
-def location_counts(
-    config: BodyPriorConfig, cones: np.ndarray, steps: float
-) -> tuple[float, float]:
+def location_counts(cones: np.ndarray, steps: float) -> tuple[float, float]:
     """Return the location prior's counts of 1 / `steps` nats well within and well beside the drawn
     body, at most what an int8 holds."""
-    lowest = config.background if np.isfinite(cones).all() else 0.0
-    inside, outside = np.clip(steps * np.array([config.foreground, lowest]), -127, 127)
+    lowest = BESIDE if np.isfinite(cones).all() else 0.0
+    inside, outside = np.clip(steps * np.array([INSIDE, lowest]), -127, 127)
     return float(inside), float(outside)
 
 
-def find_low_cones(config: BodyPriorConfig, cones: np.ndarray, floor: float) -> np.ndarray:
-    """Return (C,) bool: cones both of whose ends are lower than `config.low` above the floor, which
+def find_low_cones(cones: np.ndarray, floor: float) -> np.ndarray:
+    """Return (C,) bool: cones both of whose ends are lower than `LOW` above the floor, which
     is at the height `floor`, m."""
-    return cones[:, [2, 6]].max(1) < floor + config.low
+    return cones[:, [2, 6]].max(1) < floor + LOW
 
 
 def pack_body(config: ReconstructionConfig, cones: np.ndarray) -> np.ndarray:
     """Return (C + 1, 16) float32 of cones (C, 16), as body_prior.h and body_location.cl read
     them."""
-    own, evidence = config.body, config.silhouette.evidence
+    evidence = config.silhouette.evidence
     step, steps = evidence.step, evidence.ratio_steps
-    inside, outside, known = body_counts(own, cones, step)
+    inside, outside, known = body_counts(cones, step)
     packed = np.zeros((len(cones) + 1, CONE_FLOATS), np.float32)
-    packed[0, :5] = inside, outside, own.depth, own.distance, len(known)
-    packed[0, 5:7] = location_counts(own, cones, steps)
-    packed[0, 7:10] = steps / own.width, steps / own.low_width, own.colour_reach
+    packed[0, :5] = inside, outside, EDGE, EDGE, len(known)
+    packed[0, 5:7] = location_counts(cones, steps)
+    packed[0, 7:10] = steps / WIDTH, steps / LOW_WIDTH, COLOUR_REACH
     packed[1 : len(known) + 1] = known
     packed[1 : len(known) + 1, _SLOPE] = largest_slopes(known)
-    low = find_low_cones(own, known, config.silhouette.floor.height)
+    low = find_low_cones(known, config.silhouette.floor.height)
     numbers = 1 + np.flatnonzero(np.isfinite(cones).all(-1))
     packed[1 : len(known) + 1, _PART] = np.where(low, -numbers, numbers)
     return packed

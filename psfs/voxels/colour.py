@@ -9,13 +9,15 @@ from cl.signature import Argument
 from cl.workgroups import size_defines
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import voxel_footprints
-from psfs.voxels.config import ColourConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.surface import SurfaceList
 
 #: Bits of the float infinity, a depth that no voxel has. Depths are positive, so the order of their
 #: bits is that of their values.
 _FAR = 0x7F800000
+#: Distance, voxels, behind the nearest voxel up to which a voxel is visible: more than the diagonal
+#: of a voxel's face, 1.41, less than that of the cube, 1.73.
+TOLERANCE = 1.5
 
 
 class SurfaceColour:
@@ -23,7 +25,7 @@ class SurfaceColour:
     cameras in the mean.
 
     All surface voxels are projected into a z-buffer per camera, each as the bounding box of its
-    cube. A camera sees a voxel within `config.tolerance` voxels of the buffer's depth. The colour
+    cube. A camera sees a voxel within `TOLERANCE` voxels of the buffer's depth. The colour
     is the mean over the cameras that see the voxel within the person's silhouette; without such a
     camera, over all that see it; if none does, it comes from the camera with the least depth
     between voxel and buffer.
@@ -36,7 +38,6 @@ class SurfaceColour:
         grid: VoxelGrid,
         surface: SurfaceList,
         evidence: Array,
-        config: ColourConfig | None = None,
     ) -> None:
         self._grid: VoxelGrid | None = None
         views, height, width = len(rig), rig.height, rig.width
@@ -46,10 +47,9 @@ class SurfaceColour:
         cameras = device.to_device(rig.packed(), "the cameras")
         extents = voxel_footprints(rig, grid.voxel_size).astype(np.float32)
         sizes = size_defines(device, rig.picture, grid.shape)
-        tolerance = float((config or ColourConfig()).tolerance)
         nearest_depth, surface_colour = (
             device.kernel(
-                "reconstruction/colour", name, **rig.defines, **sizes, TOLERANCE=tolerance
+                "reconstruction/colour", name, **rig.defines, **sizes, TOLERANCE=TOLERANCE
             )
             for name in ("nearest_depth", "surface_colour")
         )

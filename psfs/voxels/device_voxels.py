@@ -10,7 +10,6 @@ from cl import Array, InputError
 from psfs.sequence import Frame
 from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.colour import SurfaceColour
-from psfs.voxels.config import ColourConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.sparse import SparseSurface
 from psfs.voxels.surface import Surface
@@ -56,14 +55,13 @@ class Voxels:
         grid: VoxelGrid,
         silhouette: Silhouette,
         surface: Surface | SparseSurface,
-        config: ColourConfig,
     ) -> None:
         self.grid = grid
         self.frame: Frame | None = None
         self.surface: Array = surface.list.indices
         self.count: Array = surface.list.count
         self.occupied: Array = surface.list.occupied
-        self._surface, self._silhouette, self._config = surface, silhouette, config
+        self._surface, self._silhouette = surface, silhouette
         self.evidence: Array | None = silhouette.evidence
         self._colour: SurfaceColour | None = None
         self._images: Array | None = None
@@ -85,7 +83,7 @@ class Voxels:
         if self._colour is None:
             rig, evidence = self._silhouette.rig, self._silhouette.evidence
             self._colour = SurfaceColour(
-                self._silhouette.device, rig, self.grid, self._surface.list, evidence, self._config
+                self._silhouette.device, rig, self.grid, self._surface.list, evidence
             )
         return self._colour(self.grid, pictures)
 

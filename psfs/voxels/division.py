@@ -12,12 +12,14 @@ from cl.signature import Argument
 from cl.workgroups import pack_defines, size_defines
 from psfs.background.config import UNKNOWN
 from psfs.cameras.camera import CameraRig
-from psfs.voxels.config import DivisionConfig
 from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 #: Greatest number of surface voxels of a person.
 _ROOM = 2**19
+#: Distance, m, from a body, and from its image, up to which voxels and foreground may be the
+#: person's; depth, m, by which another person must be nearer to the camera to hide this one.
+REACH, BEFORE = 0.35, 0.05
 
 
 class PersonVoxels:
@@ -69,11 +71,9 @@ class Division:
         voxels: CarvedVoxels,
         n_people: int,
         n_spheres: int,
-        config: DivisionConfig | None = None,
     ) -> None:
         if voxels.evidence is None:
             raise InputError("the voxels have no evidence maps; expected those of a reconstructor")
-        config = config or DivisionConfig()
         self._voxels, self._grid = voxels, voxels.grid
         shape = n_people, n_spheres, 4
         self.spheres = device.zeros(shape, np.float32, "the people's spheres")
@@ -100,8 +100,8 @@ class Division:
         self._assign = self._launch(
             "assign_and_project",
             (65536 if device.is_gpu else 256,), (64 if device.is_gpu else 4,),
-            grid=voxels.grid.shape, geometry=self._geometry(), reach=config.reach**2,
-            n_views=len(rig), beside=config.beside, spheres=self.spheres,
+            grid=voxels.grid.shape, geometry=self._geometry(), reach=REACH**2,
+            n_views=len(rig), beside=REACH, spheres=self.spheres,
             cameras=device.to_device(rig.packed(), "the cameras"), **listed, **images,
         )  # fmt: skip
         list_voxels = self._launch(
@@ -111,7 +111,7 @@ class Division:
         packs = -(-rig.width * rig.height // self._defines["PACK"])
         divide_evidence = self._launch(
             "divide_evidence", (packs, len(rig)), (64, 1),
-            picture=rig.picture, beside=config.beside**2, before=config.before, step=maps.step,
+            picture=rig.picture, beside=REACH**2, before=BEFORE, step=maps.step,
             spheres=self.spheres, evidence=voxels.evidence, own=maps.whole, **images,
         )  # fmt: skip
         self._launches = [self._assign, list_voxels, divide_evidence]

@@ -7,11 +7,15 @@ import numpy as np
 from cl import Array, Device, Kernel, Launch
 from cl.workgroups import row_group, size_defines
 from psfs.cameras.camera import CameraRig
-from psfs.voxels.config import ForegroundJoinConfig
 
 #: Edge of a cell, px: the silhouettes are marked per cell, and a cell's 64 pixels are the bits of a
 #: word.
 MARK = 8
+#: Enlargement of the box around the silhouette, as a share of its height, %: at both sides and
+#: above, as far as a missing arm reaches; below, less, because of shadows.
+SIDES, BELOW = 35, 5
+#: Least number of foreground pixels among 24 x 24 that do not count as speckle.
+LEAST_PIXELS = 40
 _GROUP = 256
 
 
@@ -27,9 +31,7 @@ class ForegroundJoin:
     evidence still shows it. Kernel: foreground_join.cl; twin: reference/reprojection.py.
     """
 
-    def __init__(
-        self, device: Device, rig: CameraRig, silhouette: Array, config: ForegroundJoinConfig
-    ) -> None:
+    def __init__(self, device: Device, rig: CameraRig, silhouette: Array) -> None:
         self.device, self._views, self._picture = device, len(rig), rig.picture
         self._n_cells = -(-rig.width // MARK) * -(-rig.height // MARK)
         self._defines = {
@@ -47,8 +49,8 @@ class ForegroundJoin:
             (group, len(rig)),
             (group, 1),
             picture=self._picture,
-            sides=config.sides,
-            below=config.below,
+            sides=SIDES,
+            below=BELOW,
             silhouette=self._silhouette,
             boxes=self._boxes,
         )
@@ -56,7 +58,7 @@ class ForegroundJoin:
             self._kernel("join_foreground"),
             *self._size(),
             picture=self._picture,
-            least=config.least_pixels,
+            least=LEAST_PIXELS,
             boxes=self._boxes,
             bits=self._bits,
             silhouette=self._silhouette,

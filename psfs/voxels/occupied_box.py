@@ -10,22 +10,28 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.common.regions import find_largest_region_box
 from psfs.silhouettes.hidden import UNKNOWN
-from psfs.voxels.config import VolumeConfig
 from psfs.voxels.grid import VoxelGrid
+
+#: Least distance, m, of the cameras from the middle for a rig that films people; edge, m, of a
+#: voxel for them, and the greatest number of voxels along the longest side.
+_PEOPLE_DISTANCE, _PEOPLE_VOXEL, _FINEST = 1.5, 0.02, 400
+#: Number of voxels along the longest side for objects.
+_FINE = 150
+#: Height, m, below which the search ignores everything, for rigs that film people.
+FLOOR = -0.1
 
 
 def default_voxel_size(
-    rig: CameraRig, low: np.ndarray, high: np.ndarray, config: VolumeConfig | None = None
+    rig: CameraRig, low: np.ndarray, high: np.ndarray, *, objects: bool = False
 ) -> float:
     """Return the edge of a voxel, m: 2 cm if the cameras are as far away as people need, else 1/150
-    of the longest side."""
-    config = config or VolumeConfig()
+    of the longest side. objects: no distance counts as that of people."""
     middle = (np.asarray(low) + np.asarray(high)) / 2
     distance = np.median(np.linalg.norm(rig.centres - middle, axis=1))
     longest = float(np.max(np.asarray(high) - low))
-    if distance >= config.people_distance:
-        return max(config.people_voxel, longest / config.finest)
-    return longest / config.fine
+    if distance >= _PEOPLE_DISTANCE and not objects:
+        return max(_PEOPLE_VOXEL, longest / _FINEST)
+    return longest / _FINE
 
 
 def finest_pixel(rig: CameraRig, grid: VoxelGrid) -> float:
@@ -35,25 +41,18 @@ def finest_pixel(rig: CameraRig, grid: VoxelGrid) -> float:
     return float(np.min(distances / focal))
 
 
-def reachable_box(
-    rig: CameraRig, config: VolumeConfig | None = None, floor: bool = True
-) -> tuple[np.ndarray, np.ndarray]:
+def reachable_box(rig: CameraRig, floor: bool = True) -> tuple[np.ndarray, np.ndarray]:
     """Return a box, m, around the point that the cameras look at, which reaches as far as the
     cameras.
 
     The point is the nearest one to all optical axes; the box reaches as far as the median camera
     stands from it. With `floor`, the box of a rig large enough for people ends at z = -0.1.
     """
-    config = config or VolumeConfig()
     target = intersect_axes_ahead(rig)
     reach = float(np.median(np.linalg.norm(rig.centres - target, axis=1)))
     low, high = target - reach, target + reach
-    if (
-        floor
-        and reach >= config.people_distance
-        and low[2] < config.floor < high[2] - config.head_room
-    ):
-        low[2] = config.floor
+    if floor and reach >= _PEOPLE_DISTANCE and low[2] < FLOOR < high[2]:
+        low[2] = FLOOR
     return low, high
 
 

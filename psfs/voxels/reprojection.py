@@ -10,10 +10,12 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.edge_distance import LOT, count_tiles, distance_defines
 from psfs.silhouettes.hidden import UNKNOWN
-from psfs.voxels.config import EdgeConfig, ForegroundJoinConfig
 from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.foreground_join import MARK, ForegroundJoin
 from psfs.voxels.grid import VoxelGrid
+
+#: Standard deviation of the edges' proximity in maps 640 px wide, px; in others it scales.
+_SIGMA = 4.0
 
 
 class Reprojection:
@@ -34,12 +36,11 @@ class Reprojection:
         rig: CameraRig,
         grid: VoxelGrid,
         *,
-        edges: EdgeConfig | None = None,
-        join: ForegroundJoinConfig | None = None,
+        join: bool = False,
         maps: Array | None = None,
     ) -> None:
         self.device, self.rig = device, rig
-        sigma, radius = edge_reach(rig, edges or EdgeConfig())
+        sigma, radius = edge_reach(rig)
         self._grid: VoxelGrid | None = None
         self._shape = grid.shape
         self._voxels: CarvedVoxels | None = None
@@ -60,8 +61,8 @@ class Reprojection:
         self._defines |= {**self.rig.defines, "MARK": MARK, "UNKNOWN": UNKNOWN}
         self._defines |= size_defines(device, self.rig.picture, grid.shape)
         self._join: ForegroundJoin | None = None
-        if join is not None and join.on:
-            self._join = ForegroundJoin(device, rig, self._silhouette, join)
+        if join:
+            self._join = ForegroundJoin(device, rig, self._silhouette)
         group = self._defines["GROUP"]
         self._edges = device.launch(
             device.kernel("reconstruction/reprojection", "edge_proximity", **self._defines),
@@ -116,11 +117,13 @@ class Reprojection:
         self._grid = None
 
 
-def edge_reach(rig: CameraRig, config: EdgeConfig) -> tuple[float, int]:
+def edge_reach(rig: CameraRig) -> tuple[float, int]:
     """Return sigma and the radius of the edges' proximity, px. Raises InputError for a radius
-    beyond the kernel's."""
-    sigma = config.sigma * rig.width / config.width
-    radius = max(1, round(config.reach * sigma))
+    beyond the kernel's.
+
+    The proximity ends at the usual 3 sigma."""
+    sigma = _SIGMA * rig.width / 640
+    radius = max(1, round(3 * sigma))
     if not 1 <= radius <= 127:
         raise InputError(f"the edge radius is {radius} px; expected 1 to 127")
     return sigma, radius

@@ -42,7 +42,7 @@ ABLATIONS: dict[str, Callable[[Preset], Preset]] = {
     "no way back": partial(_method, both_ways=False),
     "one run": partial(_method, runs=1),
     "no recovery": partial(_method, recover=False),
-    "no holes filled": partial(_filter, foreground_join_on=False),
+    "no holes filled": partial(_filter, foreground_join=False),
     "no floor's shadows": partial(_silhouettes, part="floor", on=False),
     "no rim": partial(_silhouettes, part="rim", on=False),
     "no smoothing": partial(_silhouettes, part="smoothing", reach=0),

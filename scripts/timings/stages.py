@@ -95,19 +95,19 @@ def tracking_work(rig: CameraRig, body: BodyModel, config: FilterConfig, surface
     views, pixels = len(rig), _pixels(rig)
     cones, dof = len(body.cones), body.n_dof
     search, likelihood = config.search, config.likelihood
-    points = likelihood.samples.n_points / likelihood.samples.point_turns  # points per layer
+    points = likelihood.n_points / likelihood.point_turns  # points per layer
     scored = search.n_particles * search.n_layers
-    sampling = choose_cone_sampling(body, likelihood.reprojection.sample_spacing)
+    sampling = choose_cone_sampling(body)
     samples = float(np.sum([r * (c + 2) for r, c in sampling]))
     pose = float(_BONE * len(body.bones)) + 4 * _PROJECTION * cones * views
     pose += _SAMPLE * samples * views + _DISTANCE * cones * points
-    step = float(likelihood.samples.n_points) * (_DISTANCE * cones + 12 * dof + dof * dof)
+    step = float(likelihood.n_points) * (_DISTANCE * cones + 12 * dof + dof * dof)
     read = search.n_layers * (2 * pixels + 16 * points) + 4 * dof * scored
     return {
         "reprojection": (4 * surface + 2 * pixels, _PROJECTION * surface * views),
         "likelihood": (read, pose * scored),
         "annealing": (3 * 4 * dof * scored, _NORMAL * dof * scored),
-        "refinement": (16 * likelihood.samples.n_points, (config.refinement.steps + 1) * step),
+        "refinement": (16 * likelihood.n_points, (config.refinement.steps + 1) * step),
     }
 
 

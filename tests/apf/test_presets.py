@@ -51,8 +51,8 @@ def test_song_is_what_the_paper_has() -> None:
     terms = {k: v for k, v in settings.items() if k.endswith("_weight") or k == "least_recall"}
     assert {k for k, v in terms.items() if v} == {"edge_weight", "silhouette_weight"}
     assert terms["edge_weight"] == terms["silhouette_weight"] == 1.0  # eq. (16)
-    off = ("refinement_steps", "limb_search_reach", "trunk_layers", "velocity", "spread")
-    assert not any(settings[name] for name in off) and not settings["foreground_join_on"]
+    off = ("refinement_steps", "limb_search_reach", "trunk_layers", "velocity")
+    assert not any(settings[name] for name in off) and not settings["foreground_join"]
     assert (settings["n_particles"], settings["n_layers"]) == (200, 10)
     silhouette = preset("song").reconstruction.silhouette
     assert not silhouette.floor.on and not silhouette.rim.on and silhouette.smoothing.reach == 0
@@ -70,7 +70,7 @@ def test_a_likelihood_by_name_has_these_terms_alone() -> None:
     settings = FilterConfig.create(**parse_weights("edge=1,silhouette")).settings
     weights = {k: v for k, v in settings.items() if k.endswith("_weight") or k == "least_recall"}
     assert {k: v for k, v in weights.items() if v} == {"edge_weight": 1, "silhouette_weight": 1}
-    assert not settings["foreground_join_on"]
+    assert not settings["foreground_join"]
     song = preset("song").method.filter.likelihood
     assert FilterConfig.create(**parse_weights("edge=1,silhouette")).likelihood == song
 

@@ -60,7 +60,7 @@ def remembered() -> Iterator[None]:
 
     def search_once(search: BoxSearch) -> Any:
         evidence = digest_of(search.evidence)
-        key = BoxSearch, rig_key(search.rig), evidence, repr(search.config), search.min_cameras
+        key = BoxSearch, rig_key(search.rig), evidence, search.has_floor, search.min_cameras
         return once(key, lambda: search_box(search))
 
     def fit_once(body: BodyModel, joints: Mapping[str, np.ndarray]) -> Any:

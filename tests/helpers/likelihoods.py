@@ -75,9 +75,7 @@ class Setup:
         self.poses = poses.astype(np.float32)
         self.config = config.likelihood
         scene = Scene(device, rig, grid or scenes.small_grid(0.1), body)
-        self.likelihood = VoxelLikelihood(
-            scene, self.config, len(poses), velocity=config.search.velocity
-        )
+        self.likelihood = VoxelLikelihood(scene, self.config, len(poses))
         self.likelihood.points.fill(0)
         self.on_device = device.to_device(self.poses)
 
@@ -91,8 +89,8 @@ class Setup:
 
     def expected(self, points: np.ndarray, turn: int = 0) -> np.ndarray:
         cones = posed_cones(self.body, self.poses)
-        sampling = choose_cone_sampling(self.body, self.config.reprojection.sample_spacing)
-        seen = subset(points, turn, self.config.samples.point_turns)
+        sampling = choose_cone_sampling(self.body)
+        seen = subset(points, turn, self.config.point_turns)
         observed = FrameEvidence(self.maps, seen)
         errors = total_errors(self.rig, cones, observed, sampling, self.body.apart, self.config)
         posture = posture_errors(self.body, self.poses.astype(float))

@@ -27,8 +27,8 @@ def assert_parity(device: Device, spec: TermSpec, name: str, n: int) -> None:
     """Score `n` poses of a body in three frames, of which each is learnt from."""
     body = bodies.named(name)
     world, config = World(device, body, voxel=0.1), term_alone(spec).likelihood
-    term = VoxelLikelihood(world.scene(), config, n, velocity=0.5)
-    twin = NumpyVoxelLikelihood(world.scene(NumpyDevice()), config, velocity=0.5)
+    term = VoxelLikelihood(world.scene(), config, n)
+    twin = NumpyVoxelLikelihood(world.scene(NumpyDevice()), config)
     images = _images(world)
     pictures, changed = device.to_device(images), False
     on_device = device.empty((n, body.n_dof), np.float32)

@@ -2,7 +2,3 @@
 
 Needs moderngl (`pip install psfs-apf[opengl]`) and a driver with EGL, such as Mesa's llvmpipe.
 """
-
-import lazy_loader as _lazy
-
-__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

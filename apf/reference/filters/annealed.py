@@ -25,7 +25,7 @@ from apf.scene import Scene
 def numpy_voxel_likelihood(scene: Scene, config: FilterConfig) -> NumpyLikelihood:
     """Return the voxels' likelihood for a filter of these settings, with the keypoints' if that
     has a weight."""
-    voxels = NumpyVoxelLikelihood(scene, config.likelihood, config.search.velocity)
+    voxels = NumpyVoxelLikelihood(scene, config.likelihood)
     return numpy_with_keypoints(scene, config, voxels)
 
 

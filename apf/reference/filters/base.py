@@ -70,7 +70,5 @@ class NumpyTracker(Tracker):
         config = self.config.search
         shape = (config.n_particles, self.body.n_dof)
         deviation = config.layer_noise[layer] * layer_sigmas(self.body, config)[layer]
-        if config.spread > 0 and layer > 0:
-            deviation = np.minimum(deviation, config.spread * self._deviation)
         noise = deviation * normals(config.seed, self._frame, layer, *shape)
         return noise + self._drift if layer == 0 else noise

@@ -8,6 +8,7 @@ import numpy as np
 
 from apf.body.limbs import limb_masks
 from apf.body.model import BodyModel
+from apf.filters import limb_search
 from apf.filters.config import FilterConfig
 from apf.filters.limb_search import count_near, limb_ranges
 from apf.reference.filters.annealing import reflect
@@ -74,9 +75,17 @@ def search_limbs(
     if n_limbs:
         seen = None
         if likelihood.observed is not None:
-            met = refine(body, mean, None, config.by_points, likelihood.observed, judge_last=False)
+            met = refine(
+                body,
+                mean,
+                None,
+                config,
+                likelihood.observed,
+                judge_last=False,
+                fit=config.point_fit,
+            )
             seen = met[0] - mean
-        stride = config.likelihood.samples.point_turns
+        stride = config.likelihood.point_turns
         tried: np.ndarray | None = None
         for round in range(1 + config.limb_search.rounds):
             poses, kinds = propose(body, mean, config, frame, seen, round=round, best=tried)
@@ -92,7 +101,6 @@ def search_limbs(
     best, errors = 0, np.zeros(1)
     if n_limbs:
         errors = likelihood.rescore(refined_poses, 1, config.limb_search.least_recall)
-        margins = (config.limb_search.near_margin, config.limb_search.far_margin)
-        gains = errors[0] - np.abs(errors[0]) * np.repeat(margins, n_limbs) - errors[1:]
+        gains = errors[0] - np.abs(errors[0]) * np.repeat(limb_search.MARGINS, n_limbs) - errors[1:]
         best = int(np.r_[0.0, gains].argmax())
     return LimbSearchResult(*found[best], refined_poses, errors)

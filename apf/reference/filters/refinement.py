@@ -6,8 +6,9 @@ import numpy as np
 
 from apf.body.jacobian import bone_point_jacobian, distance_jacobian
 from apf.body.model import BodyModel
-from apf.filters.config import FilterConfig
-from apf.filters.refinement import prior_deviation
+from apf.filters.config import POINT_SCALE, VOXEL_SCALE, FilterConfig, GaussNewtonFit
+from apf.filters.refinement import VOXEL_STRENGTH, prior_deviation
+from apf.likelihood.config import EXCHANGE_COST
 from apf.likelihood.observations import PointObservations
 from apf.reference.likelihood.keypoints import distances, observed_positions
 from psfs.cameras.camera import CameraRig
@@ -20,52 +21,50 @@ def refine(
     config: FilterConfig,
     observed: tuple[CameraRig, PointObservations] | None = None,
     judge_last: bool = True,
+    fit: GaussNewtonFit | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fit a pose (D,) near the particles' `mean` (D,) to the surface points (K, 3) m and the
     observed points.
 
-    It minimises strength mean(d^2 / (d^2 + scale^2)) of the voxels' distances d, and point_strength
-    point_scale^2 sum(e^2 / (e^2 + point_scale^2)) of the distances e, in deviations, of observed
+    It minimises VOXEL_STRENGTH mean(d^2 / (d^2 + VOXEL_SCALE^2)) of the voxels' distances d, and
+    POINT_SCALE^2 sum(e^2 / (e^2 + POINT_SCALE^2)) of the distances e, in deviations, of observed
     points, plus the squared distance from `mean` in prior deviations: the best of the poses met in
-    `steps` steps.
-
-    The steps weigh voxels by a scale that shrinks from `reach` to `scale`, so that
-    those far from any cone pull first (graduated non-convexity, Blake & Zisserman 1987), and
-    observed points likewise.
+    the steps of `fit`, by default `config.fit`. They weigh voxels by a scale that shrinks, so that
+    those far from any cone pull first, and observed points likewise.
 
     judge_last: whether the pose after the last step may be the best one.
 
     Also return the matrix (D, D) of the last linear system, zero where nothing is refined.
     """
-    refinement = config.refinement
-    if refinement.steps == 0:
+    fit = fit or config.fit
+    if fit.steps == 0:
         return mean, np.zeros((body.n_dof, body.n_dof))
-    prior = prior_deviation(body, config) ** -2
+    prior = prior_deviation(body, config, fit) ** -2
     pose, best, least = mean, mean, np.inf
-    for step, (reach, point_reach) in enumerate(refinement.reaches):
+    for step, (reach, point_reach) in enumerate(fit.reaches):
         cost, matrix = np.sum(prior * (pose - mean) ** 2), np.diag(prior)
         vector = prior * (pose - mean)
         parts = []
         if points is not None and len(points):
-            parts.append(_voxel_system(body, pose, points, config, reach))
+            parts.append(_voxel_system(body, pose, points, reach))
         if observed is not None and len(observed[1]):
-            parts.append(_point_system(body, pose, *observed, config, point_reach))
+            parts.append(_point_system(body, pose, *observed, point_reach))
         for part_cost, weight, miss, rows in parts:
             weighted = rows * weight[:, None]
             cost, matrix = cost + part_cost, matrix + weighted.T @ rows
             vector = vector + weighted.T @ miss
-        if cost < least and (judge_last or step < refinement.steps):
+        if cost < least and (judge_last or step < fit.steps):
             best, least = pose, cost
-        if step < refinement.steps:
+        if step < fit.steps:
             pose = np.clip(pose - np.linalg.solve(matrix, vector), body.lower, body.upper)
     return best, matrix
 
 
 def _voxel_system(
-    body: BodyModel, pose: np.ndarray, points: np.ndarray, config: FilterConfig, reach: float
+    body: BodyModel, pose: np.ndarray, points: np.ndarray, reach: float
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
     """Return the voxels' cost, weights (K,), distances (K,) and their derivatives (K, D)."""
-    strength, scale = config.refinement.strength, config.refinement.scale
+    strength, scale = VOXEL_STRENGTH, VOXEL_SCALE
     distance, rows = distance_jacobian(body, pose, points)
     cost = float(strength * np.mean(distance**2 / (distance**2 + scale**2)))
     weight = strength / (len(points) * scale**2) / (1 + distance**2 / reach**2) ** 2
@@ -77,23 +76,20 @@ def _point_system(
     pose: np.ndarray,
     rig: CameraRig,
     observations: PointObservations,
-    config: FilterConfig,
     reach: float,
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
     """Return the observed points' cost, and weights (2 N,), distances (2 N,) and derivatives
     (2 N, D) of both coordinates of each that is in front of its camera, as its own point or its
     partner, whichever misses less."""
-    strength, scale = config.refinement.point_strength, config.refinement.point_scale
-    exchange = config.keypoints.exchange
     world = observed_positions(body, pose[None], observations)
     found = []
     for which in (observations.point, observations.partner):
         off = distances(rig, world, which, observations)[0]
         with np.errstate(invalid="ignore"):
-            square = np.sum((off / scale) ** 2, -1)
+            square = np.sum((off / POINT_SCALE) ** 2, -1)
             found.append((off, np.where(np.isfinite(square), square / (1 + square), 1.0)))
     (off, share), (other_off, other_share) = found
-    other_share = exchange + (1 - exchange) * other_share
+    other_share = EXCHANGE_COST + (1 - EXCHANGE_COST) * other_share
     other = (observations.partner >= 0) & (other_share < share)
     share, off = np.where(other, other_share, share), np.where(other[:, None], other_off, off)
     point = np.where(other, observations.partner, observations.point)
@@ -103,8 +99,8 @@ def _point_system(
     slopes = _pixel_slopes(rig, world[0, point], camera)
     scaled = slopes * observations.inverse_scale[seen][:, None, None]
     rows = np.einsum("nci,ndi->ncd", scaled, moves).reshape(-1, body.n_dof)
-    weight = strength / (1 + np.sum(off**2, 1) / reach**2) ** 2
-    cost = float(strength * scale**2 * share.sum())
+    weight = 1 / (1 + np.sum(off**2, 1) / reach**2) ** 2
+    cost = float(POINT_SCALE**2 * share.sum())
     return cost, np.repeat(weight, 2), off.ravel(), rows
 
 

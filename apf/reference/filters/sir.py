@@ -6,7 +6,7 @@ import numpy as np
 
 from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
-from apf.filters.searches.sir import SirConfig
+from apf.filters.searches import SirConfig
 from apf.filters.sir import check_layers
 from apf.reference.filters.annealing import (
     annealing_exponent,

@@ -7,7 +7,7 @@ import numpy as np
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
-from apf.filters.searches.swarm import SwarmConfig
+from apf.filters.searches import SwarmConfig
 from apf.reference.filters.annealing import diffuse
 from apf.reference.filters.base import NumpyTracker
 from apf.reference.filters.noise import philox4x32, uniform01

@@ -10,16 +10,16 @@ from apf.body.cones import project_outlines
 from apf.body.model import BodyModel
 from apf.likelihood.contour import (
     DIAGONAL_REACH,
+    FULL_CONTRAST,
     HIDDEN,
     MARGIN,
     N_NORMALS,
     OUTER_MARGIN,
     REACH,
-    full_contrast,
 )
 from apf.likelihood.part_colour import list_scored_parts
 from apf.likelihood.term import SharedTwin, TermTwin
-from apf.likelihood.terms.contour import ContourConfig
+from apf.likelihood.terms import ContourConfig
 from apf.reference.likelihood.part_colour import hidden_by_trunk, lookup_pixels
 from psfs.cameras.camera import Camera
 from psfs.voxels.host_voxels import HostVoxels
@@ -120,7 +120,7 @@ class NumpyContours(TermTwin):
         self.contours = None
         if voxels.pictures is not None:
             gradients = compute_gradients(voxels.pictures, maps)
-            self.contours = compute_contours(gradients, maps, full_contrast(self._settings))
+            self.contours = compute_contours(gradients, maps, FULL_CONTRAST)
 
     def view_errors(self, view: int, cones: np.ndarray) -> np.ndarray | None:
         if self.contours is None:

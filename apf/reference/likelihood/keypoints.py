@@ -6,8 +6,9 @@ import numpy as np
 
 from apf.body.kinematics import bone_matrices
 from apf.body.model import BodyModel
-from apf.likelihood.config import KeypointConfig
+from apf.likelihood.config import EXCHANGE_COST, KeypointConfig
 from apf.likelihood.observations import (
+    POINT_REACH,
     Observation,
     PointObservations,
     make_empty_observations,
@@ -51,20 +52,20 @@ def missed_shares(
     rig: CameraRig,
     poses: np.ndarray,
     observations: PointObservations,
-    config: KeypointConfig,
 ) -> np.ndarray:
-    """Return (M, N) the share d^2 / (d^2 + reach^2) of every sighting's distance d in deviations
-    (Geman & McClure 1987), or `exchange` and the rest's share of its partner's if that is less."""
+    """Return (M, N) the share d^2 / (d^2 + POINT_REACH^2) of every sighting's distance d in
+    deviations (Geman & McClure 1987), or `EXCHANGE_COST` and the rest's share of its
+    partner's if that is less."""
     points = observed_positions(body, poses, observations)
 
     def shares(which: np.ndarray) -> np.ndarray:
         off = distances(rig, points, which, observations)
         with np.errstate(invalid="ignore"):
-            square = np.sum((off / config.reach) ** 2, -1)
+            square = np.sum((off / POINT_REACH) ** 2, -1)
             return np.where(np.isfinite(square), square / (1 + square), 1.0)
 
     own, as_other = shares(observations.point), shares(observations.partner)
-    swapped = config.exchange + (1 - config.exchange) * as_other
+    swapped = EXCHANGE_COST + (1 - EXCHANGE_COST) * as_other
     return np.where(observations.partner >= 0, np.minimum(own, swapped), own)
 
 
@@ -134,7 +135,7 @@ class NumpyKeypointLikelihood(NumpyLikelihood):
             self.base.forget()
 
     def _shares(self, poses: np.ndarray) -> np.ndarray:
-        return missed_shares(self.body, self.rig, poses, self._seen, self.config)
+        return missed_shares(self.body, self.rig, poses, self._seen)
 
     def _term(self, poses: np.ndarray) -> np.ndarray:
         most = max(self._seen.most, 1.0)

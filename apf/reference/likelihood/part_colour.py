@@ -11,8 +11,12 @@ from apf.body.cones import project_outlines
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.likelihood.part_colour import (
+    BOUND,
     COLUMNS,
+    DECAY,
+    LEAST_SAMPLES,
     N_CODES,
+    RARE,
     RATIO_STEPS,
     ROWS,
     find_trunk_cone,
@@ -22,7 +26,7 @@ from apf.likelihood.part_colour import (
     list_scored_parts,
 )
 from apf.likelihood.term import SharedTwin, TermTwin
-from apf.likelihood.terms.part_colour import PartColourConfig
+from apf.likelihood.terms import PartColourConfig
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.voxels.host_voxels import HostVoxels
 
@@ -85,14 +89,14 @@ def count_codes(rig: CameraRig, body: BodyModel, pose: np.ndarray, codes: np.nda
     return counts
 
 
-def compute_ratios(histograms: np.ndarray, config: PartColourConfig) -> np.ndarray:
+def compute_ratios(histograms: np.ndarray) -> np.ndarray:
     """Return (P, N_CODES) int8: the log of how much likelier each code is on a part than on the
     mean part, RATIO_STEPS at the bound and beyond."""
     total = histograms.sum(1, keepdims=True)
     share = histograms / np.maximum(total, 1)
     mean = share.sum(0) / max(1, int((total > 0).sum()))
-    ratio = np.log((share + config.rare) / (mean + config.rare)) / config.bound
-    ratio = ratio * np.minimum(total / config.least_samples, 1)
+    ratio = np.log((share + RARE) / (mean + RARE)) / BOUND
+    ratio = ratio * np.minimum(total / LEAST_SAMPLES, 1)
     ratio[:, _HIDDEN_CODE:] = 0
     return np.rint(RATIO_STEPS * np.clip(ratio, -1, 1)).astype(np.int8)
 
@@ -173,15 +177,15 @@ class NumpyPartColours(TermTwin):
     def learn(self, pose: np.ndarray) -> None:
         if self.codes is not None:
             counts = count_codes(self._scene.rig, self._scene.body, pose, self.codes)
-            self.histograms = self._settings.decay * self.histograms + counts
-            self.ratios = compute_ratios(self.histograms, self._settings)
+            self.histograms = DECAY * self.histograms + counts
+            self.ratios = compute_ratios(self.histograms)
 
     def observe(self, voxels: HostVoxels, maps: np.ndarray) -> None:
         self.codes, pictures, silhouettes = None, voxels.pictures, maps[..., 0]
         if pictures is None:
             return
         if self._palette is None:
-            self._palette = fit_palette(pictures, silhouettes, self._settings)
+            self._palette = fit_palette(pictures, silhouettes)
         if self._palette is not None:
             self.codes = encode_colours(pictures, silhouettes, self._palette)
 

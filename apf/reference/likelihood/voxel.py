@@ -14,7 +14,7 @@ from apf.body.model import BodyModel
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.term import SharedTwin, TermTwin
 from apf.likelihood.terms import TERMS
-from apf.likelihood.voxel import choose_cone_sampling, make_sample_rows
+from apf.likelihood.voxel import SURFACE_SCALE, choose_cone_sampling, make_sample_rows
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.reference.likelihood.silhouette_recall import uncovered_errors
 from apf.scene import Scene
@@ -139,7 +139,7 @@ def total_errors(
     worst = config.edge_weight + config.silhouette_weight
     mean = np.where(seeing > 0, errors / np.maximum(seeing, 1), worst)
     if config.surface_weight > 0:
-        distant = surface_errors(observed.points, cones, config.surface_scale)
+        distant = surface_errors(observed.points, cones, SURFACE_SCALE)
         mean = mean + config.surface_weight * distant
     mean = mean + config.overlap_weight * overlap_errors(cones, pairs)
     if config.silhouette_recall_weight > 0:
@@ -153,15 +153,15 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
     """The same as `VoxelLikelihood`, in float64: `observe(voxels)`, then `likelihood(poses)`,
     which looks at subset number `turn` of the surface samples."""
 
-    def __init__(self, scene: Scene, config: LikelihoodConfig, velocity: float = 0.0) -> None:
+    def __init__(self, scene: Scene, config: LikelihoodConfig) -> None:
         self.body, self.rig, self.config = scene.body, scene.rig, config
         self.unit = float(len(scene.rig))
         self._reprojection = NumpyReprojection(
-            NumpyDevice(), scene.rig, scene.voxel_grid, join=config.reprojection.foreground_join
+            NumpyDevice(), scene.rig, scene.voxel_grid, join=config.foreground_join
         )
-        self._sampling = choose_cone_sampling(scene.body, config.reprojection.sample_spacing)
+        self._sampling = choose_cone_sampling(scene.body)
         self.points: np.ndarray = np.empty((0, 3))
-        shared = SharedTwin(scene, velocity, make_sample_rows(self._sampling))
+        shared = SharedTwin(scene, make_sample_rows(self._sampling))
         self.terms: dict[str, TermTwin] = {
             name: resolve_name(TERMS[name].twin)(shared, settings)
             for name, settings in config.terms.items()
@@ -178,12 +178,12 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
 
     def observe(self, voxels: HostVoxels) -> None:
         self._maps = self._reprojection(voxels)
-        self.points = sampled_surface(voxels.cloud().centres, self.config.samples.n_points)
+        self.points = sampled_surface(voxels.cloud().centres, self.config.n_points)
         for term in self.terms.values():
             term.observe(voxels, self._maps)
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
-        return self._errors(poses, self.turn, self.config.samples.point_turns, self.config)
+        return self._errors(poses, self.turn, self.config.point_turns, self.config)
 
     def rescore(self, poses: np.ndarray, stride: int, least_recall: float = 0.0) -> np.ndarray:
         """Return errors (N,) of poses (N, D) by every `stride`-th surface sample, and by silhouette

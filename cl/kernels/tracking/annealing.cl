@@ -210,7 +210,6 @@ void anneal(int n, int layer, int last, float survival_rate, float given_beta,
 
 #define DOF(l) lane_index(first, 0x##l, N_DOF)
 #define SIGMA(l) sigma[DOF(l)]
-#define SPREAD(l) result[(n_runs + run) * N_DOF + DOF(l)]
 #define POSE(l) parent[DOF(l)]
 #define MOTION(l) motion[run * N_DOF + DOF(l)].y
 #define LOWER(l) limits[DOF(l)].x
@@ -236,21 +235,18 @@ static inline void make_child(layer_state state, int particle, int first, vfloat
 
 // Song et al. eq. (11), (13): the children; in the first layer they move by what is expected since
 // the last frame.
-// The noise's deviation is noise * the layer's row of sigmas, but not above spread * the set's own
-// deviation (result, see anneal) where spread is positive. parents: numbered within the run. An
+// The noise's deviation is noise * the layer's row of sigmas. parents: numbered within the run. An
 // item works on PACK degrees of freedom of a particle.
-__kernel void diffuse(int n, int layer, float noise, float spread, __global const uint2 *seeds,
+__kernel void diffuse(int n, int layer, float noise, __global const uint2 *seeds,
                       __global const uint *frames, __global const float *sigmas,
-                      __global const float2 *limits, __global const float *result,
-                      __global const float2 *motion, __global const int *parents,
+                      __global const float2 *limits, __global const float2 *motion, __global const int *parents,
                       __global const float *poses, __global float *children)
 {
     const int first = get_global_id(0) * PACK, particle = get_global_id(1);
-    const int run = get_global_id(2), n_runs = get_global_size(2), child = run * n + particle;
+    const int run = get_global_id(2), child = run * n + particle;
     if (first >= N_DOF || particle >= n) return;
     __global const float *sigma = sigmas + layer * N_DOF;
     vfloat deviation = noise * PACK_OF(vfloat, SIGMA), change = 0.0f;
-    if (spread > 0.0f) deviation = least(deviation, spread * PACK_OF(vfloat, SPREAD));
     if (layer == 0) change = PACK_OF(vfloat, MOTION);
     const layer_state state = {n, layer, frames[run], seeds[run]};
     make_child(state, particle, first, deviation, change, limits,

@@ -128,7 +128,7 @@ def test_runs_repeat_bit_by_bit(device: Device, n_layers: int) -> None:
 @pytest.mark.parametrize(
     "settings",
     [
-        {"n_particles": 37, "n_layers": 3, "spread": 0.5, "velocity": 0.5},
+        {"n_particles": 37, "n_layers": 3, "velocity": 0.5},
         {"n_particles": 129, "n_layers": 2, "limb_search_reach": 0.0},
         {"n_particles": 20, "n_layers": 2, "silhouette_recall_weight": 1.0, "refinement_steps": 0},
     ],
@@ -175,14 +175,8 @@ def test_streams_give_what_steps_do(device: Device, kind: str) -> None:
     assert list(tracker.stream([])) == []
 
 
-def test_terms_that_depend_on_the_track_serve_one_run(device: Device) -> None:
-    world, config = World(device), FilterConfig.create(n_particles=37, motion_prior_weight=0.1)
-    with pytest.raises(InputError, match="2 runs at once"):
-        AnnealedParticleFilter(world.scene(), config, seeds=(0, 1))
-
-
 def test_a_filter_started_again_forgets(device: Device) -> None:
-    world, config = World(device), FilterConfig.create(n_particles=37, n_layers=3, spread=1.0)
+    world, config = World(device), FilterConfig.create(n_particles=37, n_layers=3)
     tracker = AnnealedParticleFilter(world.scene(), config)
     runs = []
     for _ in range(2):
@@ -194,7 +188,7 @@ def test_a_filter_started_again_forgets(device: Device) -> None:
 
 @pytest.mark.parametrize(
     "settings",
-    [{}, {"limb_search_reach": 0.0, "silhouette_recall_weight": 1.0, "motion_prior_weight": 0.1}],
+    [{}, {"limb_search_reach": 0.0, "silhouette_recall_weight": 1.0}],
 )
 def test_a_filter_of_a_changed_body_is_that_bodys(device: Device, settings: dict) -> None:
     """Bit by bit: sizes, sample rows, limits and deviations are the new body's."""
@@ -228,7 +222,6 @@ def test_a_filter_of_a_changed_body_is_that_bodys(device: Device, settings: dict
     "settings",
     [
         {},
-        {"spread": 0.5},
         {"surface_weight": 0.0},
         {"velocity": 0.7},
         {"refinement_steps": 5},

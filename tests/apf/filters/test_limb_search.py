@@ -14,7 +14,8 @@ from helpers.sightings import seen_points
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.limbs import limb_masks
-from apf.filters.config import FilterConfig
+from apf.filters import limb_search
+from apf.filters.config import FilterConfig, GaussNewtonFit
 from apf.filters.limb_search import LimbSearch
 from apf.likelihood.base import Likelihood
 from apf.likelihood.config import KeypointConfig
@@ -136,7 +137,7 @@ def test_kernels_and_twin(device: Device, name: str, n_particles: int) -> None:
         n_particles=n_particles, refinement_steps=2, first_survival=0.5, last_survival=0.4
     )
     pose = bodies.random_poses(body, 1)[0]
-    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.samples.n_points))
+    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.n_points))
     likelihood.errors = device.zeros((n_particles,), np.float32)
     mean = np.clip(pose + 2 * body.sigma, body.lower, body.upper)
     found, shift, information, tried, errors = run_search(device, body, likelihood, mean, config)
@@ -198,11 +199,11 @@ def test_each_kernel_agrees_with_the_twin(device: Device, n_particles: int, n_po
     np.testing.assert_array_equal(found["information"][0], informations[best])
 
 
-def test_a_lost_arm_is_found(device: Device) -> None:
+def test_a_lost_arm_is_found(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     """Within a few frames; refinement alone leaves it where it is."""
     body = load_body("song31")
     pose, wrist = raised(body), body.joint_names.index("l_wrist")
-    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.samples.n_points))
+    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.n_points))
 
     def miss(config: FilterConfig, n_frames: int = 8) -> float:
         found = body.rest_pose
@@ -212,19 +213,21 @@ def test_a_lost_arm_is_found(device: Device) -> None:
         return float(np.linalg.norm(reached - wanted))
 
     assert miss(CONFIG) < 0.06
-    assert miss(CONFIG.with_changes(limb_search_far_margin=1.0)) < 0.06  # near where it was
-    assert miss(CONFIG.with_changes(limb_search_near_margin=1.0), 20) < 0.08  # anywhere
     assert miss(CONFIG.with_changes(limb_search_reach=0.0)) > 0.3
+    monkeypatch.setattr(limb_search, "MARGINS", (0.01, 1.0))  # near where it was alone
+    assert miss(CONFIG) < 0.08
+    monkeypatch.setattr(limb_search, "MARGINS", (1.0, 0.05))  # anywhere alone
+    assert miss(CONFIG, 20) < 0.08
 
 
-def test_nothing_moves_where_nothing_is_gained(device: Device) -> None:
+def test_nothing_moves_where_nothing_is_gained(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With margins that no limb can win, the mean is refined as if alone."""
     body = load_body("song31")
-    likelihood = Nearness(
-        device, body, on_cones(body, raised(body), CONFIG.likelihood.samples.n_points)
-    )
-    hopeless = CONFIG.with_changes(limb_search_near_margin=1.0, limb_search_far_margin=1.0)
-    stays = run_search(device, body, likelihood, body.rest_pose, hopeless)[0]
+    likelihood = Nearness(device, body, on_cones(body, raised(body), CONFIG.likelihood.n_points))
+    monkeypatch.setattr(limb_search, "MARGINS", (1.0, 1.0))
+    stays = run_search(device, body, likelihood, body.rest_pose, CONFIG)[0]
     alone = run_search(
         device, body, likelihood, body.rest_pose, CONFIG.with_changes(limb_search_reach=0.0)
     )[0]
@@ -242,9 +245,7 @@ def test_runs_are_searched_each_by_itself(device: Device) -> None:
     """Bit by bit as alone, from means, frames and seeds of their own."""
     body, seeds, frames = load_body("song31"), (5, 2**35, 1), np.array([7, 3, 9], np.uint32)
     config = CONFIG.with_changes(n_particles=37, refinement_steps=2, last_survival=0.4)
-    likelihood = Nearness(
-        device, body, on_cones(body, raised(body), CONFIG.likelihood.samples.n_points)
-    )
+    likelihood = Nearness(device, body, on_cones(body, raised(body), CONFIG.likelihood.n_points))
     means = bodies.random_poses(body, 3).astype(np.float32)
 
     def of(rows: list[int]) -> list[np.ndarray]:
@@ -262,7 +263,7 @@ def test_runs_are_searched_each_by_itself(device: Device) -> None:
             np.testing.assert_array_equal(several[row], alone[0])
 
 
-def test_an_arm_is_where_its_points_are_seen() -> None:
+def test_an_arm_is_where_its_points_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """From a mean whose arm hangs: with them among the poses that are tried, else not."""
     body, rig = load_body("song31"), scenes.ring(4, size=(640, 480))
     pose = body.rest_pose.copy()
@@ -272,16 +273,18 @@ def test_an_arm_is_where_its_points_are_seen() -> None:
     seen = seen_points(body, pose, rig, 60)
     likelihood.observe(Observed(None, replace(seen, partner=np.full(len(seen), -1))))
     wrist = body.joint_names.index("l_wrist")
-    config = CONFIG.with_changes(
-        limb_search_reach=1.0, limb_search_far_margin=1.0, refinement_point_reach=2.5
-    )  # which does not reach it otherwise
+    config = CONFIG.with_changes(limb_search_reach=1.0)  # which does not reach it otherwise
+    monkeypatch.setattr(limb_search, "MARGINS", (0.01, 1.0))
 
-    def miss(config: FilterConfig) -> float:
+    def miss() -> float:
         found = search_limbs(body, likelihood, body.rest_pose, config, 3).pose
         reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, pose))
         return float(np.linalg.norm(reached - wanted))
 
-    assert miss(config) < 0.03 < 0.2 < miss(config.with_changes(limb_search_point_width=1e-3))
+    assert miss() < 0.03
+    held = property(lambda config: GaussNewtonFit(steps=6, width=1e-3, point_reach=60.0))
+    monkeypatch.setattr(FilterConfig, "point_fit", held)
+    assert miss() > 0.2
 
 
 @pytest.mark.parity("tracking/limb_search.propose", "tracking/refinement.refine_system")
@@ -305,7 +308,10 @@ def test_kernels_and_twin_on_observed_points(device: Device, n_particles: int) -
     expected = search_limbs(body, twin, mean, config, 7).pose
     np.testing.assert_allclose(found, expected, atol=1e-3)
     np.testing.assert_allclose(shift, found - mean, atol=1e-5)
-    moved = refine(body, mean, None, config.by_points, twin.observed, judge_last=False)[0] - mean
+    moved = (
+        refine(body, mean, None, config, twin.observed, judge_last=False, fit=config.point_fit)[0]
+        - mean
+    )
     np.testing.assert_allclose(proposing[0].before["seen"][0], moved, atol=1e-3)
     poses, _ = propose(body, mean, config, 7, moved)
     np.testing.assert_allclose(proposing[0].after["poses"], poses, atol=1e-3)

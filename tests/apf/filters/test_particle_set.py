@@ -205,25 +205,6 @@ def test_children_keep_the_limits_however_wide_the_noise(device: Device) -> None
     assert np.ptp(gentle[parents % 3 == 0], axis=0).min() > 0
 
 
-def test_noise_is_bounded_by_the_sets_own_spread(device: Device) -> None:
-    n = 129
-    layer = Layer(device, SONG, n, spread=0.5)
-    deviation = SONG.sigma * np.linspace(0, 3, SONG.n_dof)
-    result = np.zeros(layer.set.result.size, np.float32)
-    result[SONG.n_dof : 2 * SONG.n_dof] = deviation
-    layer.set.result.set(result)
-    poses = np.tile(np.clip(SONG.rest_pose, SONG.lower + 0.2, SONG.upper - 0.2), (n, 1))
-    for index in (0, 1):
-        wide = layer.config.layer_noise[index] * SONG.sigma
-        used = np.minimum(wide, 0.5 * deviation) if index else wide
-        expected = poses + used * normals(layer.config.seed, 0, index, n, SONG.n_dof)
-        found = layer.diffuse(index, poses, np.arange(n))
-        inside = np.isclose(found, np.clip(expected, SONG.lower, SONG.upper), atol=5e-6)
-        assert inside.mean() > 0.99
-        np.testing.assert_allclose(found, expected, atol=0.3)
-    np.testing.assert_array_equal(found[:, 0], np.float32(poses[:, 0]))  # no spread, no noise
-
-
 @pytest.mark.parity("tracking/annealing.estimate")
 @pytest.mark.parametrize("n", [2, 37, 129, 1000])
 def test_estimate_is_the_weighted_mean(device: Device, n: int) -> None:

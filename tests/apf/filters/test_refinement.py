@@ -13,31 +13,32 @@ from helpers.sightings import seen_points
 from apf.body import BodyModel, load_body
 from apf.body.jacobian import distance_jacobian
 from apf.body.kinematics import posed_joints
-from apf.filters.config import FilterConfig
-from apf.filters.refinement import Refinement, prior_deviation
+from apf.filters.config import VOXEL_SCALE, FilterConfig, GaussNewtonFit
+from apf.filters.refinement import VOXEL_STRENGTH, Refinement, prior_deviation
 from apf.likelihood.observations import ObservedPoints, PointObservations, make_empty_observations
 from apf.reference.filters.refinement import refine
 from apf.scene import Scene
 from cl import Device
 
+CONFIG = FilterConfig.create(n_points=300)
 #: Without a prior that is worth mentioning.
-CONFIG = FilterConfig.create(
-    refinement_steps=8,
-    refinement_scale=0.05,
-    refinement_reach=0.05,
-    refinement_width=100.0,
-    n_points=300,
-)
+FREE = GaussNewtonFit(steps=8, width=100.0, point_reach=10.0)
+USUAL = GaussNewtonFit(steps=3, width=4.0, point_reach=10.0)
 
 
 def on_device(
-    device: Device, body: BodyModel, mean: np.ndarray, points: np.ndarray, config: FilterConfig
+    device: Device,
+    body: BodyModel,
+    mean: np.ndarray,
+    points: np.ndarray,
+    config: FilterConfig = CONFIG,
+    fit: GaussNewtonFit = FREE,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Refined pose and information by the kernel; no points at all count as an empty cloud."""
-    padded = np.zeros((config.likelihood.samples.n_points, 4), np.float32)
+    padded = np.zeros((config.likelihood.n_points, 4), np.float32)
     if len(points):
         padded[:] = np.c_[points, np.ones(len(points))]
-    refinement = Refinement(device, body, config)
+    refinement = Refinement(device, body, config, fit=fit)
     result = device.to_device(mean.astype(np.float32))
     for launch in refinement.launcher(device.to_device(padded), result):
         launch()
@@ -51,7 +52,7 @@ def test_finds_the_way_back() -> None:
     for seed in range(3):
         moved = pose + np.random.default_rng(seed).normal(0, 2, body.n_dof) * body.sigma
         moved = np.clip(moved, body.lower, body.upper)
-        found = refine(body, moved, points, CONFIG)[0]
+        found = refine(body, moved, points, CONFIG, fit=FREE)[0]
         before, after = (
             np.linalg.norm(posed_joints(body, p[None]) - posed_joints(body, pose[None]), axis=-1)
             for p in (moved, found)
@@ -66,25 +67,8 @@ def test_prior_holds_what_the_voxels_leave_open() -> None:
     pose = body.rest_pose.copy()
     pose[body.dof_names.index("l_forearm.ry")] = 0.0
     points = bodies.surface_points(body, pose, 300)
-    found = refine(body, pose, points, CONFIG.with_changes(refinement_width=4.0))[0]
+    found = refine(body, pose, points, CONFIG, fit=replace(FREE, width=4.0))[0]
     assert np.abs(found - pose).max() < 0.02
-
-
-def test_far_voxels_pull_first() -> None:
-    """A hanging arm finds the voxels of one raised by 1.2 rad, beyond the final scale."""
-    body = load_body("song31")
-    raised = body.rest_pose.copy()
-    raised[body.dof_names.index("l_upper_arm.rx")] = 1.2
-    points = bodies.surface_points(body, raised, 600)
-    wrist = body.joint_names.index("l_wrist")
-
-    def miss(reach: float) -> float:
-        config = CONFIG.with_changes(refinement_scale=0.02, refinement_reach=reach)
-        found = refine(body, body.rest_pose, points, config)[0]
-        reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, raised))
-        return float(np.linalg.norm(reached - wanted))
-
-    assert miss(0.2) < 0.04 < 0.1 < miss(0.02)
 
 
 def test_never_worse_than_the_mean() -> None:
@@ -94,11 +78,11 @@ def test_never_worse_than_the_mean() -> None:
 
     def cost(pose: np.ndarray) -> float:
         distance = distance_jacobian(body, pose, points)[0]
-        share = np.mean(distance**2 / (distance**2 + CONFIG.refinement.scale**2))
-        away = np.sum(((pose - mean) / prior_deviation(body, CONFIG)) ** 2)
-        return float(CONFIG.refinement.strength * share + away)
+        share = np.mean(distance**2 / (distance**2 + VOXEL_SCALE**2))
+        away = np.sum(((pose - mean) / prior_deviation(body, CONFIG, FREE)) ** 2)
+        return float(VOXEL_STRENGTH * share + away)
 
-    assert cost(refine(body, mean, points, CONFIG)[0]) <= cost(mean)
+    assert cost(refine(body, mean, points, CONFIG, fit=FREE)[0]) <= cost(mean)
 
 
 @pytest.mark.parity("tracking/refinement.refine_system", "tracking/refinement.refine_end")
@@ -106,15 +90,13 @@ def test_never_worse_than_the_mean() -> None:
 @pytest.mark.parametrize("n_points", [1, 37, 300])
 def test_kernel_and_twin(device: Device, name: str, n_points: int) -> None:
     body = bodies.named(name)
-    config = CONFIG.with_changes(
-        refinement_steps=3, refinement_reach=0.1, refinement_width=4.0, n_points=n_points
-    )
+    config = CONFIG.with_changes(n_points=n_points)
     pose = bodies.random_poses(body, 1)[0]
     random = np.random.default_rng(n_points)
     points = bodies.surface_points(body, pose, n_points) + random.normal(0, 0.01, (n_points, 3))
     mean = np.clip(pose + random.normal(0, 1, body.n_dof) * body.sigma, body.lower, body.upper)
-    found, information = on_device(device, body, mean, points, config)
-    expected, matrix = refine(body, mean, points, config)
+    found, information = on_device(device, body, mean, points, config, USUAL)
+    expected, matrix = refine(body, mean, points, config, fit=USUAL)
     np.testing.assert_allclose(found, expected, atol=2e-4)
     scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
     lower = np.tril_indices(body.n_dof)
@@ -128,7 +110,7 @@ def test_several_poses_at_once(device: Device) -> None:
     points = np.c_[bodies.surface_points(body, poses[1].astype(float), 300), np.ones(300)].astype(
         np.float32
     )
-    refinement, found = Refinement(device, body, CONFIG, 3), device.to_device(poses)
+    refinement, found = Refinement(device, body, CONFIG, 3, fit=FREE), device.to_device(poses)
     for launch in refinement.launcher(device.to_device(points), found):
         launch()
     for k, pose in enumerate(poses):
@@ -150,7 +132,7 @@ def test_the_other_kind_of_work_groups_finds_the_same(device: Device) -> None:
         )
     np.testing.assert_allclose(one, two, atol=2e-4)
     np.testing.assert_allclose(knows, knows_too, atol=1e-3 * np.abs(knows).max())
-    expected = refine(body, mean, points, CONFIG)[0]
+    expected = refine(body, mean, points, CONFIG, fit=FREE)[0]
     for found in (one, two):
         np.testing.assert_allclose(found, expected, atol=5e-4)
 
@@ -167,7 +149,9 @@ def on_points(
     scene = Scene(device, RIG, None, body)
     observed = ObservedPoints(scene, 300)
     observed.set(seen)
-    refinement = Refinement(device, body, config, voxels=len(voxels) > 0, observed=observed)
+    refinement = Refinement(
+        device, body, config, voxels=len(voxels) > 0, observed=observed, fit=USUAL
+    )
     result = device.to_device(mean.astype(np.float32))
     points = None
     if len(voxels):
@@ -191,9 +175,9 @@ def test_finds_the_way_back_by_what_cameras_see() -> None:
     wrong = random.uniform(0, 500, (len(seen), 2))
     pixel = np.where(kind < 0.1, wrong, np.where(kind < 0.2, swapped.pixel, seen.pixel))
     seen = replace(seen, pixel=pixel, inverse_scale=np.full(len(seen), 0.2))
-    config = CONFIG.with_changes(refinement_width=20.0, refinement_point_reach=20.0)
+    fit = GaussNewtonFit(steps=8, width=20.0, point_reach=20.0)
     moved = np.clip(pose + random.normal(0, 2, body.n_dof) * body.sigma, body.lower, body.upper)
-    found = refine(body, moved, None, config, (RIG, seen))[0]
+    found = refine(body, moved, None, CONFIG, (RIG, seen), fit=fit)[0]
     before, after = (
         np.linalg.norm(posed_joints(body, p[None]) - posed_joints(body, pose[None]), axis=-1)
         for p in (moved, found)
@@ -212,9 +196,7 @@ def test_kernels_and_twin_on_observed_points(
     left to one body: their kernels take 5 s to compile."""
     body, random = bodies.named(name), np.random.default_rng(n_points)
     kinds = [device] if name == "stick" else [device, other_kind(device)]
-    config = CONFIG.with_changes(
-        refinement_steps=3, refinement_width=4.0, n_points=max(1, n_voxels)
-    )
+    config = CONFIG.with_changes(n_points=max(1, n_voxels))
     pose = bodies.random_poses(body, 1)[0]
     voxels = bodies.surface_points(body, pose, n_voxels)
     seen = make_empty_observations()
@@ -226,7 +208,7 @@ def test_kernels_and_twin_on_observed_points(
         away = random.random(len(seen)) < 0.05
         seen = replace(seen, pixel=pixel + 300 * away[:, None])
     mean = np.clip(pose + random.normal(0, 1, body.n_dof) * body.sigma, body.lower, body.upper)
-    expected, matrix = refine(body, mean, voxels, config, (RIG, seen))
+    expected, matrix = refine(body, mean, voxels, config, (RIG, seen), fit=USUAL)
     scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
     lower = np.tril_indices(body.n_dof)
     with skipped_without_room(device):

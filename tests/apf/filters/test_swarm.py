@@ -10,8 +10,7 @@ from helpers.searches import Distance
 
 from apf.body import BodyModel, load_body
 from apf.filters.config import FilterConfig
-from apf.filters.searches.sir import SirConfig
-from apf.filters.searches.swarm import SwarmConfig
+from apf.filters.searches import SirConfig, SwarmConfig
 from apf.filters.sir import SirParticleFilter
 from apf.filters.swarm import ParticleSwarm
 from apf.reference.filters.sir import NumpySirParticleFilter

@@ -15,8 +15,9 @@ from apf.body.mesh import cone_mesh
 from apf.filters.method import Method
 from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
 from apf.image_objective.objective import ImageObjective
-from apf.image_objective.opengl import OpenGLObjective, OpenGLRenderer, egl_context
-from apf.image_objective.opengl.renderer import draw_by_opengl
+from apf.image_objective.opengl.context import egl_context
+from apf.image_objective.opengl.objective import OpenGLObjective
+from apf.image_objective.opengl.renderer import OpenGLRenderer, draw_by_opengl
 from apf.image_objective.renderer import draw_hypotheses
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice

@@ -13,20 +13,18 @@ from helpers.likelihoods import Setup, assert_cost_nothing, only, smooth_maps
 
 from apf.body.kinematics import posed_cones
 from apf.filters.config import FilterConfig
-from apf.likelihood.config import ContourConfig
-from apf.likelihood.contour import N_NORMALS, SOBEL_GAIN, Contours, full_contrast
+from apf.likelihood.contour import FULL_CONTRAST, N_NORMALS, Contours
 from apf.likelihood.part_colour import list_scored_parts
 from apf.likelihood.voxel import VoxelLikelihood, choose_cone_sampling, make_sample_rows
 from apf.reference.image_objective.render import draw_hypotheses
 from apf.reference.likelihood.contour import compute_contours, compute_gradients, contour_means
 from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
 from apf.scene import Scene
-from cl import Device, InputError, NumpyDevice
+from cl import Device, NumpyDevice
 from psfs.reconstructor import Reconstructor
 from psfs.reference.reconstructor import NumpyReconstructor
 
 SONG = bodies.named("song31")
-CONFIG = ContourConfig()
 RIG = scenes.ring(4, (161, 121))
 
 
@@ -60,7 +58,7 @@ def test_an_arm_before_the_trunk_is_found_by_its_contours() -> None:
     gain = {}
     for arms in (150, 90):
         pictures, maps = painted(bodies.crossing(), arms)
-        contours = compute_contours(compute_gradients(pictures, maps), maps, full_contrast(CONFIG))
+        contours = compute_contours(compute_gradients(pictures, maps), maps, FULL_CONTRAST)
         hanging, right = means(np.stack([SONG.rest_pose, bodies.crossing()]), contours)
         gain[arms] = right - hanging
     assert gain[150] > 0.005 and gain[150] > gain[90] + 0.01
@@ -69,8 +67,7 @@ def test_an_arm_before_the_trunk_is_found_by_its_contours() -> None:
 def test_contours_know_their_direction_and_end_at_the_silhouette() -> None:
     pictures, maps = np.full((1, 40, 40, 3), 50, np.uint8), np.full((1, 40, 40, 2), 255, np.uint8)
     pictures[:, :, 20:] = 90
-    contrast = full_contrast(ContourConfig(contrast=20.0))
-    assert contrast == 20 * SOBEL_GAIN
+    contrast = 20 * 128  # the gain of the operator
     found = compute_contours(compute_gradients(pictures, maps), maps, contrast)[0]
     assert found[0, 20, 20] > 2 * found[2, 20, 20] == 0
     assert found[1, 20, 20] == found[3, 20, 20] < found[0, 20, 20]
@@ -94,7 +91,7 @@ def test_contours_are_those_of_the_twin(device: Device) -> None:
     assert isinstance(term, Contours) and term.known
     found, maps = term.contours.get(), here.reprojection.maps.get()
     gradients = compute_gradients(images, maps)
-    np.testing.assert_array_equal(found, compute_contours(gradients, maps, full_contrast(CONFIG)))
+    np.testing.assert_array_equal(found, compute_contours(gradients, maps, FULL_CONTRAST))
     assert np.abs(gradients).max() > 1000 and 0.02 < (found > 0).mean() < 0.98
     twin = NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, SONG), config)
     twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
@@ -118,9 +115,7 @@ def test_the_term_agrees_with_the_twin(device: Device, kind: str, name: str) -> 
     contours = np.ascontiguousarray(np.moveaxis(np.concatenate(both, -1), -1, 1))
     assert contours.shape[1] == N_NORMALS
     likelihood.seen["contours"].set(contours)
-    rows = make_sample_rows(
-        choose_cone_sampling(body, config.likelihood.reprojection.sample_spacing)
-    )
+    rows = make_sample_rows(choose_cone_sampling(body))
     look = list_scored_parts(body, rows), rows
     cones = posed_cones(body, setup.poses)
     views = zip(rig, contours, strict=True)
@@ -138,6 +133,4 @@ def test_the_term_agrees_with_the_twin(device: Device, kind: str, name: str) -> 
 
 
 def test_without_pictures_contours_cost_nothing(device: Device) -> None:
-    with pytest.raises(InputError, match=r"contour\.contrast is 0"):
-        FilterConfig.create(contour_contrast=0.0)
     assert_cost_nothing(device, contour_weight=4.0)

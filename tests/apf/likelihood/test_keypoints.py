@@ -13,7 +13,7 @@ from helpers.sightings import seen_points
 
 from apf.body import load_body
 from apf.likelihood.base import Likelihood
-from apf.likelihood.config import KeypointConfig
+from apf.likelihood.config import EXCHANGE_COST, KeypointConfig
 from apf.likelihood.keypoints import KeypointLikelihood
 from apf.likelihood.observations import (
     Observed,
@@ -31,8 +31,8 @@ CONFIG, POSTURE = KeypointConfig(weight=3.0), 0.02
 def test_the_pose_that_was_seen_misses_nothing() -> None:
     rig, pose = scenes.ring(3), bodies.random_poses(SONG, 1)[0]
     seen = seen_points(SONG, pose, rig, 20)
-    assert missed_shares(SONG, rig, pose[None], seen, KeypointConfig()).max() < 1e-12
-    away = missed_shares(SONG, rig, pose[None] + [0.5, *[0] * 30], seen, KeypointConfig())
+    assert missed_shares(SONG, rig, pose[None], seen).max() < 1e-12
+    away = missed_shares(SONG, rig, pose[None] + [0.5, *[0] * 30], seen)
     assert away.min() > 0.05
 
 
@@ -40,7 +40,7 @@ def test_the_cost_of_an_outlier_is_bounded_and_a_missing_one_costs_nothing() -> 
     rig, pose = scenes.ring(3), bodies.random_poses(SONG, 1)[0]
     seen = seen_points(SONG, pose, rig, 20)
     wrong = replace(seen, pixel=seen.pixel + np.eye(len(seen))[:, :1] * 1e5)
-    shares = missed_shares(SONG, rig, pose[None], wrong, KeypointConfig())[0]
+    shares = missed_shares(SONG, rig, pose[None], wrong)[0]
     assert 0.99 < shares[0] <= 1 and shares[1:].max() < 1e-12
     likelihood = NumpyKeypointLikelihood(Scene(None, rig, None, SONG), CONFIG, POSTURE)  # type: ignore[arg-type]
 
@@ -58,13 +58,13 @@ def test_the_cost_of_an_outlier_is_bounded_and_a_missing_one_costs_nothing() -> 
 
 def test_left_taken_for_right_costs_the_exchange() -> None:
     rig, pose = scenes.ring(3), bodies.random_poses(SONG, 1)[0]
-    config = KeypointConfig(reach=0.5)
     swapped = seen_points(SONG, pose, rig, 20, as_partners=True)
-    shares = missed_shares(SONG, rig, pose[None], swapped, config)[0]
+    swapped = replace(swapped, inverse_scale=10 * swapped.inverse_scale)
+    shares = missed_shares(SONG, rig, pose[None], swapped)[0]
     paired = swapped.partner >= 0
-    assert paired.any() and shares[paired].max() <= config.exchange + 1e-9
+    assert paired.any() and shares[paired].max() <= EXCHANGE_COST + 1e-9
     lonely = replace(swapped, partner=np.full(len(swapped), -1))
-    assert missed_shares(SONG, rig, pose[None], lonely, config)[0][paired].mean() > config.exchange
+    assert missed_shares(SONG, rig, pose[None], lonely)[0][paired].mean() > EXCHANGE_COST
 
 
 @pytest.mark.parity("tracking/keypoints.score_points")
@@ -105,7 +105,7 @@ def test_it_adds_to_another_likelihood(device: Device) -> None:
     term.observe(Observed("shown", seen))
     for launch in term.launcher(device.to_device(poses)):
         launch()
-    shares = missed_shares(body, rig, poses.astype(float), seen, CONFIG)
+    shares = missed_shares(body, rig, poses.astype(float), seen)
     expected = 7 + 2 * CONFIG.weight * shares.mean(1)
     np.testing.assert_allclose(term.errors.get(), expected, rtol=2e-4)
     assert base.shown == "shown" and term.points is base.points and term.observed is None
@@ -132,7 +132,7 @@ def test_the_voxels_kernel_takes_the_term(device: Device, n: int, kind: str) -> 
         *term.misfit_launcher(setup.on_device),
     ]:
         launch()
-    shares = missed_shares(SONG, rig, setup.poses.astype(float), seen, CONFIG).sum(1)
+    shares = missed_shares(SONG, rig, setup.poses.astype(float), seen).sum(1)
     expected = alone + len(rig) * CONFIG.weight * shares / 350.0
     np.testing.assert_allclose(term.errors.get(), expected, rtol=2e-4, atol=1e-4)
     np.testing.assert_allclose(errors.get(), expected, rtol=2e-4, atol=1e-4)

@@ -16,8 +16,8 @@ from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.config import FilterConfig
-from apf.likelihood.config import PartColourConfig
 from apf.likelihood.part_colour import (
+    DECAY,
     N_CODES,
     N_COLOURS,
     RATIO_STEPS,
@@ -40,13 +40,12 @@ from apf.reference.likelihood.part_colour import (
 )
 from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
 from apf.scene import Scene
-from cl import Device, InputError, NumpyDevice
+from cl import Device, NumpyDevice
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import Reconstructor
 from psfs.reference.reconstructor import NumpyReconstructor
 
 SONG = bodies.named("song31")
-CONFIG = PartColourConfig()
 RIG = scenes.ring(4, (161, 121))
 SHIRT, SKIN, HIDDEN, NOTHING = 3, 9, N_CODES - 2, N_CODES - 1
 
@@ -75,7 +74,7 @@ def means(poses: np.ndarray, codes: np.ndarray, ratios: np.ndarray) -> np.ndarra
 def test_an_arm_before_the_trunk_is_found_by_its_colour(arms: int) -> None:
     """Learnt with hanging arms; then one crosses the belly. Of one colour, nothing tells."""
     counts = count_codes(RIG, SONG, SONG.rest_pose, painted(RIG, SONG.rest_pose, arms))
-    ratios = compute_ratios(counts, CONFIG)
+    ratios = compute_ratios(counts)
     poses = np.stack([SONG.rest_pose, bodies.crossing()])
     hanging, right = means(poses, painted(RIG, bodies.crossing(), arms), ratios)
     if arms == SKIN:
@@ -116,27 +115,27 @@ def test_a_palette_tells_a_persons_colours_apart() -> None:
     chosen = random.integers(0, 3, (2, 40, 50))
     pictures = np.clip(colours[chosen] + random.normal(0, 4, (2, 40, 50, 3)), 0, 255)
     silhouettes = np.full(chosen.shape, 255, np.uint8)
-    palette = fit_palette(pictures.astype(np.uint8), silhouettes, CONFIG)
+    palette = fit_palette(pictures.astype(np.uint8), silhouettes)
     assert palette is not None and palette.shape == (N_COLOURS,)
-    again = fit_palette(pictures.astype(np.uint8), silhouettes, CONFIG)
+    again = fit_palette(pictures.astype(np.uint8), silhouettes)
     np.testing.assert_array_equal(palette, again)
     codes = encode_colours(pictures.astype(np.uint8), silhouettes, palette)
     seen = [set(np.unique(codes[chosen == k])) for k in range(3)]
     assert not (seen[0] & seen[1] or seen[0] & seen[2] or seen[1] & seen[2])
     silhouettes[:] = 0
-    assert fit_palette(pictures.astype(np.uint8), silhouettes, CONFIG) is None
+    assert fit_palette(pictures.astype(np.uint8), silhouettes) is None
     assert (encode_colours(pictures.astype(np.uint8), silhouettes, palette) == NOTHING).all()
 
 
 def test_ratios_are_bounded_and_grow_with_the_samples() -> None:
     histograms = np.zeros((3, N_CODES))
     histograms[0, 0], histograms[1, 1], histograms[2, 0] = 600, 600, 6
-    ratios = compute_ratios(histograms, CONFIG)
+    ratios = compute_ratios(histograms)
     assert np.abs(ratios).max() <= RATIO_STEPS
     assert ratios[1, 0] == -RATIO_STEPS < 0 < ratios[0, 0]
     assert 0 < ratios[2, 0] < ratios[0, 0] / 5  # few samples
     assert not ratios[:, NOTHING].any()
-    assert not compute_ratios(np.zeros((3, N_CODES)), CONFIG).any()
+    assert not compute_ratios(np.zeros((3, N_CODES))).any()
 
 
 @pytest.mark.parity("tracking/part_colour.encode_colours")
@@ -154,7 +153,7 @@ def test_codes_agree_with_the_twin(device: Device) -> None:
     colours, codes = here.terms["part_colour"], twin.terms["part_colour"].codes
     assert isinstance(colours, PartColours) and colours.known and codes is not None
     found, maps = colours.codes.get(), here.reprojection.maps.get()[..., 0]
-    palette = fit_palette(images, maps, config.part_colour)
+    palette = fit_palette(images, maps)
     assert palette is not None
     np.testing.assert_array_equal(found, encode_colours(images, maps, palette))
     assert ((found == NOTHING) == (codes == NOTHING)).mean() > 0.99
@@ -187,16 +186,14 @@ def test_kernels_agree_with_the_twin(device: Device, kind: str, name: str) -> No
     likelihood, colours = setup.likelihood, setup.likelihood.terms["part_colour"]
     assert isinstance(colours, PartColours)
     histograms = np.zeros((len(list_part_names(body)), N_CODES))
-    rows = make_sample_rows(
-        choose_cone_sampling(body, config.likelihood.reprojection.sample_spacing)
-    )
+    rows = make_sample_rows(choose_cone_sampling(body))
     cones = posed_cones(body, setup.poses)
     for frame in range(3):
         codes = smooth_maps(rig, frame)[..., 0] // 5
         codes[codes == 20] = HIDDEN
         likelihood.seen["codes"].set(codes)
         colours.known = True
-        ratios = compute_ratios(histograms, CONFIG)
+        ratios = compute_ratios(histograms)
         if frame:
             assert np.abs(colours.ratios.get()[0].astype(int) - ratios).max() <= 1
             ratios = colours.ratios.get()[0]
@@ -224,7 +221,7 @@ def test_kernels_agree_with_the_twin(device: Device, kind: str, name: str) -> No
         taken = counts[0].after["counts"].reshape(twin.shape)
         assert twin.sum() > 50
         assert np.abs(taken - twin).sum() <= 0.04 * twin.sum() + 4
-        histograms = CONFIG.decay * histograms + taken
+        histograms = DECAY * histograms + taken
         np.testing.assert_allclose(colours.histograms.get()[0], histograms, rtol=1e-5)
     likelihood.forget()
     assert not colours.ratios.get().any() and not colours.histograms.get().any()
@@ -269,7 +266,7 @@ def test_trackers_learn_at_their_estimates(device: Device) -> None:
         voxels.pictures = lambda: pictures
         pose = tracker.step(voxels).pose
         counts = count_codes(rig, SONG, pose, colours.codes.get())
-        expected = CONFIG.decay * expected + counts
+        expected = DECAY * expected + counts
         found = colours.histograms.get()[0]
         assert np.abs(found - expected).sum() < 0.05 * expected.sum()
     assert expected.sum() > 100 and colours.ratios.get().any()
@@ -278,8 +275,6 @@ def test_trackers_learn_at_their_estimates(device: Device) -> None:
 
 
 def test_without_pictures_colours_cost_nothing(device: Device) -> None:
-    with pytest.raises(InputError, match=r"part_colour\.decay is 1\.5"):
-        FilterConfig.create(part_colour_decay=1.5)
     assert_cost_nothing(device, part_colour_weight=4.0)
 
 

@@ -155,9 +155,7 @@ def test_totals_agree_with_the_twin(device: Device, name: str, views: int, weigh
     count = device.to_device(np.array([len(indices)], np.int32))
     setup.likelihood.observe(cloud(grid, device.to_device(indices), count))
     found = setup.errors()
-    expected = setup.expected(
-        sampled_surface(grid.centres(indices), config.likelihood.samples.n_points)
-    )
+    expected = setup.expected(sampled_surface(grid.centres(indices), config.likelihood.n_points))
     assert np.isfinite(found).all()
     close = np.abs(found - expected) < 1e-3 * (1 + expected)
     assert close.mean() > 0.9
@@ -178,14 +176,14 @@ def test_misfit_is_silhouette_and_surface_error_of_one_pose(device: Device) -> N
     for launch in setup.likelihood.misfit_launcher(setup.on_device):
         launch()
     config = CONFIG.likelihood
-    points = sampled_surface(grid.centres(indices), config.samples.n_points)
+    points = sampled_surface(grid.centres(indices), config.n_points)
     seen = FrameEvidence(setup.maps, points)
     expected = sum(
         total_errors(
             rig,
             posed_cones(body, setup.poses[:1]),
             seen,
-            choose_cone_sampling(body, config.reprojection.sample_spacing),
+            choose_cone_sampling(body),
             (),
             only(term).likelihood,
         )[0]

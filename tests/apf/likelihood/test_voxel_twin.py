@@ -174,7 +174,7 @@ def test_the_true_pose_has_the_least_error(song_alone: bool) -> None:
     occupied = inside.reshape(grid.shape)
     voxels = HostVoxels(grid, occupied.astype(float), surface_voxels(occupied), 0)
     maps = NumpyReprojection(NumpyDevice(), rig, grid)(voxels)
-    points = sampled_surface(voxels.cloud().centres, config.samples.n_points)
+    points = sampled_surface(voxels.cloud().centres, config.n_points)
     steps = np.random.default_rng(0).normal(0, 1, (30, body.n_dof)) * body.sigma
     poses = np.clip(
         truth + np.concatenate([0 * steps[:1], 3 * steps, 12 * steps]), body.lower, body.upper

@@ -8,12 +8,11 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from apf.likelihood.terms import TermSpec
-from apf.likelihood.terms.contour import TERM
+from apf.likelihood.terms import TERMS, TermSpec
 from psfs.common import registry
 from psfs.common.registry import Registry
 
-OWN = ["contour", "motion_prior", "part_colour"]
+OWN = ["contour", "part_colour"]
 GROUP = "psfs_apf.terms"
 
 
@@ -24,7 +23,7 @@ def registered(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Registry[TermSp
     def make(**values: str) -> Registry[TermSpec]:
         points = [EntryPoint(name, value, GROUP) for name, value in values.items()]
         monkeypatch.setattr(registry, "entry_points", lambda group: points)
-        return Registry(TermSpec, "apf.likelihood.terms", "TERM", GROUP)
+        return Registry(TermSpec, GROUP, tuple(TERMS[name] for name in OWN))
 
     return make
 
@@ -33,7 +32,7 @@ def test_own_entries_are_those_of_the_modules(
     registered: Callable[..., Registry[TermSpec]],
 ) -> None:
     found = registered()
-    assert list(found) == OWN and found["contour"] is TERM and len(found) == 3
+    assert list(found) == OWN and found["contour"] is TERMS["contour"] and len(found) == 2
 
 
 @pytest.mark.parametrize(
@@ -41,7 +40,7 @@ def test_own_entries_are_those_of_the_modules(
     [
         ("nowhere_to_be_found:TERM", "No module named 'nowhere_to_be_found'"),
         ("json:dumps", "expected a TermSpec"),
-        ("apf.likelihood.terms.contour:TERM", "there is a TermSpec 'contour' already"),
+        ("apf.likelihood.terms:_CONTOUR", "there is a TermSpec 'contour' already"),
     ],
 )
 def test_an_entry_point_that_fails_is_left_out(

@@ -12,7 +12,6 @@ from cl import Array, Device, InputError
 from psfs.background.config import UNKNOWN
 from psfs.cameras.camera import CameraRig
 from psfs.reference.division import divide_evidence, divide_voxels
-from psfs.voxels.config import DivisionConfig
 from psfs.voxels.division import Division
 from psfs.voxels.grid import VoxelGrid
 
@@ -59,19 +58,17 @@ def test_parts_equal_the_twins(device: Device, n_voxels: int) -> None:
     random, rig = np.random.default_rng(n_voxels), scenes.ring(3, size=(81, 63))
     surface = np.sort(random.choice(GRID.size, n_voxels, replace=False))
     evidence = random.integers(-128, 128, (3, rig.height, rig.width)).astype(np.int8)
-    spheres, config = crowd(3).astype(np.float32), DivisionConfig(reach=0.3, beside=0.25)
+    spheres = crowd(3).astype(np.float32)
     voxels = carve(device, surface, evidence)
-    divide = Division(device, rig, voxels, 3, 9, config)
+    divide = Division(device, rig, voxels, 3, 9)
     divide.spheres.set(spheres)
     persons = divide()
-    for person, expected in zip(
-        persons, divide_voxels(GRID, surface, spheres, config), strict=True
-    ):
+    for person, expected in zip(persons, divide_voxels(GRID, surface, spheres), strict=True):
         found = person.surface.get(int(person.count.get()[0]))
         np.testing.assert_array_equal(found, np.sort(found))
         assert len(np.setxor1d(found, expected)) <= 2  # at equal distances
     maps = np.stack([person.evidence.get() for person in persons if person.evidence is not None])
-    expected = divide_evidence(rig, evidence, spheres, config)
+    expected = divide_evidence(rig, evidence, spheres)
     assert (maps != expected).mean() < 2e-4
     if n_voxels:
         assert {0, UNKNOWN} <= set(np.unique(expected[:, evidence > 0]))

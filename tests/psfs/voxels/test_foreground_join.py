@@ -9,14 +9,11 @@ import pytest
 from helpers import scenes
 from scipy import ndimage
 
-from cl import Device, InputError
+from cl import Device
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import Reconstructor
 from psfs.reference.reprojection import join_foreground
-from psfs.voxels.config import ForegroundJoinConfig
 from psfs.voxels.reprojection import Reprojection
-
-CONFIG = ForegroundJoinConfig()
 
 
 def blobs(rig: CameraRig, seed: int = 0) -> np.ndarray:
@@ -35,20 +32,14 @@ def blobs(rig: CameraRig, seed: int = 0) -> np.ndarray:
     "reconstruction/foreground_join.join_foreground",
 )
 @pytest.mark.parametrize("size", [(160, 120), (163, 117)])
-@pytest.mark.parametrize(
-    "config",
-    [CONFIG, CONFIG.replace(sides=5, below=90), CONFIG.replace(sides=400, least_pixels=1)],
-)
-def test_silhouettes_equal_the_twins(
-    device: Device, size: tuple[int, int], config: ForegroundJoinConfig
-) -> None:
+def test_silhouettes_equal_the_twins(device: Device, size: tuple[int, int]) -> None:
     rig, grid = scenes.ring(3, size=size), scenes.small_grid()
     voxels = Reconstructor(device, rig, grid, None)(scenes.frame(masks=scenes.masks_of(rig)))
     alone = Reprojection(device, rig, grid)(voxels).get()[..., 0] > 0
     evidence = blobs(rig)
     voxels.evidence = device.to_device(evidence)
-    found = Reprojection(device, rig, grid, join=config)(voxels).get()[..., 0] > 0
-    expected = [join_foreground(s, e, config) for s, e in zip(alone, evidence, strict=True)]
+    found = Reprojection(device, rig, grid, join=True)(voxels).get()[..., 0] > 0
+    expected = [join_foreground(s, e) for s, e in zip(alone, evidence, strict=True)]
     np.testing.assert_array_equal(found, expected)
     assert (found != alone).any() and alone.any()
 
@@ -62,12 +53,12 @@ def test_a_limb_that_was_carved_away_is_there_again_and_speckle_is_not() -> None
     evidence[40:60, 140:160] = 50  # somebody else, further away than a third of the height
     expected = silhouette.copy()
     expected[44:49, 80:100] = True
-    np.testing.assert_array_equal(join_foreground(silhouette, evidence, CONFIG), expected)
+    np.testing.assert_array_equal(join_foreground(silhouette, evidence), expected)
 
 
 def test_nobody_is_joined_by_nothing() -> None:
     nobody = np.zeros((120, 160), bool)
-    assert not join_foreground(nobody, np.full((120, 160), 50, np.int8), CONFIG).any()
+    assert not join_foreground(nobody, np.full((120, 160), 50, np.int8)).any()
 
 
 def test_voxels_without_evidence_and_a_join_that_is_off_change_nothing(device: Device) -> None:
@@ -76,15 +67,6 @@ def test_voxels_without_evidence_and_a_join_that_is_off_change_nothing(device: D
     alone = Reprojection(device, rig, grid)(voxels).get()
     bare = SimpleNamespace(grid=grid, surface=voxels.surface, count=voxels.count, evidence=None)
     voxels.evidence = device.to_device(blobs(rig))
-    off = CONFIG.replace(on=False)
-    for shown, config in ((bare, CONFIG), (voxels, off)):
-        maps = Reprojection(device, rig, grid, join=config)(shown).get()  # type: ignore[arg-type]
+    for shown, join in ((bare, True), (voxels, False)):
+        maps = Reprojection(device, rig, grid, join=join)(shown).get()  # type: ignore[arg-type]
         np.testing.assert_array_equal(maps, alone)
-
-
-@pytest.mark.parametrize(
-    ("name", "value"), [("sides", -1), ("below", 1001), ("least_pixels", 0), ("least_pixels", 577)]
-)
-def test_what_makes_no_sense_is_refused(name: str, value: int) -> None:
-    with pytest.raises(InputError, match=name):
-        CONFIG.replace(**{name: value})
