@@ -37,7 +37,6 @@ COMMANDS: dict[str, tuple[list[str], dict[str, tuple[str, ...]]]] = {
             "--particles": ("0", "1", "-5", "1000001", "1.5"),
             "--layers": ("0", "-1", "1001", "1.5"),
             "--noise": ("-1", "0", "101"),
-            "--spread": ("-1",),
             "--seed": ("-1", "1.5", str(2**64)),
             "--surface-weight": ("-1",),
             "--overlap-weight": ("-1",),
