@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
+from collections.abc import Sequence as Items
 from pathlib import Path
 
 import numpy as np
 
-from apf.body import BodyModel, load_body
-from apf.body.bodytrack import is_bodytrack, read_body
-from apf.evaluation.evaluate import load_truth
-from apf.evaluation.joint_names import match_joints
+from apf.body import BodyModel
 from apf.filters.method import Method
-from apf.formats.pose import check_pose, read_pose
-from apf.initialisation import StartError
-from apf.initialisation.from_joints import fit_to_joints
-from apf.keypoints.agreement import find_disagreements
 from apf.keypoints.keypoints import Keypoints
+from apf.request import TrackRequest
+from apf.takes.job import run_track
+from apf.takes.start import STATURES, load_template
 from apf.tracking.people import MOST_PEOPLE, PeopleTracks
-from apf.tracking.settings import DEFAULT_BODY, TakeSettings
-from apf.tracking.take import Take, track_take
+from apf.tracking.progress import StageCalls
 from apf.tracking.track import Track
 from cl import Device as Device
 from cl import DeviceError as DeviceError
@@ -29,15 +24,10 @@ from cl import MissingFileError as MissingFileError
 from cl import NumpyDevice as NumpyDevice
 from cl import UserError as UserError
 from cl import select_device as select_device
-from psfs.api import check_sequence, exclude_inconsistent_cameras, resolve_device
+from psfs.api import check_sequence, resolve_device
 from psfs.common.ranges import check_kind, check_number
-from psfs.people.people import count_people, follow_several
-from psfs.people.separation import separate
 from psfs.sequence import Sequence
-from psfs.session import Session, SessionSettings
 from psfs.voxels.config import ReconstructionConfig
-
-log = logging.getLogger(__name__)
 
 
 def track(
@@ -80,25 +70,24 @@ def track(
     check_sequence(sequence, frames)
     kinds = {"method": method, "body": body, "init": init, "keypoints": keypoints}
     _check_arguments(height, **kinds, reconstruction=reconstruction)
-    settings = SessionSettings(
-        reconstruction or ReconstructionConfig(), frames or slice(None), voxel_size
-    )
-    session = _select_cameras(
-        Session(sequence, resolve_device(device), settings), method, all_cameras
-    )
-    sequence = session.sequence
-    if init is None and (method or Method()).uses_voxels:
-        _warn_of_others(session)
-    template, keep_shape = load_template(body)
-    take_settings = TakeSettings(
+    request = TrackRequest(
+        folders=(sequence.folder,),
+        body=body,
+        init=init,
         method=method or Method(),
-        template=template,
-        keep_shape=keep_shape,
+        frames=_check_frames(sequence, frames),
         height=height,
-        given=read_given_start(sequence.folder, session.frames[0], body, init),
-        keypoints=_open_keypoints(keypoints, sequence),
+        voxel_size=voxel_size,
+        all_cameras=all_cameras,
+        keypoints=keypoints,
+        reconstruction=reconstruction or ReconstructionConfig(),
     )
-    return _whole_track(track_take(session, take_settings, progress))
+    done = run_track(
+        request, resolve_device(device), StageCalls(progress), sequence=sequence,
+        why_one="apf.track follows one person, apf.track_people all",
+    )  # fmt: skip
+    done[0].raise_error()
+    return done[0].take.tracks[0]
 
 
 def track_people(
@@ -112,88 +101,57 @@ def track_people(
     voxel_size: float | None = None,
     all_cameras: bool = False,
     progress: Callable[[str], object] | None = None,
+    keypoints: Items[Keypoints] | str | Path | None = None,
     reconstruction: ReconstructionConfig | None = None,
 ) -> PeopleTracks:
     """Track everybody in the chosen frames of `sequence`, as `apf track` does: `for track in
     track_people(sequence)`.
 
     number: how many people there are, if that is known; by default as many as are seen. body: the
-    name of a shipped model, fitted to each person. The rest as of `track`. Raises as `track` does,
-    and InputError for an impossible number, an objective without voxels or a body of one person.
+    name of a shipped model, fitted to each person. keypoints: of all people, or their path; they
+    are given to the people in the voxels, or, with `Method.create(objective="keypoints")`, tell
+    alone who is where. The rest as of `track`. Raises as `track` does, and InputError for an
+    impossible number, an objective of one person or a body of one person.
     """
     check_sequence(sequence, frames)
     _check_arguments(None, method=method, body=body, reconstruction=reconstruction)
     if number is not None:
         check_number("number", number, 1, MOST_PEOPLE)
-    if method is not None and not method.uses_voxels:
+    if method is not None and not method.uses_voxels and method.objective != "keypoints":
         raise InputError(f"the objective {method.objective} tracks one person; expected voxel")
-    settings = SessionSettings(
-        reconstruction or ReconstructionConfig(), frames or slice(None), voxel_size
-    )
-    session = _select_cameras(
-        Session(sequence, resolve_device(device), settings), method, all_cameras
-    )
-    template, keep_shape = load_template(body)
-    if keep_shape:
+    if load_template(body)[1]:
         raise InputError(f"{body}: a file holds one person's body; expected a shipped name")
-    take_settings = TakeSettings(method=method or Method(), template=template)
-
-    def tracked(own: Session) -> Track:
-        return _whole_track(track_take(own, take_settings, progress))
-
-    people = follow_several(session, number)
-    if people is None:
-        indices = np.array(session.frames)
-        return PeopleTracks((tracked(session),), indices, (indices,))
-    tracks: list[Track] = []
-    seen: list[np.ndarray] = []
-    objects = people.objects
-    for person, own in zip(people, separate(session, people), strict=True):
-        try:
-            tracks.append(tracked(own))
-            seen.append(person.frames)
-        except StartError:
-            objects += 1
-            if number is not None or objects == people.objects + len(people):
-                raise
-    return PeopleTracks(tuple(tracks), np.array(people.frames), tuple(seen), objects)
+    request = TrackRequest(
+        folders=(sequence.folder,),
+        body=body,
+        method=method or Method(),
+        frames=_check_frames(sequence, frames),
+        voxel_size=voxel_size,
+        all_cameras=all_cameras,
+        keypoints=keypoints,
+        people="auto" if number is None else number,
+        reconstruction=reconstruction or ReconstructionConfig(),
+    )
+    done = run_track(request, resolve_device(device), StageCalls(progress), sequence=sequence)
+    for one in done:
+        one.raise_error()
+    if done[0].everybody is not None:
+        return done[0].everybody
+    indices = np.arange(len(sequence))[request.frames]
+    return PeopleTracks((done[0].take.tracks[0],), indices, (indices,))
 
 
-def _select_cameras(session: Session, method: Method | None, all_cameras: bool) -> Session:
-    """Return the session without cameras that disagree, unless all are kept or only keypoints are
-    used. Raises InputError if no frame is chosen."""
-    if method is None or method.objective != "keypoints":
-        session = exclude_inconsistent_cameras(session, all_cameras)
-    if not session.frames:
-        chosen, sequence = session.settings.selection, session.sequence
-        raise InputError(f"{chosen} chooses none of the {len(sequence)} frames of {sequence.name}")
-    return session
-
-
-def _warn_of_others(session: Session) -> None:
-    """Log a warning if several people are seen."""
-    if session.sequence.subject == "person":
-        people = count_people(session)
-        if len(people) > 1:
-            seen = people.describe()
-            name = session.sequence.name
-            log.warning("%s: %s; one is tracked, apf.track_people tracks all", name, seen)
-
-
-def _whole_track(take: Take) -> Track:
-    """Return the only track of a take, and log doubts about its start. Raises the error that ended
-    it early."""
-    for doubt in take.start.doubts if take.start is not None else ():
-        log.warning("%s: %s", take.sequence.name, doubt)
-    if take.error is not None:
-        raise take.error
-    return take.tracks[0]
+def _check_frames(sequence: Sequence, frames: slice | None) -> slice:
+    """Return the frames to track, all by default. Raises InputError if there is none."""
+    if not len(range(len(sequence))[frames or slice(None)]):
+        raise InputError(f"{frames} chooses none of the {len(sequence)} frames of {sequence.name}")
+    return frames or slice(None)
 
 
 def _check_arguments(height: float | None, **arguments: object) -> None:
     """Raise InputError for an impossible height, m, or an argument of `track` of the wrong type."""
     if height is not None:
-        check_number("height, m,", height, 0.5, 2.5)
+        check_number("height, m,", height, *STATURES)
     kinds: dict[str, tuple[type, ...]] = {
         "method": (Method,),
         "body": (BodyModel, str, Path),
@@ -204,63 +162,3 @@ def _check_arguments(height: float | None, **arguments: object) -> None:
     for name, value in arguments.items():
         hint = ", such as apf.Method.create()" if name == "method" else ""
         check_kind(name, value, kinds[name], hint)
-
-
-def _open_keypoints(
-    keypoints: Keypoints | str | Path | None, sequence: Sequence
-) -> Keypoints | None:
-    if keypoints is None or isinstance(keypoints, Keypoints):
-        return keypoints
-    found = Keypoints.open(keypoints, sequence)
-    for text in find_disagreements(found, sequence.rig, sequence.fps):
-        log.warning("%s: %s", keypoints, text)
-    return found
-
-
-def load_template(body: BodyModel | str | Path | None) -> tuple[BodyModel, bool]:
-    """Return the body to start with, and whether it comes from a file and so has the person's own
-    shape."""
-    if isinstance(body, BodyModel):
-        return body, False
-    return load_body(body or DEFAULT_BODY), body is not None and Path(body).suffix == ".toml"
-
-
-def read_given_start(
-    folder: Path,
-    frame: int,
-    body: BodyModel | str | Path | None = None,
-    init: np.ndarray | str | Path | None = None,
-    convention: str = "y-up",
-) -> tuple[BodyModel, np.ndarray] | None:
-    """Return the body and its pose (D,) in `frame`, the first to be tracked; None if none is given.
-
-    Without `body`, the sequence's own is used if its `folder` has one, with its own first pose.
-    body, init: as of `track`. convention: axes of a TRC. Raises InputError.
-    """
-    own = body is None and is_bodytrack(folder)
-    model = read_body(folder) if own else load_template(body)[0]
-    if init is None:
-        return (model, model.rest_pose) if own else None
-    if isinstance(init, np.ndarray):
-        if init.shape != (model.n_dof,) or init.dtype.kind not in "iuf":
-            raise InputError(
-                f"init is {init.dtype} of shape {init.shape}; expected ({model.n_dof},) numbers"
-            )
-        check_pose(init, model, "init")
-        return model, init
-    path = Path(init)
-    if path.suffix.lower() not in (".npz", ".trc"):
-        return model, read_pose(path, model)
-    truth = load_truth(path, convention)
-    rows = np.flatnonzero(truth.frames == frame)
-    if not rows.size:
-        raise InputError(f"{path}: no joints for frame {frame}, the first to be tracked")
-    joints = {
-        name: truth.joints[rows[0], column]
-        for name, column in match_joints(truth.joint_names).items()
-    }
-    try:
-        model, pose, _ = fit_to_joints(model, joints)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    return model, pose

@@ -124,6 +124,10 @@ class Sequence:
         """Return the same views of these cameras only. Raises InputError for unknown names."""
         return self._again(self.settings.replace(cameras=tuple(names)))
 
+    def with_all_cameras(self) -> Sequence:
+        """Return the same views of all cameras."""
+        return self._again(self.settings.replace(cameras=None))
+
     def with_rig(self, rig: CameraRig) -> Sequence:
         """Return the same views with `rig`, a revised calibration of the same cameras."""
         other = copy(self)

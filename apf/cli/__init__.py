@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from psfs.cli.starting import start_program
+from psfs.cli import start_program
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -3,18 +3,16 @@ from the silhouettes."""
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from apf.keypoints.calibration import calibrate_by_keypoints
 from apf.keypoints.keypoints import Keypoints
+from apf.request import CalibrateRequest
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cli.commandline import remark
-from psfs.cli.flags.calibrate import CALIBRATION, REPORT
 from psfs.cli.lenses import read_lenses
 from psfs.cli.person import (
     enlarge_rig,
@@ -23,57 +21,58 @@ from psfs.cli.person import (
     read_person_config,
     write_person_calibration,
 )
-from psfs.cli.settings import FILE
 from psfs.common.outputs import output_folder
+from psfs.common.requests import SETTINGS
+from psfs.request import CALIBRATION, REPORT
 from psfs.self_calibration.calibrator import PersonCalibration, adjust_calibration
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.points.calibrator import PointCalibration
 from psfs.sequence import Sequence
 
 
-def run(args: argparse.Namespace) -> None:
-    if args.keypoints is None:
+def run(request: CalibrateRequest) -> None:
+    if request.keypoints is None:
         raise InputError(
             "no --keypoints PATH; expected those of a pose network, as apf keypoints finds them; "
             "without any: psfs calibrate FOLDER --person"
         )
-    inputs = [Path(args.folder), *(p for p in (args.intrinsics,) if p is not None)]
-    with output_folder(args.output, args.parser.prog, inputs, (CALIBRATION, REPORT, FILE)):
-        _calibrate(args)
+    inputs = [p for p in (request.folder, request.intrinsics) if p is not None]
+    with output_folder(request.output, request.COMMAND, inputs, (CALIBRATION, REPORT, SETTINGS)):
+        _calibrate(request)
 
 
-def _calibrate(args: argparse.Namespace) -> None:
-    config = read_person_config(args)
-    views = open_person_footage(args)
-    large, kept = read_lenses(args, views)
+def _calibrate(request: CalibrateRequest) -> None:
+    config = read_person_config(request)
+    views = open_person_footage(request)
+    large, kept = read_lenses(request, views)
     if not kept:
         config = config.replace(
             adjustment=config.adjustment.free_lenses(), points=config.points.free_lenses()
         )
-    keypoints = Keypoints.open(args.keypoints, views)
+    keypoints = Keypoints.open(request.keypoints or "", views)
     for note in keypoints.notes:
         remark("note", "cyan", note)
     found = calibrate_by_keypoints(large, keypoints, views.fps, config)
     rig, calibration = found.rig, _as_person_calibration(found)
     verdict = f"keypoints are {found.errors.max():.2f} px off at most (median of a camera)"
-    if not args.no_silhouettes:
+    if request.silhouettes:
         try:
-            rig, calibration = _adjust(args, views, large, found, config)
+            rig, calibration = _adjust(request, views, large, found, config)
             verdict += f"; silhouettes differ by at most {calibration.misfits.max():.2f} px"
         except InputError as error:
             raise InputError(
                 f"the silhouettes do not confirm what the keypoints say: {error}; or "
                 "--no-silhouettes, which keeps it unconfirmed"
             ) from None
-    write_person_calibration(args, views, rig, calibration, config, verdict)
+    write_person_calibration(request, views, rig, calibration, config, verdict)
 
 
 def _adjust(
-    args: argparse.Namespace, views: Sequence, large: list[Camera], found: PointCalibration,
+    request: CalibrateRequest, views: Sequence, large: list[Camera], found: PointCalibration,
     config: PersonConfig,
 ) -> tuple[CameraRig, PersonCalibration]:  # fmt: skip
     """Return the cameras, adjusted to the silhouettes. Raises InputError if these do not fit."""
-    small, outlines, edges = outline_footage(args, views, large, config)
+    small, outlines, edges = outline_footage(request, views, large, config)
     start = []
     for camera, own, before in zip(small, found.rig, large, strict=True):
         K = camera.K.copy()

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from psfs.cli.program.command import list_commands
+from psfs.cli.program import list_commands
 
 COMMANDS = list_commands(
-    "apf.cli",
+    "apf",
     synth="Make a synthetic sequence of one person or several who walk in a room.",
     calibrate="Find cameras and times from the keypoints of somebody who walks about.",
     keypoints="Find 2-D keypoints in all cameras with MediaPipe Pose, for apf track --keypoints.",

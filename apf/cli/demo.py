@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import logging
 import shlex
 import webbrowser
@@ -13,7 +12,7 @@ import numpy as np
 
 import apf.cli
 import psfs.cli
-from apf.synthetic.config import SceneConfig
+from apf.request import DemoRequest
 from cl import InputError, NumpyDevice, select_device
 from psfs.cli.commandline import stdout
 from psfs.common.files import read_json, write_json
@@ -23,22 +22,22 @@ from psfs.common.ranges import check_number
 log = logging.getLogger(__name__)
 
 
-def run(args: argparse.Namespace) -> None:
-    out = args.output
-    check_number("--cameras", args.cameras, 2, 64)  # a visual hull needs two
-    SceneConfig(cameras=args.cameras, frames=args.frames)  # raises if they are invalid
-    if isinstance(select_device(args.device), NumpyDevice):
+def run(request: DemoRequest) -> None:
+    out = request.output
+    check_number("--cameras", request.scene.cameras, 2, 64)  # a visual hull needs two
+    if isinstance(select_device(request.device), NumpyDevice):
         raise InputError("--device numpy renders no scene; expected an OpenCL device")
-    with output_folder(out, args.parser.prog) as opened:
+    with output_folder(out, request.COMMAND) as opened:
         opened.begin()  # remove the summary of an earlier demo before new results are written
-        _demonstrate(args, out)
+        _demonstrate(request, out)
 
 
-def _demonstrate(args: argparse.Namespace, out: Path) -> None:
+def _demonstrate(request: DemoRequest, out: Path) -> None:
     sequence, voxels, tracked = (str(out / name) for name in ("sequence", "voxels", "track"))
+    scene = request.scene
     truth = str(out / "sequence" / "truth.npz")
-    device = ["--device", args.device]
-    size = ["--cameras", str(args.cameras), "--frames", str(args.frames)]
+    device = ["--device", request.device]
+    size = ["--cameras", str(scene.cameras), "--frames", str(scene.frames)]
     _step("apf", apf.cli.main, ["synth", "-o", sequence, *size, *device])
     _step("psfs", psfs.cli.main, ["reconstruct", sequence, "-o", voxels, *device])
     _step("psfs", psfs.cli.main, ["check", voxels, *device])
@@ -53,7 +52,7 @@ def _demonstrate(args: argparse.Namespace, out: Path) -> None:
         "FOLDER -o OUT` and `apf export OUT`.",
         soft_wrap=True,
     )
-    if args.open and not webbrowser.open(report.resolve().as_uri()):
+    if request.open and not webbrowser.open(report.resolve().as_uri()):
         log.warning("no browser to open %s with", report)
 
 

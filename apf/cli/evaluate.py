@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from rich.table import Table
 
-from apf.cli.flags.evaluate import FILES
 from apf.evaluation.angle_truth import (
     AngleError,
     TrueAngles,
@@ -38,39 +36,43 @@ from apf.evaluation.people import (
 )
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import JointSeries
+from apf.request import EvaluateRequest
 from apf.tracking.people import PeopleTracks, holds_people, person_folder
 from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cli.commandline import stdout, warn
-from psfs.cli.settings import refuse_unused
 from psfs.common.files import resolve_path
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_number
 
 
-def run(args: argparse.Namespace) -> None:
-    if args.truth_start is not None:
-        check_number("--truth-start, frames,", args.truth_start, -1e9, 1e9)
-    if holds_people(args.track):
-        _run_people(args)
+def run(request: EvaluateRequest) -> None:
+    if request.truth_start is not None:
+        check_number("--truth-start, frames,", request.truth_start, -1e9, 1e9)
+    if holds_people(request.track):
+        _run_people(request)
         return
-    if len(args.truth) > 1:
+    if len(request.truth) > 1:
         raise InputError(
-            f"{args.track}: the track of one person; expected one file of the truth, found "
-            f"{len(args.truth)}"
+            f"{request.track}: the track of one person; expected one file of the truth, found "
+            f"{len(request.truth)}"
         )
-    track = Track.open(args.track)
-    truth, convention = _truth(args, args.truth[0], track)
-    markers = None if args.markers is None else load_markers(args.markers)
+    track = Track.open(request.track)
+    truth, convention = _truth(request, request.truth[0], track)
+    markers = None if request.markers is None else load_markers(request.markers)
     try:
-        if args.convention is None and markers is None and args.truth[0].suffix.lower() == ".trc":
+        if (
+            request.convention is None
+            and markers is None
+            and request.truth[0].suffix.lower() == ".trc"
+        ):
             truth, convention = _with_its_axes(track, truth, convention)
         evaluation = (
             evaluate(track, truth) if markers is None else evaluate_markers(track, markers, truth)
         )
     except InputError as error:
-        raise InputError(f"{args.track} against {args.truth[0]}: {error}") from None
-    if args.truth_start is None and (true_angles := _true_angles(args.truth[0])) is not None:
+        raise InputError(f"{request.track} against {request.truth[0]}: {error}") from None
+    if request.truth_start is None and (true_angles := _true_angles(request.truth[0])) is not None:
         angles = tuple(evaluate_angles(track, true_angles))
         evaluation = replace(evaluation, angles=angles)
     print_evaluation(evaluation)
@@ -82,28 +84,26 @@ def run(args: argparse.Namespace) -> None:
     if track.smoothing is not None:
         shown = ", ".join(f"{k} {v}" for k, v in track.smoothing.items() if v is not None)
         stdout.print(f"the track was smoothed: {shown}", soft_wrap=True)
-    folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
-    title = f"{resolve_path(args.track).name} against {args.truth[0].name}"
-    with output_folder(folder, args.parser.prog, addition=True, replaces=True):
-        written = _write_files(folder, evaluation, _select_files(args), title)
+    folder = request.output or (request.track if request.track.is_dir() else request.track.parent)
+    title = f"{resolve_path(request.track).name} against {request.truth[0].name}"
+    with output_folder(folder, request.COMMAND, addition=True, replaces=True):
+        written = _write_files(folder, evaluation, _select_files(request), title)
     stdout.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
 
 
-def _run_people(args: argparse.Namespace) -> None:
+def _run_people(request: EvaluateRequest) -> None:
     """Compare the tracks of several people."""
-    refuse_unused(
-        args, ["markers"], f"applies only to one person; expected {args.track / 'person1'}"
-    )
-    tracks = PeopleTracks.open(args.track)
-    truth = _truth_of_people(args, tracks[0].fps)
+    request.refuse(["markers"], f"applies only to one person; expected {request.track / 'person1'}")
+    tracks = PeopleTracks.open(request.track)
+    truth = _truth_of_people(request, tracks[0].fps)
     try:
         evaluation = evaluate_people(tracks, truth)
     except InputError as error:
-        stated = " ".join(map(str, args.truth))
-        raise InputError(f"{args.track} against {stated}: {error}") from None
+        stated = " ".join(map(str, request.truth))
+        raise InputError(f"{request.track} against {stated}: {error}") from None
     print_people_evaluation(evaluation)
-    folder, wanted, written = args.output or args.track, _select_files(args), []
-    with output_folder(folder, args.parser.prog, addition=True, replaces=True):
+    folder, wanted, written = request.output or request.track, _select_files(request), []
+    with output_folder(folder, request.COMMAND, addition=True, replaces=True):
         for name, number, errors in zip(
             evaluation.names, evaluation.tracks, evaluation.errors, strict=True
         ):
@@ -117,28 +117,28 @@ def _run_people(args: argparse.Namespace) -> None:
     stdout.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
 
 
-def _truth_of_people(args: argparse.Namespace, fps: float) -> dict[str, JointSeries]:
+def _truth_of_people(request: EvaluateRequest, fps: float) -> dict[str, JointSeries]:
     """Return the truth of each person by name, in the frames of a sequence with `fps`."""
-    if len(args.truth) == 1 and args.truth[0].suffix.lower() == ".npz":
-        truth = load_people_truth(args.truth[0])
-        if args.truth_start is None:
+    if len(request.truth) == 1 and request.truth[0].suffix.lower() == ".npz":
+        truth = load_people_truth(request.truth[0])
+        if request.truth_start is None:
             return truth
-        return {name: of.resample(fps, args.truth_start) for name, of in truth.items()}
-    names = [path.stem for path in args.truth]
+        return {name: of.resample(fps, request.truth_start) for name, of in truth.items()}
+    names = [path.stem for path in request.truth]
     if len(set(names)) < len(names):
-        names = [str(path) for path in args.truth]
+        names = [str(path) for path in request.truth]
     return {
-        name: _truth_of_one(args, path, fps)[0]
-        for name, path in zip(names, args.truth, strict=True)
+        name: _truth_of_one(request, path, fps)[0]
+        for name, path in zip(names, request.truth, strict=True)
     }
 
 
-def _truth(args: argparse.Namespace, path: Path, track: Track) -> tuple[JointSeries, str]:
+def _truth(request: EvaluateRequest, path: Path, track: Track) -> tuple[JointSeries, str]:
     """Return the truth of a track in its frames, and the convention of its axes; of several people
     that of the nearest, which is printed."""
-    if args.truth_start is not None or not is_of_people(path):
-        return _truth_of_one(args, path, track.fps)
-    refuse_unused(args, ["convention"], f"applies only to a TRC or C3D; {path} has Z up")
+    if request.truth_start is not None or not is_of_people(path):
+        return _truth_of_one(request, path, track.fps)
+    request.refuse(["convention"], f"applies only to a TRC or C3D; {path} has Z up")
     truth, name = load_followed_truth(track, path)
     stdout.print(f"the truth is of several people; the nearest is {name}", soft_wrap=True)
     return truth, "z-up"
@@ -149,24 +149,25 @@ def _true_angles(path: Path) -> TrueAngles | None:
     return None if is_of_people(path) else load_true_angles(path)
 
 
-def _select_files(args: argparse.Namespace) -> list[str]:
+def _select_files(request: EvaluateRequest) -> list[str]:
     """Return the kinds of files that the flags ask for, all without such flags."""
-    return [kind for kind in FILES if getattr(args, kind)] or list(FILES)
+    chosen = {"csv": request.csv, "plot": request.plot, "json": request.json_file}
+    return [kind for kind, on in chosen.items() if on] or list(chosen)
 
 
-def _truth_of_one(args: argparse.Namespace, path: Path, fps: float) -> tuple[JointSeries, str]:
+def _truth_of_one(request: EvaluateRequest, path: Path, fps: float) -> tuple[JointSeries, str]:
     """Return the truth in the frames of a sequence with `fps`, and the convention of its axes."""
     kind = path.suffix.lower()
     if kind == ".c3d":
-        truth = read_c3d(path, args.convention)
-        return truth.resample(fps, args.truth_start), args.convention or "z-up"
+        truth = read_c3d(path, request.convention)
+        return truth.resample(fps, request.truth_start), request.convention or "z-up"
     if kind != ".trc":
-        refuse_unused(args, ["convention"], f"applies only to a TRC or C3D; {path} has Z up")
+        request.refuse(["convention"], f"applies only to a TRC or C3D; {path} has Z up")
     # An npz is in world axes.
-    convention = (args.convention or "y-up") if kind == ".trc" else "z-up"
+    convention = (request.convention or "y-up") if kind == ".trc" else "z-up"
     truth = load_truth(path, convention)
-    if args.truth_start is not None:
-        truth = truth.resample(fps, args.truth_start)
+    if request.truth_start is not None:
+        truth = truth.resample(fps, request.truth_start)
     return truth, convention
 
 

@@ -2,59 +2,55 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 
 from apf.body.limbs import limb_names
-from apf.cli.takes.opened_track import open_given_track
+from apf.cli.opened_track import open_given_track, stated_cutoff
 from apf.formats.opensim.setup import ANGLES, INVERSE_KINEMATICS, SCALING
+from apf.request import ExportRequest
 from apf.tracking.config import SmoothingConfig
 from apf.tracking.exports import OPENSIM
 from apf.tracking.motion_files import Export, export
 from apf.tracking.people import PeopleTracks, holds_people, person_folder
 from apf.tracking.track import spans
 from psfs.cli.commandline import stdout
-from psfs.cli.setting_flags import with_flags
-from psfs.cli.settings import refuse_unused
 from psfs.common.outputs import output_folder
 
 
-def run(args: argparse.Namespace) -> None:
-    if args.raw:
-        refuse_unused(args, ["cutoff"], "applies only to the smoothing; expected none with --raw")
-    if args.to is not None and "trc" not in args.to:
-        refuse_unused(args, ["axes"], "applies only to the TRC; expected --to trc with it")
-    if args.to is None or OPENSIM not in args.to:
-        refuse_unused(
-            args, ["osim_model"], f"applies only to OpenSim; expected --to {OPENSIM} with it"
-        )
-    config = with_flags(SmoothingConfig(), args)
-    folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
-    with output_folder(folder, args.parser.prog, addition=True):
-        if not holds_people(args.track):
-            _export(args, folder, config)
+def run(request: ExportRequest) -> None:
+    if request.raw:
+        request.refuse(["cutoff"], "applies only to the smoothing; expected none with --raw")
+    if request.to is not None and "trc" not in request.to:
+        request.refuse(["axes"], "applies only to the TRC; expected --to trc with it")
+    if request.to is None or OPENSIM not in request.to:
+        request.refuse(["osim_model"], f"applies only to OpenSim; expected --to {OPENSIM} with it")
+    config = request.smoothing
+    folder = request.output or (request.track if request.track.is_dir() else request.track.parent)
+    with output_folder(folder, request.COMMAND, addition=True):
+        if not holds_people(request.track):
+            _export(request, folder, config)
             return
-        refuse_unused(args, ["body"], "applies only to one person; expected none with several")
-        for number, seen in enumerate(PeopleTracks.open(args.track).seen, start=1):
-            own, into = (person_folder(of, number) for of in (args.track, folder))
+        request.refuse(["body"], "applies only to one person; expected none with several")
+        for number, seen in enumerate(PeopleTracks.open(request.track).seen, start=1):
+            own, into = (person_folder(of, number) for of in (request.track, folder))
             into.mkdir(parents=True, exist_ok=True)
             stdout.print(f"{into.name}:")
-            _export(argparse.Namespace(**{**vars(args), "track": own}), into, config, seen)
+            _export(request.replace(track=own), into, config, seen)
 
 
 def _export(
-    args: argparse.Namespace, folder: Path, config: SmoothingConfig, seen: np.ndarray | None = None
+    request: ExportRequest, folder: Path, config: SmoothingConfig, seen: np.ndarray | None = None
 ) -> None:
     """Write one person's files into `folder`, and print what they contain. seen: frames (F,) that
     show the person, None for all."""
-    track = open_given_track(args)
+    track = open_given_track(request.track, request.body, stated_cutoff(request))
     written = export(
-        track, folder, args.to, axes=args.axes, smoothing=config, raw=args.raw,
-        osim_model=args.osim_model,
+        track, folder, request.to, axes=request.axes, smoothing=config, raw=request.raw,
+        osim_model=request.osim_model,
     )  # fmt: skip
-    print_export(written, args.to is None or "gait" in args.to, seen)
+    print_export(written, request.to is None or "gait" in request.to, seen)
 
 
 def print_export(written: Export, gait_wanted: bool, seen: np.ndarray | None = None) -> None:

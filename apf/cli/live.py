@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import webbrowser
 from contextlib import ExitStack, closing
 from dataclasses import replace
@@ -14,10 +13,7 @@ import numpy as np
 
 from apf.backend import check_renderer
 from apf.body.model import BodyModel
-from apf.cli.first_pose import check_start
-from apf.cli.method_flags import METHOD_FLAGS, select_method
-from apf.cli.takes.live_start import read_live_people, start_captures, start_replay
-from apf.cli.takes.results import RESULTS, write_files
+from apf.cli.live_start import read_live_people, start_captures, start_replay
 from apf.evaluation.evaluate import load_truth
 from apf.evaluation.people import (
     evaluate_people,
@@ -35,43 +31,48 @@ from apf.live.pace import Pace, PaceReporter
 from apf.live.pictures import fitting_factor
 from apf.live.session import Live, LiveResult, LiveStart
 from apf.live.sources import Source
+from apf.request import LiveRequest
+from apf.takes.results import RESULTS, write_files
+from apf.takes.start import check_start
 from apf.tracking.people import PeopleTracks, person_folder
 from apf.tracking.pipeline import build_track
 from apf.tracking.track import Track
 from cl import Device, InputError, select_device
 from psfs.cli.commandline import stderr, stdout, warn
-from psfs.cli.settings import refuse_unused, write_settings
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
+from psfs.common.requests import write_settings
 
 #: True joints, of several people by name.
 Truth = JointSeries | dict[str, JointSeries]
 
 
-def run(args: argparse.Namespace) -> None:
-    check_start(args)
-    _check_ranges(args)
-    method = select_method(args)
+def run(request: LiveRequest) -> None:
+    check_start(request, request.truth)
+    _check_ranges(request)
+    method = request.method
     # The frames are not evenly spaced, and `Live` predicts the motion itself.
-    config = args.configs.get("live") or LiveConfig()
+    config = request.live
     noise = method.filter.search.noise
-    if method.uses_voxels and args.noise is None and "method" not in args.configs:
+    if method.uses_voxels and not request.own_noise:
         noise = config.noise
     method = method.replace(filter=method.filter.with_changes(velocity=0.0, noise=noise))
-    device = select_device(args.device)
+    device = select_device(request.device)
     if not isinstance(device, Device):
         raise InputError("--device numpy is no device for live tracking; expected an OpenCL device")
     check_renderer(device, method)
-    number = read_live_people(args, method)
-    truth = _read_truth(args)
-    stated = [Path(path) for path in (args.init, args.body, args.truth) if path is not None]
-    inputs = [Path(args.folder), *(path for path in stated if path.exists())]
-    with output_folder(args.output, args.parser.prog, inputs, (*RESULTS, "take*")):
-        _live(args, method, config, device, (number, truth))
+    number = read_live_people(request, method)
+    truth = _read_truth(request)
+    stated = [
+        Path(path) for path in (request.init, request.body, request.truth) if path is not None
+    ]
+    inputs = [Path(request.folder), *(path for path in stated if path.exists())]
+    with output_folder(request.output, request.COMMAND, inputs, (*RESULTS, "take*")):
+        _live(request, method, config, device, (number, truth))
 
 
 def _live(
-    args: argparse.Namespace,
+    request: LiveRequest,
     method: Method,
     config: LiveConfig,
     device: Device,
@@ -79,17 +80,17 @@ def _live(
 ) -> None:
     """Run; `people`: how many there are, None for as many as are seen, and their truth."""
     number, truth = people
-    if args.captures:
-        source, start = start_captures(args, method, number)
+    if request.captures:
+        source, start = start_captures(request, method, number)
     else:
-        source, start = start_replay(args, method, device, number)
+        source, start = start_replay(request, method, device, number)
     grid, several = start.grid, bool(start.others)
-    sized_by_hand = args.n_particles is not None or args.n_layers is not None
+    sized_by_hand = not request.chosen.isdisjoint(("n_particles", "n_layers"))
     searches = (
-        [method] if sized_by_hand and args.budget is None else list_sizes(method, config.sizes)
+        [method] if sized_by_hand and request.budget is None else list_sizes(method, config.sizes)
     )
-    follow = bool(args.captures) and args.volume is None and not several
-    scale = args.scale
+    follow = bool(request.captures) and request.capture.volume is None and not several
+    scale = request.scale
     if scale is None:
         scale = 1.0 if device.is_gpu or grid is None else fitting_factor(source.rig, grid)
     live = Live(
@@ -97,14 +98,14 @@ def _live(
         source,
         start,
         searches,
-        budget=args.budget,
+        budget=request.budget,
         follow=follow,
         scale=scale,
         config=config,
     )
     pace = Pace(
         live.expected_rate,
-        args.budget or source.fps,
+        request.budget or source.fps,
         live.processing_time,
         float(live.governor.costs[live.governor.chosen]),
         scale,
@@ -113,22 +114,22 @@ def _live(
         stderr.print(str(pace), soft_wrap=True)
     else:
         warn(f"{pace}; {pace.advice}")
-    result, takes = _run(args, live, start, pace)
+    result, takes = _run(request, live, start, pace)
     if not result.frames:
         raise InputError("no frame was tracked; expected at least one before the end")
     provenance = {**method.describe(), "device": device.name}
     tracks = _make_tracks(live, result, (0, result.frames[-1]), provenance)
     for number, take in enumerate(takes, start=1):
         if recorded := _make_tracks(live, result, take, provenance):
-            folder = args.output / f"take{number}"
+            folder = request.output / f"take{number}"
             folder.mkdir(parents=True, exist_ok=True)
             _write_tracks(folder, recorded)
-    write_settings(args.output, args, {"method": method, "live": config}, METHOD_FLAGS)
+    write_settings(request.output, request.replace(method=method), ["method", "live"])
     summary = live.timeline.summary() | {"sizes": result.sizes, "scale": scale}
-    summary |= _write_tracks(args.output, tracks) | compare_with_truth(tracks, result, truth)
-    write_json(args.output / "live.json", summary)
-    live.timeline.plot(args.output / "timeline.png")
-    print_summary(summary, args.output)
+    summary |= _write_tracks(request.output, tracks) | compare_with_truth(tracks, result, truth)
+    write_json(request.output / "live.json", summary)
+    live.timeline.plot(request.output / "timeline.png")
+    print_summary(summary, request.output)
 
 
 def _write_tracks(output: Path, tracks: list[Track]) -> dict[str, Any]:
@@ -167,17 +168,17 @@ def compare_with_truth(
     return live_errors(tracks[0], truth, np.array(result.latencies))
 
 
-def _read_truth(args: argparse.Namespace) -> Truth | None:
+def _read_truth(request: LiveRequest) -> Truth | None:
     """Return the truth of --truth, of several people by name."""
-    if args.truth is None:
+    if request.truth is None:
         return None
-    if is_of_people(args.truth):
-        return load_people_truth(args.truth)
-    return load_truth(args.truth, args.convention)
+    if is_of_people(request.truth):
+        return load_people_truth(request.truth)
+    return load_truth(request.truth, request.convention)
 
 
 def _run(
-    args: argparse.Namespace, live: Live, start: LiveStart, pace: Pace
+    request: LiveRequest, live: Live, start: LiveStart, pace: Pace
 ) -> tuple[LiveResult, list[tuple[int, int]]]:
     """Run, with its progress on the terminal and, with --studio, on a page. Return the result, and
     the first and last frames of takes that were recorded on the page."""
@@ -188,7 +189,7 @@ def _run(
             progress = PaceReporter(pace.wanted, stack.enter_context(waiting).update, None, late)
         else:
             progress = PaceReporter(pace.wanted, None, partial(stderr.print, soft_wrap=True), late)
-        if not args.studio:
+        if not request.studio:
             return live.run(progress), []
         from apf.studio.live import LivePage  # imports an extra
 
@@ -201,19 +202,17 @@ def _run(
         return result, page.takes
 
 
-def _check_ranges(args: argparse.Namespace) -> None:
-    if args.scale is not None and not 0.05 <= args.scale <= 1:
-        raise InputError(f"--scale is {args.scale}; expected 0.05 to 1")
-    if args.captures:
-        refuse_unused(
-            args, ["frames"], "applies only to a recording; expected none with --captures"
-        )
+def _check_ranges(request: LiveRequest) -> None:
+    if request.scale is not None and not 0.05 <= request.scale <= 1:
+        raise InputError(f"--scale is {request.scale}; expected 0.05 to 1")
+    if request.captures:
+        request.refuse(["frames"], "applies only to a recording; expected none with --captures")
     else:
-        refuse_unused(args, ["empty"], "applies only to --captures; expected them with it")
-    if args.budget is not None and not 0.1 <= args.budget <= 1000:
-        raise InputError(f"--fps is {args.budget}; expected 0.1 to 1000 poses per second")
-    if not 0 <= args.empty <= 600:
-        raise InputError(f"--empty is {args.empty}; expected 0 to 600 s")
+        request.refuse(["empty"], "applies only to --captures; expected them with it")
+    if request.budget is not None and not 0.1 <= request.budget <= 1000:
+        raise InputError(f"--fps is {request.budget}; expected 0.1 to 1000 poses per second")
+    if not 0 <= request.empty <= 600:
+        raise InputError(f"--empty is {request.empty}; expected 0 to 600 s")
 
 
 def _make_tracks(

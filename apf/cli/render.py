@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import colorsys
 from pathlib import Path
 
@@ -12,20 +11,19 @@ import numpy as np
 from apf.backend import draw_poses
 from apf.body import BodyModel
 from apf.body.mesh import BodyMesh
-from apf.cli.shape_flags import shape_settings
-from apf.cli.takes.opened_track import open_given_track
+from apf.cli.opened_track import open_given_track
 from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.opengl.renderer import draw_by_opengl
+from apf.request import RenderRequest
 from apf.scene import Scene
 from apf.tracking.people import holds_people, person_folder
 from cl import Device, InputError, NumpyDevice, select_device
 from psfs.cameras.camera import CameraRig
-from psfs.cli.commandline import progress_bar, stdout
-from psfs.cli.sequence_flags import open_sequence, select_common_frames
-from psfs.cli.setting_flags import with_flags
-from psfs.cli.settings import FILE, refuse_unused, write_settings
+from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.files import write_picture
 from psfs.common.outputs import OutputFolder, output_folder
+from psfs.common.requests import SETTINGS, write_settings
+from psfs.opening import open_sequence, select_common_frames
 from psfs.output.preview import crop_view
 
 #: The kinds of pictures, each in its own folder.
@@ -33,33 +31,33 @@ KINDS = ("silhouettes", "edges", "overlay")
 _WHITE, _TINT = (255, 255, 255), 0.45
 
 
-def run(args: argparse.Namespace) -> None:
-    if holds_people(args.track):
+def run(request: RenderRequest) -> None:
+    if holds_people(request.track):
         raise InputError(
-            f"{args.track}: of several people, and each picture is of one body; expected one's "
-            f"folder, as {person_folder(args.track, 1)}"
+            f"{request.track}: of several people, and each picture is of one body; expected one's "
+            f"folder, as {person_folder(request.track, 1)}"
         )
-    if args.opengl:
-        refuse_unused(args, ["round_ends", "device"], "is OpenCL's; expected none with --opengl")
-    look = with_flags(ObjectiveConfig(**shape_settings(args)), args)
-    files = (args.body, look.mesh_file, look.mesh_weights, look.mesh_pose)
+    if request.opengl:
+        request.refuse(["round_ends", "device"], "is OpenCL's; expected none with --opengl")
+    look = request.look
+    files = (request.body, look.mesh_file, look.mesh_weights, look.mesh_pose)
     given = [Path(path) for path in files if path]
-    inputs = [Path(args.folder), args.track, *given]
-    with output_folder(args.output, args.parser.prog, inputs, (FILE,)) as out:
-        _render(args, out, look)
+    inputs = [Path(request.folder), request.track, *given]
+    with output_folder(request.output, request.COMMAND, inputs, (SETTINGS,)) as out:
+        _render(request, out, look)
 
 
-def _render(args: argparse.Namespace, out: OutputFolder, look: ObjectiveConfig) -> None:
-    device = None if args.opengl else select_device(args.device)
-    sequence = open_sequence(args)
+def _render(request: RenderRequest, out: OutputFolder, look: ObjectiveConfig) -> None:
+    device = None if request.opengl else select_device(request.device)
+    sequence = open_sequence(request)
     out.check_inputs(sequence.inputs)
-    chosen = select_common_frames(args, sequence)
-    track = open_given_track(args)
+    chosen = select_common_frames(request.frames, sequence, warn)
+    track = open_given_track(request.track, request.body)
     body = track.its_body
     rows = [row for row, frame in enumerate(track.frames) if frame in chosen]
     if not rows:
         raise InputError(
-            f"{args.track}: has none of the frames {chosen.start} to {chosen.stop - 1}"
+            f"{request.track}: has none of the frames {chosen.start} to {chosen.stop - 1}"
         )
     mesh = look.mesh(body)
     with progress_bar() as bar:
@@ -77,9 +75,9 @@ def _render(args: argparse.Namespace, out: OutputFolder, look: ObjectiveConfig) 
                     tint_parts(crop_view(frame, view, camera), parts, edges),
                 )
                 for kind, picture in zip(KINDS, pictures, strict=True):
-                    write_picture(args.output / kind / name, picture)
-    write_settings(args.output, args)
-    stdout.print(f"{len(rows)} frames x {len(sequence.rig)} cameras drawn: {args.output}")
+                    write_picture(request.output / kind / name, picture)
+    write_settings(request.output, request)
+    stdout.print(f"{len(rows)} frames x {len(sequence.rig)} cameras drawn: {request.output}")
 
 
 def _draw(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from apf.report.summary import (
     read_tracked_config,
     read_tracked_grid,
 )
+from apf.request import ReportRequest
 from apf.tracking.people import PeopleTracks, holds_people, person_folder
 from apf.tracking.track import Track
 from cl import InputError, select_device
@@ -26,12 +26,12 @@ from psfs.common.outputs import output_folder
 from psfs.session import Session, SessionSettings
 
 
-def run(args: argparse.Namespace) -> None:
-    folder: Path = args.track
+def run(request: ReportRequest) -> None:
+    folder: Path = request.track
     if not folder.is_dir():
         raise InputError(f"{folder}: no folder; expected one that `apf track` wrote")
     if holds_people(folder):
-        _run_people(args, folder)
+        _run_people(request, folder)
         return
     track = Track.open(folder)
     _check_body(track, folder)
@@ -51,10 +51,10 @@ def run(args: argparse.Namespace) -> None:
         open_tracked_sequence(folder, summary, last),
         read_tracked_config(folder, summary),
     )
-    session = Session(sequence, select_device(args.device), SessionSettings(config))
-    draw = not args.no_overlay and not (folder / OVERLAY).exists()
+    session = Session(sequence, select_device(request.device), SessionSettings(config))
+    draw = request.video and not (folder / OVERLAY).exists()
     with (
-        output_folder(folder, args.parser.prog, addition=True, replaces=True),
+        output_folder(folder, request.COMMAND, addition=True, replaces=True),
         ExitStack() as stack,
     ):
         bar = progress_bar()
@@ -87,7 +87,7 @@ def _check_body(track: Track, folder: Path) -> None:
         )
 
 
-def _run_people(args: argparse.Namespace, folder: Path) -> None:
+def _run_people(request: ReportRequest, folder: Path) -> None:
     """Write the page of several people, and their overlay if it is missing."""
     tracks = PeopleTracks.open(folder)
     _check_body(tracks[0], folder)
@@ -95,10 +95,10 @@ def _run_people(args: argparse.Namespace, folder: Path) -> None:
     summary, video = read_summary(first), folder / OVERLAY
     sequence = open_tracked_sequence(first, summary, int(tracks.frames.max()))
     with (
-        output_folder(folder, args.parser.prog, addition=True, replaces=True),
+        output_folder(folder, request.COMMAND, addition=True, replaces=True),
         ExitStack() as stack,
     ):
-        if not args.no_overlay and not video.exists():
+        if request.video and not video.exists():
             bar = stack.enter_context(progress_bar())
             task = bar.add_task("overlay", total=len(tracks.frames))
             write_overlay(video, sequence, tracks, lambda: bar.advance(task))

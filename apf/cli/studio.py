@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 from functools import lru_cache, partial
 
 from apf.live.recording import Captures
+from apf.request import StudioRequest
 from apf.studio.folders import Roots, find_kind
 from apf.studio.page import Page
 from cl import UserError, select_device
@@ -13,16 +13,16 @@ from psfs.cli.serve import check_port, serve
 from psfs.common.outputs import check_place
 
 
-def run(args: argparse.Namespace) -> None:
-    check_port(args)
-    check_place(args.output)
-    roots = Roots(args.folder)
-    make_device = lru_cache(1)(partial(select_device, args.device))
-    captures = Captures(args.captures) if args.captures else None
+def run(request: StudioRequest) -> None:
+    check_port(request)
+    check_place(request.output)
+    roots = Roots(request.folder)
+    make_device = lru_cache(1)(partial(select_device, request.device))
+    captures = Captures(request.captures) if request.captures else None
     try:
         page = Page(
-            roots, make_device, args.port,
-            results=args.output, device=args.device, captures=captures,
+            roots, make_device, request.port,
+            results=request.output, device=request.device, captures=captures,
         )  # fmt: skip
     except UserError:
         if captures is not None:
@@ -31,8 +31,8 @@ def run(args: argparse.Namespace) -> None:
     try:
         if captures is not None:
             page.open_cameras()
-        elif find_kind(args.folder) is not None:
-            page.open(args.folder)
-        serve(page, args)
+        elif find_kind(request.folder) is not None:
+            page.open(request.folder)
+        serve(page, request)
     finally:
         page.stop()

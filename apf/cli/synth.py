@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
 from contextlib import ExitStack
 
-from apf.synthetic.config import SceneConfig
+from apf.request import SynthRequest
 from apf.synthetic.generate import generate
 from cl import select_device
 from psfs.cli.commandline import progress_bar, stdout
-from psfs.cli.setting_flags import with_flags
-from psfs.cli.settings import write_settings
 from psfs.common.outputs import output_folder
+from psfs.common.requests import write_settings
 
 
-def run(args: argparse.Namespace) -> None:
-    config = with_flags(SceneConfig(size=args.size), args)
-    device = select_device(args.device)
-    with output_folder(args.output, args.parser.prog), ExitStack() as stack:
+def run(request: SynthRequest) -> None:
+    config = request.scene
+    device = select_device(request.device)
+    with output_folder(request.output, request.COMMAND), ExitStack() as stack:
         bar = progress_bar()
         task = bar.add_task("rendering", total=config.frames)
 
@@ -26,10 +24,10 @@ def run(args: argparse.Namespace) -> None:
                 stack.enter_context(bar)
             bar.update(task, completed=done)
 
-        generate(args.output, config, device, advance)
-        write_settings(args.output, args)
+        generate(request.output, config, device, advance)
+        write_settings(request.output, request)
     who = f"{config.people} people, " if config.people > 1 else ""
     stdout.print(
-        f"{args.output}: {who}{config.frames} frames of {config.cameras} cameras "
+        f"{request.output}: {who}{config.frames} frames of {config.cameras} cameras "
         f"at {config.fps:g} fps"
     )

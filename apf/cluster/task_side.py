@@ -48,7 +48,7 @@ class Progress:
 class TaskProgress(StageProgress):
     """Receives and sends a task's progress.
 
-    It replaces the line of a take, `apf.cli.takes.take_report.TakeLine`: called with the name of
+    It replaces the line of a take, `apf.cli.take_report.TakeLine`: called with the name of
     the current stage, after every frame of stages that work by frames. worker: host and process.
     seconds: time of each stage. core_seconds: CPU time of each stage. Calls raise KeyboardInterrupt
     in a task that must stop.
@@ -89,6 +89,15 @@ class TaskProgress(StageProgress):
             self.seconds[self._stage] += now[0] - self._begun[0]
             self.core_seconds[self._stage] += now[1] - self._begun[1]
         self._begun = now
+
+    def warn(self, text: str) -> None:
+        print(f"warning: {text}", file=sys.stderr)
+
+    def note(self, text: str) -> None:
+        print(f"note: {text}")
+
+    def tell(self, text: str) -> None:
+        print(text, file=sys.stderr)
 
     def _send(self) -> None:
         self._sent = time.monotonic()

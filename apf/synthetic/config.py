@@ -31,7 +31,12 @@ class SceneConfig(Config):
     )
     fps: float = setting(30.0, "Frame rate.", unit="frames/s", least=1, most=1000, flag="--fps")
     size: tuple[int, int] = setting(
-        (640, 480), "Width and height of the pictures, each even and from 32 to 8192.", unit="px"
+        (640, 480),
+        "Width and height of the pictures, each even and from 32 to 8192.",
+        unit="px",
+        flag="--size",
+        flag_help="width and height of the pictures, px",
+        metavar="WxH",
     )
     seed: int = setting(
         1,

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 from abc import ABC, abstractmethod
 from collections import Counter
+from collections.abc import Callable
+
+log = logging.getLogger(__name__)
 
 
 class StageProgress(ABC):
     """Receiver of a take's progress: called with the name of the current stage, see `track_take`,
-    after every frame of stages that work by frames."""
+    after every frame of stages that work by frames; and of what there is to tell, which is logged
+    unless a subclass shows it."""
 
     def __init__(self) -> None:
         self._n_frames, self._whose, self._stage = 0, "", ""
@@ -41,3 +46,30 @@ class StageProgress(ABC):
     @abstractmethod
     def _enter(self, stage: str) -> None:
         """Make a stage the current one; it goes on where it left off."""
+
+    def warn(self, text: str) -> None:
+        """Tell of a fault."""
+        log.warning(text)
+
+    def note(self, text: str) -> None:
+        """Tell what was guessed."""
+        log.info(text)
+
+    def tell(self, text: str) -> None:
+        """Tell what was found."""
+        log.info(text)
+
+
+class StageCalls(StageProgress):
+    """Progress that calls `report` with the name of the stage."""
+
+    def __init__(self, report: Callable[[str], object] | None = None) -> None:
+        super().__init__()
+        self._report = report
+
+    def __call__(self, stage: str) -> None:
+        if self._report is not None:
+            self._report(stage)
+
+    def _enter(self, stage: str) -> None:
+        pass

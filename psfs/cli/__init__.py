@@ -1,8 +1,26 @@
-"""The command `psfs`."""
+"""The command `psfs`. Its imports, which take a second, follow when it runs."""
 
 from __future__ import annotations
 
-from psfs.cli.starting import start_program
+import os
+import sys
+from collections.abc import Callable
+
+_INTERRUPTED = 130
+
+
+def start_program(program: str, run: Callable[[], int]) -> int:
+    """Return the exit code of `run`. Ctrl-C ends it with one line. Closed standard streams (`psfs
+    ... >&-`) are redirected to the null device: otherwise the first opened files would take their
+    place."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: PTH123, SIM115
+    try:
+        return run()
+    except KeyboardInterrupt:
+        print(f"{program}: interrupted", file=sys.stderr)
+        return _INTERRUPTED
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -3,7 +3,6 @@ cameras corrected by a take."""
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 
@@ -40,19 +39,16 @@ from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import rotation_to_z_up
 from psfs.cli.commandline import progress_bar, stdout, warn
-from psfs.cli.flags.calibrate import CALIBRATION, PICTURES, REPORT, RIG
 from psfs.cli.person import calibrate_from_person
 from psfs.cli.refinement import refine
-from psfs.cli.settings import FILE, refuse_unused, write_settings
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_number
+from psfs.common.requests import SETTINGS, write_settings
 from psfs.common.versions import versions
-from psfs.footage.settings import SequenceSettings
+from psfs.request import CALIBRATION, PICTURES, REPORT, RIG, CalibrateRequest
 from psfs.sequence import Sequence
 
-#: The keys of `sequence.toml` that a calibration needs.
-_STATED = ("cameras", "fps", "sync")
 #: Flags of one kind of target.
 _OF_C3D = ("markers", "c3d_begins", "up")
 _OF_TARGETS = ("intrinsics", "floor", "height", "frames", "squares", "square", *_OF_C3D)
@@ -64,64 +60,62 @@ _OF_BOARDS, _OF_CHARUCO = ("squares", "square"), ("marker", "dictionary", "board
 _KINDS = ("charuco", "chessboard")
 
 
-def run(args: argparse.Namespace) -> None:
-    if args.print_board is not None:
-        _print_board(args)
+def run(request: CalibrateRequest) -> None:
+    if request.print_board is not None:
+        _print_board(request)
         return
     missing = [
-        what for what, of in (("FOLDER", args.folder), ("-o OUT", args.output)) if of is None
+        what for what, of in (("FOLDER", request.folder), ("-o OUT", request.output)) if of is None
     ]
-    if missing:
+    if request.folder is None or request.output is None:
         raise InputError(
             f"no {' and no '.join(missing)}; expected psfs calibrate FOLDER -o OUT, or "
             "--print-board FILE.pdf alone: docs/calibration.md"
         )
-    inputs = [Path(args.folder), *(p for p in (args.c3d, args.intrinsics) if p is not None)]
-    expected = (CALIBRATION, REPORT, RIG, FILE, f"{PICTURES}/*.png")
-    with output_folder(args.output, args.parser.prog, inputs, expected):
-        if not args.person:
-            refuse_unused(args, _OF_PERSON, "applies only to a person; expected --person with it")
-        if args.refine:
-            refuse_unused(
-                args, _OF_TARGETS, "applies only to boards and wands; expected none with --refine"
+    inputs = [p for p in (request.folder, request.c3d, request.intrinsics) if p is not None]
+    expected = (CALIBRATION, REPORT, RIG, SETTINGS, f"{PICTURES}/*.png")
+    with output_folder(request.output, request.COMMAND, inputs, expected):
+        if not request.person:
+            request.refuse(_OF_PERSON, "applies only to a person; expected --person with it")
+        if request.refine:
+            request.refuse(
+                _OF_TARGETS, "applies only to boards and wands; expected none with --refine"
             )
-            refine(args)
-        elif args.person:
+            refine(request)
+        elif request.person:
             unused = [flag for flag in _OF_TARGETS if flag != "intrinsics"]
-            refuse_unused(
-                args, unused, "applies only to boards and wands; expected none with --person"
+            request.refuse(unused, "applies only to boards and wands; expected none with --person")
+            request.refuse(
+                ["calibration"], "applies only to given cameras; expected --refine with it"
             )
-            refuse_unused(
-                args, ["calibration"], "applies only to given cameras; expected --refine with it"
-            )
-            refuse_unused(args, ["sync"], "is found from the person; expected none with --person")
-            calibrate_from_person(args)
+            request.refuse(["sync"], "is found from the person; expected none with --person")
+            calibrate_from_person(request)
         else:
-            refuse_unused(
-                args, ["calibration"], "applies only to given cameras; expected --refine with it"
+            request.refuse(
+                ["calibration"], "applies only to given cameras; expected --refine with it"
             )
-            _calibrate(args)
+            _calibrate(request)
 
 
-def _print_board(args: argparse.Namespace) -> None:
+def _print_board(request: CalibrateRequest) -> None:
     """Write the PDF of a ChArUco board."""
     from psfs.calibration.targets.print_board import write_board_pdf  # loads Matplotlib
 
     of_footage = {"folder", "output", "board", "wand", "c3d", "refine", "person", *_OF_PERSON}
-    refuse_unused(
-        args,
+    request.refuse(
         of_footage.union(_OF_TARGETS).difference(_OF_BOARDS),
         "applies only to footage; expected none with --print-board",
     )
-    path: Path = args.print_board
+    path = request.print_board
+    assert path is not None
     if path.suffix.lower() != ".pdf":
         raise InputError(f"{path}: expected a name that ends in .pdf")
-    squares = args.squares or _PRINTED[0]
-    square = _PRINTED[1] if args.square is None else args.square
-    marker = 0.75 * square if args.marker is None else args.marker
-    family = "4X4" if args.dictionary == "auto" else args.dictionary
-    width, height = write_board_pdf(path, squares, (square, marker), family, args.boards)
-    several = f" --boards {args.boards}" if args.boards > 1 else ""
+    squares = request.squares or _PRINTED[0]
+    square = _PRINTED[1] if request.square is None else request.square
+    marker = 0.75 * square if request.marker is None else request.marker
+    family = "4X4" if request.dictionary == "auto" else request.dictionary
+    width, height = write_board_pdf(path, squares, (square, marker), family, request.boards)
+    several = f" --boards {request.boards}" if request.boards > 1 else ""
     stdout.print(
         f"wrote {path}: {width:.0f} x {height:.0f} mm; print it at 100 %, glue it on something "
         f"flat, film it: psfs calibrate FOLDER --board charuco --squares {squares[0]}x{squares[1]} "
@@ -131,18 +125,18 @@ def _print_board(args: argparse.Namespace) -> None:
     )
 
 
-def _calibrate(args: argparse.Namespace) -> None:
-    check_number("--height, m,", args.height, -10, 10)
-    config: CalibrationConfig = args.configs.get("calibration", CalibrationConfig())
-    boards = _make_board_finders(args)
+def _calibrate(request: CalibrateRequest) -> None:
+    check_number("--height, m,", request.height, -10, 10)
+    config = request.calibration_settings
+    request = _read_board_file(request)
+    boards = _make_board_finders(request)
     board = boards[0] if boards else None
-    stated = {key: getattr(args, key) for key in _STATED}
-    views = open_uncalibrated(Path(args.folder), SequenceSettings.from_dict(stated))
-    chosen, floor = _choose_frames(args, views, config)
-    finder = board or _marker_finder(args, views, chosen, config.markers)
+    views = open_uncalibrated(request.folder or Path(), request.capture)
+    chosen, floor = _choose_frames(request, views, config)
+    finder = board or _marker_finder(request, views, chosen, config.markers)
     finders = boards or [finder]
-    known = args.intrinsics is not None
-    cameras = read_intrinsics(args.intrinsics, views.rig, board) if known else list(views.rig)
+    path, known = request.intrinsics, request.intrinsics is not None
+    cameras = list(views.rig) if path is None else read_intrinsics(path, views.rig, board)
     sightings: list[Sighting] = []
     with progress_bar() as bar:
         for found in bar.track(
@@ -154,87 +148,92 @@ def _calibrate(args: argparse.Namespace) -> None:
     target = replace(finder.target, boards=len(finders))
     result = calibrate_cameras(cameras, target, sightings, known, config)
     floor = [len(finders) * frame + n for frame in floor for n in range(len(finders))]
-    result, warnings = _align_to_world(args, result, floor)
-    _write(args, views, result, config, warnings)
+    result, warnings = _align_to_world(request, result, floor)
+    _write(request, views, result, config, warnings)
 
 
 def _make_board_finders(
-    args: argparse.Namespace,
+    request: CalibrateRequest,
 ) -> list[CharucoFinder] | list[ChessboardFinder]:
     """Return the detectors of the boards; none for a wand. Raises InputError for flags that exclude
     each other."""
-    _apply_board_file(args)
-    if args.board is None and args.wand is None and args.c3d is None:
+    if request.board is None and request.wand is None and request.c3d is None:
         raise InputError(
             "no target is stated; expected --person (somebody who walks about), --board, --wand or "
             "--c3d, or --refine for given cameras: docs/calibration.md"
         )
-    if args.c3d is None:
-        refuse_unused(args, _OF_C3D, "applies only to motion capture; expected --c3d with it")
-    if args.floor is None:
-        refuse_unused(
-            args, ["height"], "applies only to a target on the floor; expected --floor with it"
+    if request.c3d is None:
+        request.refuse(_OF_C3D, "applies only to motion capture; expected --c3d with it")
+    if request.floor is None:
+        request.refuse(
+            ["height"], "applies only to a target on the floor; expected --floor with it"
         )
-    if args.board != "charuco":
-        refuse_unused(
-            args, _OF_CHARUCO, "applies only to ChArUco boards; expected --board charuco with it"
+    if request.board != "charuco":
+        request.refuse(
+            _OF_CHARUCO, "applies only to ChArUco boards; expected --board charuco with it"
         )
-    if args.board is None:
-        refuse_unused(args, _OF_BOARDS, "applies only to boards; expected --board with it")
+    if request.board is None:
+        request.refuse(_OF_BOARDS, "applies only to boards; expected --board with it")
         return []
-    if args.squares is None or args.square is None:
+    if request.squares is None or request.square is None:
         raise InputError(
             "--board needs --squares CxR and --square M, as printed on it; psfs calibrate "
             "--print-board FILE.pdf makes one"
         )
-    if args.board == "chessboard":
-        return [ChessboardFinder(args.squares, args.square)]
-    marker = 0.75 * args.square if args.marker is None else args.marker
-    check_number("--boards", args.boards, 1, 20)
-    step = args.squares[0] * args.squares[1] // 2
+    if request.board == "chessboard":
+        return [ChessboardFinder(request.squares, request.square)]
+    marker = 0.75 * request.square if request.marker is None else request.marker
+    check_number("--boards", request.boards, 1, 20)
+    step = request.squares[0] * request.squares[1] // 2
     return [
-        CharucoFinder(args.squares, args.square, marker, args.dictionary, number * step)
-        for number in range(args.boards)
+        CharucoFinder(request.squares, request.square, marker, request.dictionary, number * step)
+        for number in range(request.boards)
     ]
 
 
-def _apply_board_file(args: argparse.Namespace) -> None:
-    """Replace a board's file as --board by what it says; other flags beat it."""
-    if args.board is None or args.board in _KINDS:
-        return
-    board = read_board(Path(args.board))
-    args.board = board.kind
-    args.squares = args.squares or board.squares
-    args.square = board.square if args.square is None else args.square
-    args.marker = board.marker if args.marker is None else args.marker
-    if args.dictionary == "auto":
-        args.dictionary = board.dictionary
+def _read_board_file(request: CalibrateRequest) -> CalibrateRequest:
+    """Return the request with what a board's file says in place of the file; other flags beat
+    it."""
+    if request.board is None or request.board in _KINDS:
+        return request
+    board = read_board(Path(request.board))
+    return request.replace(
+        board=board.kind,
+        squares=request.squares or board.squares,
+        square=board.square if request.square is None else request.square,
+        marker=board.marker if request.marker is None else request.marker,
+        dictionary=board.dictionary if request.dictionary == "auto" else request.dictionary,
+    )
 
 
 def _marker_finder(
-    args: argparse.Namespace, views: Sequence, chosen: list[int], config: MarkerConfig
+    request: CalibrateRequest, views: Sequence, chosen: list[int], config: MarkerConfig
 ) -> MarkerFinder:
-    if args.c3d is not None:
-        target = read_measured_wand(args.c3d, args.markers, chosen, views.fps, args.c3d_begins)
+    if request.c3d is not None:
+        target = read_measured_wand(
+            request.c3d, request.markers, chosen, views.fps, request.c3d_begins
+        )
     else:
-        target = make_wand(args.wand)
+        target = make_wand(request.wand or ())
     return MarkerFinder(target, median_pictures(views, chosen), config)
 
 
 def _choose_frames(
-    args: argparse.Namespace, views: Sequence, config: CalibrationConfig
+    request: CalibrateRequest, views: Sequence, config: CalibrationConfig
 ) -> tuple[list[int], list[int]]:
     """Return the frames in which to detect the target, and those of them in which it lies on the
     floor."""
     every = range(len(views))
-    chosen = every[args.frames or slice(None)]
-    if args.frames is None or args.frames.step is None:
+    chosen = every[request.frames or slice(None)]
+    if request.frames is None or request.frames.step is None:
         chosen = chosen[:: max(1, -(-len(chosen) // config.most_frames))]
-    floor = list(every[args.floor]) if args.floor is not None else []
+    floor = list(every[request.floor]) if request.floor is not None else []
     for flag, frames in (("frames", chosen), ("floor", floor)):
-        if getattr(args, flag) is not None and not frames:
-            raise InputError(f"--{flag} chooses none of the {len(views)} frames of {args.folder}")
-    if floor and args.c3d is not None:
+        if getattr(request, flag) is not None and not frames:
+            raise InputError(
+                f"--{flag} chooses none of the {len(views)} frames of {request.folder}"
+            )
+    if floor and request.c3d is not None:
         raise InputError("--floor and --c3d; expected one of them, for the C3D has its own floor")
     return sorted({*chosen, *floor}), floor
 
@@ -256,15 +255,15 @@ def _describe_failure(views: Sequence, chosen: list[int], finder: Finder) -> str
 
 
 def _align_to_world(
-    args: argparse.Namespace, result: CalibrationResult, floor: list[int]
+    request: CalibrateRequest, result: CalibrationResult, floor: list[int]
 ) -> tuple[CalibrationResult, list[str]]:
     """Return the result in a world with Z up, and the warnings."""
     if result.target.known is not None:
-        if args.up is None:
+        if request.up is None:
             return result, []
-        return result.transform(rigid_transform(rotation_to_z_up(args.up), np.zeros(3))), []
+        return result.transform(rigid_transform(rotation_to_z_up(request.up), np.zeros(3))), []
     if floor:
-        world = align_to_floor(result.scene, result.target, floor, args.height)
+        world = align_to_floor(result.scene, result.target, floor, request.height)
         return result.transform(world), []
     text = (
         "no --floor is stated: Z is the cameras' mean up, and Z = 0 the lowest place of the "
@@ -274,25 +273,25 @@ def _align_to_world(
 
 
 def _write(
-    args: argparse.Namespace,
+    request: CalibrateRequest,
     views: Sequence,
     result: CalibrationResult,
     config: CalibrationConfig,
     warnings: list[str],
 ) -> None:
-    out: Path = args.output
-    found = summarise_views(result, args.intrinsics is not None, config)
+    out = request.output or Path()
+    found = summarise_views(result, request.intrinsics is not None, config)
     what: dict[str, object] = {
         "folder": str(views.folder),
-        "intrinsics": "found" if args.intrinsics is None else str(args.intrinsics),
-        "floor": "stated" if args.floor is not None else "C3D" if args.c3d else "cameras",
+        "intrinsics": "found" if request.intrinsics is None else str(request.intrinsics),
+        "floor": "stated" if request.floor is not None else "C3D" if request.c3d else "cameras",
         "versions": versions(),
     }
     write_toml_tables(out / CALIBRATION, CameraRig(result.scene.cameras))
     write_json(out / REPORT, calibration_summary(result, found, what, warnings))
     write_rig(out / RIG, result, found)
     _write_pictures(out / PICTURES, views, result, found)
-    write_settings(out, args, {"calibration": config})
+    write_settings(out, request, ["calibration_settings"])
     stdout.print(_table(found))
     for view in found:
         for fault in view.faults:

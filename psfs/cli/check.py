@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Collection
 from typing import Any
 
@@ -26,6 +25,7 @@ from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.reprojection_iou import Checker, describe_cut_silhouettes
 from psfs.diagnostics.silhouette_scores import true_masks
 from psfs.output.reconstruction_folder import ReconstructionFolder
+from psfs.request import CheckRequest
 from psfs.session import Session, SessionSettings
 
 _REPORT = "check.json"
@@ -33,18 +33,18 @@ _REPORT = "check.json"
 _LOW = 0.6
 
 
-def run(args: argparse.Namespace) -> None:
-    with output_folder(args.out, args.parser.prog, expected=(_REPORT,), addition=True):
-        _check(args)
+def run(request: CheckRequest) -> None:
+    with output_folder(request.out, request.COMMAND, expected=(_REPORT,), addition=True):
+        _check(request)
 
 
-def _check(args: argparse.Namespace) -> None:
-    run = ReconstructionFolder.open(args.out)
+def _check(request: CheckRequest) -> None:
+    run = ReconstructionFolder.open(request.out)
     if not run.indices:
-        raise InputError(f"{args.out}: holds no reconstructed frame; expected at least one")
+        raise InputError(f"{request.out}: holds no reconstructed frame; expected at least one")
     run.warn_if_unfinished(warn)
     sequence = run.sequence()
-    device = select_device(args.device)
+    device = select_device(request.device)
     session = Session(sequence, device, SessionSettings(run.config))
     checker = Checker(session, run.grid)
     scores, clouds = [], []

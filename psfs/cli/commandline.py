@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from cl import InputError
-from psfs.cli.recording import RecordingParser
-from psfs.common.files import resolve_path
 from psfs.common.names import escape_unprintable
 
 if TYPE_CHECKING:
@@ -79,48 +77,6 @@ def remark(kind: str, style: str, text: str, stream: Messages = stdout) -> None:
     from rich.text import Text
 
     stream.print(Text.assemble((f"{kind}:", style), f" {escape_unprintable(text)}"), soft_wrap=True)
-
-
-#: What flags of these types take, for messages.
-NUMBER_TYPES: dict[Any, str] = {float: "a number, such as 1.5", int: "a whole number"}
-
-
-class CommandParser(RecordingParser):
-    """A parser that reports errors in one line, as do its subcommands. If `fill` is set, it adds
-    the flags before the first words are parsed, or when `add_flags` is called."""
-
-    fill: Callable[[], None] | None = None
-
-    def __init__(self, *args: Any, **options: Any) -> None:
-        super().__init__(*args, **options)
-        #: The parsers of the subcommands.
-        self.commands: list[CommandParser] = []
-
-    def add_flags(self) -> None:
-        """Add the flags, unless they have been added."""
-        fill, self.fill = self.fill, None
-        if fill is not None:
-            fill()
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        self.add_flags()
-        return super().parse_known_args(args, namespace)
-
-    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
-        if (
-            not arg_string and action.nargs != argparse.PARSER
-        ):  # Path("") would be the current folder
-            raise argparse.ArgumentError(action, "is empty; expected a value")
-        try:
-            return super()._get_value(action, arg_string)
-        except argparse.ArgumentError:
-            if action.type not in NUMBER_TYPES:
-                raise
-            expected = f"is {arg_string!r}; expected {NUMBER_TYPES[action.type]}"
-            raise argparse.ArgumentError(action, expected) from None
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: error: {escape_unprintable(message)}; see {self.prog} --help\n")
 
 
 @contextmanager
@@ -201,9 +157,9 @@ def add_command(
     name: str,
     run: Callable[[argparse.Namespace], None],
     help: str,
-) -> CommandParser:
-    """Add a subcommand to those of a CommandParser."""
-    parser: CommandParser = commands.add_parser(
+) -> argparse.ArgumentParser:
+    """Add a subcommand."""
+    parser: argparse.ArgumentParser = commands.add_parser(
         name, help=help, description=help, allow_abbrev=False
     )
     parser.set_defaults(run=run, command=name)
@@ -226,34 +182,6 @@ def add_message_flags(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_output_flag(
-    parser: argparse.ArgumentParser,
-    what: str | None = None,
-    *,
-    metavar: str = "OUT",
-    required: bool = True,
-    default: Path | None = None,
-) -> None:
-    """Add -o, the path of the results; what: its help."""
-    parser.add_argument(
-        "-o", "--output", required=required, type=Path, default=default, metavar=metavar, help=what
-    )
-
-
-def add_run_folder(parser: argparse.ArgumentParser) -> None:
-    """Add the positional OUT of commands that read a run of `psfs reconstruct`."""
-    parser.add_argument("out", metavar="OUT", type=Path, help="output folder of psfs reconstruct")
-
-
-def add_overwrite_flag(parser: argparse.ArgumentParser) -> None:
-    """Add --overwrite, for commands that write a single file where the user says."""
-    parser.add_argument(
-        "--overwrite",
-        action="store_true",
-        help="replace FILE even if it was not written by this program",
-    )
-
-
 def add_device_flag(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
     parser.add_argument(
         "--device",
@@ -264,32 +192,8 @@ def add_device_flag(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -
     )
 
 
-def path_or_name(text: str) -> str:
-    """Return the absolute path of an existing file or folder, else the text unchanged (argparse
-    type)."""
-    path = Path(text)
-    return str(resolve_path(path)) if path.exists() else text
-
-
 def progress_bar() -> Progress:
     """Return a progress bar for long work, on standard error."""
     from psfs.cli.console import make_progress_bar
 
     return make_progress_bar(stderr.console, _state.quiet)
-
-
-def frame_range(text: str) -> slice:
-    """Return `a:b`, `a:`, `:b`, `a:b:step` or a single frame number, as a slice (argparse type)."""
-    try:
-        parts = [int(part) if part else None for part in text.split(":")]
-        if len(parts) == 1 and parts[0] is not None:
-            parts = [parts[0], parts[0] + 1]
-        if not 2 <= len(parts) <= 3 or any(p is not None and p < 0 for p in parts):
-            raise ValueError
-        if len(parts) == 3 and parts[2] == 0:
-            raise ValueError
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is no frame range; expected a:b, a:b:step or a number, counted from 0"
-        ) from None
-    return slice(*parts)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from psfs.cli.program.command import list_commands
+from psfs.cli.program import list_commands
 
 COMMANDS = list_commands(
-    "psfs.cli",
+    "psfs",
     info="cameras, frames and warnings of a sequence",
     calibrate="find the cameras from a board or a wand that was waved through the volume",
     convert="write any footage that can be read as a native folder",

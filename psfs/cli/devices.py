@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
-
 from rich.table import Table
 
 from cl import DeviceInfo, list_devices, select_device
 from psfs.cli.commandline import stdout, warn
+from psfs.request import DevicesRequest
 
 
-def run(args: argparse.Namespace) -> None:
+def run(request: DevicesRequest) -> None:
     devices = list_devices(afresh=True)
     if not devices:
         select_device()  # raises an error that names what to install

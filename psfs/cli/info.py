@@ -2,31 +2,29 @@
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
 from rich.table import Table
 
 from cl import select_device
 from psfs.cli.commandline import remark, stdout, warn
-from psfs.cli.sequence_flags import open_sequence
-from psfs.cli.settings import refuse_unused
 from psfs.common.files import check_picture_name, write_picture
 from psfs.diagnostics.examination import examine
 from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
 from psfs.diagnostics.small_views import draw_contact_sheet
+from psfs.opening import open_sequence
 from psfs.people.people import count_people
+from psfs.request import InfoRequest
 from psfs.sequence import Sequence
 from psfs.session import Session
 
 
-def run(args: argparse.Namespace) -> None:
-    if not args.pictures:
-        refuse_unused(args, ["masks"], "shows pictures; expected none with --no-pictures")
-    sequence = open_sequence(args)
-    if args.masks is not None:
-        check_picture_name(args.masks, sequence.inputs[1:])
+def run(request: InfoRequest) -> None:
+    if not request.pictures:
+        request.refuse(["masks"], "shows pictures; expected none with --no-pictures")
+    sequence = open_sequence(request)
+    if request.masks is not None:
+        check_picture_name(request.masks, sequence.inputs[1:])
     info = sequence_info(sequence)
     stdout.print(_cameras(info))
     stdout.print(_facts(sequence, info))
@@ -35,12 +33,12 @@ def run(args: argparse.Namespace) -> None:
     if info.keypoints is not None:
         unasked = "not used unless asked for, with apf track --keypoints"
         remark("note", "cyan", f"keypoints of a pose network: {info.keypoints}; {unasked}")
-    if args.pictures:
-        session = Session(sequence, select_device(args.device))
+    if request.pictures:
+        session = Session(sequence, select_device(request.device))
         _say_faults(session, info.warnings)
-        if args.masks is not None:
-            write_picture(args.masks, draw_contact_sheet(diagnose(session).views))
-            stdout.print(f"wrote {args.masks}", soft_wrap=True, markup=False)
+        if request.masks is not None:
+            write_picture(request.masks, draw_contact_sheet(diagnose(session).views))
+            stdout.print(f"wrote {request.masks}", soft_wrap=True, markup=False)
     else:
         for warning in info.warnings:
             warn(warning, stdout)

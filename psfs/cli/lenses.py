@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 from cl import InputError
@@ -16,6 +15,7 @@ from psfs.cameras.camera import Camera
 from psfs.cameras.names import join_names, match_files_to_cameras
 from psfs.cli.commandline import remark
 from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_media
+from psfs.request import PersonRequest
 from psfs.sequence import Sequence
 
 _EXPECTED = (
@@ -25,14 +25,14 @@ _EXPECTED = (
 )
 
 
-def read_lenses(args: argparse.Namespace, views: Sequence) -> tuple[list[Camera], bool]:
+def read_lenses(request: PersonRequest, views: Sequence) -> tuple[list[Camera], bool]:
     """Return the cameras with the intrinsics of --intrinsics, --field-of-view or the metadata of
     photos or of the footage, and whether these are kept, rather than refined."""
-    if args.intrinsics is not None and args.field_of_view is not None:
+    if request.intrinsics is not None and request.field_of_view is not None:
         raise InputError("--intrinsics and --field-of-view; expected one of them")
-    if args.field_of_view is not None:
-        return make_cameras_by_angle(views.rig, args.field_of_view), False
-    path: Path | None = args.intrinsics
+    if request.field_of_view is not None:
+        return make_cameras_by_angle(views.rig, request.field_of_view), False
+    path: Path | None = request.intrinsics
     if path is None:
         images = views.footage.images or ()
         return _read_metadata(views, {media.name: media.paths[0] for media in images}), False

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,6 @@ import trimesh
 
 from cl import InputError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
-from psfs.cli.flags.mesh import DEFINITION
 from psfs.cli.iou import iou_table
 from psfs.common.files import resolve_path, write_json
 from psfs.common.numbers import json_number
@@ -24,6 +22,7 @@ from psfs.mesh.config import FORMATS, MOST_SMOOTHING
 from psfs.mesh.marching_cubes import Mesher, write_mesh
 from psfs.mesh.raycast import RayScene
 from psfs.output.reconstruction_folder import ReconstructionFolder
+from psfs.request import MESH_DEFINITION, MeshRequest
 from psfs.sequence import Frame
 from psfs.session import Session, SessionSettings
 
@@ -31,26 +30,26 @@ from psfs.session import Session, SessionSettings
 _REPORT = "mesh_check.json"
 
 
-def run(args: argparse.Namespace) -> None:
-    check_number("--smooth, steps,", args.smooth, 0, MOST_SMOOTHING)
-    run = ReconstructionFolder.open(args.out)
+def run(request: MeshRequest) -> None:
+    check_number("--smooth, steps,", request.smooth, 0, MOST_SMOOTHING)
+    run = ReconstructionFolder.open(request.out)
     run.warn_if_unfinished(warn)
-    expected = (_REPORT,) if args.check else ()
+    expected = (_REPORT,) if request.check else ()
     with ExitStack() as stack:
         stack.enter_context(
-            output_folder(args.out, args.parser.prog, expected=expected, addition=True)
+            output_folder(request.out, request.COMMAND, expected=expected, addition=True)
         )
-        if args.frame == "all" and args.output is not None:
-            stack.enter_context(output_folder(args.output, args.parser.prog, run.inputs))
-        _mesh(args, run)
+        if request.frame == "all" and request.output is not None:
+            stack.enter_context(output_folder(request.output, request.COMMAND, run.inputs))
+        _mesh(request, run)
 
 
-def _mesh(args: argparse.Namespace, run: ReconstructionFolder) -> None:
-    targets = _targets(args, run)
-    device, sequence = select_device(args.device), run.sequence()
-    mesher = Mesher(device, run, sequence, args.smooth)
+def _mesh(request: MeshRequest, run: ReconstructionFolder) -> None:
+    targets = _targets(request, run)
+    device, sequence = select_device(request.device), run.sequence()
+    mesher = Mesher(device, run, sequence, request.smooth)
     session = Session(sequence, device, SessionSettings(run.config))
-    checker = Checker(session, run.grid) if args.check else None
+    checker = Checker(session, run.grid) if request.check else None
     checks = {}
     with progress_bar() as bar:
         for index, path in bar.track(targets.items(), len(targets), description="meshing"):
@@ -59,34 +58,35 @@ def _mesh(args: argparse.Namespace, run: ReconstructionFolder) -> None:
             if checker is not None:
                 checks[index] = _check_mesh(mesh, checker, sequence.read(index))
     if checks:
-        _report(args.out, sequence.rig.names, checks)
+        _report(request.out, sequence.rig.names, checks)
     path = next(iter(targets.values()))
-    what = f"{path.parent}: {len(targets)} meshes" if args.frame == "all" else str(path)
+    what = f"{path.parent}: {len(targets)} meshes" if request.frame == "all" else str(path)
     stdout.print(f"wrote {what}", soft_wrap=True)
 
 
-def _targets(args: argparse.Namespace, run: ReconstructionFolder) -> dict[int, Path]:
+def _targets(request: MeshRequest, run: ReconstructionFolder) -> dict[int, Path]:
     """Return the path of every frame's mesh."""
-    if args.frame == "all":
+    if request.frame == "all":
         full = [int(f["index"]) for f in run.summary["frames"] if f["surface_voxels"]]
-        folder = args.output or args.out / "meshes"
+        folder = request.output or request.out / "meshes"
         named_file = folder.suffix.lower().lstrip(".") in FORMATS and not folder.exists()
         if named_file or (folder.exists() and not folder.is_dir()):
             raise InputError(f"{folder} is a file; --frame all expects a folder")
         if not full:
-            raise InputError(f"{args.out}: all clouds are empty; expected a body")
-        return {n: folder / f"frame_{n:06d}.{args.format or FORMATS[0]}" for n in full}
-    number = run.choose_frame(args.frame)
-    path = args.output
+            raise InputError(f"{request.out}: all clouds are empty; expected a body")
+        return {n: folder / f"frame_{n:06d}.{request.format or FORMATS[0]}" for n in full}
+    frame = request.frame
+    number = run.choose_frame(frame if isinstance(frame, int) else None)
+    path = request.output
     if path is None:
-        path = args.out / "meshes" / f"frame_{number:06d}.{args.format or FORMATS[0]}"
-    elif not path.suffix and args.format:
-        path = path.with_suffix(f".{args.format}")
+        path = request.out / "meshes" / f"frame_{number:06d}.{request.format or FORMATS[0]}"
+    elif not path.suffix and request.format:
+        path = path.with_suffix(f".{request.format}")
     suffix = path.suffix.lower().lstrip(".")
-    if suffix not in FORMATS or suffix != (args.format or suffix):
-        expected = [args.format] if args.format else FORMATS
+    if suffix not in FORMATS or suffix != (request.format or suffix):
+        expected = [request.format] if request.format else FORMATS
         raise InputError(f"{path}: expected a name that ends in .{' or .'.join(expected)}")
-    if resolve_path(path).parent == resolve_path(args.out / "clouds"):
+    if resolve_path(path).parent == resolve_path(request.out / "clouds"):
         raise InputError(f"{path}: lies among the clouds, which are read; expected another folder")
     return {number: path}
 
@@ -108,7 +108,7 @@ def _report(out: Path, names: list[str], checks: dict[int, dict[str, Any]]) -> N
     closed = sum(check["watertight"] for check in checks.values())
     stdout.print(f"{closed} of {len(checks)} meshes are watertight")
     report = {
-        "definition": DEFINITION,
+        "definition": MESH_DEFINITION,
         "mean_iou": json_number(scores.mean()),
         "cameras": names,
         "frames": {

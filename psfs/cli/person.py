@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 from threading import Event
@@ -14,16 +13,16 @@ from cl import select_device
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cli.commandline import progress_bar, remark, stdout, warn
-from psfs.cli.flags.calibrate import CALIBRATION, REPORT
 from psfs.cli.lenses import read_lenses
-from psfs.cli.settings import write_settings
 from psfs.common.files import write_json
 from psfs.common.progress import map_in_threads
 from psfs.common.ranges import check_number
+from psfs.common.requests import write_settings
 from psfs.common.versions import versions
 from psfs.diagnostics.small_views import Outline
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
 from psfs.footage.settings import SequenceSettings
+from psfs.request import CALIBRATION, REPORT, PersonRequest
 from psfs.self_calibration.calibrator import (
     PersonCalibration,
     calibrate_by_person,
@@ -37,19 +36,16 @@ from psfs.self_calibration.footage import (
 )
 from psfs.sequence import Sequence
 
-#: Keys of `sequence.toml` that may be stated; delays are found, so those of the file do not apply.
-_STATED = ("cameras", "fps")
 
-
-def calibrate_from_person(args: argparse.Namespace) -> None:
+def calibrate_from_person(request: PersonRequest) -> None:
     """Estimate the cameras of a folder from the person in it, and write them."""
-    config = read_person_config(args)
-    views = open_person_footage(args)
+    config = read_person_config(request)
+    views = open_person_footage(request)
     check_number_of_cameras(len(views.rig))
-    large, kept = read_lenses(args, views)
+    large, kept = read_lenses(request, views)
     if not kept:
         config = config.replace(adjustment=config.adjustment.free_lenses())
-    small, outlines, edges = outline_footage(args, views, large, config)
+    small, outlines, edges = outline_footage(request, views, large, config)
     with progress_bar() as bar:
         found = calibrate_by_person(
             small, outlines, edges, views.fps, config,
@@ -57,23 +53,22 @@ def calibrate_from_person(args: argparse.Namespace) -> None:
         )  # fmt: skip
     rig = enlarge_rig(large, small, found.rig)
     verdict = f"silhouettes differ by at most {found.misfits.max():.2f} px"
-    write_person_calibration(args, views, rig, found, config, verdict)
+    write_person_calibration(request, views, rig, found, config, verdict)
 
 
-def read_person_config(args: argparse.Namespace) -> PersonConfig:
+def read_person_config(request: PersonRequest) -> PersonConfig:
     """Return the settings of `[person]` with the stature, m, of --stature, if it is stated."""
-    config: PersonConfig = args.configs.get("person", PersonConfig())
-    if args.stature is not None:
-        check_number("--stature, m,", args.stature, 0.3, 3)
-        config = config.replace(stature=args.stature)
+    config = request.person_settings
+    if request.stature is not None:
+        check_number("--stature, m,", request.stature, 0.3, 3)
+        config = config.replace(stature=request.stature)
     return config
 
 
-def open_person_footage(args: argparse.Namespace) -> Sequence:
+def open_person_footage(request: PersonRequest) -> Sequence:
     """Open the folder of uncalibrated cameras, with the empty scene or masks where it has some."""
-    stated = {key: getattr(args, key) for key in _STATED}
-    folder = Path(args.folder)
-    settings = SequenceSettings.from_dict({**stated, "sync": {}}).fill_from(
+    folder, stated = Path(request.folder or ""), request.capture
+    settings = SequenceSettings(cameras=stated.cameras, fps=stated.fps, sync={}).fill_from(
         SequenceSettings.read(folder / "sequence.toml")
     )
     footage = read_uncalibrated(folder, settings, silhouettes=True)
@@ -84,11 +79,11 @@ def open_person_footage(args: argparse.Namespace) -> Sequence:
 
 
 def outline_footage(
-    args: argparse.Namespace, views: Sequence, large: list[Camera], config: PersonConfig
+    request: PersonRequest, views: Sequence, large: list[Camera], config: PersonConfig
 ) -> tuple[list[Camera], list[list[Outline | None]], list[np.ndarray]]:
     """Return the cameras, scaled to small pictures, the person's outlines in these [view][frame],
     and the straight edges (N, 2, 2) px of the empty room in each."""
-    device = select_device(args.device)
+    device = select_device(request.device)
     factor = views.rig.factor_within(config.longest_side)
     small = [camera.scaled(factor) for camera in large]
     most = config.most_frames
@@ -125,13 +120,13 @@ def enlarge_rig(large: list[Camera], small: list[Camera], found: CameraRig) -> C
 
 
 def write_person_calibration(
-    args: argparse.Namespace, views: Sequence, rig: CameraRig, found: PersonCalibration,
+    request: PersonRequest, views: Sequence, rig: CameraRig, found: PersonCalibration,
     config: PersonConfig, verdict: str,
 ) -> None:  # fmt: skip
     """Write the calibration and its report, and print them."""
-    out: Path = args.output
+    out = request.output or Path()
     warnings = []
-    if args.stature is None:
+    if request.stature is None:
         warnings.append(
             f"no --stature is stated: the person is taken to be {config.stature:g} m tall, which "
             "gives the scale"
@@ -144,9 +139,9 @@ def write_person_calibration(
     late = views.timing.count_own_frames((found.lags - min(found.lags)).tolist())
     sync = ",".join(f"{camera.name}={by}" for camera, by in zip(rig, late, strict=True))
     write_toml_tables(out / CALIBRATION, rig)
-    report = _summary(args, rig, found, config)
+    report = _summary(request, rig, found, config)
     write_json(out / REPORT, {"verdict": verdict, "sync": sync, **report, "warnings": warnings})
-    write_settings(out, args, {"person": config})
+    write_settings(out, request.replace(person_settings=config), ["person_settings"])
     stdout.print(_table(rig, found))
     for text in warnings:
         warn(text, stdout)
@@ -156,12 +151,12 @@ def write_person_calibration(
 
 
 def _summary(
-    args: argparse.Namespace, rig: CameraRig, found: PersonCalibration, config: PersonConfig
+    request: PersonRequest, rig: CameraRig, found: PersonCalibration, config: PersonConfig
 ) -> dict[str, object]:
     return {
-        "folder": str(args.folder),
-        "intrinsics": None if args.intrinsics is None else str(args.intrinsics),
-        "field_of_view_degrees": args.field_of_view,
+        "folder": str(request.folder),
+        "intrinsics": None if request.intrinsics is None else str(request.intrinsics),
+        "field_of_view_degrees": request.field_of_view,
         "stature_m": config.stature,
         "frontier_points": found.count,
         "residual_px": round(found.residual, 4),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 import time
 from collections import defaultdict
@@ -14,16 +13,9 @@ import numpy as np
 
 from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
-from psfs.cli.sequence_flags import (
-    collect_overrides,
-    examine_footage,
-    open_sequence,
-    select_common_frames,
-    select_frames,
-)
-from psfs.cli.settings import FILE, write_settings
 from psfs.common.files import write_json, write_picture
 from psfs.common.outputs import OutputFolder, output_folder
+from psfs.common.requests import SETTINGS, write_settings
 from psfs.common.versions import versions
 from psfs.diagnostics.body_agreement import check_body
 from psfs.diagnostics.examination import Examination
@@ -33,15 +25,23 @@ from psfs.diagnostics.reprojection_iou import (
     volume_region,
     whole_silhouettes,
 )
+from psfs.opening import (
+    examine_footage,
+    open_sequence,
+    open_session,
+    select_common_frames,
+    select_frames,
+    stated_keys,
+)
 from psfs.output import reconstruction_folder
 from psfs.output.preview import draw_preview
 from psfs.people.volume import extend_to_people
+from psfs.request import ReconstructRequest
 from psfs.sequence import Sequence
-from psfs.session import Session, SessionSettings
+from psfs.session import Session
 from psfs.volume import automatic_grid, describe_expected_person, find_volume
 from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.clouds import remove_debris, write_cloud
-from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid, check_size
 from psfs.voxels.occupied_box import finest_pixel
 
@@ -53,35 +53,42 @@ _COMPARED = 8
 _FINE = 2.0
 
 
-def run(args: argparse.Namespace) -> None:
-    if not 0 <= args.debris <= 1:
-        raise InputError(f"--debris is {args.debris}; expected a share between 0 and 1")
-    expected = (reconstruction_folder.SUMMARY, "preview.png", FILE, *reconstruction_folder.CLOUDS)
-    with output_folder(args.output, args.parser.prog, [Path(args.folder)], expected) as out:
-        _reconstruct(args, out)
+def run(request: ReconstructRequest) -> None:
+    if not 0 <= request.debris <= 1:
+        raise InputError(f"--debris is {request.debris}; expected a share between 0 and 1")
+    expected = (
+        reconstruction_folder.SUMMARY,
+        "preview.png",
+        SETTINGS,
+        *reconstruction_folder.CLOUDS,
+    )
+    with output_folder(request.output, request.COMMAND, [Path(request.folder)], expected) as out:
+        _reconstruct(request, out)
 
 
-def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
-    device = select_device(args.device, profile=True)
-    opened = open_sequence(args)
-    body = None if args.track is None else TrackedBody.open(args.track)
+def _reconstruct(request: ReconstructRequest, out: OutputFolder) -> None:
+    device = select_device(request.device, profile=True)
+    opened = open_sequence(request)
+    body = None if request.track is None else TrackedBody.open(request.track)
     out.check_inputs([*opened.inputs, *([] if body is None else [body.path])])
-    select_frames(args, opened)  # checks them before the pictures are examined, which takes seconds
-    selection = args.frames or slice(None)
-    settings = SessionSettings(_config(args), selection, args.voxel_size)
-    examination = examine_footage(args, Session(opened, device, settings))
+    select_frames(request.frames, opened)  # before the pictures are examined, which takes seconds
+    session = open_session(request, opened, device)
+    examination, request, _ = examine_footage(request, session, warn)
     session = examination.session
-    sequence, frames = session.sequence, select_common_frames(args, session.sequence)
+    sequence, frames = (
+        session.sequence,
+        select_common_frames(request.frames, session.sequence, warn),
+    )
     extend_to_people(session, body)
-    grid = _grid(args, session)
+    grid = _grid(request, session)
     check_size(grid)
     _warn_of_fine_voxels(grid, sequence)
     if body is not None:
         check_body(session, body)
-    job = _Job(args, examination, grid, body)
+    job = _Job(request, examination, grid, body)
     try:
         with progress_bar() as bar:
-            shown = sequence.frames(selection)
+            shown = sequence.frames(session.settings.selection)
             for frame in bar.track(shown, len(frames), description="reconstructing"):
                 job.reconstruct(frame)
     except UserError as error:
@@ -89,7 +96,7 @@ def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
         if not job.done:
             raise
         raise InputError(
-            f"{error}; {job.n_stated} of {len(frames)} frames are in {args.output}"
+            f"{error}; {job.n_stated} of {len(frames)} frames are in {request.output}"
         ) from error
     except BaseException:
         job.keep()
@@ -105,18 +112,14 @@ def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
     job.report()
 
 
-def _grid(args: argparse.Namespace, session: Session) -> VoxelGrid:
+def _grid(request: ReconstructRequest, session: Session) -> VoxelGrid:
     """Return the grid by the flags, around the stated or found volume."""
-    if args.grid is None:
+    if request.grid is None:
         return automatic_grid(session)
     volume = find_volume(session)
-    voxel_size = float(np.max((volume.high - volume.low) / args.grid))
-    origin = (volume.low + volume.high - voxel_size * np.array(args.grid)) / 2
-    return VoxelGrid(origin, voxel_size, args.grid)
-
-
-def _config(args: argparse.Namespace) -> ReconstructionConfig:
-    return args.configs.get("reconstruction") or ReconstructionConfig()
+    voxel_size = float(np.max((volume.high - volume.low) / request.grid))
+    origin = (volume.low + volume.high - voxel_size * np.array(request.grid)) / 2
+    return VoxelGrid(origin, voxel_size, request.grid)
 
 
 def _warn_of_fine_voxels(grid: VoxelGrid, sequence: Sequence) -> None:
@@ -138,18 +141,18 @@ class _Job:
 
     def __init__(
         self,
-        args: argparse.Namespace,
+        request: ReconstructRequest,
         examination: Examination,
         grid: VoxelGrid,
         body: TrackedBody | None = None,
     ) -> None:
         session = examination.session
         self.left_out = examination.left_out
-        self.out: Path = args.output
-        self.debris: float = args.debris
-        self.colour = not args.no_colour
-        self.normals: bool = args.normals
-        self.args, self.stated = args, collect_overrides(args)
+        self.out: Path = request.output
+        self.debris: float = request.debris
+        self.colour = request.colour
+        self.normals: bool = request.normals
+        self.request, self.stated = request, stated_keys(request.capture)
         self.sequence, self.grid, self.device = session.sequence, grid, session.device
         self.config = session.reconstruction
         self.reconstructor = session.reconstructor(grid, body)
@@ -209,7 +212,7 @@ class _Job:
         if cut:
             warn(cut)
         self._state()
-        write_settings(self.out, self.args, {"reconstruction": self.config})
+        write_settings(self.out, self.request, ["reconstruction"])
         full = [frame["index"] for frame in self.done if frame["surface_voxels"]]
         index = full[len(full) // 2]
         run = reconstruction_folder.ReconstructionFolder.open(self.out)

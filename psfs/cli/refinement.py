@@ -3,7 +3,6 @@ take."""
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import numpy as np
@@ -13,29 +12,27 @@ from cl import InputError, select_device
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import stdout
-from psfs.cli.flags.calibrate import CALIBRATION, REPORT
-from psfs.cli.settings import write_settings
 from psfs.common.files import write_json
+from psfs.common.requests import write_settings
 from psfs.common.versions import versions
 from psfs.diagnostics.alignment import Alignment, align_views, larger_views
 from psfs.diagnostics.config import AlignmentConfig
 from psfs.diagnostics.examination import synchronise
 from psfs.diagnostics.occluders import find_hidden_pixels
+from psfs.opening import stated_keys
+from psfs.request import CALIBRATION, REPORT, CalibrateRequest
 from psfs.sequence import Sequence
 from psfs.session import Session
 
-#: Keys of `sequence.toml` that may be stated.
-_STATED = ("cameras", "fps", "sync", "calibration")
 
-
-def refine(args: argparse.Namespace) -> None:
+def refine(request: CalibrateRequest) -> None:
     """Correct the cameras of a take, or keep them if held-out frames fit no better."""
-    stated = {key: getattr(args, key) for key in _STATED}
-    session = Session(Sequence.open(args.folder, **stated), select_device(args.device))
+    sequence = Sequence.open(request.folder or Path(), **stated_keys(request.capture))
+    session = Session(sequence, select_device(request.device))
     session = synchronise(session)
     if len(session.rig) < 3:
         raise InputError(
-            f"{args.folder}: {len(session.rig)} cameras; expected three or more, because two "
+            f"{request.folder}: {len(session.rig)} cameras; expected three or more, because two "
             "silhouettes do not show which camera is wrong"
         )
     hidden = find_hidden_pixels(session)
@@ -44,20 +41,20 @@ def refine(args: argparse.Namespace) -> None:
     found = align_views(rig, larger_views(session, config), config)
     if found is None:
         raise InputError(
-            f"{args.folder}: too few tips of limbs are seen by two cameras at once; expected "
+            f"{request.folder}: too few tips of limbs are seen by two cameras at once; expected "
             "somebody who moves arms and legs, in pictures that show the whole person"
         )
     accepted = found.is_accepted(config)
     cameras = found.rig if accepted else session.rig
-    _write(args, CameraRig(tuple(cameras)), found, accepted)
+    _write(request, CameraRig(tuple(cameras)), found, accepted)
 
 
-def _write(args: argparse.Namespace, rig: CameraRig, found: Alignment, accepted: bool) -> None:
-    out: Path = args.output
+def _write(request: CalibrateRequest, rig: CameraRig, found: Alignment, accepted: bool) -> None:
+    out = request.output or Path()
     verdict = str(found) if accepted else _describe_sound(found)
     write_toml_tables(out / CALIBRATION, rig)
-    write_json(out / REPORT, _summary(args, rig, found, accepted, verdict))
-    write_settings(out, args, {})
+    write_json(out / REPORT, _summary(request, rig, found, accepted, verdict))
+    write_settings(out, request)
     stdout.print(_table(rig, found, accepted))
     stdout.print(f"{verdict}; wrote {out}", soft_wrap=True, markup=False)
 
@@ -88,12 +85,12 @@ def _figures(found: Alignment, view: int) -> dict[str, list[float]]:
 
 
 def _summary(
-    args: argparse.Namespace, rig: CameraRig, found: Alignment, accepted: bool, verdict: str
+    request: CalibrateRequest, rig: CameraRig, found: Alignment, accepted: bool, verdict: str
 ) -> dict[str, object]:
     figures = [_figures(found, view) for view in range(len(rig))]
     return {
         "verdict": verdict,
-        "folder": str(args.folder),
+        "folder": str(request.folder),
         "corrected": accepted,
         "held_out_px": {"given": round(found.before, 4), "corrected": round(found.after, 4)},
         "pictures_px": found.side,

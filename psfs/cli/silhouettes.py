@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 from rich.table import Table
 
 from cl import select_device
-from psfs.cli.commandline import progress_bar, stdout
-from psfs.cli.flags.silhouettes import REPORT, SHOWN
-from psfs.cli.sequence_flags import open_sequence, select_common_frames
-from psfs.cli.settings import FILE, write_settings
+from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.files import write_json, write_picture
 from psfs.common.numbers import json_number, pick_evenly
 from psfs.common.outputs import OutputFolder, output_folder
+from psfs.common.requests import SETTINGS, write_settings
 from psfs.diagnostics.examination import synchronise
 from psfs.diagnostics.silhouette_mosaic import draw_mosaic
 from psfs.diagnostics.silhouette_scores import (
@@ -24,28 +21,30 @@ from psfs.diagnostics.silhouette_scores import (
     score_silhouettes,
     truth_frames,
 )
+from psfs.opening import open_sequence, select_common_frames
+from psfs.request import SHOWN, SilhouettesRequest
+from psfs.request import SILHOUETTES as REPORT
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
-from psfs.voxels.config import ReconstructionConfig
 
 _FIGURES = ("iou", "missed", "extra", "foreground")
 
 
-def run(args: argparse.Namespace) -> None:
-    out: Path = args.output
-    expected = (REPORT, FILE, f"frame_{6 * '[0-9]'}.png")
-    with output_folder(out, args.parser.prog, [Path(args.folder)], expected) as opened:
-        _show(args, opened)
+def run(request: SilhouettesRequest) -> None:
+    out: Path = request.output
+    expected = (REPORT, SETTINGS, f"frame_{6 * '[0-9]'}.png")
+    with output_folder(out, request.COMMAND, [Path(request.folder)], expected) as opened:
+        _show(request, opened)
 
 
-def _show(args: argparse.Namespace, opened: OutputFolder) -> None:
-    out: Path = args.output
-    device = select_device(args.device)
-    config = args.configs.get("reconstruction") or ReconstructionConfig()
-    session = synchronise(Session(open_sequence(args), device, SessionSettings(config)))
+def _show(request: SilhouettesRequest, opened: OutputFolder) -> None:
+    out: Path = request.output
+    device = select_device(request.device)
+    settings = SessionSettings(request.reconstruction)
+    session = synchronise(Session(open_sequence(request), device, settings))
     sequence = session.sequence
     opened.check_inputs([*sequence.inputs, sequence.folder / TRUE_MASKS])
-    wanted = _select_frames(args, sequence)
+    wanted = _select_frames(request, sequence)
     report = _Report(sequence)
     try:
         with progress_bar() as bar:
@@ -59,15 +58,15 @@ def _show(args: argparse.Namespace, opened: OutputFolder) -> None:
     finally:  # write what is finished, also after an interruption
         if report.scores:
             write_json(out / REPORT, report.plain())
-            write_settings(out, args, {"reconstruction": config})
+            write_settings(out, request, ["reconstruction"])
             stdout.print(report.table())
             stdout.print(f"wrote {out}", soft_wrap=True)
 
 
-def _select_frames(args: argparse.Namespace, sequence: Sequence) -> list[int]:
+def _select_frames(request: SilhouettesRequest, sequence: Sequence) -> list[int]:
     """Return the numbers of the frames to show, ascending. Raises InputError if there is none."""
-    chosen = select_common_frames(args, sequence)
-    if args.frames is not None:
+    chosen = select_common_frames(request.frames, sequence, warn)
+    if request.frames is not None:
         return sorted(chosen)
     return truth_frames(sequence) or pick_evenly(len(sequence), SHOWN).tolist()
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 
 import numpy as np
@@ -20,62 +19,62 @@ from psfs.page.frame import ViewPage
 from psfs.page.gate import MissingViserError
 from psfs.page.opened import Opened, open_voxels
 from psfs.page.watch import Watch
+from psfs.request import ViewRequest
 from psfs.sequence import Frame, Sequence
 
 #: Opens a run; see `ViewPage`.
 OpenRun = Callable[[Callable[[int], object]], Opened]
 
 
-def run(args: argparse.Namespace) -> None:
-    run, frame = open_folder(args)
-    if args.png is not None:
+def run(request: ViewRequest) -> None:
+    run, frame = open_folder(request)
+    if request.png is not None:
         sequence = run.sequence()
-        write_view(args, sequence, lambda: draw_run(args, run, sequence.read(frame)))
+        write_view(request, sequence, lambda: draw_run(request, run, sequence.read(frame)))
     else:
-        show_page(args, lambda known: open_voxels(args.out, make_mesher(args, run)), frame)
+        show_page(request, lambda known: open_voxels(request.out, make_mesher(request, run)), frame)
 
 
-def open_folder(args: argparse.Namespace) -> tuple[ReconstructionFolder, int]:
-    """Open the run `args.out`; return it, and the frame that is shown first. Raises InputError."""
-    run = ReconstructionFolder.open(args.out)
+def open_folder(request: ViewRequest) -> tuple[ReconstructionFolder, int]:
+    """Return the run `request.out`, and the frame that is shown first. Raises InputError."""
+    run = ReconstructionFolder.open(request.out)
     run.warn_if_unfinished(warn)
-    return run, run.choose_frame(args.frame)
+    return run, run.choose_frame(request.frame)
 
 
-def make_mesher(args: argparse.Namespace, run: ReconstructionFolder) -> Mesher | None:
+def make_mesher(request: ViewRequest, run: ReconstructionFolder) -> Mesher | None:
     """Return what makes the meshes of a run; None without --mesh."""
-    return Mesher(select_device(args.device), run, run.sequence()) if args.mesh else None
+    return Mesher(select_device(request.device), run, run.sequence()) if request.mesh else None
 
 
-def write_view(
-    args: argparse.Namespace, sequence: Sequence, draw: Callable[[], np.ndarray]
-) -> None:
+def write_view(request: ViewRequest, sequence: Sequence, draw: Callable[[], np.ndarray]) -> None:
     """Write --png, the picture (h, w, 3) uint8 BGR that `draw` makes from `sequence`."""
-    check_picture_name(args.png, (*sequence.inputs[1:], args.out / "clouds"))
+    assert request.png is not None
+    check_picture_name(request.png, (*sequence.inputs[1:], request.out / "clouds"))
     picture = draw()
-    with output_folder(args.out, args.parser.prog, addition=True):
-        write_picture(args.png, picture)
-    stdout.print(f"wrote {args.png}", soft_wrap=True)
+    with output_folder(request.out, request.COMMAND, addition=True):
+        write_picture(request.png, picture)
+    stdout.print(f"wrote {request.png}", soft_wrap=True)
 
 
 def show_page(
-    args: argparse.Namespace, open_run: OpenRun, frame: int | None, watch: type[Watch] = Watch
+    request: ViewRequest, open_run: OpenRun, frame: int | None, watch: type[Watch] = Watch
 ) -> None:
     """Show a run on a page until Ctrl-C, beginning with `frame`; watch: the class that shows it."""
-    check_port(args)
+    check_port(request)
     try:
-        page = ViewPage(open_run, frame=frame, watch=watch, port=args.port)
+        page = ViewPage(open_run, frame=frame, watch=watch, port=request.port)
     except MissingViserError as error:
         raise InputError(f"{error}; --png FILE writes a picture without it") from None
     try:
-        serve(page, args)
+        serve(page, request)
     finally:
         page.stop()
 
 
-def draw_run(args: argparse.Namespace, run: ReconstructionFolder, frame: Frame) -> np.ndarray:
+def draw_run(request: ViewRequest, run: ReconstructionFolder, frame: Frame) -> np.ndarray:
     """Return the picture (h, w, 3) uint8 BGR of a frame's cloud or, with --mesh, its mesh."""
-    sequence, cloud, mesher = run.sequence(), run.cloud(frame.index), make_mesher(args, run)
+    sequence, cloud, mesher = run.sequence(), run.cloud(frame.index), make_mesher(request, run)
     title = f"{sequence.name}, frame {frame.index}"
     if mesher is None or not len(cloud):
         return draw_preview(cloud, sequence.rig, frame, title)

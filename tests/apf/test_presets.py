@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 import pytest
+from psfs.cli.settings import with_settings
 
 from apf.body import load_body
 from apf.cli import main
@@ -16,7 +17,6 @@ from apf.filters.term_weights import parse_weights
 from apf.presets import PRESETS, Preset, preset
 from cl import InputError
 from psfs.cli.program import program_parser
-from psfs.cli.settings import with_settings
 from psfs.reconstructor import ReconstructionConfig
 
 

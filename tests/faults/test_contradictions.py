@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from apf.cli.keypoints.flags import keypoints_path
 from helpers import tracks
 from helpers.faults import changed_npz, refused, run
 from helpers.opensim import write_model
 
-from apf.cli.keypoints.flags import keypoints_path
 from apf.filters.method import Method
 from apf.formats.opensim.model import read_model
 from apf.keypoints.opening import read_raw

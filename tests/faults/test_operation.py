@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pyopencl
 import pytest
+from apf.cli.takes.kept_parts import Keeper
 from helpers import faults
 from helpers.faults import run
 
@@ -22,7 +23,6 @@ import apf.tracking.pipeline as pipeline
 import cl.launch
 import psfs.cli
 import psfs.footage.threads as threads
-from apf.cli.takes.kept_parts import Keeper
 from apf.tracking.track import PARTS, Track
 from cl import pocl_wheel
 from cl.listing import device_info, working_devices

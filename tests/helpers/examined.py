@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from apf.cli.takes import people as people_of_takes
 
 import apf.api
 from apf.body.model import BodyModel
-from apf.cli.takes import people as people_of_takes
 from psfs.cameras.camera import CameraRig
 from psfs.cli import check, info
 from psfs.diagnostics import examination

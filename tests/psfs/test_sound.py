@@ -7,10 +7,10 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from psfs.cli.sequence_flags import parse_sync
 
 from cl import InputError
 from psfs.calibration.targets.detection import open_uncalibrated
-from psfs.cli.sequence_flags import parse_sync
 from psfs.footage.settings import SequenceSettings
 from psfs.footage.sound import find_lag
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from apf.cli.batch.take import TakeJob, compare_with_truth
 from helpers import tracks
 
 from apf.body import save_body
 from apf.cli.batch import chunks
-from apf.cli.batch.take import TakeJob, compare_with_truth
 from apf.cluster.task_side import TaskProgress
 from apf.formats.pose import write_pose
 from apf.tracking.track import Track

@@ -8,11 +8,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from apf.cli.takes import people
+from apf.cli.takes.take_report import TakeLine
 from helpers import tracks
 
 from apf.cli import main
-from apf.cli.takes import people
-from apf.cli.takes.take_report import TakeLine
 from apf.filters.method import Method
 from psfs.cli.commandline import progress_bar
 from psfs.people.people import People, Person

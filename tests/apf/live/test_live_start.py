@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from apf.cli.takes import live_start
 from helpers import tracks
 
 from apf.cli.live import compare_with_truth
-from apf.cli.takes import live_start
 from apf.evaluation.people import load_people_truth
 from apf.live.session import LiveResult
 from psfs.people.people import People

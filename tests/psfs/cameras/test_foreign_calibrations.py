@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from helpers import footage
 from helpers.footage import words
+from psfs.cli.flags.convert import FORMATS as FORMATS_OF_CONVERT
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
@@ -21,7 +22,6 @@ from psfs.cameras.calibration import find_calibration, read_calibration
 from psfs.cameras.calibration.writers import WRITERS, write_calibration
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cli import main
-from psfs.cli.flags.convert import FORMATS as FORMATS_OF_CONVERT
 from psfs.diagnostics.sequence_info import sequence_info
 from psfs.sequence import Sequence
 

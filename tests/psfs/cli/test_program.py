@@ -8,15 +8,15 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, select_method
+from psfs.cli.program.command import Command
+from psfs.cli.settings import add_configs, write_settings
 
 import apf.cli
 import psfs.cli
-from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, select_method
 from cl import InputError
 from psfs.cli.commandline import frame_range, stdout, warn
 from psfs.cli.program import run_program
-from psfs.cli.program.command import Command
-from psfs.cli.settings import add_configs, write_settings
 from psfs.settings import Settings
 from psfs.voxels.config import ReconstructionConfig
 

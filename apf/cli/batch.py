@@ -1,0 +1,204 @@
+"""`apf batch`: many takes, folders and TOML lists of folders with their own settings, on many
+workers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from apf.cli.batch_chunks import PARTS, plan_take
+from apf.cli.batch_report import BatchReport
+from apf.cli.batch_take import TakeJob, find_finished
+from apf.cluster.connection import (
+    connect_cluster,
+    find_scheduler,
+    import_distributed,
+    start_cluster,
+)
+from apf.cluster.courses import run_workflows
+from apf.cluster.page import FILES, LOGS
+from apf.cluster.pool import Pool
+from apf.cluster.whole_folder import clear_partial
+from apf.cluster.workers import share_machine
+from apf.request import TRIANGULATE, BatchRequest, TrackRequest
+from apf.takes.job import check_request, take_names
+from cl import InputError
+from psfs.cli.commandline import warn
+from psfs.cli.program import parse_stated
+from psfs.common.files import resolve_path
+from psfs.common.names import check_name
+from psfs.common.outputs import MANIFEST, output_folder
+from psfs.common.ranges import check_number
+from psfs.common.toml import read_toml
+
+#: Names in OUT that are reserved: no take may have them.
+_TAKEN = (LOGS, PARTS, *FILES, MANIFEST)
+
+
+@dataclass(frozen=True)
+class ListedTake:
+    """A take as requested: its folder, its name if one was given, its own settings as words of a
+    command line, and their source, for errors."""
+
+    source: Path
+    name: str | None = None
+    words: tuple[str, ...] = ()
+    where: str = "apf batch"
+
+
+def run(request: BatchRequest) -> None:
+    import_distributed()  # before anything that takes time
+    if request.part_frames is not None:
+        check_number("--part-frames", request.part_frames, 2)
+    jobs = make_jobs(request)
+    assert request.output is not None
+    if request.scheduler is None and request.workers is not None:
+        share_machine(request.device, request.workers)  # before anything is written
+    if request.scheduler is not None and not all(map(find_finished, jobs)):
+        find_scheduler(request.scheduler)
+    inputs = [job.source for job in jobs]
+    with output_folder(request.output, request.COMMAND, inputs, FILES) as out:
+        out.begin()
+        with BatchReport(request.output, [job.name for job in jobs]) as report:
+            left = []
+            for job in jobs:
+                done = find_finished(job)
+                left += [job] if done is None else []
+                if done is not None:
+                    report.add(job.name, done)
+            if left:
+                _do(request, left, report)
+        report.raise_failures()
+
+
+def _do(request: BatchRequest, jobs: list[TakeJob], report: BatchReport) -> None:
+    with _cluster(request, len(jobs)) as client:
+        courses = {job.name: plan_take(job) for job in jobs}
+        pool = Pool(client, report.progress)
+        with closing(run_workflows(pool, courses)) as outcomes:
+            for name, outcome in outcomes:
+                report.add(name, outcome)
+    for job in jobs:  # no worker processes them any more, here or elsewhere
+        clear_partial(job.out, of_all=True)
+
+
+@contextmanager
+def _cluster(request: BatchRequest, n_takes: int) -> Iterator[object]:
+    assert request.output is not None
+    if request.scheduler is not None:
+        with connect_cluster(request.scheduler, resolve_path(request.output)) as client:
+            yield client
+        return
+    shares = share_machine(request.device, request.workers)
+    with start_cluster(shares[:n_takes] if request.workers is None else shares) as client:
+        yield client
+
+
+def make_jobs(request: BatchRequest) -> list[TakeJob]:
+    """Return a job for each take, by its name. Raises InputError if two takes have the same name,
+    if OUT lies in a take or is one, or if a take has a flag that `apf track` does not have."""
+    out, takes = resolve_path(request.output or Path()), list_takes(request.folders)
+    names = iter(take_names(tuple(take.source for take in takes if take.name is None)))
+    jobs: dict[str, TakeJob] = {}
+    for take in takes:
+        name = next(names) if take.name is None else take.name
+        check_name(name, f"the take {take.source}")
+        if name.startswith(".") or name in _TAKEN or name in jobs:
+            wanted = f"names of folders that differ, and not {' or '.join(_TAKEN)}"
+            raise InputError(f"a take is called {name!r}; expected {wanted}")
+        if take.source in (out / name, out, *out.parents):
+            raise InputError(f"{out}: lies in the take {take.source}; expected a folder elsewhere")
+        jobs[name] = TakeJob(
+            name, make_request(request, take, out / name), out / LOGS / f"{name}.log",
+            request.part_frames, tuple(request.to),
+        )  # fmt: skip
+    return list(jobs.values())
+
+
+def make_request(batch: BatchRequest, take: ListedTake, out: Path) -> TrackRequest:
+    """Return the request of one take: what it states itself counts before what the batch states.
+    Raises InputError that names the place of an invalid flag."""
+    where = take.where
+    try:
+        words = [str(take.source), f"--output={out}", *take.words]
+        stated = parse_stated(TrackRequest, words).over(batch.stated)
+        request = TrackRequest.from_stated(stated.only(TrackRequest))
+        if request.triangulate:
+            raise InputError(f"{TRIANGULATE} has no body; expected apf track for it")
+        if batch.part_frames is not None:
+            if request.people not in ("auto", 1):
+                raise InputError(
+                    f"--people is {request.people}; a take that is cut by --part-frames has one "
+                    "person; expected one of them"
+                )
+            request = request.replace(people=1)
+        check_request(request)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    return request
+
+
+def list_takes(folders: tuple[Path, ...]) -> list[ListedTake]:
+    """Return the takes that the command names. Raises InputError."""
+    takes: list[ListedTake] = []
+    for folder in folders:
+        if folder.suffix == ".toml" and folder.exists() and not folder.is_dir():
+            takes += _read_list(folder)
+        elif folder.is_file():
+            warn(f"{folder}: no folder; left out")  # `takes/*` also matches files such as notes
+        else:
+            takes.append(ListedTake(resolve_path(folder)))
+    if not takes:
+        raise InputError("no take is named; expected folders, or a TOML list of them")
+    return takes
+
+
+def _read_list(path: Path) -> list[ListedTake]:
+    """Return the takes of a list: [[take]] with folder, optional name, and flags of `apf track` by
+    their names; [defaults] hold for takes that do not set them."""
+    content = read_toml(path)
+    defaults, takes = content.pop("defaults", {}), content.pop("take", None)
+    if content or not isinstance(defaults, dict) or not _tables(takes):
+        found = ", ".join(content) or "no list of takes"
+        raise InputError(f"{path}: found {found}; expected [[take]] tables, and perhaps [defaults]")
+    listed = []
+    for number, stated in enumerate(takes, 1):
+        where = f"{path}: take {number}"
+        flags = {k.replace("_", "-"): v for part in (defaults, stated) for k, v in part.items()}
+        folder, name = flags.pop("folder", None), flags.pop("name", None)
+        if not isinstance(folder, str) or not isinstance(name, str | None):
+            raise InputError(f"{where}: folder = {folder!r}, name = {name!r}; expected text")
+        beyond = [f for f in ("help", "output", "quiet", "verbose", "log-file") if f in flags]
+        if beyond:
+            raise InputError(
+                f"{where}: --{', --'.join(beyond)} applies only to the whole batch; expected "
+                "settings of a take"
+            )
+        source = resolve_path(path.parent / folder)
+        listed.append(ListedTake(source, name, _words(flags, path.parent, where), where))
+    return listed
+
+
+def _tables(value: object) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(v, dict) for v in value)
+
+
+def _words(flags: Mapping[str, object], folder: Path, where: str) -> tuple[str, ...]:
+    """Convert settings to flags: `{"height": 1.8}` to `--height=1.8`, `{"all-cameras": true}` to
+    `--all-cameras`. Paths are relative to the list's `folder`."""
+    words: list[str] = []
+    for name, value in flags.items():
+        if isinstance(value, list):
+            value = ",".join(map(str, value))
+        if isinstance(value, bool):
+            words += [f"--{name}"] * value
+        elif isinstance(value, str) and ("/" in value or "." in value):
+            named = resolve_path(folder / value)
+            words.append(f"--{name}={named if named.exists() else value}")
+        elif isinstance(value, str | int | float):
+            words.append(f"--{name}={value}")
+        else:
+            raise InputError(f"{where}: {name} = {value!r}; expected text, a number or true")
+    return tuple(words)

@@ -1,0 +1,176 @@
+"""A long take on several workers: its start, its chunks, and the joining of their tracks."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from apf.body import load_body, save_body
+from apf.cli.batch_take import TakeDone, TakeJob, process_take, write_take
+from apf.cluster.chunks import cut_chunks, find_seam, join_tracks, to_millimetres
+from apf.cluster.config import ChunksConfig
+from apf.cluster.courses import Workflow
+from apf.cluster.pool import Task
+from apf.cluster.task_side import TaskProgress, log_to
+from apf.cluster.workers import select_worker_device
+from apf.formats.pose import read_pose, write_pose
+from apf.report.summary import read_summary
+from apf.request import TrackRequest
+from apf.takes.job import TrackJob
+from apf.takes.keypoints import OpenedKeypoints
+from apf.takes.results import FinishedTake, finish_take, write_tracks
+from apf.takes.start import find_first_pose, read_given_start
+from apf.tracking.take import Take
+from apf.tracking.track import Track
+from cl import Device, InputError, NumpyDevice
+from psfs.diagnostics.examination import Examination
+from psfs.opening import (
+    examine_footage,
+    open_sequence,
+    open_session,
+    select_common_frames,
+)
+from psfs.session import Session
+from psfs.volume import automatic_grid, find_volume
+
+#: The folder in OUT for takes that are tracked in chunks.
+PARTS = "parts"
+#: The file of a take's first pose, in its folder there.
+START = "start.txt"
+
+
+def plan_take(job: TakeJob) -> Workflow:
+    """Return the tasks of a take in order: the take itself, or, if it is long enough to be cut, its
+    start, its chunks, and the joining of these."""
+    if job.part_frames is not None:
+        (chunks,) = yield [Task(f"{job.name}/start", cut_take, (job, job.part_frames))]
+        if chunks:
+            yield [Task(chunk.name, process_take, (chunk,)) for chunk in chunks]
+            (done,) = yield [Task(f"{job.name}/joining", join_chunks, (job, chunks))]
+            return done
+    (done,) = yield [Task(job.name, process_take, (job,))]
+    return done
+
+
+def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[TakeJob, ...]:
+    """Find the person in a take and return the jobs of its chunks, which share body, volume and
+    cameras. Return no jobs if the take is too short to be cut."""
+    with log_to(job.log, f"{job.name}: cutting {job.source}"):
+        progress.begin("opening")
+        request = job.request
+        if request.seeds is not None:
+            raise InputError("--seeds and --part-frames; expected one of them")
+        device = select_worker_device(request.device)
+        examination, request, _ = _examine(request, device, progress)
+        session = examination.session
+        frames = select_common_frames(request.frames, session.sequence, progress.warn)
+        overlap = round(ChunksConfig().overlap * session.rate)
+        chunks = cut_chunks(frames, part_frames, overlap)
+        if len(chunks) < 2:
+            print(f"{len(frames)} frames are too few for parts of {part_frames} that overlap")
+            return ()
+        folder = _chunks_folder(job)
+        shared = _share_start(progress, request, session, folder)
+        return tuple(
+            replace(
+                job,
+                name=f"{job.name}/part{number}",
+                request=shared.replace(
+                    output=folder / f"part{number}",
+                    init=folder / START if number == 0 else None,
+                    frames=slice(chunk.start, chunk.stop, chunk.step),
+                ),
+                part_frames=None,
+                exports=(),
+            )
+            for number, chunk in enumerate(chunks)
+        )
+
+
+def _examine(
+    request: TrackRequest, device: Device | NumpyDevice, progress: TaskProgress
+) -> tuple[Examination, TrackRequest, list[str]]:
+    """Open the footage of a request and examine it, see `examine_footage`."""
+    session = open_session(request, open_sequence(request), device)
+    return examine_footage(request, session, progress.warn, person=True)
+
+
+def _share_start(
+    progress: TaskProgress, request: TrackRequest, session: Session, folder: Path
+) -> TrackRequest:
+    """Find the person and return the request that all chunks of the take share. The body and first
+    pose are written into `folder`."""
+    volume, grid, sequence = find_volume(session), automatic_grid(session), session.sequence
+    first = session.frames[0]
+    given = read_given_start(sequence.folder, first, request.body, request.init, request.convention)
+    if given is None:
+        given = find_first_pose(session, request, lambda: progress("start"), progress.warn)
+    save_body(folder / "body.toml", given[0])
+    write_pose(folder / START, given[1], given[0])
+    box = [np.asarray(corner).tolist() for corner in (volume.low, volume.high)]
+    return request.replace(
+        body=str(folder / "body.toml"),
+        capture=request.capture.replace(volume=box, cameras=tuple(sequence.rig.names)),
+        voxel_size=grid.voxel_size,
+        video=False,
+        report=False,
+    )
+
+
+def _chunks_folder(job: TakeJob) -> Path:
+    """Return the folder in which the chunks of a take are tracked."""
+    return job.out.parent / PARTS / job.name
+
+
+def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob]) -> TakeDone:
+    """Write the take from its chunks.
+
+    A chunk that agrees with the chunk before it in no common frame is tracked again, from the last
+    pose of that chunk in a common frame.
+    """
+    with log_to(job.log, f"{job.name}: joining {len(chunks)} parts"):
+        tracks = [Track.open(chunks[0].out)]
+        for chunk in chunks[1:]:
+            track = Track.open(chunk.out)
+            if find_seam(tracks[-1], track).distance > ChunksConfig().agreement:
+                print(f"{chunk.name}: does not agree with the part before; tracked again")
+                track = _track_chunk_from(progress, chunk, tracks[-1])
+            tracks.append(track)
+        whole, seams = join_tracks(tracks)
+        apart = ", ".join(f"{to_millimetres(s.distance)} at {s.frame}" for s in seams)
+        print(f"parts are joined with mm between them: {apart}")
+
+        def write(request: TrackRequest, device: Device | NumpyDevice) -> list[FinishedTake]:
+            examination, request, remarks = _examine(request, device, progress)
+            body = load_body(str(chunks[0].out.parent / "body.toml"))
+            pose = read_pose(chunks[0].out.parent / START, body)
+            sequence = examination.session.sequence
+            seconds = sum(float(read_summary(chunk.out)["seconds"]) for chunk in chunks)
+            take = Take(sequence, body, pose, None, [whole], seconds)
+            progress.n_frames = len(whole)
+            track_job = TrackJob(request, device, progress, tuple(remarks))
+            write_tracks(track_job, take)
+            judgements = finish_take(track_job, examination, take, OpenedKeypoints())
+            return [FinishedTake(take, len(whole), request.output, judgements)]
+
+        done = write_take(progress, job, write, parts=apart)
+        shutil.rmtree(chunks[0].out.parent, ignore_errors=True)
+        return done
+
+
+def _track_chunk_from(progress: TaskProgress, chunk: TakeJob, before: Track) -> Track:
+    """Track a chunk from the pose that the chunk before it has in its first frame; return the
+    track."""
+    frames = chunk.request.frames
+    assert frames is not None
+    first = frames.start
+    rows = np.flatnonzero(before.frames == first)
+    pose = chunk.out.parent / f"{chunk.out.name}.txt"
+    write_pose(pose, before.poses[rows[0]], before.its_body)
+    again = replace(chunk, request=chunk.request.replace(init=pose))
+    process_take(progress, again)
+    return Track.open(again.out)

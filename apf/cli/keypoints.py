@@ -1,0 +1,88 @@
+"""`apf keypoints`: detect 2-D keypoints in all cameras with a pose network."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+
+from apf.keypoints.estimation import EstimationJob, estimate_keypoints, write_openpose
+from apf.keypoints.network import check_network
+from apf.request import KeypointsRequest
+from apf.takes.keypoints import people_number
+from cl import InputError, select_device
+from psfs.cli.commandline import progress_bar, stdout, warn
+from psfs.common.outputs import output_folder
+from psfs.common.requests import SETTINGS, write_settings
+from psfs.opening import open_sequence, stated_keys
+from psfs.people.people import follow_several
+from psfs.people.standing import StandingPeople
+from psfs.sequence import Sequence
+from psfs.session import Session
+
+#: Least share of a camera's frames with a detected person; below it a warning is logged.
+_SELDOM = 0.8
+
+
+def run(request: KeypointsRequest) -> None:
+    if request.at_once is not None and request.at_once < 1:
+        raise InputError(f"--at-once is {request.at_once}; expected at least 1")
+    check_network()
+    number = None if request.people == "auto" else people_number(request.people)
+    sequence = open_sequence(request)
+    pattern = "*_json/*_[0-9][0-9][0-9][0-9][0-9][0-9].json"
+    with output_folder(request.output, request.COMMAND, sequence.inputs, (pattern, SETTINGS)):
+        found = _detect(request, sequence, number)
+        write_settings(request.output, request)
+    for camera, counts in found.items():
+        for person, frames in enumerate(counts, start=1):
+            if frames < _SELDOM * len(sequence):
+                who = "a person" if len(counts) == 1 else f"person {person}"
+                warn(f"{camera}: {who} was found in {frames} of {len(sequence)} frames only")
+    stdout.print(
+        f"{len(sequence)} frames x {len(sequence.rig)} cameras: {request.output}", soft_wrap=True
+    )
+
+
+def _detect(
+    request: KeypointsRequest, sequence: Sequence, number: int | None
+) -> dict[str, list[int]]:
+    """Write the keypoints of each camera as soon as it is done; return the number of its frames in
+    which each person was found. number: of people, None for as many as are seen."""
+    people = _find_people(request, sequence, number)
+    crop = sequence.empty_scene and request.crop and people is None
+    device = request.device if crop else None
+    job = EstimationJob(Path(request.folder), stated_keys(request.capture), device, people)
+    bar = progress_bar()
+    task = bar.add_task("keypoints", total=len(sequence) * len(sequence.rig))
+
+    def show(done: int) -> None:
+        if done:  # not before: an error must stay a single line
+            bar.start()
+        bar.update(task, completed=done)
+
+    found = {}
+    try:
+        with closing(estimate_keypoints(job, request.at_once, show)) as cameras:
+            for camera, points in cameras:
+                write_openpose(request.output / f"{camera}_json", camera, points)
+                found[camera] = np.isfinite(points).any((2, 3)).sum(1).tolist()
+    finally:
+        if bar.live.is_started:
+            bar.stop()
+    return found
+
+
+def _find_people(
+    request: KeypointsRequest, sequence: Sequence, number: int | None
+) -> StandingPeople | None:
+    """Return where people stand; None for one person."""
+    if number == 1:
+        return None
+    people = follow_several(Session(sequence, select_device(request.device)), number)
+    if people is None or len(people) < 2:
+        stdout.print(f"{sequence.name}: one person is seen")
+        return None
+    stdout.print(f"{sequence.name}: {people.describe()}")
+    return people.find_places()

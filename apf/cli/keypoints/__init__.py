@@ -1,5 +1,0 @@
-"""Keypoints of pose networks: their flags, their detection, and triangulation."""
-
-import lazy_loader as _lazy
-
-__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -1,1 +1,0 @@
-"""The takes of `apf track`: their jobs, files and messages."""

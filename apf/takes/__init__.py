@@ -1,0 +1,1 @@
+"""Takes: what runs a request to track, for API, commands, batches and studio."""

@@ -1,0 +1,471 @@
+"""A program with subcommands: its parser, which is derived from the commands' requests, and the
+exit codes and messages of its end."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import platform
+import re
+import sys
+import tempfile
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from cl import InputError, UserError
+from psfs.cli.commandline import add_message_flags, has_log, log_line, messages
+from psfs.common.names import escape_unprintable
+from psfs.common.single_files import guard_files
+from psfs.common.system import handle_signals, memory_limit
+from psfs.common.versions import versions
+
+if TYPE_CHECKING:
+    from psfs.common.requests import Option, Request, Stated
+
+DONE, MENDABLE, UNEXPECTED, INTERRUPTED = 0, 2, 70, 130
+_LONGEST_LINE = 800
+#: Signals that are handled like Ctrl-C: finished work is kept.
+_ENDING = ("SIGTERM", "SIGHUP")
+#: The shells that shtab writes completions for.
+_SHELLS = ("bash", "zsh", "tcsh", "fish", "powershell")
+#: Bytes of address space that the libraries take before anything is read.
+_LEAST_MEMORY = 1.25 * 2**30
+#: Values that begin with a minus, as in `--up -z` and `--volume -1,1,...`: argparse takes them for
+#: flags.
+_NEGATIVE = re.compile(r"-([xyz]$|[\d.])")
+#: What flags of these types take, for messages.
+_NUMBERS: dict[Any, str] = {float: "a number, such as 1.5", int: "a whole number"}
+
+
+@dataclass(frozen=True)
+class Command:
+    """A subcommand. help: one line. request: "module:class" of its request. work: the module whose
+    `run(request)` runs it. Both are imported when they are needed."""
+
+    name: str
+    help: str
+    request: str
+    work: str
+
+    @property
+    def kind(self) -> type[Request]:
+        """The class of its request."""
+        module, _, name = self.request.partition(":")
+        kind: type[Request] = getattr(import_module(module), name)
+        return kind
+
+    def run(self, request: Request) -> None:
+        """Import the work and run it. Raises UserError."""
+        import_module(self.work).run(request)
+
+
+def list_commands(package: str, **helps: str) -> tuple[Command, ...]:
+    """Return the commands of a package's program from their names and one-line helps; NAME takes
+    the request `package.request.NAMERequest`, and its work is in `package.cli.NAME`."""
+    return tuple(
+        Command(
+            name, text, f"{package}.request:{name.capitalize()}Request", f"{package}.cli.{name}"
+        )
+        for name, text in helps.items()
+    )
+
+
+class CommandParser(argparse.ArgumentParser):
+    """A parser that reports errors in one line, and allows values that begin with a minus. The
+    parser of a `command` gets its flags before the first words are parsed."""
+
+    command: Command | None = None
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        #: The parsers of the subcommands, by their names.
+        self.commands: dict[str, CommandParser] = {}
+        self._filled = False
+
+    def add_flags(self) -> None:
+        """Add the flags of the command, unless they have been added."""
+        if self.command is not None and not self._filled:
+            self._filled = True
+            _fill(self, self.command.kind)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse like argparse, but allow values that begin with a minus."""
+        self.add_flags()
+        return super().parse_known_args(None if args is None else self._join(args), namespace)
+
+    def _join(self, words: Sequence[str]) -> list[str]:
+        """Return `words` with `--flag -value` as `--flag=-value`."""
+        with_value = {
+            name for action in self._actions if action.nargs is None
+            for name in action.option_strings if name.startswith("--")
+        }  # fmt: skip
+        joined: list[str] = []
+        for word in words:
+            if joined and joined[-1] in with_value and _NEGATIVE.match(word):
+                joined[-1] += f"={word}"
+            else:
+                joined.append(word)
+        return joined
+
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        if (
+            not arg_string and action.nargs != argparse.PARSER
+        ):  # Path("") would be the current folder
+            raise argparse.ArgumentError(action, "is empty; expected a value")
+        try:
+            if callable(action.type):
+                return action.type(arg_string)
+        except InputError as error:
+            raise argparse.ArgumentError(action, str(error)) from None
+        except ValueError:
+            if action.type in _NUMBERS:
+                expected = f"is {arg_string!r}; expected {_NUMBERS[action.type]}"
+                raise argparse.ArgumentError(action, expected) from None
+        return super()._get_value(action, arg_string)
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {escape_unprintable(message)}; see {self.prog} --help\n")
+
+
+def _fill(parser: CommandParser, kind: type[Request]) -> None:
+    """Add the flags of a request, of --config and of the messages."""
+    from psfs.common.requests import SETTINGS, list_options
+
+    parser.description = f"{(parser.description or '').rstrip('.')}{kind.DETAILS or '.'}"
+    groups: dict[Any, Any] = {None: parser}
+    exclusive: dict[Any, Any] = {}
+    usage = ["%(prog)s"]
+    for option in list_options(kind):
+        group = option.flag.group
+        if group is not None and group not in groups:
+            groups[group] = parser.add_argument_group(group.title, group.description)
+        target = groups[group]
+        if option.flag.either:
+            key = group, option.flag.either
+            if key not in exclusive:
+                exclusive[key] = target.add_mutually_exclusive_group()
+            target = exclusive[key]
+        _add_option(target, option)
+        name = option.flag.metavar or option.dest.upper()
+        if option.flag.positional:
+            usage.append(f"{name} [{name} ...]" if option.flag.nargs == "+" else name)
+        elif option.required:
+            usage += [option.flag.short or f"--{option.name}", name]
+    parser.add_argument_group("settings").add_argument(
+        "--config", type=Path, metavar="FILE", default=argparse.SUPPRESS,
+        help=f"settings (TOML), such as the {SETTINGS} that is written beside results; flags beat "
+        "it",
+    )  # fmt: skip
+    add_message_flags(parser)
+    parser.usage = " ".join([*usage, "[flags]"])
+
+
+def _add_option(target: Any, option: Option) -> None:
+    flag = option.flag
+    texts: dict[str, Any] = {"help": flag.help.replace("%", "%%"), "default": argparse.SUPPRESS}
+    names = [*([flag.short] if flag.short else []), f"--{option.name}"]
+    if flag.positional:
+        names = [option.dest]
+        texts["default"] = None if flag.nargs == "?" else argparse.SUPPRESS
+    else:
+        texts["dest"] = option.dest
+        if option.required:
+            texts["required"] = True
+    if option.switch:
+        target.add_argument(*names, action="store_const", const=not option.default, **texts)
+        return
+    if flag.nargs:
+        texts["nargs"] = flag.nargs
+    if flag.choices:
+        texts["choices"] = flag.choices
+    if flag.metavar:
+        texts["metavar"] = flag.metavar
+    kind = flag.parse or option.kind
+    target.add_argument(*names, type=kind if kind in _NUMBERS else option.parse, **texts)
+
+
+def program_parser(
+    prog: str,
+    description: str,
+    commands: Sequence[Command],
+    kind: type[CommandParser] = CommandParser,
+) -> CommandParser:
+    """Return the parser of a program with these subcommands; each gets its flags when it parses."""
+    parser = kind(prog=prog, description=description, allow_abbrev=False)
+    parser.add_argument("--version", action=_Version, help="print the versions, and exit")
+    parser.add_argument(
+        "--completion",
+        action=_Completion,
+        choices=_SHELLS,
+        help="print what completes this program's commands and flags in that shell, and exit",
+    )
+    subparsers = parser.add_subparsers(
+        title="commands", metavar="COMMAND", required=True, dest="command"
+    )
+    for command in commands:
+        subparser = subparsers.add_parser(
+            command.name, help=command.help, description=command.help, allow_abbrev=False
+        )
+        subparser.command = command
+        parser.commands[command.name] = subparser
+    return parser
+
+
+def run_program(
+    prog: str, description: str, commands: Sequence[Command], argv: Sequence[str] | None = None
+) -> int:
+    """Run the subcommand that `argv` names and return the exit code. Only its modules are imported.
+    argv: the process's own by default."""
+    parser = program_parser(prog, description, commands)
+
+    def run(args: argparse.Namespace) -> None:
+        command = parser.commands[args.command].command
+        assert command is not None
+        request = command.kind.from_stated(find_stated(command.kind, args))
+        with guard_files(getattr(request, "overwrite", False)):
+            command.run(request)
+
+    parser.set_defaults(run=run)
+    return run_command(parser, argv)
+
+
+def parse_request(kind: type[Request], words: Sequence[str]) -> Request:
+    """Return the request that the words of a command line state. Raises InputError."""
+    return kind.from_stated(parse_stated(kind, words))
+
+
+class _Refused(Exception):
+    """Error of argparse."""
+
+
+class _RaisingParser(CommandParser):
+    def error(self, message: str) -> NoReturn:
+        raise _Refused(message)
+
+
+def parse_stated(kind: type[Request], words: Sequence[str]) -> Stated:
+    """Return what the words of a command line state for a request. Raises InputError."""
+    parser = _RaisingParser(prog=kind.COMMAND, allow_abbrev=False, add_help=False)
+    parser.command = Command("", "", f"{kind.__module__}:{kind.__qualname__}", "")
+    try:
+        args = parser.parse_args(words)
+    except _Refused as error:
+        raise InputError(str(error)) from None
+    return find_stated(kind, args)
+
+
+def find_stated(kind: type[Request], args: argparse.Namespace) -> Stated:
+    """Return what parsed words and the file of --config state. Raises InputError that names the
+    file."""
+    from psfs.common.requests import (
+        Stated,
+        list_options,
+        list_tables,
+        read_flags,
+        split_tables,
+        without_excluded,
+    )
+    from psfs.common.toml import read_toml
+
+    given = vars(args)
+    dests = [option.dest for option in list_options(kind)]
+    values = {dest: given[dest] for dest in dests if given.get(dest) is not None}
+    file: Path | None = given.get("config")
+    if file is None:
+        return Stated(values)
+    flags, tables = split_tables(read_toml(file))
+    values = {**without_excluded(kind, read_flags(file, kind, flags), values), **values}
+    _check_tables(file, tables, list_tables(kind).values())
+    return Stated(values, tables, file)
+
+
+def _check_tables(file: Path, tables: Mapping[str, Any], known: Any) -> None:
+    for name in tables:
+        if name not in known:
+            expected = ", ".join(f"[{table}]" for table in known) or "no table"
+            raise InputError(f"{file}: has a table [{name}]; expected {expected}")
+
+
+def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = None) -> int:
+    """Parse, call the `run(args)` that the parser set and return the exit code, see `exit_code`."""
+    words = sys.argv[1:] if argv is None else list(argv)
+    if argv is None:  # a process of its own
+        os.environ.pop("MPLBACKEND", None)  # plots go into files, not to a display
+
+    def run() -> None:
+        if any("\0" in word for word in words):
+            parser.error("an argument holds the character NUL; expected text")
+        args = parser.parse_args(words)
+        _check_memory_limit()
+        with messages(args):
+            _run_logged(parser.prog, args, words)
+
+    return exit_code(parser.prog, run)
+
+
+def _check_memory_limit() -> None:
+    """Raise InputError if the process may use less memory than its libraries take, which else fail
+    with reasons of their own."""
+    limit = memory_limit()
+    if limit < _LEAST_MEMORY:
+        raise InputError(
+            f"the process may use {limit / 2**20:,.0f} MiB (ulimit -v); expected at least "
+            f"{_LEAST_MEMORY / 2**20:,.0f}, or no limit"
+        )
+
+
+def _run_logged(prog: str, args: argparse.Namespace, words: Sequence[str]) -> None:
+    """Run the subcommand, and write its start and end into the log file."""
+    if has_log():
+        log_line(f"{prog} {' '.join(words)} ({version_line()})")
+    try:
+        args.run(args)
+    except BaseException as error:
+        log_line(f"{prog}: {type(error).__name__}\n{traceback.format_exc()}")
+        raise
+    log_line(f"{prog}: done")
+
+
+class _Version(argparse.Action):
+    """An action that prints the versions and exits; they are determined only then."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str | None = None) -> None:
+        super().__init__(option_strings, argparse.SUPPRESS, nargs=0, help=help)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(f"{parser.prog}: {version_line()}")
+        parser.exit()
+
+
+class _Completion(argparse.Action):
+    """An action that prints a shell's completion script for all subcommands and flags, and
+    exits."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, _: argparse.Namespace, shell: object, *__: object
+    ) -> None:
+        import shtab
+
+        assert isinstance(parser, CommandParser)
+        for subparser in parser.commands.values():
+            subparser.add_flags()
+            for flag in subparser._actions:
+                if flag.metavar in ("FILE", "FOLDER", "PATH", "OUT", "TRACK"):
+                    flag.complete = shtab.FILE  # type: ignore[attr-defined]
+        print(shtab.complete(parser, str(shell)))
+        parser.exit()
+
+
+def version_line() -> str:
+    """Return the versions of this program and of the platform that it runs on."""
+    found = versions()
+    program = f"psfs-apf {found.pop('psfs-apf')}"
+    return ", ".join([program, *(f"{name} {version}" for name, version in found.items()),
+                      f"{platform.system()} {platform.machine()}"])  # fmt: skip
+
+
+def exit_code(program: str, run: Callable[[], None]) -> int:
+    """Call `run` and return the exit code.
+
+    0: success. 2: an error that the user can mend. 130: interrupted, also by SIGTERM and SIGHUP.
+    70: a bug of the program, with the traceback in a log file. All but 0 print one line on standard
+    error.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # for LANG=C and paths that are not UTF-8
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        with _interrupt_on_signals():
+            run()
+        sys.stdout.flush()
+        return DONE
+    except SystemExit as exit:  # from the parser, which has printed the reason
+        return exit.code if isinstance(exit.code, int) else DONE
+    except BrokenPipeError:  # `psfs info x | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except KeyboardInterrupt:
+        _say(f"{program}: interrupted")
+        return INTERRUPTED
+    except Exception as error:
+        reason = describe_user_error(error)
+        if reason is not None:
+            _say(f"{program}: error: {reason}")
+            return MENDABLE
+        _say(f"{program}: error: {describe(error)}; please report it{_write_traceback(program)}")
+        return UNEXPECTED
+
+
+def describe(error: BaseException) -> str:
+    """Return the message of an error: of one that the user can mend its reason, of others that they
+    are unexpected, with their kind."""
+    reason = describe_user_error(error) if isinstance(error, Exception) else None
+    if reason is not None:
+        return reason
+    text = " ".join(str(error).split())[: _LONGEST_LINE // 2]
+    return f"unexpected {type(error).__name__}{f': {text}' if text else ''}"
+
+
+def describe_user_error(error: Exception) -> str | None:
+    """Return the message for an error that the user can mend: the program's own errors, those of
+    the file system, and a lack of memory. Return None for all others, which are bugs."""
+    if isinstance(error, UserError):
+        return str(error)
+    if isinstance(error, OSError) and error.errno is not None:
+        where = (
+            f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes) else ""
+        )
+        return f"{where}cannot be read or written: {error.strerror}"
+    short = "not enough memory; expected fewer or larger voxels, smaller pictures or fewer frames"
+    if isinstance(error, MemoryError):
+        return short
+    return short if _is_memory_of_opencv(error) else None
+
+
+def _is_memory_of_opencv(error: Exception) -> bool:
+    cv2 = sys.modules.get("cv2")  # an error of OpenCV's comes from an imported OpenCV
+    return cv2 is not None and isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem
+
+
+@contextlib.contextmanager
+def _interrupt_on_signals() -> Iterator[None]:
+    """Raise KeyboardInterrupt inside, in the main thread, on the signals of `_ENDING`."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    with handle_signals(interrupt, _ENDING):
+        yield
+
+
+def _say(text: str) -> None:
+    # A closed or full standard error must not hide the exit code.
+    with contextlib.suppress(OSError):
+        line = escape_unprintable(text)
+        if len(line) > _LONGEST_LINE:  # an error may quote a list of a thousand numbers
+            line = f"{line[: _LONGEST_LINE // 2]} ... {line[-_LONGEST_LINE // 2 :]}"
+        print(line, file=sys.stderr, flush=True)
+
+
+def _write_traceback(program: str) -> str:
+    """Write the traceback of the current error to a file; return a text that names the file."""
+    name = f"{program.split()[0]}-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}.log"
+    try:
+        path = Path(tempfile.gettempdir()) / name
+        arguments = " ".join(map(repr, sys.argv[1:]))
+        text = f"{program} {arguments}\n{traceback.format_exc()}"
+        path.write_text(text, encoding="utf-8", errors="backslashreplace")
+    except OSError:
+        return " with the command that you gave"
+    return f" with the log {path}"

@@ -1,0 +1,113 @@
+"""Open the take that a request describes, examine its footage, and select its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from cl import Device, InputError, NumpyDevice
+from psfs.common.files import resolve_path
+from psfs.diagnostics.examination import Examination, examine
+from psfs.footage.settings import SequenceSettings
+from psfs.request import TakeRequest
+from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
+
+T = TypeVar("T", bound=TakeRequest)
+
+
+class Opened(Protocol):
+    """A request with a folder."""
+
+    @property
+    def folder(self) -> Path: ...
+    @property
+    def capture(self) -> SequenceSettings: ...
+
+
+#: Least length of the shortest view as a share of the longest one's, if no frames are stated.
+_MOST_OF_THEM = 0.9
+
+
+def stated_keys(capture: SequenceSettings) -> dict[str, object]:
+    """Return the keys of `sequence.toml` that are stated, as `Sequence.open` takes them, in plain
+    values."""
+    keys = {key: value for key, value in capture if value is not None}
+    if "calibration" in keys:
+        keys["calibration"] = str(resolve_path(keys["calibration"]))
+    if not isinstance(keys.get("volume", {}), Mapping):
+        keys["volume"] = [np.asarray(corner).tolist() for corner in keys["volume"]]
+    return {key: list(of) if isinstance(of, tuple) else of for key, of in keys.items()}
+
+
+def open_sequence(request: Opened) -> Sequence:
+    """Return the sequence that a request describes."""
+    return Sequence.open(request.folder, **stated_keys(request.capture))
+
+
+def open_session(request: TakeRequest, sequence: Sequence, device: Device | NumpyDevice) -> Session:
+    """Return the session of the frames, and with the settings, that a request states."""
+    frames = request.frames or slice(None)
+    settings = SessionSettings(request.reconstruction, frames, request.voxel_size)
+    return Session(sequence, device, settings)
+
+
+def examine_footage(
+    request: T, session: Session, warn: Callable[[str], object], person: bool = False
+) -> tuple[Examination, T, list[str]]:
+    """Examine the footage, see `examine`, and warn of its faults.
+
+    Return the examination, the request with what was found (the cameras that were kept, and the
+    shifts of late ones), so that a run that is opened again is the same, and the warnings. Raises
+    InputError if `person` is true and the unit gives a size that no person has.
+    """
+    opened = session.sequence
+    found = examine(session, request.all_cameras)
+    sequence = found.session.sequence
+    unit = [str(fault) for fault in found.faults if fault.kind == "unit"]
+    if unit and person:
+        raise InputError(f"{sequence.name}: {unit[0]}")
+    changes: dict[str, object] = {}
+    if found.left_out:
+        changes["cameras"] = tuple(sequence.rig.names)
+    if opened.settings.sync == "auto":
+        changes["sync"] = sequence.settings.sync
+    if changes:
+        request = request.replace(capture=request.capture.replace(**changes))
+    remarks = [*sequence.timing_notes, *found.warnings]
+    for text in remarks:
+        warn(f"{sequence.name}: {text}")
+    return found, request, remarks
+
+
+def select_frames(frames: slice | None, sequence: Sequence) -> range:
+    """Return the numbers of the stated frames, or of all. Raises InputError if there is none."""
+    chosen = range(len(sequence))[frames or slice(None)]
+    if not chosen:
+        raise InputError(
+            f"--frames chooses none of the {len(sequence)} frames of {sequence.folder}"
+        )
+    return chosen
+
+
+def select_common_frames(
+    frames: slice | None, sequence: Sequence, warn: Callable[[str], object]
+) -> range:
+    """Return the numbers of the stated frames, or of all; warn of views of different lengths.
+    Raises InputError if no frame is selected, or many frames would be left out."""
+    chosen = select_frames(frames, sequence)
+    media = (*(sequence.footage.images or ()), *(sequence.footage.masks or ()))
+    counts = {item.name: item.count for item in media}
+    if frames is not None or len(set(counts.values())) == 1:
+        return chosen
+    found = ", ".join(f"{name} {count}" for name, count in counts.items())
+    if len(sequence) < _MOST_OF_THEM * max(counts.values()):
+        raise InputError(
+            f"{sequence.folder}: unequal numbers of frames: {found}; expected as many of each "
+            f"camera, or --frames 0:{len(sequence)} for those that all have"
+        )
+    warn(f"{sequence.name}: unequal numbers of frames: {found}; {len(sequence)} are used")
+    return chosen
