@@ -15,6 +15,7 @@ from psfs.common.presets import Presets
 from psfs.common.ranges import check_number
 from psfs.common.requests import Flag, Group, Part, Request
 from psfs.diagnostics.definitions import DEFINITION
+from psfs.footage.folder import check_folder
 from psfs.footage.settings import SequenceSettings
 from psfs.mesh.config import FORMATS as MESH_FORMATS
 from psfs.mesh.config import SMOOTHING
@@ -219,6 +220,10 @@ class FolderRequest(CaptureRequest):
     """A folder with calibrated views."""
 
     folder: Annotated[Path, folder_flag("folder with calibrated views")]
+
+    def check_folders(self) -> None:
+        """Raise MissingFileError, as opening the sequence would, if the folder is missing."""
+        check_folder(self.folder)
 
 
 class TakeRequest(CaptureRequest):

@@ -12,6 +12,7 @@ import apf.presets
 import apf.settings
 import psfs.settings
 from psfs.common.config import Config, about, part_kind
+from psfs.common.requests import Request
 
 ROOT = Path(__file__).parents[1]
 TREE = apf.settings.Settings
@@ -27,6 +28,7 @@ def classes(kind: type[Config] = Config) -> set[type[Config]]:
     """All classes of settings that are part of the programs."""
     known = [k for k in kind.__subclasses__() if k.__module__.startswith(("psfs.", "apf."))]
     # A class that registered parts were added to is not the one that its module has.
+    known = [k for k in known if not issubclass(k, Request)]  # which is made of settings
     found = {getattr(sys.modules[k.__module__], k.__name__) for k in known}
     return found.union(*(classes(k) for k in found))
 

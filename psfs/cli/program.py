@@ -63,7 +63,8 @@ class Command:
         return kind
 
     def run(self, request: Request) -> None:
-        """Import the work and run it. Raises UserError."""
+        """Check the request, import the work and run it. Raises UserError."""
+        request.check_folders()
         import_module(self.work).run(request)
 
 

@@ -250,6 +250,9 @@ class Request(Config):
         other._stated, other._chosen = self._stated, self._chosen
         return other
 
+    def check_folders(self) -> None:
+        """Raise InputError for what is wrong before anything else is imported."""
+
     @property
     def chosen(self) -> frozenset[str]:
         """The destinations of the flags that are not at their defaults; what a preset chose does

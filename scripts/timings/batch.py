@@ -23,14 +23,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from apf.cli.batch.take import TakeDone, TakeJob, process_take
+from apf.cli.batch_take import TakeDone, TakeJob, process_take
 from apf.cluster.connection import start_cluster
 from apf.cluster.pool import Pool, Task
 from apf.cluster.workers import Share, list_own_cores, share_machine
+from apf.request import TrackRequest
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from cl import Device, InputError
 from psfs.cli.commandline import add_command
+from psfs.cli.program import parse_request
 from psfs.sequence import Sequence as Footage
 from timings.grid import Grid, number
 from timings.measure import places
@@ -185,8 +187,10 @@ def throughput(
 
 def _task(take: Path, out: Path, name: str, flags: Sequence[str], given: bool) -> Task:
     """Return the task of `apf batch` for a take; given: start at the true first pose."""
-    words = (*flags, *([f"--init={take / 'truth.npz'}"] * given))
-    return Task(name, process_take, (TakeJob(name, take, out / name, out / "log", words),))
+    words = [str(take), f"--output={out / name}", *flags]
+    words += [f"--init={take / 'truth.npz'}"] * given
+    job = TakeJob(name, parse_request(TrackRequest, words), out / "log")
+    return Task(name, process_take, (job,))
 
 
 def _means(of_takes: Sequence[Mapping[str, float]]) -> dict[str, float]:

@@ -2,43 +2,38 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import pytest
-from psfs.cli.settings import with_settings
 
 from apf.body import load_body
 from apf.cli import main
-from apf.cli.commands import COMMANDS
 from apf.filters.config import FilterConfig
 from apf.filters.method import Method
 from apf.filters.term_weights import parse_weights
 from apf.presets import PRESETS, Preset, preset
+from apf.request import TrackRequest
 from cl import InputError
-from psfs.cli.program import program_parser
-from psfs.reconstructor import ReconstructionConfig
+from psfs.cli.program import parse_request
 
 
-def parsed(*flags: str) -> argparse.Namespace:
-    """The arguments of `apf track walk -o out FLAGS`."""
-    parser = program_parser("apf", "", COMMANDS)
-    words = ["track", "walk", "-o", "out", *flags]
-    return with_settings(parser, parser.parse_args(words), words)
+def parsed(*flags: str) -> TrackRequest:
+    """The request of `apf track walk -o out FLAGS`."""
+    request = parse_request(TrackRequest, ["walk", "-o", "out", *flags])
+    assert isinstance(request, TrackRequest)
+    return request
 
 
 def method_of(*flags: str) -> Method:
-    from apf.cli.method_flags import select_method
-
-    return select_method(parsed(*flags))
+    return parsed(*flags).method
 
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_the_command_takes_what_the_library_has(name: str) -> None:
     found, args = preset(name), parsed("--preset", name)
     assert method_of("--preset", name) == found.method
-    assert args.configs.get("reconstruction", ReconstructionConfig()) == found.reconstruction
-    assert (args.body, args.background, args.all_cameras) == (found.body, found.background, True)
+    assert args.reconstruction == found.reconstruction and args.all_cameras
+    assert (args.body, args.capture.background) == (found.body, found.background)
     assert load_body(found.body or "").n_dof == 31
     assert not found.method.recover and not found.method.filter.searches_limbs
     for path in PRESETS[name]:  # a comment before every setting, or the one of its kind

@@ -18,6 +18,7 @@ from helpers.opensim import write_model
 from apf.filters.method import Method
 from apf.formats.opensim.model import read_model
 from apf.keypoints.opening import read_raw
+from apf.takes.keypoints import keypoints_path
 from apf.tracking.correction import Correction, Corrections
 from apf.tracking.people import PeopleTracks
 from apf.tracking.track import PEOPLE
@@ -88,7 +89,7 @@ def test_a_table_for_a_name_in_settings() -> None:
 @pytest.mark.parametrize("pattern", ["x/**a/[*", "**a"])
 def test_patterns_of_keypoints(pattern: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="pattern"):
-        keypoints_path(Namespace(keypoints=pattern), tmp_path)
+        keypoints_path(pattern, tmp_path)
 
 
 @pytest.mark.parametrize("pattern", ["x/**a/[*", "**a", "["])

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pyopencl
 import pytest
-from apf.cli.takes.kept_parts import Keeper
 from helpers import faults
 from helpers.faults import run
 
@@ -23,6 +22,7 @@ import apf.tracking.pipeline as pipeline
 import cl.launch
 import psfs.cli
 import psfs.footage.threads as threads
+from apf.takes.results import Keeper
 from apf.tracking.track import PARTS, Track
 from cl import pocl_wheel
 from cl.listing import device_info, working_devices
@@ -177,12 +177,12 @@ def test_parts_of_a_track_that_was_killed(stock: Path, monkeypatch: pytest.Monke
     assert run(track(stock, "--seed", "3")).code == 0
     whole = Track.open(stock / "new")
     assert not list((stock / "new").glob(PARTS)) and len(whole) == 3
-    import apf.cli.takes.results as module
+    import apf.takes.job as module
 
     def killed(*_: Any) -> None:
         raise SystemError("killed")
 
-    monkeypatch.setattr(module, "write_track_settings", killed)
+    monkeypatch.setattr(module, "write_tracks", killed)
     outcome = run(track(stock, "--seed", "3"))
     assert outcome.code == 70
     found = Track.open(stock / "new")

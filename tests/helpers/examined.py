@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from apf.cli.takes import people as people_of_takes
 
-import apf.api
 from apf.body.model import BodyModel
+from apf.takes import people as people_of_takes
+from apf.takes import start
 from psfs.cameras.camera import CameraRig
 from psfs.cli import check, info
 from psfs.diagnostics import examination
@@ -37,7 +37,7 @@ def remembered() -> Iterator[None]:
     """Remember the parts of `examine` and of `psfs check`, the box around what moves, the number of
     people, and the fit to given joints."""
     known: dict[Hashable, Any] = {}
-    fit_to_joints, search_box = apf.api.fit_to_joints, BoxSearch.run
+    fit_to_joints, search_box = start.fit_to_joints, BoxSearch.run
 
     def once(key: Hashable, compute: Callable[[], Any]) -> Any:
         if key not in known:
@@ -76,7 +76,7 @@ def remembered() -> Iterator[None]:
         for module in (people, people_of_takes, info, volume):
             patch.setattr(module, "count_people", count_once)
         patch.setattr(BoxSearch, "run", search_once)
-        patch.setattr(apf.api, "fit_to_joints", fit_once)
+        patch.setattr(start, "fit_to_joints", fit_once)
         yield
 
 

@@ -11,6 +11,7 @@ from psfs.cli.sequence_flags import parse_sync
 
 from cl import InputError
 from psfs.calibration.targets.detection import open_uncalibrated
+from psfs.footage.config import SoundConfig
 from psfs.footage.settings import SequenceSettings
 from psfs.footage.sound import find_lag
 
@@ -83,7 +84,7 @@ def test_videos_without_sound_or_of_other_rooms_are_named(takes: Path) -> None:
     with pytest.raises(InputError, match=r"c\.mp4: no sound"):
         open_uncalibrated(takes, SequenceSettings(sync="audio"))
     film(takes / "videos" / "c.mp4", 0.1 * np.random.default_rng(9).normal(size=2 * RATE))
-    with pytest.raises(InputError, match=r"c\.mp4: its sound fits .* at no offset"):
+    with pytest.raises(InputError, match=r"c\.mp4: its sound fits .* at no lag"):
         open_uncalibrated(takes, SequenceSettings(sync="audio"))
     with pytest.raises(InputError, match=r"expected audio .*from_phones"):
         open_uncalibrated(takes, SequenceSettings(sync="auto"))
@@ -91,5 +92,5 @@ def test_videos_without_sound_or_of_other_rooms_are_named(takes: Path) -> None:
 
 def test_the_lag_of_two_tracks() -> None:
     sound = room(4.0)
-    lag, clarity = find_lag(sound[8000:], sound)
+    lag, clarity = find_lag(sound[8000:], sound, SoundConfig())
     assert lag == pytest.approx(1.0, abs=1e-3) and clarity > 3

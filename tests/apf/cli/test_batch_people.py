@@ -9,31 +9,33 @@ from typing import Any
 
 import numpy as np
 import pytest
-from apf.cli.batch.take import TakeJob, compare_with_truth
 from helpers import tracks
 
 from apf.body import save_body
-from apf.cli.batch import chunks
+from apf.cli import batch_chunks as chunks
+from apf.cli.batch import ListedTake, make_request
+from apf.cli.batch_take import TakeJob, compare_with_truth
 from apf.cluster.task_side import TaskProgress
 from apf.formats.pose import write_pose
+from apf.request import BatchRequest, TrackRequest
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.files import write_json
 
 
-def job(words: tuple[str, ...], part_frames: int | None = None) -> TakeJob:
-    folder = Path("take")
-    return TakeJob("take", folder, Path("out"), Path("log"), words, part_frames=part_frames)
+def request(*words: str, part_frames: int | None = None) -> TrackRequest:
+    batch = BatchRequest(folders=(), part_frames=part_frames)
+    return make_request(batch, ListedTake(Path("take"), words=words), Path("out"))
 
 
 def test_as_many_people_as_are_seen_by_default_and_one_in_parts() -> None:
-    assert job(()).arguments().people == "auto"
-    assert job(("--people=3",)).arguments().people == "3"
-    assert job((), part_frames=100).arguments().people == "1"
+    assert request().people == "auto"
+    assert request("--people=3").people == 3
+    assert request(part_frames=100).people == 1
     with pytest.raises(InputError, match="--people is 2; a take that is cut by --part-frames"):
-        job(("--people=2",), part_frames=100).arguments()
+        request("--people=2", part_frames=100)
     with pytest.raises(InputError, match="apf batch: --people is 0; expected 1 to 20"):
-        job(("--people=0",)).arguments()  # before a cluster is started
+        request("--people=0")  # before a cluster is started
 
 
 def test_each_person_has_an_error_of_their_own(tmp_path: Path) -> None:
@@ -64,8 +66,10 @@ def test_each_person_has_an_error_of_their_own(tmp_path: Path) -> None:
 def test_a_take_joined_from_its_parts_took_as_long_as_all_of_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    given, whole = job(()), tracks.walker(6)
-    parts = [replace(given, name=f"take/part{k}", out=tmp_path / f"part{k}") for k in (0, 1)]
+    given, whole = TakeJob("take", request(), Path("log")), tracks.walker(6)
+    parts = [
+        replace(given, request=given.request.replace(output=tmp_path / f"part{k}")) for k in (0, 1)
+    ]
     save_body(tmp_path / "body.toml", whole.its_body)
     write_pose(tmp_path / "start.txt", whole.poses[0], whole.its_body)
     for part, rows, seconds in zip(parts, (slice(0, 4), slice(2, 6)), (1.5, 2.25), strict=True):
@@ -77,11 +81,12 @@ def test_a_take_joined_from_its_parts_took_as_long_as_all_of_them(
         write_json(part.out / "summary.json", facts)
     finished = []
     session = SimpleNamespace(sequence=None)
-    monkeypatch.setattr(chunks, "_examine", lambda *_: SimpleNamespace(session=session))
+    examined = SimpleNamespace(session=session), given.request, []
+    monkeypatch.setattr(chunks, "_examine", lambda *_: examined)
     monkeypatch.setattr(chunks, "write_tracks", lambda *_: None)
-    monkeypatch.setattr(chunks, "finish_take", lambda job, _, take, line: finished.append(take))
+    monkeypatch.setattr(chunks, "finish_take", lambda job, _, take, opened: finished.append(take))
     monkeypatch.setattr(
-        chunks, "write_take", lambda _, job, write, **facts: write(job.arguments(), None)
+        chunks, "write_take", lambda _, job, write, **facts: write(job.request, None)
     )
     chunks.join_chunks(TaskProgress(), replace(given, log=tmp_path / "log"), parts)
     assert finished[0].seconds == 3.75

@@ -140,7 +140,7 @@ def test_of_several_people_each_is_in_the_files(
     middle = camera.centre + 3 * camera.rays(places()[0, 2:3])[0]
     apart = np.array([middle, middle + 100])
     standing = StandingPeople(np.zeros(1, int), (apart / [1, 1, 0.67])[None])
-    monkeypatch.setattr("apf.cli.keypoints.command._find_people", lambda *of: standing)
+    monkeypatch.setattr("apf.cli.keypoints._find_people", lambda *of: standing)
     out = tmp_path / "pose"
     command = ["keypoints", str(folder), "-o", str(out), "--people", "2", "--cameras", "cam01"]
     assert main(command) == 0

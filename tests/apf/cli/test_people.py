@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from apf.cli.takes import people
-from apf.cli.takes.take_report import TakeLine
 from helpers import tracks
 
 from apf.cli import main
-from apf.filters.method import Method
+from apf.cli.take_report import TakeLine
+from apf.request import TrackRequest
+from apf.takes import people
+from apf.takes.job import TrackJob
 from psfs.cli.commandline import progress_bar
 from psfs.people.people import People, Person
 
@@ -62,9 +62,9 @@ def test_another_number_than_is_seen_is_said(
     monkeypatch.setattr(people, "follow_several", lambda session, number: followed)
     monkeypatch.setattr(people, "separate", lambda session, found, line: [session] * len(found))
     session = SimpleNamespace(sequence=SimpleNamespace(name="duo", subject="person"))
-    args = Namespace(people="2", body=None, init=None, height=None, keypoints=None)
-    job = SimpleNamespace(args=args, method=Method())
-    found = people.find_persons(job, session, None, lambda stage: None)  # type: ignore[arg-type]
+    request = TrackRequest(folders=(Path("duo"),), people=2)
+    job = TrackJob(request, None, TakeLine(progress_bar()))  # type: ignore[arg-type]
+    found = people.find_persons(job, session, None)  # type: ignore[arg-type]
     assert found is not None and len(found.sessions) == 2
     said = capsys.readouterr().err.replace("\n", " ")
     assert ("duo: --people is 2; without it" in said) is (n_seen != 2)

@@ -6,9 +6,8 @@ import csv
 from html.parser import HTMLParser
 from pathlib import Path
 
-from apf.cli.batch.report import describe_done
-from apf.cli.batch.take import TakeDone
-
+from apf.cli.batch_report import describe_done
+from apf.cli.batch_take import TakeDone
 from apf.cluster.page import write_index
 from apf.cluster.record import TakeRecord
 from apf.cluster.take_row import TakeRow

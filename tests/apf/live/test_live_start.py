@@ -10,6 +10,7 @@ import pytest
 from apf.cli.takes import live_start
 from helpers import tracks
 
+from apf.cli import live_start
 from apf.cli.live import compare_with_truth
 from apf.evaluation.people import load_people_truth
 from apf.live.session import LiveResult

@@ -23,6 +23,7 @@ from psfs.cameras.calibration.writers import WRITERS, write_calibration
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cli import main
 from psfs.diagnostics.sequence_info import sequence_info
+from psfs.request import FORMATS as FORMATS_OF_CONVERT
 from psfs.sequence import Sequence
 
 MIRROR = np.diag([-1.0, 1, 1])

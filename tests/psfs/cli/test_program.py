@@ -2,76 +2,78 @@
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Annotated, Any, ClassVar
 
 import pytest
-from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, select_method
-from psfs.cli.program.command import Command
-from psfs.cli.settings import add_configs, write_settings
 
 import apf.cli
 import psfs.cli
+from apf.request import StartRequest
 from cl import InputError
-from psfs.cli.commandline import frame_range, stdout, warn
-from psfs.cli.program import run_program
-from psfs.settings import Settings
-from psfs.voxels.config import ReconstructionConfig
+from psfs.cli.commandline import stdout, warn
+from psfs.cli.program import Command, run_program
+from psfs.common.requests import Flag, Request, write_settings
+from psfs.opening import stated_keys
+from psfs.request import frame_range, output_flag
+
+
+class WalkRequest(StartRequest):
+    """A request with a flag of each kind."""
+
+    COMMAND: ClassVar = "walker walk"
+
+    folder: Annotated[str, Flag("", "FOLDER", positional=True)]
+    output: Annotated[Path, output_flag("")]
+    grid: Annotated[slice | None, Flag("", "G", frame_range, either="size")] = None
+    voxel_size: Annotated[float | None, Flag("", "M", either="size")] = None
+    names: Annotated[tuple[str, ...] | None, Flag("", "N", nargs="+")] = None
+    overlay_video: Annotated[bool, Flag("", name="no-overlay")] = True
+    count: Annotated[int, Flag("", choices=(1, 2))] = 1
 
 
 class Walk(Command):
-    """A command with a flag of each kind, that keeps what it was given."""
+    """A command that keeps its request."""
 
-    args = argparse.Namespace()
+    request_made: ClassVar[Any] = None
 
-    def add_flags(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("folder")
-        parser.add_argument("-o", "--output", type=Path, required=True)
-        size = parser.add_mutually_exclusive_group()
-        size.add_argument("--grid", type=frame_range)
-        size.add_argument("--voxel-size", type=float)
-        parser.add_argument("--names", nargs="+")
-        parser.add_argument("--no-overlay", action="store_true")
-        parser.add_argument("--no-pictures", dest="pictures", action="store_false")
-        parser.add_argument("--count", type=int, choices=(1, 2), default=1)
-        parser.add_argument("--init", type=Path)
-        add_method_flags(parser)
-        add_configs(parser, Settings, "reconstruction")
+    @property
+    def kind(self) -> type[Request]:
+        return WalkRequest
 
-    def run(self, args: argparse.Namespace) -> None:
-        Walk.args = args
+    def run(self, request: Request) -> None:
+        assert isinstance(request, WalkRequest)
+        Walk.request_made = request
         stdout.print("a result")
         warn("a warning", stdout)
-        if args.folder == "bad":
+        if request.folder == "bad":
             raise InputError("bad: not good")
-        method = select_method(args)
-        reconstruction = args.configs.get("reconstruction", ReconstructionConfig())
-        tables = {"method": method, "reconstruction": reconstruction}
-        write_settings(args.output, args, tables, METHOD_FLAGS)
+        write_settings(request.output, request, ["method", "reconstruction"])
 
 
-def walk(out: Path, *flags: str, folder: str = "somewhere") -> tuple[int, argparse.Namespace]:
-    command = Walk("walk", "walk somewhere", flags="", work="")
+def walk(out: Path, *flags: str, folder: str = "somewhere") -> tuple[int, Any]:
+    command = Walk("walk", "walk somewhere", "", "")
     argv = ["walk", folder, "-o", str(out), *flags]
-    return run_program("walker", "walks", [command], argv), command.args
+    return run_program("walker", "walks", [command], argv), command.request_made
 
 
 def test_settings_given_back_are_the_same(tmp_path: Path) -> None:
     """Every kind of flag, and all settings without one."""
-    flags = ["--voxel-size", "0.03", "--names", "a", "b", "--no-overlay", "--no-pictures"]
+    flags = ["--voxel-size", "0.03", "--names", "a", "b", "--no-overlay", "--volume=-1,1,-1,1,0,2"]
+    flags += ["--cameras", "a,b", "--sync", "a=2,b=-1", "--fps", "30000/1001"]
     flags += ["--count", "2", "--init", "pose.txt", "--particles", "77", "--method", "pso"]
     code, first = walk(tmp_path / "a", *flags)
     assert code == 0
     written = tmp_path / "a" / "settings.toml"
     code, second = walk(tmp_path / "b", "--config", str(written))
     assert code == 0
-    names = ("voxel_size", "names", "no_overlay", "pictures", "count")
+    names = ("voxel_size", "names", "overlay_video", "count", "method")
     assert [getattr(first, n) for n in names] == [getattr(second, n) for n in names]
+    assert stated_keys(first.capture) == stated_keys(second.capture)
     assert second.init == Path("pose.txt").resolve()
-    assert select_method(first) == select_method(second)
-    assert select_method(second).search == "pso"
+    assert second.method.search == "pso" and not second.overlay_video
     assert (tmp_path / "b" / "settings.toml").read_text() == written.read_text()
 
 
@@ -85,22 +87,22 @@ def test_flags_beat_the_file_and_exclude_its(tmp_path: Path) -> None:
     config = ["--config", str(file)]
     _, args = walk(tmp_path / "a", *config, "--count", "1", "--grid", "1:2", "--layers", "3")
     assert args.count == 1 and args.voxel_size is None
-    search = select_method(args).filter.search
+    search = args.method.filter.search
     assert (search.n_particles, search.n_layers) == (50, 3)
     _, args = walk(tmp_path / "b", *config)
     assert (args.count, args.voxel_size) == (2, 0.05)
-    assert select_method(args).filter.search.n_layers == 4
-    assert args.configs["reconstruction"].occupancy.threshold == 0.7
-    assert args.configs["reconstruction"].occupancy.prior == 0.5
+    assert args.method.filter.search.n_layers == 4
+    assert args.reconstruction.occupancy.threshold == 0.7
+    assert args.reconstruction.occupancy.prior == 0.5
 
 
 def test_a_method_named_in_a_file_has_its_own_defaults(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text('[method]\nsearch = "sir"\n')
     _, args = walk(tmp_path / "a", "--config", str(file))
-    assert select_method(args).filter.search.n_particles == 3000
+    assert args.method.filter.search.n_particles == 3000
     _, args = walk(tmp_path / "a", "--config", str(file), "--method", "apf")
-    assert select_method(args).filter.search.n_particles == 200
+    assert args.method.filter.search.n_particles == 200
 
 
 @pytest.mark.parametrize(
@@ -115,7 +117,7 @@ def test_a_method_named_in_a_file_has_its_own_defaults(tmp_path: Path) -> None:
         ("count = 7", "count is 7; expected one of 1, 2"),
         ("no-overlay = 1", "no-overlay is 1; expected true or false"),
         ('grid = "b"', "grid is 'b'; 'b' is no frame range"),
-        ("[reconstuction]", "has a table [reconstuction]; expected [method], [reconstruction]"),
+        ("[reconstuction]", "has a table [reconstuction]; expected [reconstruction], [method]"),
         ("[method]\nfilter = 3", "method.filter is 3; expected settings with names"),
         ("[method.filter.search]\nlayers = 3", "method.filter.search.layers: no such setting"),
         ("[method.filter.search]\nn_layers = 3.5", "search.n_layers is 3.5; expected a whole"),
@@ -207,7 +209,7 @@ def test_help_has_what_is_common_first(
 ) -> None:
     assert main([command, "--help"]) == 0  # type: ignore[operator]
     text = capsys.readouterr().out
-    order = ["--frames", "--device", "sequence:", "start:", "search:", "--particles", "messages:"]
+    order = ["--device", "--frames", "sequence:", "start:", "search:", "--particles", "messages:"]
     order = [f"\n{'' if word[-1] == ':' else '  '}{word}" for word in order]
     positions = [text.index(word) for word in order]
     assert positions == sorted(positions)
