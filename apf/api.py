@@ -12,8 +12,8 @@ from apf.body import BodyModel
 from apf.filters.method import Method
 from apf.keypoints.keypoints import Keypoints
 from apf.request import TrackRequest
-from apf.takes.job import run_track
 from apf.takes.start import STATURES, load_template
+from apf.takes.track import run_track
 from apf.tracking.people import MOST_PEOPLE, PeopleTracks
 from apf.tracking.progress import StageCalls
 from apf.tracking.track import Track

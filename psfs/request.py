@@ -72,7 +72,7 @@ def voxel_edge(text: str) -> float:
     return edge
 
 
-def _parse_sync(text: str) -> str | dict[str, int]:
+def parse_sync(text: str) -> str | dict[str, int]:
     """Return `auto`, `audio`, or `cam03=5,cam01=-2` as a mapping."""
     if text in ("auto", "audio"):
         return text
@@ -169,7 +169,7 @@ def _names(text: str) -> tuple[str, ...]:
 CAPTURE_TEXTS = {
     "calibration": (path_or_name, lambda path: str(resolve_path(path))),
     "fps": (_frame_rate, None),
-    "sync": (_parse_sync, _write_sync),
+    "sync": (parse_sync, _write_sync),
     "volume": (_parse_box, _write_box),
     "cameras": (_names, None),
 }  # fmt: skip

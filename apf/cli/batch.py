@@ -23,7 +23,8 @@ from apf.cluster.pool import Pool
 from apf.cluster.whole_folder import clear_partial
 from apf.cluster.workers import share_machine
 from apf.request import TRIANGULATE, BatchRequest, TrackRequest
-from apf.takes.job import check_request, take_names
+from apf.takes.job import take_names
+from apf.takes.track import check_request
 from cl import InputError
 from psfs.cli.commandline import warn
 from psfs.cli.program import parse_stated

@@ -10,8 +10,9 @@ from apf.cli.take_report import TakeLine, TakeReport, describe_spread, print_out
 from apf.cli.triangulate import run_triangulate
 from apf.report import PAGE
 from apf.request import TrackRequest
-from apf.takes.job import check_request, list_inputs, run_track, take_names
+from apf.takes.job import list_inputs, take_names
 from apf.takes.results import RESULTS, FinishedTake
+from apf.takes.track import check_request, run_track
 from apf.tracking.batch import run_at_once
 from apf.tracking.progress import StageProgress
 from apf.tracking.track import PEOPLE

@@ -111,9 +111,7 @@ def _triangulate_people(
         if request.video:
             with progress_bar() as bar:
                 task = bar.add_task("overlay", total=len(frames))
-                write_overlay(
-                    output / "overlay.mp4", sequence, found, lambda: bar.advance(task)
-                )
+                write_overlay(output / "overlay.mp4", sequence, found, lambda: bar.advance(task))
     who = f"{len(tracks)} people" if len(tracks) > 1 else "one person"
     stdout.print(f"{len(frames)} frames of {who} triangulated: {output}", soft_wrap=True)
     for number, track in enumerate(tracks, start=1):

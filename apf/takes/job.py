@@ -1,51 +1,20 @@
-"""Run a request to track a take: the one way of API, commands, batches and studio."""
+"""One person of a take that is tracked, and the takes of a request."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from apf.initialisation import StartError
 from apf.keypoints import Keypoints
-from apf.report.judged import keep_judged_frames
-from apf.report.summary import read_summary, read_tracked_grid
-from apf.request import TrackingRequest, TrackRequest
-from apf.takes.keypoints import OpenedKeypoints, read_keypoints
-from apf.takes.people import Persons, check_people, find_persons
-from apf.takes.results import FinishedTake, Keeper, finish_take, write_together, write_tracks
-from apf.takes.start import (
-    check_start,
-    explain_failed_start,
-    load_template,
-    read_given_start,
-    warn_of_doubts,
-)
-from apf.tracking.correction import Corrections, read_corrections
+from apf.request import TrackingRequest
 from apf.tracking.people import person_folder
 from apf.tracking.progress import StageProgress
-from apf.tracking.retracking import Retracking, apply_corrections
-from apf.tracking.settings import GivenStart, TakeSettings
-from apf.tracking.take import Take, check_cameras, track_take
-from apf.tracking.track import Track
 from apf.tracking.trackers import with_seeds
 from cl import Device, InputError, NumpyDevice
-from psfs.cameras.names import join_names
-from psfs.common.files import name_file_in_errors, resolve_path
-from psfs.common.outputs import OutputFolder
-from psfs.diagnostics.examination import Examination
-from psfs.opening import (
-    examine_footage,
-    open_sequence,
-    open_session,
-    select_common_frames,
-    select_frames,
-)
-from psfs.sequence import Sequence
-from psfs.session import Session
+from psfs.common.files import resolve_path
 
 #: Greatest number of runs for --seeds.
 MOST_SEEDS = 1000
@@ -97,14 +66,6 @@ class TrackJob:
         return [] if out is None else seed_folders(self.request, out)
 
 
-@dataclass(frozen=True, eq=False)
-class CorrectedTrack:
-    """Corrections, and the track that they correct."""
-
-    corrections: Corrections
-    track: Track
-
-
 def list_inputs(request: TrackingRequest) -> list[Path]:
     """Return the files and folders that are read, as far as a request names them."""
     stated = [Path(p) for p in (request.init, request.body) if isinstance(p, (str, Path))]
@@ -141,196 +102,3 @@ def take_names(folders: tuple[Path, ...]) -> list[str]:
         depth += 1
         names = ["_".join(path.parts[-depth:]) for path in paths]
     return names
-
-
-def check_request(request: TrackingRequest) -> None:
-    """Raise InputError for impossible values, and for flags that exclude each other."""
-    list_seeds(request)
-    check_people(request)
-    check_start(request)
-
-
-def run_track(
-    request: TrackingRequest,
-    device: Device | NumpyDevice,
-    progress: StageProgress,
-    *,
-    sequence: Sequence | None = None,
-    out: OutputFolder | None = None,
-    why_one: str = "",
-) -> list[FinishedTake]:
-    """Track a take: open and examine its footage, find its people, track each, judge the tracks
-    and write them into `request.output`, unless that is None. Return the take of each person.
-
-    sequence: the opened footage; by default that of `request.folder`, whose frames are kept in
-    memory if they fit. out: the folder of results, which must not hold what is read. why_one: why
-    one person is tracked, with a warning if several are seen. An interrupt ends the tracks. Raises
-    UserError; an error after the first frame becomes the `error` of the take.
-    """
-    method = request.method
-    if method.uses_images:
-        method.image.mesh(load_template(request.body)[0])  # check the mesh files early
-    if sequence is None:
-        sequence = open_sequence(request)
-        sequence.keep_frames()
-    if out is not None:
-        out.check_inputs(sequence.inputs)
-    first = select_frames(request.frames, sequence)[0]
-    given = read_given_start(sequence.folder, first, request.body, request.init, request.convention)
-    corrected = _read_corrections(request)
-    if method.uses_voxels:
-        check_cameras(sequence)
-    # All files that the request names are read by now, before the diagnosis, which takes seconds.
-    session, remarks = open_session(request, sequence, device), list[str]()
-    del sequence  # free its frames: the examined sequence may have other cameras
-    examination = Examination(session)
-    if method.objective != "keypoints":
-        examination, request, remarks = examine_footage(
-            request, session, progress.warn, person=True
-        )
-    session = examination.session
-    job = TrackJob(request, device, progress, tuple(remarks), why_one=why_one)
-    frames = select_common_frames(request.frames, session.sequence, progress.warn)
-    progress.n_frames = len(frames)
-    if corrected is not None:
-        progress.n_frames = len(corrected.track)
-        return [_track_person(job, examination, None, corrected)]
-    persons = find_persons(job, session, given)
-    if persons is None:
-        return [_track_person(job, examination, given)]
-    return _track_people(job, examination, persons)
-
-
-def _track_people(job: TrackJob, examination: Examination, persons: Persons) -> list[FinishedTake]:
-    """Track each person and write their files. Who cannot be started is taken for an object,
-    unless the request says how many there are."""
-    done: list[FinishedTake] = []
-    progress = job.progress
-    while len(done) < len(persons.sessions):
-        number = len(done) + 1
-        own_job, session = persons.job(job, number), persons.sessions[number - 1]
-        progress.begin_person(len(session.frames), number, len(persons.sessions))
-        try:
-            done.append(_track_person(own_job, replace(examination, session=session), None))
-        except StartError as error:
-            if job.request.people != "auto" or len(persons.sessions) == 1:
-                raise
-            progress.warn(f"{error}; without a first pose it is left out, as an object")
-            persons = persons.without(number)
-            continue
-        if done[-1].interrupted or done[-1].take.error is not None:
-            break
-    verdicts = [one.judgements[0].quality.verdict for one in done if one.judgements]
-    tracks = persons.gather([one.take.tracks[0] for one in done], verdicts)
-    done = [replace(one, everybody=tracks) for one in done]
-    if job.request.output is not None and done[0].folder != job.request.output:
-        whole = len(done) == len(persons.sessions) and not done[-1].interrupted
-        if not whole:
-            progress.warn(f"tracking ended in person {len(done)} of {len(persons.sessions)}")
-        write_together(job, tracks, examination.session.sequence, whole)
-    return done
-
-
-def _track_person(
-    job: TrackJob,
-    examination: Examination,
-    given: GivenStart | None,
-    corrected: CorrectedTrack | None = None,
-) -> FinishedTake:
-    """Track one person in a session, or correct their track, and write their files."""
-    session, request, n_frames = examination.session, job.request, job.progress.n_frames
-    writes = request.output is not None
-    if request.method.uses_voxels and request.report and writes:
-        keep_judged_frames(session)
-    keypoints = OpenedKeypoints(job.keypoints)
-    if corrected is not None:
-        take = _correct(job, session, corrected)
-    else:
-        if job.keypoints is None:
-            keypoints = read_keypoints(
-                request.keypoints, session.sequence, job.progress, examination.diagnosis
-            )
-        take = _track(job, session, given, keypoints.keypoints)
-    if not writes:
-        return FinishedTake(take, n_frames, None, [])
-    write_tracks(job, take)
-    judgements = finish_take(job, examination, take, keypoints)
-    return FinishedTake(take, n_frames, request.output, judgements)
-
-
-def _track(
-    job: TrackJob, session: Session, given: GivenStart | None, keypoints: Keypoints | None
-) -> Take:
-    """Track one person."""
-    request, sequence = job.request, session.sequence
-    template, keep_shape = load_template(request.body)
-    settings = TakeSettings(
-        method=request.method,
-        seeds=tuple(job.seeds),
-        template=template,
-        keep_shape=keep_shape,
-        height=request.height,
-        given=given,
-        keypoints=keypoints,
-    )
-    number = job.of_people.get("person")
-    with explain_failed_start(sequence, number):
-        keep = Keeper(job.folders) if job.folders else None
-        take = track_take(session, settings, job.progress, keep)
-    if take.start is not None:
-        warn_of_doubts(sequence, take.start, job.progress.warn, number)
-    return take
-
-
-def _read_corrections(request: TrackingRequest) -> CorrectedTrack | None:
-    """Return the corrections that a request names, and their track; None without any. Raises
-    InputError, or MissingFileError."""
-    if not isinstance(request, TrackRequest) or request.corrections is None:
-        return None
-    request.refuse(
-        ("seeds", "keypoints"),
-        "applies only to another kind of track; expected none with --corrections",
-    )
-    if request.people not in ("auto", 1):
-        raise InputError(f"--people is {request.people}; expected 1 with --corrections")
-    corrections = read_corrections(request.corrections)
-    track = Track.open(corrections.track)
-    try:
-        corrections.check(track)
-        _ = track.its_body
-    except InputError as error:
-        raise InputError(f"{request.corrections}: {error}") from None
-    summary = read_summary(corrections.track)
-    if summary.get("people", 1) > 1:
-        raise InputError(
-            f"{corrections.track}: one of {summary['people']} people; expected a track of one"
-        )
-    if track.smoothing is not None:
-        raise InputError(f"{corrections.track}: is smoothed; expected the track as it was tracked")
-    if request.output is not None and request.output.resolve() == corrections.track.resolve():
-        raise InputError(
-            f"{request.output}: holds the track; expected another folder for the new one"
-        )
-    return CorrectedTrack(corrections, track)
-
-
-def _correct(job: TrackJob, session: Session, corrected: CorrectedTrack) -> Take:
-    """Return a take whose track is the given one with its corrections applied."""
-    corrections, track = corrected.corrections, corrected.track
-    with name_file_in_errors(corrections.track):
-        tracked = read_summary(corrections.track)["sequence"].get("cameras") or []
-        missing = [name for name in tracked if name not in session.sequence.rig.names]
-        if missing:
-            raise InputError(
-                f"was tracked by cameras that {session.sequence.name} lacks "
-                f"({join_names(missing)}); expected the take of the track"
-            )
-        grid = read_tracked_grid(track)
-        if job.request.method.uses_voxels and grid is None:
-            raise InputError("was not tracked in voxels; expected so")
-    if grid is not None:
-        corrections.check_places(grid)
-    task, began = Retracking(session, grid, track, job.request.method), time.perf_counter()
-    track = apply_corrections(task, corrections, job.progress)
-    seconds = time.perf_counter() - began
-    return Take(session.sequence, track.its_body, track.poses[0], None, [track], seconds)

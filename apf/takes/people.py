@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from apf.keypoints import Keypoints
 from apf.request import TrackingRequest
+from apf.takes.job import TrackJob
 from apf.takes.keypoints import (
     find_seen_frames,
     match_people_keypoints,
@@ -25,9 +26,6 @@ from psfs.common.numbers import select_span
 from psfs.people.people import count_people, follow_several
 from psfs.people.separation import separate
 from psfs.session import Session
-
-if TYPE_CHECKING:
-    from apf.takes.job import TrackJob
 
 T = TypeVar("T")
 

@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from apf.report.judged import (
 from apf.report.page import write_page
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
+from apf.takes.job import TrackJob
 from apf.takes.keypoints import OpenedKeypoints
 from apf.tracking.people import PeopleTracks
 from apf.tracking.take import Take
@@ -35,9 +35,6 @@ from psfs.diagnostics.examination import Examination
 from psfs.opening import stated_keys
 from psfs.output.reconstruction_folder import sequence_facts
 from psfs.sequence import Sequence
-
-if TYPE_CHECKING:
-    from apf.takes.job import TrackJob
 
 #: The files and folders of a take's results.
 RESULTS = (*FILES, SUMMARY, PAGE, PARTS, PEOPLE)

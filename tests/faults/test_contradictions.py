@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from apf.cli.keypoints.flags import keypoints_path
 from helpers import tracks
 from helpers.faults import changed_npz, refused, run
 from helpers.opensim import write_model

@@ -177,7 +177,7 @@ def test_parts_of_a_track_that_was_killed(stock: Path, monkeypatch: pytest.Monke
     assert run(track(stock, "--seed", "3")).code == 0
     whole = Track.open(stock / "new")
     assert not list((stock / "new").glob(PARTS)) and len(whole) == 3
-    import apf.takes.job as module
+    import apf.takes.track as module
 
     def killed(*_: Any) -> None:
         raise SystemError("killed")

@@ -7,13 +7,13 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
-from psfs.cli.sequence_flags import parse_sync
+from psfs.footage.config import SoundConfig
 
 from cl import InputError
 from psfs.calibration.targets.detection import open_uncalibrated
-from psfs.footage.config import SoundConfig
 from psfs.footage.settings import SequenceSettings
 from psfs.footage.sound import find_lag
+from psfs.request import parse_sync
 
 RATE, FPS = 16000, 20
 

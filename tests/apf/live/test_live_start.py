@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from apf.cli.takes import live_start
 from helpers import tracks
 
 from apf.cli import live_start

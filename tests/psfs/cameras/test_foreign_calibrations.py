@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from helpers import footage
 from helpers.footage import words
-from psfs.cli.flags.convert import FORMATS as FORMATS_OF_CONVERT
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
