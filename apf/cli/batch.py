@@ -171,7 +171,9 @@ def _read_list(path: Path) -> list[ListedTake]:
         folder, name = flags.pop("folder", None), flags.pop("name", None)
         if not isinstance(folder, str) or not isinstance(name, str | None):
             raise InputError(f"{where}: folder = {folder!r}, name = {name!r}; expected text")
-        beyond = [f for f in ("help", "output", "quiet", "verbose", "log-file") if f in flags]
+        if "help" in flags:
+            raise InputError(f"{where}: found help; expected settings of a take")
+        beyond = [f for f in ("output", "quiet", "verbose", "log-file") if f in flags]
         if beyond:
             raise InputError(
                 f"{where}: --{', --'.join(beyond)} applies only to the whole batch; expected "

@@ -212,7 +212,7 @@ class Stated:
 class Request(Config):
     """What is asked for. Subclasses have a field for each flag, and parts for settings of rooms."""
 
-    model_config = ConfigDict(arbitrary_types_allowed=True)
+    model_config = ConfigDict(arbitrary_types_allowed=True, allow_inf_nan=True)
     #: The command that takes it.
     COMMAND: ClassVar[str] = ""
     #: The rest of the command's description, after its help.
@@ -231,7 +231,13 @@ class Request(Config):
             for name, info in cls.model_fields.items()
             if name in stated.values or find_part(info)
         }
-        request = cls(**values)
+        try:
+            request = cls(**values)
+        except SettingError as error:
+            names = {option.dest: option.name for option in list_options(cls) if not option.part}
+            if error.path not in names:
+                raise
+            raise InputError(f"--{names[error.path]}{error.problem}") from None
         request._stated, request._chosen = own, stated.chosen
         return request
 

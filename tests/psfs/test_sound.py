@@ -7,7 +7,6 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
-from psfs.footage.config import SoundConfig
 
 from cl import InputError
 from psfs.calibration.targets.detection import open_uncalibrated
@@ -84,7 +83,7 @@ def test_videos_without_sound_or_of_other_rooms_are_named(takes: Path) -> None:
     with pytest.raises(InputError, match=r"c\.mp4: no sound"):
         open_uncalibrated(takes, SequenceSettings(sync="audio"))
     film(takes / "videos" / "c.mp4", 0.1 * np.random.default_rng(9).normal(size=2 * RATE))
-    with pytest.raises(InputError, match=r"c\.mp4: its sound fits .* at no lag"):
+    with pytest.raises(InputError, match=r"c\.mp4: its sound fits .* at no offset"):
         open_uncalibrated(takes, SequenceSettings(sync="audio"))
     with pytest.raises(InputError, match=r"expected audio .*from_phones"):
         open_uncalibrated(takes, SequenceSettings(sync="auto"))
@@ -92,5 +91,5 @@ def test_videos_without_sound_or_of_other_rooms_are_named(takes: Path) -> None:
 
 def test_the_lag_of_two_tracks() -> None:
     sound = room(4.0)
-    lag, clarity = find_lag(sound[8000:], sound, SoundConfig())
+    lag, clarity = find_lag(sound[8000:], sound)
     assert lag == pytest.approx(1.0, abs=1e-3) and clarity > 3
