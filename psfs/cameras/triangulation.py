@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.config import TriangulationConfig
+from psfs.cameras.config import TriangulationConfig as TriangulationConfig
 
 
 @dataclass(frozen=True, eq=False)
