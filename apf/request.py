@@ -20,7 +20,7 @@ from apf.live.config import LiveConfig
 from apf.presets import PRESETS
 from apf.report import PAGE
 from apf.synthetic.config import SceneConfig
-from apf.tracking.config import BatchConfig, SmoothingConfig, TriangulatedConfig
+from apf.tracking.config import ON_CPU, ON_GPU, SmoothingConfig, TriangulatedConfig
 from apf.tracking.exports import EXPORTS, OF_POINTS, OPENSIM
 from cl import InputError
 from psfs import request as of_psfs
@@ -333,8 +333,8 @@ class TrackRequest(TrackingRequest):
     ] = None  # fmt: skip
     at_once: Annotated[
         int | None,
-        Flag(f"of several takes, work on N at a time (default: {BatchConfig().on_gpu} on a GPU, "
-             f"else {BatchConfig().on_cpu})", "N", saved=True),
+        Flag(f"of several takes, work on N at a time (default: {ON_GPU} on a GPU, "
+             f"else {ON_CPU})", "N", saved=True),
     ] = None  # fmt: skip
 
 

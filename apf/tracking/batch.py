@@ -15,16 +15,12 @@ from collections.abc import Callable, Generator
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from typing import TypeVar
 
+from apf.tracking.config import ON_CPU, ON_GPU
 from cl import Device, NumpyDevice, UserError
 
 log = logging.getLogger(__name__)
 
 R = TypeVar("R")
-
-#: Takes at a time on a GPU: four at once took 58 s on an H200 with 16 cores, one after the other
-#: about 150 s, six no less per take, because their Python code runs in turns. On CPUs: on 2 cores
-#: two at once took an eighth less time.
-ON_GPU, ON_CPU = 4, 2
 
 
 def default_concurrency(device: Device | NumpyDevice) -> int:

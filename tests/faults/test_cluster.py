@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from helpers.faults import refused
 
-from apf.cli.batch.take import TakeJob
+from apf.cli.batch import list_takes
 from apf.cluster.connection import _check_answer
 from cl import DeviceError, InputError, MissingFileError
 from psfs.common.system import defer_interrupts
@@ -30,11 +30,12 @@ def stock(stock: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return stock
 
 
-@pytest.mark.parametrize("word", ["--output=/elsewhere", "--log-file=/elsewhere", "--quiet"])
-def test_flags_of_a_whole_batch_in_a_take(tmp_path: Path, word: str) -> None:
-    job = TakeJob("a", tmp_path, tmp_path / "out", tmp_path / "log", (word,), where="list: take 1")
-    with pytest.raises(InputError, match=r"list: take 1: --.* applies only to the whole batch"):
-        job.arguments()
+@pytest.mark.parametrize("line", ["output='/elsewhere'", "log_file='/elsewhere'", "quiet=true"])
+def test_flags_of_a_whole_batch_in_a_take(tmp_path: Path, line: str) -> None:
+    takes = tmp_path / "list.toml"
+    takes.write_text(f"[[take]]\nfolder = 'walk'\n{line}\n")
+    with pytest.raises(InputError, match=r"toml: take 1: --.* applies only to the whole batch"):
+        list_takes((takes,))
 
 
 @pytest.mark.parametrize("name", ["index.html", "takes.csv", "manifest.txt", "a\udcff"])
