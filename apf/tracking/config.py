@@ -56,6 +56,7 @@ class SmoothingConfig(Config):
         True,
         "Whether feet that stand are held at one place. With a fixed lag they are not, because the "
         "end of a stance is not known yet.",
+        "a standing foot does not slide",
     )
 
 
