@@ -18,7 +18,6 @@ from peers.figures import LIMB_JOINTS, measure_track
 
 from accuracy.ablation import load_preset
 from accuracy.runs import Results, Run, Setting, evaluate_run, make_method
-from apf.api import DEFAULT_BODY, read_given_start
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
 from apf.body.stature import stature
@@ -36,7 +35,8 @@ from apf.formats.trc import JointSeries
 from apf.initialisation import StartError, initialise
 from apf.keypoints import Keypoints
 from apf.presets import Preset
-from apf.tracking.settings import TakeSettings
+from apf.takes.start import read_given_start
+from apf.tracking.settings import DEFAULT_BODY, TakeSettings
 from apf.tracking.take import Take, track_take
 from apf.tracking.track import Track
 from apf.tracking.triangulated import TriangulatedConfig, triangulate_track
