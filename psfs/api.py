@@ -15,15 +15,12 @@ from cl import MissingFileError as MissingFileError
 from cl import NumpyDevice as NumpyDevice
 from cl import UserError as UserError
 from cl import select_device as select_device
-from psfs.backend import make_reconstructor
 from psfs.common.ranges import check_kind, check_number
-from psfs.diagnostics.body_agreement import check_body
-from psfs.diagnostics.examination import examine
 from psfs.footage.settings import SequenceSettings
-from psfs.people.volume import extend_to_people
+from psfs.opening import prepare_reconstruction
+from psfs.request import ReconstructRequest
 from psfs.sequence import Sequence
-from psfs.session import Session, SessionSettings
-from psfs.volume import Volume, automatic_grid, find_volume
+from psfs.volume import Volume
 from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.clouds import remove_debris
 from psfs.voxels.config import ReconstructionConfig
@@ -79,26 +76,26 @@ def reconstruct(
     if voxel_size is not None:
         check_number("voxel_size, m,", voxel_size, *VOXEL_EDGES)
     stated = None if volume is None else Volume(*SequenceSettings(volume=volume).volume)
-    settings = SessionSettings(config or ReconstructionConfig(), frames or slice(None), voxel_size)
-    session = Session(sequence, resolve_device(device), settings)
-    body = None if track is None else TrackedBody.open(track)
-    session = exclude_inconsistent_cameras(session, all_cameras)
-    if stated is not None:
-        session.replace_result(find_volume, stated)
-    else:
-        extend_to_people(session, body)
-    grid = automatic_grid(session)
-    if body is not None:
-        check_body(session, body)
-    if sparse:
-        reconstructor = session.reconstructor(grid, body)
-    else:
-        where = (session.device, session.rig, grid, session.background)
-        reconstructor = make_reconstructor(*where, session.reconstruction, body=body)
+    request = ReconstructRequest(
+        folder=sequence.folder,
+        frames=frames or slice(None),
+        voxel_size=voxel_size,
+        all_cameras=all_cameras,
+        reconstruction=config or ReconstructionConfig(),
+    )
+    prepared = prepare_reconstruction(
+        request,
+        sequence,
+        resolve_device(device),
+        log.warning,
+        None if track is None else TrackedBody.open(track),
+        stated,
+        sparse,
+    )
 
     def clouds() -> Iterator[VoxelCloud]:
-        for frame in session.sequence.frames(frames):
-            voxels = reconstructor(frame)
+        for frame in prepared.session.sequence.frames(frames):
+            voxels = prepared.reconstructor(frame)
             cloud = voxels.cloud(colour=colour and frame.images is not None)
             yield remove_debris(cloud, debris)
 
@@ -111,15 +108,6 @@ def check_sequence(sequence: Sequence, frames: slice | None) -> None:
     check_kind("frames", frames, slice, ", such as slice(0, 100)")
     if frames is not None and frames.step is not None:
         check_number("the step of frames", frames.step, 1)
-
-
-def exclude_inconsistent_cameras(session: Session, all_cameras: bool = False) -> Session:
-    """Return the session without inconsistent cameras, see `examine`; log a warning for each fault
-    of the footage."""
-    examination = examine(session, all_cameras)
-    for text in examination.warnings:
-        log.warning("%s: %s", session.sequence.name, text)
-    return examination.session
 
 
 def resolve_device(device: Device | NumpyDevice | str | None) -> Device | NumpyDevice:

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypeVar
 
 import numpy as np
 
 from cl import Device, InputError, NumpyDevice
+from psfs.backend import AnyReconstructor, make_reconstructor
 from psfs.common.files import resolve_path
+from psfs.diagnostics.body_agreement import check_body
 from psfs.diagnostics.examination import Examination, examine
 from psfs.footage.settings import SequenceSettings
-from psfs.request import TakeRequest
+from psfs.people.volume import extend_to_people
+from psfs.request import ReconstructRequest, TakeRequest
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
+from psfs.volume import Volume, automatic_grid, find_volume
+from psfs.voxels.body_prior import TrackedBody
+from psfs.voxels.grid import VoxelGrid, check_size
 
 T = TypeVar("T", bound=TakeRequest)
 
@@ -81,6 +88,58 @@ def examine_footage(
     for text in remarks:
         warn(f"{sequence.name}: {text}")
     return found, request, remarks
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """What reconstructs the frames of a request: the examined footage, the grid, and the
+    reconstructor. request: with what was found, see `examine_footage`."""
+
+    request: ReconstructRequest
+    examination: Examination
+    grid: VoxelGrid
+    reconstructor: AnyReconstructor
+
+    @property
+    def session(self) -> Session:
+        """The session of the examined footage."""
+        return self.examination.session
+
+
+def prepare_reconstruction(
+    request: ReconstructRequest,
+    sequence: Sequence,
+    device: Device | NumpyDevice,
+    warn: Callable[[str], object],
+    body: TrackedBody | None = None,
+    volume: Volume | None = None,
+    sparse: bool = True,
+) -> Reconstruction:
+    """Examine the footage, find the volume, unless it is stated, and make what reconstructs its
+    frames. body: a tracked body as a prior. sparse: compute only bricks of voxels that can be
+    occupied. Raises InputError."""
+    session = open_session(request, sequence, device)
+    examination, request, _ = examine_footage(request, session, warn)
+    session = examination.session
+    select_common_frames(request.frames, session.sequence, warn)
+    if volume is not None:
+        session.replace_result(find_volume, volume)
+    else:
+        extend_to_people(session, body)
+    grid = automatic_grid(session)
+    if request.grid is not None:
+        box = find_volume(session)
+        voxel_size = float(np.max((box.high - box.low) / request.grid))
+        origin = (box.low + box.high - voxel_size * np.array(request.grid)) / 2
+        grid = VoxelGrid(origin, voxel_size, request.grid)
+    check_size(grid)
+    if body is not None:
+        check_body(session, body)
+    if sparse:
+        return Reconstruction(request, examination, grid, session.reconstructor(grid, body))
+    where = (session.device, session.rig, grid, session.background)
+    dense = make_reconstructor(*where, session.reconstruction, body=body)
+    return Reconstruction(request, examination, grid, dense)
 
 
 def select_frames(frames: slice | None, sequence: Sequence) -> range:

@@ -417,7 +417,9 @@ class ReconstructRequest(FolderRequest, TakeRequest):
         "Without a stated volume it is found from the cameras and the first silhouettes."
     )
 
-    output: Annotated[Path, output_flag("new folder")]
+    output: Annotated[
+        Path | None, Flag("new folder", "OUT", short="-o", saved=False, required=True)
+    ] = None
     grid: Annotated[
         tuple[int, int, int] | None,
         Flag("number of voxels along each axis", "NX,NY,NZ", _grid_shape, either="size"),

@@ -17,8 +17,6 @@ from psfs.common.files import write_json, write_picture
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.common.requests import SETTINGS, write_settings
 from psfs.common.versions import versions
-from psfs.diagnostics.body_agreement import check_body
-from psfs.diagnostics.examination import Examination
 from psfs.diagnostics.reprojection_iou import (
     describe_cut_silhouettes,
     share_beyond_volume,
@@ -26,23 +24,20 @@ from psfs.diagnostics.reprojection_iou import (
     whole_silhouettes,
 )
 from psfs.opening import (
-    examine_footage,
+    Reconstruction,
     open_sequence,
-    open_session,
-    select_common_frames,
+    prepare_reconstruction,
     select_frames,
     stated_keys,
 )
 from psfs.output import reconstruction_folder
 from psfs.output.preview import draw_preview
-from psfs.people.volume import extend_to_people
 from psfs.request import ReconstructRequest
 from psfs.sequence import Sequence
-from psfs.session import Session
-from psfs.volume import automatic_grid, describe_expected_person, find_volume
+from psfs.volume import describe_expected_person
 from psfs.voxels.body_prior import TrackedBody
 from psfs.voxels.clouds import remove_debris, write_cloud
-from psfs.voxels.grid import VoxelCloud, VoxelGrid, check_size
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.occupied_box import finest_pixel
 
 #: Seconds between two writes of the summary during a run.
@@ -62,7 +57,8 @@ def run(request: ReconstructRequest) -> None:
         SETTINGS,
         *reconstruction_folder.CLOUDS,
     )
-    with output_folder(request.output, request.COMMAND, [Path(request.folder)], expected) as out:
+    folder = request.output or Path()
+    with output_folder(folder, request.COMMAND, [request.folder], expected) as out:
         _reconstruct(request, out)
 
 
@@ -72,20 +68,11 @@ def _reconstruct(request: ReconstructRequest, out: OutputFolder) -> None:
     body = None if request.track is None else TrackedBody.open(request.track)
     out.check_inputs([*opened.inputs, *([] if body is None else [body.path])])
     select_frames(request.frames, opened)  # before the pictures are examined, which takes seconds
-    session = open_session(request, opened, device)
-    examination, request, _ = examine_footage(request, session, warn)
-    session = examination.session
-    sequence, frames = (
-        session.sequence,
-        select_common_frames(request.frames, session.sequence, warn),
-    )
-    extend_to_people(session, body)
-    grid = _grid(request, session)
-    check_size(grid)
+    prepared = prepare_reconstruction(request, opened, device, warn, body)
+    session, grid = prepared.session, prepared.grid
+    sequence, frames = session.sequence, session.frames
     _warn_of_fine_voxels(grid, sequence)
-    if body is not None:
-        check_body(session, body)
-    job = _Job(request, examination, grid, body)
+    job = _Job(prepared)
     try:
         with progress_bar() as bar:
             shown = sequence.frames(session.settings.selection)
@@ -112,16 +99,6 @@ def _reconstruct(request: ReconstructRequest, out: OutputFolder) -> None:
     job.report()
 
 
-def _grid(request: ReconstructRequest, session: Session) -> VoxelGrid:
-    """Return the grid by the flags, around the stated or found volume."""
-    if request.grid is None:
-        return automatic_grid(session)
-    volume = find_volume(session)
-    voxel_size = float(np.max((volume.high - volume.low) / request.grid))
-    origin = (volume.low + volume.high - voxel_size * np.array(request.grid)) / 2
-    return VoxelGrid(origin, voxel_size, request.grid)
-
-
 def _warn_of_fine_voxels(grid: VoxelGrid, sequence: Sequence) -> None:
     pixel = finest_pixel(sequence.rig, grid)
     if grid.voxel_size > pixel / _FINE:
@@ -141,21 +118,18 @@ class _Job:
 
     def __init__(
         self,
-        request: ReconstructRequest,
-        examination: Examination,
-        grid: VoxelGrid,
-        body: TrackedBody | None = None,
+        prepared: Reconstruction,
     ) -> None:
-        session = examination.session
-        self.left_out = examination.left_out
-        self.out: Path = request.output
+        session, request, grid = prepared.session, prepared.request, prepared.grid
+        self.left_out = prepared.examination.left_out
+        self.out = request.output or Path()
         self.debris: float = request.debris
         self.colour = request.colour
         self.normals: bool = request.normals
         self.request, self.stated = request, stated_keys(request.capture)
         self.sequence, self.grid, self.device = session.sequence, grid, session.device
         self.config = session.reconstruction
-        self.reconstructor = session.reconstructor(grid, body)
+        self.reconstructor = prepared.reconstructor
         self.expected = len(session.frames)
         self.n_stated, self._stated_at = 0, -math.inf
         self.done: list[dict[str, Any]] = []

@@ -41,9 +41,9 @@ from apf.tracking.take import Take, track_take
 from apf.tracking.track import Track
 from apf.tracking.triangulated import TriangulatedConfig, triangulate_track
 from cl import Device, InputError
-from psfs.api import exclude_inconsistent_cameras
 from psfs.common.files import write_json
 from psfs.diagnostics.cloud_scores import CloudScore, mean_scores, score_cloud
+from psfs.diagnostics.examination import examine
 from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.diagnostics.silhouette_scores import score_silhouettes, truth_frames
 from psfs.sequence import Sequence
@@ -136,13 +136,13 @@ def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
     sequence = open_for_preset(job.folder, settings)
     session = Session(sequence, device, SessionSettings(settings.reconstruction))
     if job.setting is None:
-        session = exclude_inconsistent_cameras(session, settings.all_cameras)
+        session = examine(session, settings.all_cameras).session
         return evaluate_silhouettes(session, check)
     truth = load_truth(job.folder / TRUTH)
     if job.setting.observations == "triangulation":
         return [_triangulate(sequence, job.setting, truth)]
     if job.setting.observations in _VOXELS:
-        session = exclude_inconsistent_cameras(session, settings.all_cameras)
+        session = examine(session, settings.all_cameras).session
     began = time.perf_counter()
     try:
         take = _take(session, settings, job.setting, job.seeds, check)
@@ -225,7 +225,7 @@ def _take(
 def measure_body(device: Device, folder: Path, body: str, check: Callable[[], object]) -> BodyModel:
     """Return the body of this name with the lengths and girths that the defaults' automatic start
     finds in the sequence's voxels."""
-    session = exclude_inconsistent_cameras(Session(Sequence.open(folder), device), False)
+    session = examine(Session(Sequence.open(folder), device)).session
     automatic_grid(session)
     return initialise(session, load_body(body), progress=check).body
 
