@@ -13,11 +13,11 @@ from apf.request import CalibrateRequest
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cli.commandline import remark
-from psfs.cli.lenses import read_lenses
 from psfs.cli.person import (
     enlarge_rig,
     open_person_footage,
     outline_footage,
+    read_lenses,
     read_person_config,
     write_person_calibration,
 )

@@ -9,7 +9,7 @@ from apf.request import StudioRequest
 from apf.studio.folders import Roots, find_kind
 from apf.studio.page import Page
 from cl import UserError, select_device
-from psfs.cli.serve import check_port, serve
+from psfs.cli.view import check_port, serve
 from psfs.common.outputs import check_place
 
 

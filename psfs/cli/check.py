@@ -6,10 +6,10 @@ from collections.abc import Collection
 from typing import Any
 
 import numpy as np
+from rich.table import Table
 
 from cl import InputError, select_device
 from psfs.cli.commandline import progress_bar, stdout, warn
-from psfs.cli.iou import iou_table
 from psfs.common.files import write_json
 from psfs.common.numbers import json_number
 from psfs.common.outputs import output_folder
@@ -127,3 +127,20 @@ def _format_truth(clouds: list[CloudScore]) -> str:
         f"true masks of {len(clouds)} frames: IoU {mean['iou']}, with true silhouettes "
         f"{mean['ceiling']}; share of ghosts {mean['ghosts']}; IoU of voxels {mean['volume']}"
     )
+
+
+def iou_table(title: str, names: list[str], scores: np.ma.MaskedArray) -> Table:
+    """Return a table of mean and worst scores (frames, V): a row per camera, then one for all; a
+    dash if there was nothing to compare."""
+    table = Table("camera", title=title, title_justify="left")
+    table.add_column("mean", justify="right")
+    table.add_column("worst frame", justify="right")
+    for name, column in zip(names, scores.T, strict=True):
+        table.add_row(name, _cell(column.mean()), _cell(column.min()))
+    table.add_section()
+    table.add_row("all", _cell(scores.mean()), _cell(scores.min()))
+    return table
+
+
+def _cell(score: float) -> str:
+    return "-" if np.ma.is_masked(score) else f"{score:.3f}"

@@ -10,8 +10,8 @@ import numpy as np
 import trimesh
 
 from cl import InputError, select_device
+from psfs.cli.check import iou_table
 from psfs.cli.commandline import progress_bar, stdout, warn
-from psfs.cli.iou import iou_table
 from psfs.common.files import resolve_path, write_json
 from psfs.common.numbers import json_number
 from psfs.common.outputs import output_folder

@@ -9,11 +9,17 @@ from threading import Event
 import numpy as np
 from rich.table import Table
 
-from cl import select_device
+from cl import InputError, select_device
+from psfs.calibration.intrinsics import (
+    make_cameras_by_angle,
+    make_cameras_by_metadata,
+    read_intrinsics,
+)
+from psfs.cameras.calibration import find_calibration
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.names import join_names, match_files_to_cameras
 from psfs.cli.commandline import progress_bar, remark, stdout, warn
-from psfs.cli.lenses import read_lenses
 from psfs.common.files import write_json
 from psfs.common.progress import map_in_threads
 from psfs.common.ranges import check_number
@@ -21,6 +27,7 @@ from psfs.common.requests import write_settings
 from psfs.common.versions import versions
 from psfs.diagnostics.small_views import Outline
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
+from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_media
 from psfs.footage.settings import SequenceSettings
 from psfs.request import CALIBRATION, REPORT, PersonRequest
 from psfs.self_calibration.calibrator import (
@@ -35,6 +42,12 @@ from psfs.self_calibration.footage import (
     find_empty_edges,
 )
 from psfs.sequence import Sequence
+
+_EXPECTED = (
+    "expected --intrinsics PATH, a calibration of which only the lenses are taken, as psfs "
+    "calibrate --board writes, or a folder with a photo by each camera; or --field-of-view "
+    "DEGREES, of the pictures' longer side: see docs/from_phones.md"
+)
 
 
 def calibrate_from_person(request: PersonRequest) -> None:
@@ -183,3 +196,46 @@ def _table(rig: CameraRig, found: PersonCalibration) -> Table:
         place = ", ".join(f"{value:.2f}" for value in camera.centre)
         table.add_row(camera.name, f"{lag:+.2f}", place, f"{misfit:.2f}")
     return table
+
+
+def read_lenses(request: PersonRequest, views: Sequence) -> tuple[list[Camera], bool]:
+    """Return the cameras with the intrinsics of --intrinsics, --field-of-view or the metadata of
+    photos or of the footage, and whether these are kept, rather than refined."""
+    if request.intrinsics is not None and request.field_of_view is not None:
+        raise InputError("--intrinsics and --field-of-view; expected one of them")
+    if request.field_of_view is not None:
+        return make_cameras_by_angle(views.rig, request.field_of_view), False
+    path: Path | None = request.intrinsics
+    if path is None:
+        images = views.footage.images or ()
+        return _read_metadata(views, {media.name: media.paths[0] for media in images}), False
+    if path.suffix.lower() in IMAGE_SUFFIXES | VIDEO_SUFFIXES and path.is_file():
+        raise InputError(f"{path}: a picture or video; {_EXPECTED}")
+    if path.is_dir() and find_calibration(path) is None:
+        return _read_metadata(views, _list_photos(path, views.rig.names)), False
+    return read_intrinsics(path, views.rig, None), True
+
+
+def _list_photos(folder: Path, names: list[str]) -> dict[str, Path]:
+    """Return a photo, or a video, in the folder by each camera."""
+    found = list_media(folder)
+    if not found:
+        raise InputError(f"{folder}: holds no calibration and no photos; {_EXPECTED}")
+    pairs, _ = match_files_to_cameras(names, list(found), str(folder), names)
+    return {name: found[pairs[name]][0] for name in names}
+
+
+def _read_metadata(views: Sequence, pictures: dict[str, Path]) -> list[Camera]:
+    try:
+        cameras, stated = make_cameras_by_metadata(views.rig, pictures)
+    except InputError as error:
+        raise InputError(
+            f"no lenses are stated ({error}, which iPhones' videos and most photos have); "
+            f"{_EXPECTED}"
+        ) from None
+    angles = join_names(
+        f"{name} {lens.degrees:.0f} degrees ({lens.source})" for name, lens in stated.items()
+    )
+    text = "angles of view by metadata, to be refined: "
+    remark("note", "cyan", f"{text}{angles}; a video that is stabilised shows up to a fifth less")
+    return cameras

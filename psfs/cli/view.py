@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
+import threading
+import webbrowser
 from collections.abc import Callable
 
 import numpy as np
 
 from cl import InputError, select_device
 from psfs.cli.commandline import stdout, warn
-from psfs.cli.serve import check_port, serve
 from psfs.common.files import check_picture_name, write_picture
 from psfs.common.outputs import output_folder
 from psfs.mesh.marching_cubes import Mesher
 from psfs.mesh.preview import draw_mesh_preview
 from psfs.output.preview import draw_preview
 from psfs.output.reconstruction_folder import ReconstructionFolder
-from psfs.page.frame import ViewPage
+from psfs.page.frame import BrowserPage, ViewPage
 from psfs.page.gate import MissingViserError
 from psfs.page.opened import Opened, open_voxels
 from psfs.page.watch import Watch
-from psfs.request import ViewRequest
+from psfs.request import PageRequest, ViewRequest
 from psfs.sequence import Frame, Sequence
 
 #: Opens a run; see `ViewPage`.
@@ -79,3 +80,18 @@ def draw_run(request: ViewRequest, run: ReconstructionFolder, frame: Frame) -> n
     if mesher is None or not len(cloud):
         return draw_preview(cloud, sequence.rig, frame, title)
     return draw_mesh_preview(mesher(frame.index), sequence.rig, frame, title)
+
+
+def check_port(request: PageRequest) -> None:
+    """Raise InputError for a --port that is none."""
+    if not 0 <= request.port <= 65535:
+        raise InputError(f"--port is {request.port}; expected 0 (any) to 65535")
+
+
+def serve(page: BrowserPage, request: PageRequest) -> None:
+    """Print the address of a page, open it in a browser unless --no-browser is given, and wait for
+    Ctrl-C."""
+    stdout.print(f"{page.address} (for this machine alone; Ctrl-C ends)", soft_wrap=True)
+    if request.browser:
+        webbrowser.open(page.address)
+    threading.Event().wait()
