@@ -17,9 +17,8 @@ from apf.cluster.connection import (
     import_distributed,
     start_cluster,
 )
-from apf.cluster.courses import run_workflows
 from apf.cluster.page import FILES, LOGS
-from apf.cluster.pool import Pool
+from apf.cluster.pool import Pool, run_workflows
 from apf.cluster.whole_folder import clear_partial
 from apf.cluster.workers import share_machine
 from apf.request import TRIANGULATE, BatchRequest, TrackRequest

@@ -13,8 +13,7 @@ from apf.body import load_body, save_body
 from apf.cli.batch_take import TakeDone, TakeJob, process_take, write_take
 from apf.cluster.chunks import cut_chunks, find_seam, join_tracks, to_millimetres
 from apf.cluster.config import ChunksConfig
-from apf.cluster.courses import Workflow
-from apf.cluster.pool import Task
+from apf.cluster.pool import Task, Workflow
 from apf.cluster.task_side import TaskProgress, log_to
 from apf.cluster.workers import select_worker_device
 from apf.formats.pose import read_pose, write_pose

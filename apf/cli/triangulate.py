@@ -16,7 +16,6 @@ from apf.takes.keypoints import (
     people_number,
     read_keypoints,
 )
-from apf.tracking.config import TriangulatedConfig
 from apf.tracking.people import PeopleTracks, person_folder
 from apf.tracking.track import PEOPLE, Track
 from apf.tracking.triangulated import triangulate_track
@@ -26,7 +25,6 @@ from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.outputs import output_folder
 from psfs.common.requests import SETTINGS, list_options, write_settings
 from psfs.opening import open_sequence, select_common_frames
-from psfs.sequence import Sequence
 
 #: Flags that have no effect without a body.
 _OF_BODIES = {
@@ -46,14 +44,14 @@ def run_triangulate(request: TrackRequest, names: list[str]) -> None:
     output = request.output
     assert output is not None
     if len(request.folders) == 1:
-        _triangulate_person(request, request.folders[0], output)
+        _triangulate(request, output)
         return
     failed: dict[str, UserError] = {}
     with output_folder(output, request.COMMAND, request.folders) as outer:
         outer.begin()  # remove the results of an earlier single take
         for folder, name in zip(request.folders, names, strict=True):
             try:
-                _triangulate_person(request, folder, output / name)
+                _triangulate(request.replace(folders=(folder,)), output / name)
             except UserError as error:
                 failed[name] = error
     for name, why in failed.items():
@@ -62,70 +60,48 @@ def run_triangulate(request: TrackRequest, names: list[str]) -> None:
         raise InputError(f"{len(failed)} of {len(names)} takes failed: {join_names(failed)}")
 
 
-def _triangulate_person(request: TrackRequest, folder: Path, output: Path) -> None:
-    """Triangulate one take, and write track.npz, joints.trc, joints.csv and overlay.mp4."""
-    config = request.triangulated
-    request = request.replace(folders=(folder,), output=output)
-    line = TakeLine(progress_bar())
+def _triangulate(request: TrackRequest, output: Path) -> None:
+    """Triangulate one take, and write track.npz, joints.trc, joints.csv of each person, and the
+    overlay; of several people also people.json."""
     sequence = open_sequence(request)
-    frames = select_common_frames(request.frames, sequence, warn)
-    selection = slice(frames.start, frames.stop, frames.step)
+    chosen = select_common_frames(request.frames, sequence, warn)
+    selection = slice(chosen.start, chosen.stop, chosen.step)
+    people: list[Keypoints] = []
     if request.people != 1:
         number = None if request.people == "auto" else people_number(request.people)
         people = open_people_keypoints(request.keypoints, sequence, number, warn)
-        if people:
-            _triangulate_people(request, output, sequence, people, config, selection)
-            return
-    keypoints = read_keypoints(request.keypoints, sequence, line).keypoints
-    assert keypoints is not None
-    with output_folder(output, request.COMMAND, sequence.inputs, RESULTS):
-        track = triangulate_track(sequence, keypoints, config, selection)
-        _write(request, output, sequence, track)
-    stdout.print(f"{len(track)} frames triangulated: {output}", soft_wrap=True)
-    stdout.print(_describe(track), soft_wrap=True)
-
-
-def _triangulate_people(
-    request: TrackRequest,
-    output: Path,
-    sequence: Sequence,
-    people: list[Keypoints],
-    config: TriangulatedConfig,
-    selection: slice,
-) -> None:
-    """Triangulate the keypoints of several people, and write each one's files and people.json."""
+    several = bool(people)
+    if not several:
+        line = TakeLine(progress_bar())
+        keypoints = read_keypoints(request.keypoints, sequence, line).keypoints
+        assert keypoints is not None
+        people = [keypoints]
     frames = np.arange(len(sequence))[selection]
-    with output_folder(output, request.COMMAND, sequence.inputs, (*RESULTS, PEOPLE)):
-        tracks, seen = [], []
-        for own in people:
-            tracks.append(triangulate_track(sequence, own, config, selection))
-            seen.append(find_seen_frames(own, frames))
-        found = PeopleTracks(tuple(tracks), frames, tuple(seen))
+    expected = (*RESULTS, PEOPLE) if several else RESULTS
+    with output_folder(output, request.COMMAND, sequence.inputs, expected):
+        tracks = [triangulate_track(sequence, p, request.triangulated, selection) for p in people]
         for number, track in enumerate(tracks, start=1):
-            folder = person_folder(output, number)
+            folder = person_folder(output, number) if several else output
             folder.mkdir(parents=True, exist_ok=True)
             for name in RESULTS[:3]:
                 track.save(folder / name)
-        found.save_list(output)
+        seen = tuple(find_seen_frames(keypoints, frames) for keypoints in people)
+        together = PeopleTracks(tuple(tracks), frames, seen)
+        if several:
+            together.save_list(output)
         write_settings(output, request)
         if request.video:
             with progress_bar() as bar:
                 task = bar.add_task("overlay", total=len(frames))
-                write_overlay(output / "overlay.mp4", sequence, found, lambda: bar.advance(task))
-    who = f"{len(tracks)} people" if len(tracks) > 1 else "one person"
-    stdout.print(f"{len(frames)} frames of {who} triangulated: {output}", soft_wrap=True)
+                shown = together if several else tracks[0]
+                write_overlay(output / "overlay.mp4", sequence, shown, lambda: bar.advance(task))
+    who = (
+        "" if not several else f" of {len(tracks)} people" if len(tracks) > 1 else " of one person"
+    )
+    stdout.print(f"{len(frames)} frames{who} triangulated: {output}", soft_wrap=True)
     for number, track in enumerate(tracks, start=1):
-        stdout.print(f"person{number}: {_describe(track)}", soft_wrap=True)
-
-
-def _write(request: TrackRequest, output: Path, sequence: Sequence, track: Track) -> None:
-    for name in RESULTS[:3]:
-        track.save(output / name)
-    write_settings(output, request)
-    if request.video:
-        with progress_bar() as bar:
-            task = bar.add_task("overlay", total=len(track))
-            write_overlay(output / "overlay.mp4", sequence, track, lambda: bar.advance(task))
+        whose = f"person{number}: " if several else ""
+        stdout.print(f"{whose}{_describe(track)}", soft_wrap=True)
 
 
 def _describe(track: Track) -> str:

@@ -16,8 +16,7 @@ from helpers.tasks import die_until, double, interrupted, raise_until
 
 from apf.cli import main
 from apf.cluster.connection import connect_cluster, start_cluster
-from apf.cluster.courses import Workflow, run_workflows
-from apf.cluster.pool import Pool, Task
+from apf.cluster.pool import Pool, Task, Workflow, run_workflows
 from apf.cluster.task_side import Progress
 from apf.cluster.workers import Share, share_machine
 from apf.tracking.track import Track
