@@ -238,6 +238,13 @@ def test_several_people_are_tracked_by_keypoints_alone(
         np.linalg.norm(track.joints - joints, axis=-1).mean() for track in people for joints in true
     ]
     assert max(nearest[0], nearest[3]) < 0.05 or max(nearest[1], nearest[2]) < 0.05
+    method = apf.Method.create(objective="keypoints", n_particles=60, n_layers=3)
+    same = apf.track_people(
+        psfs.open_sequence(folder), method=method, body="song31", frames=slice(5, 8),
+        keypoints=pose_of_two,
+    )  # fmt: skip
+    for track, again in zip(people, same, strict=True):  # by the library as by the command
+        np.testing.assert_array_equal(track.poses, again.poses)
 
 
 def test_bad_input_is_one_line(
