@@ -15,7 +15,7 @@ from apf.keypoints.config import (
     SideConfig,
     StandingRegionConfig,
 )
-from apf.live.config import CaptureConfig, LiveConfig
+from apf.live.config import LiveConfig
 from apf.report.config import MotionConfig, QualityConfig
 from apf.synthetic.config import SceneConfig
 from apf.tracking.config import RecoveryConfig, SmoothingConfig, TriangulatedConfig
@@ -56,6 +56,5 @@ class Settings(of_psfs.Settings):
     quality: QualityConfig = part(QualityConfig)
     motion: MotionConfig = part(MotionConfig)
     live: LiveConfig = part(LiveConfig)
-    captures: CaptureConfig = part(CaptureConfig)
     cluster: ClusterSettings = part(ClusterSettings)
     synthetic: SceneConfig = part(SceneConfig)

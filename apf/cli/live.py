@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 import webbrowser
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
@@ -24,27 +26,28 @@ from apf.evaluation.people import (
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
-from apf.live.budget import list_sizes
 from apf.live.config import LiveConfig
-from apf.live.error import live_errors
-from apf.live.pace import Pace, PaceReporter
-from apf.live.pictures import fitting_factor
-from apf.live.session import Live, LiveResult, LiveStart
-from apf.live.sources import Source
+from apf.live.pace import EVERY, Pace, PaceReporter
+from apf.live.session import Live, LiveResult, LiveStart, list_sizes
+from apf.live.sources import Source, fitting_factor
+from apf.live.timeline import Timeline, live_errors
 from apf.request import LiveRequest
-from apf.takes.results import RESULTS, write_files
+from apf.takes.results import RESULTS, Keeper, remove_parts, write_files
 from apf.takes.start import check_start
 from apf.tracking.people import PeopleTracks, person_folder
 from apf.tracking.pipeline import build_track
 from apf.tracking.track import Track
-from cl import Device, InputError, select_device
+from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import stderr, stdout, warn
+from psfs.opening import open_sequence
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
 from psfs.common.requests import write_settings
 
 #: True joints, of several people by name.
 Truth = JointSeries | dict[str, JointSeries]
+#: What `Live.run` reports to.
+Progress = Callable[[LiveResult, Timeline], object]
 
 
 def run(request: LiveRequest) -> None:
@@ -66,7 +69,7 @@ def run(request: LiveRequest) -> None:
     stated = [
         Path(path) for path in (request.init, request.body, request.truth) if path is not None
     ]
-    inputs = [Path(request.folder), *(path for path in stated if path.exists())]
+    inputs = [*_list_inputs(request), *(path for path in stated if path.exists())]
     with output_folder(request.output, request.COMMAND, inputs, (*RESULTS, "take*")):
         _live(request, method, config, device, (number, truth))
 
@@ -87,7 +90,7 @@ def _live(
     grid, several = start.grid, bool(start.others)
     sized_by_hand = not request.chosen.isdisjoint(("n_particles", "n_layers"))
     searches = (
-        [method] if sized_by_hand and request.budget is None else list_sizes(method, config.sizes)
+        [method] if sized_by_hand and request.budget is None else list_sizes(method, config)
     )
     follow = bool(request.captures) and request.capture.volume is None and not several
     scale = request.scale
@@ -114,10 +117,11 @@ def _live(
         stderr.print(str(pace), soft_wrap=True)
     else:
         warn(f"{pace}; {pace.advice}")
-    result, takes = _run(request, live, start, pace)
-    if not result.frames:
-        raise InputError("no frame was tracked; expected at least one before the end")
     provenance = {**method.describe(), "device": device.name}
+    keep = PartKeeper(request.output, live, provenance)
+    result, takes = _run(request, live, start, pace, keep)
+    if not result.frames:
+        raise result.error or InputError("no frame was tracked; expected at least one")
     tracks = _make_tracks(live, result, (0, result.frames[-1]), provenance)
     for number, take in enumerate(takes, start=1):
         if recorded := _make_tracks(live, result, take, provenance):
@@ -129,7 +133,51 @@ def _live(
     summary |= _write_tracks(request.output, tracks) | compare_with_truth(tracks, result, truth)
     write_json(request.output / "live.json", summary)
     live.timeline.plot(request.output / "timeline.png")
+    keep.remove()
     print_summary(summary, request.output)
+    if result.error is not None:
+        if not isinstance(result.error, UserError):
+            raise result.error
+        where = f"{len(result.frames)} poses are in {request.output}"
+        raise InputError(f"{result.error}; {where}") from result.error
+
+
+def _list_inputs(request: LiveRequest) -> list[Path]:
+    """Return the folders and files that are read."""
+    folder = Path(request.folder)
+    if not request.captures:
+        return open_sequence(request).inputs
+    read = (folder, folder / "background", *map(Path, request.captures))
+    return [path for path in read if path.exists()]
+
+
+class PartKeeper:
+    """Writes the poses that are new every few seconds, in case the process is killed; what
+    `Live.run` reports to."""
+
+    def __init__(self, output: Path, live: Live, provenance: dict[str, Any]) -> None:
+        several = len(live.persons) > 1
+        numbers = range(1, len(live.persons) + 1)
+        folders = [person_folder(output, k) for k in numbers] if several else [output]
+        self._keepers = [Keeper([folder]) for folder in folders]
+        self._folders, self._live, self._provenance = folders, live, provenance
+        self._poses = [person.pose for person in live.persons]
+        self._newest, self._due = -1, time.monotonic() + EVERY
+
+    def __call__(self, result: LiveResult, timeline: Timeline) -> None:
+        if time.monotonic() < self._due or not result.latencies:
+            return
+        self._due = time.monotonic() + EVERY
+        newest = result.frames[len(result.latencies) - 1]
+        tracks = _make_tracks(self._live, result, (self._newest + 1, newest), self._provenance)
+        for keeper, pose, track in zip(self._keepers, self._poses, tracks, strict=False):
+            keeper(track.its_body, pose, [track])
+        self._newest = newest
+
+    def remove(self) -> None:
+        """Remove the parts after the whole tracks are written."""
+        for folder in self._folders:
+            remove_parts(folder)
 
 
 def _write_tracks(output: Path, tracks: list[Track]) -> dict[str, Any]:
@@ -178,7 +226,7 @@ def _read_truth(request: LiveRequest) -> Truth | None:
 
 
 def _run(
-    request: LiveRequest, live: Live, start: LiveStart, pace: Pace
+    request: LiveRequest, live: Live, start: LiveStart, pace: Pace, keep: PartKeeper
 ) -> tuple[LiveResult, list[tuple[int, int]]]:
     """Run, with its progress on the terminal and, with --studio, on a page. Return the result, and
     the first and last frames of takes that were recorded on the page."""
@@ -190,16 +238,22 @@ def _run(
         else:
             progress = PaceReporter(pace.wanted, None, partial(stderr.print, soft_wrap=True), late)
         if not request.studio:
-            return live.run(progress), []
+            return live.run(_report_to(keep, progress), warn), []
         from apf.studio.live import LivePage  # imports an extra
 
         rig = live.source.rig
         page = stack.enter_context(closing(LivePage(start, rig, live.stop)))
         stdout.print(f"{page.address} (for this machine alone)", soft_wrap=True)
         webbrowser.open(page.address)
-        both = (progress, page)
-        result = live.run(lambda result, timeline: [of(result, timeline) for of in both])
-        return result, page.takes
+        return live.run(_report_to(keep, progress, page), warn), page.takes
+
+
+def _report_to(*listeners: Progress) -> Progress:
+    def report(result: LiveResult, timeline: Timeline) -> None:
+        for listener in listeners:
+            listener(result, timeline)
+
+    return report
 
 
 def _check_ranges(request: LiveRequest) -> None:
@@ -219,7 +273,8 @@ def _make_tracks(
     live: Live, result: LiveResult, take: tuple[int, int], provenance: dict[str, Any]
 ) -> list[Track]:
     """Return each person's track from the first to the last frame of a take; none without poses."""
-    rows = [row for row, frame in enumerate(result.frames) if take[0] <= frame <= take[1]]
+    known = result.frames[: len(result.latencies)]  # of a run that goes on
+    rows = [row for row, frame in enumerate(known) if take[0] <= frame <= take[1]]
     if not rows:
         return []
     frames = [result.frames[row] for row in rows]

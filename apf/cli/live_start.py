@@ -11,7 +11,7 @@ from apf.evaluation.joint_names import match_joints
 from apf.evaluation.people import load_people_truth
 from apf.filters.method import Method
 from apf.initialisation.from_joints import fit_to_joints
-from apf.live.captures import box_around, open_cameras
+from apf.live.cameras import box_around, open_cameras
 from apf.live.session import LiveStart
 from apf.live.sources import Replay, Source
 from apf.request import LiveRequest

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache, partial
 
-from apf.live.recording import Captures
+from apf.live.cameras import Captures
 from apf.request import StudioRequest
 from apf.studio.folders import Roots, find_kind
 from apf.studio.page import Page

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -13,21 +14,96 @@ import numpy as np
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.filters.method import Method
-from apf.live.budget import Governor
 from apf.live.config import LiveConfig
-from apf.live.observing import Observer, Seen, VoxelObserver, observe_features
-from apf.live.person import LivePerson
-from apf.live.pictures import Smaller
-from apf.live.sources import ACQUISITION, Newest, Shot, Source
+from apf.live.people import LivePerson, Observer, Seen, VoxelObserver, observe_features
+from apf.live.sources import ACQUISITION, Newest, Shot, Smaller, Source
 from apf.live.timeline import Timeline
 from apf.scene import Scene
-from cl import Device
+from cl import Device, InputError, UserError
 from cl.batch import Batch
 from psfs.people.separation import with_hidden_maps
 from psfs.voxels.grid import VoxelGrid
 
 PROCESSING, TRACKING = "processing", "tracking"
 STAGES = (ACQUISITION, PROCESSING, TRACKING)
+#: Frames over whose median time the size of a search is chosen.
+WINDOW = 8
+
+
+def list_sizes(method: Method, config: LiveConfig | None = None) -> list[Method]:
+    """Return `method` in all sizes to choose from, ascending: each larger than the one before by as
+    much as the governor can tell apart."""
+    config = config or LiveConfig()
+    n_sizes = 1 + round(np.log(config.most / config.fewest) / -np.log(config.share**2))
+    counts = np.geomspace(config.fewest, config.most, n_sizes)
+    return [resize_search(method, count) for count in counts]
+
+
+def resize_search(method: Method, evaluations: float) -> Method:
+    """Return `method` with particles and layers for about `evaluations` per frame.
+
+    Ten layers for a thousand evaluations, fewer below, more above: a swarm with fewer than six does
+    not converge, and beyond fifteen it gains little (Rymut 2016, figure 6.9).
+    """
+    before = method.filter.search
+    layers = 1 if method.search == "sir" else min(15, round(np.sqrt(evaluations / 10)))
+    size = {"n_particles": round(evaluations / layers), "n_layers": layers}
+    if method.search == "apf":
+        size["trunk_layers"] = round(before.trunk_layers * layers / before.n_layers)
+    return method.replace(filter=method.filter.with_changes(**size))
+
+
+class Governor:
+    """Selects the largest search that keeps up with the frame rate.
+
+    costs: s that each search takes, ascending. period: s available per frame; `share` of it is
+    planned with. overlaps: the next frame is processed during a search, else before it. generous: a
+    search may take as long as the processing, even if the period is exceeded; if the processing
+    alone takes too long, smaller searches would hardly raise the frame rate. `chosen`: index of the
+    selected search.
+    """
+
+    def __init__(
+        self,
+        period: float,
+        costs: Sequence[float],
+        processing: float,
+        *,
+        overlaps: bool = False,
+        generous: bool = False,
+        share: float = LiveConfig().share,
+    ) -> None:
+        self._share = share
+        self.period, self.costs = period, np.maximum.accumulate(costs)
+        self._overlaps, self._generous = overlaps, generous
+        self._slower: deque[float] = deque(maxlen=WINDOW)
+        self.chosen = self._largest(self.search_time(processing), 1.0)
+
+    def search_time(self, processing: float) -> float:
+        """Return the time, s, available for a search if the processing takes `processing` s."""
+        left = self._share * self.period - (0.0 if self._overlaps else processing)
+        return max(left, processing) if self._generous else left
+
+    def update(self, processing: float, seconds: float) -> bool:
+        """Update the selection after a frame that was processed in about `processing` s and
+        searched in `seconds`; return whether the selection changed."""
+        self._slower.append(seconds / self.costs[self.chosen])
+        if len(self._slower) < WINDOW:
+            return False
+        slower, allowed = float(np.median(self._slower)), self.search_time(processing)
+        before, taken = self.chosen, slower * self.costs[self.chosen]
+        if taken > allowed / self._share:
+            self.chosen = self._largest(allowed, slower)
+        else:
+            roomy = self._largest(self._share**2 * allowed, slower)
+            self.chosen = max(before, roomy)
+        if self.chosen != before:
+            self._slower.clear()
+        return self.chosen != before
+
+    def _largest(self, allowed: float, slower: float) -> int:
+        """Return the largest search within `allowed` s if all take `slower` times their cost."""
+        return max(0, int(np.count_nonzero(slower * self.costs <= allowed)) - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,25 +116,24 @@ class ObservedFrame:
 
 @dataclass
 class LiveResult:
-    """Result of a live run. frames: indices with a pose. estimates: of these frames, of the first
-    person; others: of these frames, a list of the further people's each. latencies: s from each
-    frame's appearance to its pose. sizes: (frame, particles, layers) of each change of the search,
-    with the first frame that used it."""
+    """Result of a live run. frames: indices with a pose. estimates: of these frames, one of each
+    person. latencies: s from each frame's appearance to its pose. sizes: (frame, particles, layers)
+    of each change of the search, with the first frame that used it. error: that ended the run."""
 
     frames: list[int] = field(default_factory=list)
-    estimates: list[Estimate] = field(default_factory=list)
+    estimates: list[list[Estimate]] = field(default_factory=list)
     latencies: list[float] = field(default_factory=list)
     sizes: list[tuple[int, int, int]] = field(default_factory=list)
-    others: list[list[Estimate]] = field(default_factory=list)
+    error: BaseException | None = None
 
     @property
     def newest(self) -> list[Estimate]:
         """The latest estimate of each person; empty before the first frame."""
-        return [*self.estimates[-1:], *(self.others[-1] if self.others else [])]
+        return self.estimates[-1] if self.estimates else []
 
     def list_estimates(self) -> list[list[Estimate]]:
         """Return each person's estimates."""
-        return [self.estimates, *(list(each) for each in zip(*self.others, strict=True))]
+        return [list(each) for each in zip(*self.estimates, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,61 +176,93 @@ class Live:
         config: LiveConfig | None = None,
     ) -> None:
         self._config = config or LiveConfig()
-        self.device, self.source, self.body = device, source, start.body
-        self.timeline = Timeline(STAGES)
-        self.result = LiveResult()
-        self._searches = searches
+        self.device, self.body = device, start.body
+        self.timeline, self.result = Timeline(STAGES), LiveResult()
+        self._searches, self._budget, self._follow, self._scale = searches, budget, follow, scale
         self._overlaps = device.is_gpu
         self.processor = device.sibling()
-        pictures = Smaller(source, scale)
+        self._begin(source, start)
+
+    def _begin(self, source: Source, start: LiveStart) -> None:
+        """Prepare everything for a source: at the start, and when it has lost a camera."""
+        self.source, device = source, self.device
+        pictures = Smaller(source, self._scale)
         rig = with_hidden_maps(pictures.rig) if start.others else pictures.rig
         people = (start.body, start.pose), *start.others
         self._batch = Batch(device, len(people))
         self.persons = self._batch.run(
             [
                 partial(
-                    LivePerson, Scene(device, rig, start.grid, body), pose, searches, self._config
+                    LivePerson,
+                    Scene(device, rig, start.grid, body),
+                    pose,
+                    self._searches,
+                    self._config,
                 )
                 for body, pose in people
             ]
         )
-        self.observe = self._observer(pictures, start.grid, follow)
+        self.observe = self._observer(pictures, start.grid)
         self._shots = Newest[Shot](lambda shot: self.timeline.drop(PROCESSING, shot.frame.index))
         self._ready = Newest[ObservedFrame](
             lambda seen: self.timeline.drop(TRACKING, seen.shot.frame.index)
         )
         self._free, self._stop = threading.Event(), threading.Event()
         self._free.set()
-        self._errors: list[BaseException] = []
-        self._free_at, self._processing_time = 0.0, 0.0
-        self.governor = self._prepare(budget)
-        self._tracking_time = float(self.governor.costs[self.governor.chosen])
+        self._free_at = 0.0
+        self._processing = deque[float](maxlen=WINDOW)
+        self.governor = self._prepare()
+        self._tracking = deque([float(self.governor.costs[self.governor.chosen])], WINDOW)
         self.start_selected()
 
     @property
     def expected_rate(self) -> float:
         """Poses per second to expect, from the times measured in the first frame."""
         searching = float(self.governor.costs[self.governor.chosen])
-        overlapped = max(self._processing_time, searching)
-        return 1 / (overlapped if self._overlaps else self._processing_time + searching)
+        overlapped = max(self.processing_time, searching)
+        return 1 / (overlapped if self._overlaps else self.processing_time + searching)
 
     @property
     def processing_time(self) -> float:
         """Time, s, from a frame to the start of its search."""
-        return self._processing_time
+        return float(np.median(self._processing))
 
-    def run(self, progress: Callable[[LiveResult, Timeline], object] | None = None) -> LiveResult:
+    def run(
+        self,
+        progress: Callable[[LiveResult, Timeline], object] | None = None,
+        warn: Callable[[str], object] = lambda text: None,
+    ) -> LiveResult:
         """Track until the source ends, `stop` is called, or a KeyboardInterrupt, which ends the run
         without an error.
 
-        Raises the exception of any of the threads.
+        If a camera is gone, `warn` is told, and the run goes on with the others if they suffice. An
+        exception in any of the threads ends the run, and is in the result, with what was tracked.
         """
+        self.timeline = Timeline(STAGES)
+        try:
+            self._run_threads(progress)
+            while self.source.gone and self.result.error is None:
+                why, rest = self.source.gone, self.source.without_gone()
+                if rest is None:
+                    self.result.error = InputError(f"{why}; too few cameras are left")
+                    break
+                warn(f"{why}; the run goes on with {', '.join(rest.rig.names)}")
+                people = [(person.body, person.pose) for person in self.persons]
+                grid = self.observe.grid if isinstance(self.observe, VoxelObserver) else None
+                self._begin(rest, LiveStart(grid, *people[0], tuple(people[1:])))
+                self._run_threads(progress)
+        except KeyboardInterrupt:
+            pass
+        except UserError as error:
+            self.result.error = error
+        return self.result
+
+    def _run_threads(self, progress: Callable[[LiveResult, Timeline], object] | None) -> None:
         work = (self._acquire, self._process, self._track)
         threads = [
             threading.Thread(target=self._run_part, args=(part,), name=stage, daemon=True)
             for part, stage in zip(work, STAGES, strict=True)
         ]
-        self.timeline = Timeline(STAGES)
         for thread in threads:
             thread.start()
         try:
@@ -163,15 +270,10 @@ class Live:
                 threads[-1].join(0.1)
                 if progress is not None:
                     progress(self.result, self.timeline)
-        except KeyboardInterrupt:
-            pass
         finally:
             self.stop()
             for thread in threads:
                 thread.join()
-        if self._errors:
-            raise self._errors[0]
-        return self.result
 
     def stop(self) -> None:
         """End the run after the work in progress."""
@@ -186,7 +288,7 @@ class Live:
         try:
             part()
         except BaseException as error:  # handed to the caller of `run`, whatever it is
-            self._errors.append(error)
+            self.result.error = self.result.error or error
             self.stop()
 
     def _acquire(self) -> None:
@@ -197,7 +299,7 @@ class Live:
         while not self._stop.is_set():
             self._free.wait()
             if self._overlaps:
-                begin = self._free_at - (1 + self._config.early) * self._processing_time
+                begin = self._free_at - max(self._processing)
                 self._stop.wait(max(0.0, begin - self.timeline.now()))
             shot = self._shots.take()
             if shot is None:
@@ -207,9 +309,7 @@ class Live:
             with self.timeline.span(PROCESSING, shot.frame.index):
                 observed = ObservedFrame(shot, self.observe(shot.frame, shot.time))
                 self.processor.finish()
-            self._processing_time = self._update_mean(
-                self._processing_time, self.timeline.now() - start
-            )
+            self._processing.append(self.timeline.now() - start)
             self._ready.put(observed)
         self._ready.close()
 
@@ -217,7 +317,7 @@ class Live:
         while (observed := self._ready.take()) is not None:
             shot = observed.shot
             start = self.timeline.now()
-            self._free_at = start + self._tracking_time
+            self._free_at = start + float(np.median(self._tracking))
             with self.timeline.span(TRACKING, shot.frame.index):
                 self.expect(observed)
                 self._observe_people(observed.seen)
@@ -230,8 +330,8 @@ class Live:
             if not self._overlaps:  # else the next frame may lie here, not yet observed
                 self._free.set()
             self.keep(observed, estimates, latency)
-            self._tracking_time = self._update_mean(self._tracking_time, seconds)
-            if self.governor.update(self._processing_time, seconds):
+            self._tracking.append(seconds)
+            if self.governor.update(self.processing_time, seconds):
                 self.start_selected()
 
     def expect(self, observed: ObservedFrame) -> None:
@@ -261,50 +361,46 @@ class Live:
             for person, (_, centre), estimate in triples
         ]
         self.result.frames.append(observed.shot.frame.index)
-        if len(kept) > 1:
-            self.result.others.append(kept[1:])
-        self.result.estimates.append(kept[0])
+        self.result.estimates.append(kept)
         self.result.latencies.append(latency)
 
     # Preparation ----------------------------------------------------------------------------
 
-    def _observer(self, pictures: Smaller, grid: VoxelGrid | None, follow: bool) -> Observer:
+    def _observer(self, pictures: Smaller, grid: VoxelGrid | None) -> Observer:
         """Return the function that converts a frame to what each tracker observes."""
         method = self._searches[0]
         if not method.uses_voxels:
             return observe_features(self.processor, pictures, method)
         assert grid is not None, "voxels have a grid"
         return VoxelObserver.create(
-            self.processor, pictures, grid, self.persons, self._config, follow
+            self.processor, pictures, grid, self.persons, self._config, self._follow
         )
 
-    def _prepare(self, budget: float | None) -> Governor:
+    def _prepare(self) -> Governor:
         """Compile and time everything in the first frame; return the governor."""
         frame = self.source.first()
         for _ in range(2):
             start = time.perf_counter()
             seen = self.observe(frame, 0.0)
             self.processor.finish()
-            self._processing_time = time.perf_counter() - start
+            seconds = time.perf_counter() - start
+        self._processing.append(seconds)
         costs = [self._measure_cost(size, seen) for size in range(len(self._searches))]
         return Governor(
-            1 / (budget or self.source.fps),
+            1 / (self._budget or self.source.fps),
             costs,
-            self._processing_time,
+            self.processing_time,
             overlaps=self._overlaps,
-            generous=budget is None,
-            config=self._config.governor,
+            generous=self._budget is None,
+            share=self._config.share,
         )
-
-    def _update_mean(self, mean: float, value: float) -> float:
-        return mean + self._config.smoothing * (value - mean)
 
     def _measure_cost(self, size: int, seen: list[Seen]) -> float:
         """Return the least time, s, of a search for everybody."""
         for person in self.persons:
             person.select(size)
         seconds = []
-        for _ in range(1 + self._config.n_probes):
+        for _ in range(3):  # one to compile
             start = time.perf_counter()
             self._observe_people(seen)
             self.search()

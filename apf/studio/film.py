@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from apf.live.recording import Captures
+from apf.live.cameras import Captures
 from apf.studio.folders import CAMERAS
 from apf.studio.found_target import FoundTarget
 from apf.studio.opened import MakeDevice

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from apf.live.recording import Captures
+from apf.live.cameras import Captures
 from apf.studio.calibrate import CalibrateView
 from apf.studio.correct_panel import CorrectPanel
 from apf.studio.export_panel import ExportPanel

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from apf.filters.method import Method
-from apf.live.budget import Governor, list_sizes, resize_search
-from apf.live.config import SizeConfig
+from apf.live.config import LiveConfig
+from apf.live.session import Governor, list_sizes, resize_search
 
-SIZES = SizeConfig()
+SIZES = LiveConfig()
 
 
 def count_evaluations(method: Method) -> int:

@@ -51,5 +51,5 @@ def test_a_lost_person_is_told() -> None:
     class Lost:
         lost = True
 
-    result = LiveResult([0, 1], [Lost(), Lost()], [0.1, 0.1], [(0, 96, 10)])  # type: ignore[list-item]
+    result = LiveResult([0, 1], [[Lost()], [Lost()]], [0.1, 0.1], [(0, 96, 10)])  # type: ignore[list-item]
     assert describe_run(result, timeline_of(8.0, 2)).endswith("LOST")

@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 from helpers import footage
 
-from apf.live.captures import open_cameras
-from apf.live.pictures import Smaller, fitting_factor
-from apf.live.recording import Captures
-from apf.live.sources import ACQUISITION, LiveCamera, Newest, Replay, Shot
+from apf.live.cameras import Captures, LiveCamera, open_cameras
+from apf.live.sources import ACQUISITION, Newest, Replay, Shot, Smaller, fitting_factor
 from apf.live.timeline import Timeline
 from apf.synthetic.scene import SceneConfig, make_rig
 from cl import InputError
@@ -129,8 +127,8 @@ def test_pictures_that_come_unevenly(tmp_path: Path, monkeypatch: pytest.MonkeyP
         return 0, now + (when or 0.0), picture
 
     cameras = open_cameras(folder, {}, names, 0.0)
-    monkeypatch.setattr("apf.live.sources.LiveCamera.next", next_picture)
-    monkeypatch.setattr("apf.live.sources.time.perf_counter", lambda: now)
+    monkeypatch.setattr("apf.live.cameras.LiveCamera.next", next_picture)
+    monkeypatch.setattr("apf.live.cameras.time.perf_counter", lambda: now)
     shots, _ = acquired(cameras)
     assert [shot.frame.index for shot in shots] == [0, 1, 2, 3, 4]
 
@@ -166,8 +164,8 @@ def test_a_background_filmed_first(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert abs(cameras.background.mean[0].mean() - levels) < footage.LOSS
     assert abs(int(cameras.first().images[0, 9, 9, 0]) - footage.grey(3, 0)) < footage.LOSS
     cameras.close()
-    monkeypatch.setattr("apf.live.sources._EMPTY_BYTES", 0)
-    monkeypatch.setattr("apf.live.sources._LEAST_EMPTY", 1)  # there is room for one of them
+    monkeypatch.setattr("apf.live.cameras._EMPTY_BYTES", 0)
+    monkeypatch.setattr("apf.live.cameras._LEAST_EMPTY", 1)  # there is room for one of them
     cameras = open_cameras(folder / "calibration.toml", {}, videos, 0.12)
     assert abs(cameras.background.mean[0].mean() - footage.grey(0, 0)) < footage.LOSS
     assert abs(int(cameras.first().images[0, 9, 9, 0]) - footage.grey(3, 0)) < footage.LOSS

@@ -12,9 +12,8 @@ import pytest
 from apf.cli.live import print_summary
 from apf.evaluation.joint_names import EVALUATED_JOINTS
 from apf.formats.trc import JointSeries
-from apf.live.error import live_errors
 from apf.live.sources import ACQUISITION
-from apf.live.timeline import Span, Timeline
+from apf.live.timeline import Span, Timeline, live_errors
 
 STAGES = (ACQUISITION, "processing", "tracking")
 

@@ -14,7 +14,7 @@ from helpers import calibration as made
 
 pytest.importorskip("viser", reason="viser is not installed")
 
-from apf.live.recording import Captures
+from apf.live.cameras import Captures
 from apf.studio.film import PERSON as PERSON_LIVE
 from apf.studio.film import TARGET
 from apf.studio.folders import Roots, find_kind

@@ -31,10 +31,12 @@ def test_newest_pose_is_shown() -> None:
             result.frames.append(row)
             timeline.add_result(row, 0.0, 0.02 + row / 30)
             result.estimates.append(
-                Estimate(
-                    track.its_body, track.poses[row], layers, layers, layers, layers,
-                    confidence=0.25, lost=row == 3,
-                )
+                [
+                    Estimate(
+                        track.its_body, track.poses[row], layers, layers, layers, layers,
+                        confidence=0.25, lost=row == 3,
+                    )
+                ]
             )  # fmt: skip
         until = time.monotonic() + 120
         while "lost" not in page.status and time.monotonic() < until:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers import calibration as made
 
-from apf.live.pictures import Smaller
+from apf.live.sources import Smaller
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.small_views import Shrink
 from psfs.sequence import Frame

@@ -1,25 +1,38 @@
-"""One person of a live run: the trackers in all sizes, the last good pose, the expected place."""
+"""One person of a live run, and what the tracker of each observes in a frame's pictures."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from apf.backend import make_device_tracker
+from apf.backend import make_device_tracker, make_observer
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
-from apf.body.spheres import body_spheres
+from apf.body.spheres import body_spheres, count_spheres
 from apf.filters.base import DeviceTracker, Estimate
 from apf.filters.config import SIGMA_FPS
 from apf.filters.method import Method
+from apf.likelihood.observations import Shown
 from apf.live.config import LiveConfig
+from apf.live.sources import Smaller
 from apf.scene import Scene
 from apf.tracking.recovery import Judge
+from cl import Device
+from psfs.reconstructor import Reconstructor
+from psfs.sequence import Frame
+from psfs.voxels.device_voxels import CarvedVoxels
+from psfs.voxels.division import Division
+from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.moving_grid import MeanPosition
 
 #: Greatest speed at which a person is expected elsewhere, m/s.
 _FASTEST = 4.0
+#: What a tracker observes, and the centre (3,) m of its voxels; None without voxels.
+Seen = tuple[Shown, "np.ndarray | None"]
+#: Returns what each person's tracker observes in a frame at a time, s.
+Observer = Callable[[Frame, float], list[Seen]]
 
 
 class LivePerson:
@@ -100,3 +113,65 @@ def make_translation_matrix(body: BodyModel) -> np.ndarray:
         if axis.kind in ("tx", "ty", "tz"):
             matrix[axis.dof, "xyz".index(axis.kind[1])] = axis.sign
     return matrix
+
+
+def observe_features(device: Device, pictures: Smaller, method: Method) -> Observer:
+    """Return the observer of image features, of one person."""
+    features = make_observer(device, pictures, None, method)
+    return lambda frame, time: [(features(pictures(frame)), None)]
+
+
+@dataclass(frozen=True, eq=False)
+class VoxelObserver:
+    """Observer of voxels: one reconstruction for all, divided among several persons by where each
+    is expected."""
+
+    device: Device
+    pictures: Smaller
+    reconstruct: Reconstructor
+    persons: Sequence[LivePerson]
+    parts: Sequence[CarvedVoxels]
+    means: Sequence[MeanPosition]
+    division: Division | None
+
+    @classmethod
+    def create(
+        cls,
+        device: Device,
+        pictures: Smaller,
+        grid: VoxelGrid,
+        persons: Sequence[LivePerson],
+        config: LiveConfig,
+        follow: bool,
+    ) -> VoxelObserver:
+        """Make the observer of `persons`. follow: the grid moves with the only person."""
+        reconstruct = Reconstructor(
+            device, pictures.rig, grid, pictures.background, config.reconstruction,
+            sparse=True, follow=follow,
+        )  # fmt: skip
+        parts: Sequence[CarvedVoxels] = [reconstruct.voxels]
+        division = None
+        if len(persons) > 1:
+            n_spheres = count_spheres(persons[0].body)
+            division = Division(device, pictures.rig, reconstruct.voxels, len(persons), n_spheres)
+            parts = division.persons
+        means = [MeanPosition(device, grid.shape, part.surface, part.count) for part in parts]
+        return cls(device, pictures, reconstruct, persons, parts, means, division)
+
+    @property
+    def grid(self) -> VoxelGrid:
+        """The voxels' grid, where it is now."""
+        return self.reconstruct.voxels.grid
+
+    def __call__(self, frame: Frame, time: float) -> list[Seen]:
+        voxels = self.reconstruct(self.pictures(frame))
+        if self.division is not None:
+            spheres = [person.expect_spheres(time) for person in self.persons]
+            self.division.spheres.set(np.stack(spheres).astype(np.float32))
+            self.division()
+        seen: list[Seen] = []
+        for part, mean_of in zip(self.parts, self.means, strict=True):
+            mean = mean_of()
+            centre = None if mean is None else voxels.grid.origin + mean * voxels.grid.voxel_size
+            seen.append((part, centre))
+        return seen
