@@ -17,7 +17,7 @@ from apf.tracking.people import list_people
 from cl import InputError, select_device
 from psfs.cli.view import make_mesher, open_folder, show_page, write_view
 from psfs.cli.view import run as run_voxels
-from psfs.page.opened import open_voxels
+from psfs.page.clouds import open_voxels
 
 
 def run(request: ViewRequest) -> None:

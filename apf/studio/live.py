@@ -14,8 +14,8 @@ from apf.live.timeline import Timeline
 from apf.report.drawing import make_still_figure
 from apf.studio.body_nodes import BodyNodes
 from psfs.cameras.camera import CameraRig
-from psfs.page.frame import BrowserPage
 from psfs.page.nodes import CameraNodes, add_floor
+from psfs.page.server import BrowserPage
 from psfs.page.timeline import add_key
 from psfs.page.words import make_lines, make_text
 from psfs.voxels.grid import VoxelGrid

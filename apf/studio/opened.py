@@ -21,8 +21,7 @@ from apf.report.summary import (
 from apf.tracking.people import PeopleTracks, holds_people, list_people, person_folder
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, UserError
-from psfs.page.clouds import CarvedClouds
-from psfs.page.opened import Opened, try_footage
+from psfs.page.clouds import CarvedClouds, Opened, try_footage
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session, SessionSettings
 from psfs.voxels.config import ReconstructionConfig

@@ -19,8 +19,8 @@ from apf.studio.run_panel import RunPanel
 from apf.studio.watch import TrackWatch
 from apf.studio.work import Work, free_folder
 from cl import InputError, UserError
-from psfs.page.frame import BrowserPage
-from psfs.page.opened import open_voxels
+from psfs.page.clouds import open_voxels
+from psfs.page.server import BrowserPage
 from psfs.page.watch import Watch
 from psfs.page.words import make_lines, make_text
 from psfs.sequence import Sequence

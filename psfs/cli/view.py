@@ -16,10 +16,9 @@ from psfs.mesh.marching_cubes import Mesher
 from psfs.mesh.preview import draw_mesh_preview
 from psfs.output.preview import draw_preview
 from psfs.output.reconstruction_folder import ReconstructionFolder
-from psfs.page.frame import BrowserPage, ViewPage
-from psfs.page.gate import MissingViserError
-from psfs.page.opened import Opened, open_voxels
-from psfs.page.watch import Watch
+from psfs.page.clouds import Opened, open_voxels
+from psfs.page.server import BrowserPage, MissingViserError
+from psfs.page.watch import ViewPage, Watch
 from psfs.request import PageRequest, ViewRequest
 from psfs.sequence import Frame, Sequence
 

@@ -1,4 +1,5 @@
-"""The voxels of a run's frames as points for the page, within a fixed amount of memory."""
+"""A run that a page shows: the voxels of its frames as points, within a fixed amount of memory, and
+its footage."""
 
 from __future__ import annotations
 
@@ -7,15 +8,17 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 import trimesh
 
-from cl import UserError
+from cl import InputError, UserError
 from psfs.mesh.marching_cubes import make_glb
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.page.colours import COLOURINGS, colour_vertices, colour_voxels
+from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 #: Greatest size of the points that are kept, bytes: about 700 frames of 30,000 voxels.
@@ -275,3 +278,55 @@ class CarvedClouds:
         except UserError as error:
             self._error = f"no voxels: {error}"
             self._known(-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A run that is watched.
+
+    frames: (F,) numbers, ascending. sequence: the footage; None if it is gone. remarks: warnings,
+    for the page.
+    """
+
+    folder: Path
+    frames: np.ndarray
+    fps: float
+    sequence: Sequence | None
+    clouds: Clouds | None
+    remarks: tuple[str, ...] = ()
+    voxels_shown: bool = True
+    """Whether voxels are shown before the user chooses."""
+
+    @property
+    def grid(self) -> VoxelGrid:
+        """The voxels' grid, which the floor lies under."""
+        assert self.clouds is not None
+        return self.clouds.grid
+
+    def close(self) -> None:
+        """End all work in the background."""
+        if self.clouds is not None:
+            self.clouds.close()
+
+
+def open_voxels(folder: Path, mesher: Callable[[int], trimesh.Trimesh] | None = None) -> Opened:
+    """Open a run of `psfs reconstruct`; mesher: see `StoredClouds`. Raises InputError, or
+    MissingFileError."""
+    run = ReconstructionFolder.open(folder)
+    remarks: list[str] = []
+    run.warn_if_unfinished(remarks.append)
+    if not run.indices:
+        raise InputError(f"{folder}: holds no reconstructed frame; expected at least one")
+    sequence = try_footage(run.sequence, remarks)
+    fps = float(run.summary["sequence"].get("fps") or 25.0)
+    clouds = StoredClouds(run, mesher)
+    return Opened(folder, np.array(run.indices), fps, sequence, clouds, tuple(remarks))
+
+
+def try_footage(open_footage: Callable[[], Sequence], remarks: list[str]) -> Sequence | None:
+    """Return the footage, or add a remark why there is none."""
+    try:
+        return open_footage()
+    except UserError as error:
+        remarks.append(f"no pictures: {error}")
+        return None

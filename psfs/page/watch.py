@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cl import InputError, UserError
-from psfs.page.browsers import draws_slowly
-from psfs.page.clouds import CarvedClouds, Clouds
+from psfs.page.clouds import CarvedClouds, Clouds, Opened
 from psfs.page.colours import COLOURINGS, describe_scale
 from psfs.page.look_through import LookThrough
 from psfs.page.nodes import CameraNodes, VoxelNode, add_floor
-from psfs.page.opened import Opened
 from psfs.page.pictures import PictureReader, draw_views, small_pictures
+from psfs.page.server import BrowserPage
 from psfs.page.timeline import TimeLine, add_key
 from psfs.page.words import make_lines, make_scale, make_text
 from psfs.sequence import Frame
@@ -29,6 +28,9 @@ _ALL, _FREE = "all cameras", "(none)"
 _PAUSE = 0.2
 #: Position of the viewer relative to the grid's centre, times the grid's diagonal.
 _VIEWER = np.array([0.75, -1.0, 0.35])
+#: Of a picture that a browser is asked for: its height and width, px, and the longest wait for it
+#: and the time above which the browser has no graphics chip, s. Software takes 0.7 to 1.8 s.
+_SIZE, _PATIENCE, _SLOW = (9, 16), 5.0, 0.4
 
 
 class Watch:
@@ -336,3 +338,58 @@ class Watch:
         low, high = self.opened.grid.low, self.opened.grid.high
         centre = (low + high) / 2
         return centre, centre + float(np.linalg.norm(high - low)) * _VIEWER
+
+
+class ViewPage(BrowserPage):
+    """A page that plays one run.
+
+    open_run: opens it; called with a function that is to be called with the number of each frame
+    whose voxels have become known. frame: the first one that is shown, by its number. watch: the
+    class of `Watch` that shows it.
+    """
+
+    def __init__(
+        self,
+        open_run: Callable[[Callable[[int], object]], Opened],
+        *,
+        frame: int | None = None,
+        watch: type[Watch] = Watch,
+        port: int = 0,
+    ) -> None:
+        super().__init__("psfs-apf", port)
+        self.watch: Watch | None = None
+        try:
+            opened = open_run(self._show_carved)
+            beside = self.add_pictures(watch.beside_label)
+            panel = self.server.gui.add_folder("Watch")
+            self.watch = watch(self.server, opened, panel, beside)
+            if frame is not None:
+                self.watch.go_to_frame(frame)
+            self.add_dark()
+        except BaseException:
+            self.stop()
+            raise
+
+    def stop(self) -> None:
+        """Close the run, and end the server."""
+        if self.watch is not None:
+            self.watch.close()
+        super().stop()
+
+    def _show_carved(self, frame: int) -> None:
+        if self.watch is not None:
+            self.watch.show_carved(frame)
+
+
+def draws_slowly(server: viser.ViserServer) -> bool:
+    """Ask each browser on the page for a small picture of its scene; return whether one of them
+    takes long, as browsers without a graphics chip do. One that is hidden does not count."""
+    for client in server.get_clients().values():
+        began = time.perf_counter()
+        try:
+            client.get_render(*_SIZE, timeout=_PATIENCE)
+        except (RuntimeError, TimeoutError):  # it was closed, or is hidden
+            continue
+        if time.perf_counter() - began > _SLOW:
+            return True
+    return False

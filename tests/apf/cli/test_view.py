@@ -15,7 +15,7 @@ pytest.importorskip("viser", reason="viser is not installed")
 import psfs.cli.view as command
 from apf.body import load_body, save_body
 from apf.cli import main
-from psfs.page.frame import ViewPage
+from psfs.page.watch import ViewPage
 
 
 @pytest.fixture

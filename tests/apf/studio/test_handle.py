@@ -21,7 +21,7 @@ from apf.synthetic.config import SceneConfig
 from apf.synthetic.scene import make_rig
 from apf.tracking.correction import correct_pose
 from cl import InputError
-from psfs.page.gate import Gate, start_server, stop_server
+from psfs.page.server import Gate, start_server, stop_server
 
 
 @pytest.fixture(scope="module")

@@ -16,6 +16,7 @@ from helpers.studio import save_track, save_voxels
 pytest.importorskip("viser", reason="viser is not installed")
 
 from apf.cli import main
+from apf.report.drawing import PEOPLE
 from apf.studio.folders import Roots
 from apf.studio.page import Page
 from apf.tracking.people import PeopleTracks
@@ -155,7 +156,7 @@ def test_several_people_are_shown_together(
     )
     assert watch.opened.look_at["person2: left arm"].tolist() == [2, 3]
     colours = [watch.bodies[name].cones[0].color for name in ("person1", "person2")]
-    assert colours == [(47, 111, 181), (217, 102, 31)]
+    assert colours == list(PEOPLE[:2])
     assert page.correct.place.disabled  # corrections are of one person
     page.open(tmp_path / "duo" / "person1")
     assert page.correct.place.disabled  # whose silhouettes are not separated again

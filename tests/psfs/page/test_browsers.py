@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from psfs.page.browsers import draws_slowly
+from psfs.page.watch import draws_slowly
 
 
 def make_server(*answers: float | Exception) -> Any:

@@ -13,8 +13,8 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from psfs.page import gate as module
-from psfs.page.gate import HOST, Gate, page_address, start_server, stop_server
+from psfs.page import server as module
+from psfs.page.server import HOST, Gate, page_address, start_server, stop_server
 
 
 @pytest.fixture(scope="module")

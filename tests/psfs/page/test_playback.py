@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from psfs.page.playback import SPEEDS, Playback
+from psfs.page.timeline import SPEEDS, Playback
 
 
 def test_frames_come_at_the_time_that_they_were_taken() -> None:

@@ -1,4 +1,5 @@
-"""A viser server on this machine alone, which answers only requests with a secret in their address.
+"""A page on a server of its own: viser on this machine alone, which answers only requests with a
+secret in their address.
 
 viser (https://viser.studio) has no access control. Its page and its websocket are served by one
 call of `websockets.asyncio.server.serve`; `start_server` puts a check before both, and ends the
@@ -18,6 +19,7 @@ from contextlib import contextmanager, redirect_stdout
 from typing import TYPE_CHECKING, Any
 
 from cl import InputError
+from psfs.page.timeline import add_key
 
 if TYPE_CHECKING:
     import viser
@@ -128,3 +130,45 @@ def _status(port: int, path: str) -> int:
         return connection.getresponse().status
     finally:
         connection.close()
+
+
+class BrowserPage:
+    """An empty page. label: above its panels. port: see `start_server`."""
+
+    def __init__(self, label: str, port: int = 0) -> None:
+        self.gate = Gate()
+        self.server = start_server(port, self.gate)
+        gui = self.server.gui
+        self._choose_theme(False)
+        gui.set_panel_label(label)
+
+    @property
+    def address(self) -> str:
+        """The page's address, with its token."""
+        return page_address(self.server, self.gate)
+
+    def stop(self) -> None:
+        """End the server."""
+        stop_server(self.server)
+
+    def add_pictures(self, label: str) -> Any:
+        """Add a panel for pictures at the left; return its tab."""
+        gui = self.server.gui
+        beside = gui.add_panel()
+        tab = beside.add_tab(label)
+        beside.dock_left()
+        beside.set_width(380)
+        gui.main_panel.dock_right()
+        return tab
+
+    def add_dark(self) -> None:
+        """Add the choice between dark and light."""
+        gui = self.server.gui
+        self.dark: Any = gui.add_checkbox("dark", False, hint="key: I")
+        self.dark.on_update(lambda event: self._choose_theme(self.dark.value))
+        add_key(gui, "Dark or light", "I", lambda: setattr(self.dark, "value", not self.dark.value))
+
+    def _choose_theme(self, dark: bool) -> None:
+        self.server.gui.configure_theme(
+            dark_mode=dark, show_logo=False, show_share_button=False, control_width="large"
+        )
