@@ -13,7 +13,7 @@ import numpy as np
 from apf.studio.folders import CAMERAS
 from apf.studio.found_target import FoundTarget
 from apf.studio.target_fields import TargetFields
-from apf.studio.work import Work, free_folder
+from apf.studio.work import Work, WorkSlot, free_folder
 from cl import UserError
 from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.coverage import Coverage
@@ -59,7 +59,7 @@ class CalibrateView:
         self._server, self._results, self._known, self._use = server, results, dict(known), use
         self._config = CalibrationConfig()
         self._found = FoundTarget(self.views.rig, self._config)
-        self.work: Work | None = None
+        self._slot = WorkSlot()
         self._stopped = threading.Event()
         self._worker: threading.Thread | None = None
         self._notes: list[tuple[str, object]] = []
@@ -72,6 +72,11 @@ class CalibrateView:
         with panel:
             self._add_controls(server.gui)
         self.time_line.refresh()
+
+    @property
+    def work(self) -> Work | None:
+        """The calibration that was started last."""
+        return self._slot.work
 
     @property
     def coverage(self) -> list[Coverage]:
@@ -92,11 +97,11 @@ class CalibrateView:
             self.use_button = gui.add_button("use these cameras", disabled=True)
         with gui.add_folder("or calibrate them") as calibrate:
             self.target = TargetFields(gui, self._known)
-            self.search_button = gui.add_button("look for it", hint="key: F")
+            self.search_button = gui.add_button("look for the target", hint="key: F")
             self.floor = gui.add_text(
                 "on the floor", "", hint="frame in which it lies there: Z = 0"
             )
-            self.floor_button = gui.add_button("it lies on the floor in this frame")
+            self.floor_button = gui.add_button("the target lies on the floor in this frame")
             self.calibrate_button = gui.add_button("calibrate")
         self.cameras.on_update(
             lambda event: setattr(self.use_button, "disabled", self.cameras.value == _NONE)
@@ -107,8 +112,14 @@ class CalibrateView:
             lambda event: setattr(self.floor, "value", str(self.time_line.position))
         )
         self.calibrate_button.on_click(lambda event: self.calibrate())
+        self.target.kind.on_update(lambda event: self._show_fields())
         key = add_key(gui, "Look for the board or wand", "F", self.search)
         self._parts: list[Any] = [self._status, self._picture, use, calibrate, self._words, key]
+
+    def _show_fields(self) -> None:
+        """Show what is asked of a target; somebody who walks is no target."""
+        for field in (self.search_button, self.floor, self.floor_button):
+            field.visible = self.target.searchable
 
     def use(self) -> None:
         """Open the footage with the cameras that are chosen."""
@@ -131,8 +142,6 @@ class CalibrateView:
 
     def calibrate(self) -> None:
         """Start `psfs calibrate` as the fields say; its cameras are shown when it has ended."""
-        if self.work is not None and not self.work.ended:
-            return
         self._stop_search()
         try:
             flags = [str(self.views.folder), *self.target.flags()]
@@ -142,15 +151,18 @@ class CalibrateView:
         if self.floor.value.strip() and self.target.searchable:
             flags += ["--floor", self.floor.value.strip()]
         output = free_folder(self._results, f"{self.views.folder.name}-cameras")
-        self.work = Work(flags, output, command=("psfs", "calibrate"))
-        self._worker = threading.Thread(target=self._follow, args=(self.work,), daemon=True)
+        try:
+            work = self._slot.start(flags, output, command=("psfs", "calibrate"))
+        except UserError as error:
+            self._say(error)
+            return
+        self._worker = threading.Thread(target=self._follow, args=(work,), daemon=True)
         self._worker.start()
 
     def close(self) -> None:
         """End all work in the background, and remove everything from the page."""
         self._stopped.set()
-        if self.work is not None:
-            self.work.close()
+        self._slot.close()
         self.wait(30)
         self.time_line.close()
         self._reader.close()

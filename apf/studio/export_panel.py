@@ -12,6 +12,7 @@ from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track
 from cl import UserError
 from psfs.common.scratch import temporary_folder
+from psfs.page.server import read_choice
 from psfs.page.words import make_text
 
 if TYPE_CHECKING:
@@ -52,14 +53,14 @@ class ExportPanel:
     def make_file(self) -> tuple[str, bytes]:
         """Return name and content of the chosen file. Raises UserError."""
         assert self._watch is not None
-        name = self.person.value
+        name, ending = read_choice(self.person), read_choice(self.ending)
         track: Track = self._watch.opened.tracks[name]
         if self.smooth.value and track.smoothing is None and len(track) > 1:
             track = smooth_track(track)
         with temporary_folder() as folder:
-            path = folder / f"track{self.ending.value}"
+            path = folder / f"track{ending}"
             track.save(path)
-            return f"{name}{self.ending.value}", path.read_bytes()
+            return f"{name}{ending}", path.read_bytes()
 
     def read_report(self) -> tuple[str, bytes]:
         """Return name and content of the report."""

@@ -11,6 +11,7 @@ from apf.tracking.people import holds_people, list_people
 from apf.tracking.track import PARTS
 from cl import InputError, MissingFileError, UserError
 from psfs.footage.layouts import LAYOUTS
+from psfs.footage.layouts.flat import FLAT
 from psfs.footage.layouts.native import NATIVE, find_settings_calibration
 from psfs.footage.layouts.uncalibrated import list_pictures
 from psfs.footage.media import VIDEO_SUFFIXES
@@ -108,7 +109,7 @@ def _is_take(folder: Path) -> bool:
     """Return whether a folder has the layout of a take, and a calibration if that needs one."""
     try:
         layout = next((one for one in LAYOUTS if one.matches(folder, SequenceSettings())), None)
-        if layout is NATIVE:
+        if layout in (NATIVE, FLAT):
             settings = SequenceSettings.read(folder / "sequence.toml")
             find_settings_calibration(folder, settings)
     except MissingFileError:

@@ -17,8 +17,9 @@ from apf.studio.footage import FootageView
 from apf.studio.opened import MakeDevice, open_track
 from apf.studio.run_panel import RunPanel
 from apf.studio.watch import TrackWatch
-from apf.studio.work import Work, free_folder
+from apf.studio.work import WorkSlot, free_folder
 from cl import InputError, UserError
+from psfs.common.files import read_json
 from psfs.page.clouds import open_voxels
 from psfs.page.server import BrowserPage
 from psfs.page.watch import Watch
@@ -56,7 +57,7 @@ class Page(BrowserPage):
     ) -> None:
         self.roots, self._make_device, self._results = roots, make_device, results
         self._device, self._stopping = device, False
-        self._demo: Work | None = None
+        self._demo = WorkSlot()
         super().__init__("psfs-apf studio", port)
         self._lock = threading.RLock()
         self.watch: Watch | None = None
@@ -153,7 +154,7 @@ class Page(BrowserPage):
         """Open footage without a calibration with the cameras of a file."""
         with self._lock:
             try:
-                sequence = Sequence.open(path, calibration=cameras)
+                sequence = Sequence.open(path, calibration=cameras, **_read_times(cameras))
             except UserError as error:
                 self.say(error)
                 return
@@ -181,8 +182,7 @@ class Page(BrowserPage):
         threads computes."""
         self._stopping = True
         self.run.close()
-        if self._demo is not None:
-            self._demo.close()
+        self._demo.close()
         self.close_folder()
         if self._captures is not None:
             self._captures.close()
@@ -192,10 +192,12 @@ class Page(BrowserPage):
 
     def make_demo(self) -> None:
         """Make the walk of `apf demo` in a folder of the results, and open it."""
-        if self._demo is not None and not self._demo.ended:
-            return
         output, flags = free_folder(self._results, "demo"), ["--device", self._device]
-        self._demo = work = Work(flags, output, command=("apf", "synth"))
+        try:
+            work = self._demo.start(flags, output, command=("apf", "synth"))
+        except UserError as error:
+            self.say(error)
+            return
         self._message.content = make_text("Making a walk ...")
 
         def follow() -> None:
@@ -260,3 +262,14 @@ class Page(BrowserPage):
     def _show_carved(self, frame: int) -> None:
         if (watch := self.watch) is not None:
             watch.show_carved(frame)
+
+
+def _read_times(cameras: Path) -> dict[str, dict[str, int]]:
+    """Return how late the cameras of a calibration by a person are, as the setting `sync`; nothing
+    for other calibrations."""
+    report = cameras.with_suffix(".json")
+    late = read_json(report, "a report").get("sync") if report.is_file() else None
+    if not isinstance(late, str):
+        return {}
+    pairs = (pair.partition("=") for pair in late.split(","))
+    return {"sync": {name: int(frames) for name, _, frames in pairs}}

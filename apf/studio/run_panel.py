@@ -14,9 +14,10 @@ import numpy as np
 from apf.presets import PRESETS
 from apf.studio.opened import RunningTake
 from apf.studio.settings_panel import SettingsPanel
-from apf.studio.work import Work, free_folder
+from apf.studio.work import Work, WorkSlot, free_folder
 from cl import InputError
 from psfs.diagnostics.sequence_info import find_keypoints
+from psfs.page.server import read_choice
 from psfs.page.timeline import add_key
 from psfs.page.words import make_lines, make_text
 from psfs.sequence import Sequence
@@ -46,7 +47,7 @@ class RunPanel:
         self._results, self._device, self._show, self._say = results, device, show, say
         self._sequence: Sequence | None = None
         self._volume: Callable[[], tuple[np.ndarray, np.ndarray] | None] = lambda: None
-        self.work: Work | None = None
+        self._slot = WorkSlot()
         self._follower: threading.Thread | None = None
         self._running: RunningTake | None = None  # of the run that was started last
         self._message = gui.add_html(make_text("Open footage to track it."))
@@ -72,6 +73,11 @@ class RunPanel:
         add_key(gui, "Track the footage", "T", self.press_track)
 
     @property
+    def work(self) -> Work | None:
+        """The run that was started last."""
+        return self._slot.work
+
+    @property
     def status(self) -> str:
         """The words about the run, HTML."""
         return str(self._status.content)
@@ -83,8 +89,7 @@ class RunPanel:
     ) -> None:
         """Offer to track a sequence, with the volume that the page states; None offers nothing."""
         self._sequence, self._volume = sequence, volume
-        running = self.work is not None and not self.work.ended
-        self.start_button.disabled = sequence is None or running
+        self.start_button.disabled = sequence is None or self._slot.busy
         if sequence is None:
             self._message.content = make_text("Open footage to track it.")
             return
@@ -97,12 +102,12 @@ class RunPanel:
         flags = [
             str(self._sequence.folder),
             "--people",
-            self.people.value,
+            read_choice(self.people),
             "--device",
             self._device,
         ]
-        if self.preset.value != _OURS:
-            flags += ["--preset", self.preset.value]
+        if (preset := read_choice(self.preset)) != _OURS:
+            flags += ["--preset", preset]
         if self.frames.value.strip():
             flags += ["--frames", self.frames.value.strip()]
         if self.height.value > 0:
@@ -113,6 +118,8 @@ class RunPanel:
             flags += ["--keypoints", str(found)]
         if self._sequence.settings.calibration is not None:
             flags += ["--calibration", str(self._sequence.settings.calibration)]
+        if isinstance(late := self._sequence.settings.sync, dict):
+            flags += ["--sync", ",".join(f"{name}={frames}" for name, frames in late.items())]
         if (box := self._volume()) is not None:
             numbers = np.stack(box, axis=-1).ravel()
             flags.append("--volume=" + ",".join(f"{number:g}" for number in numbers))
@@ -122,9 +129,8 @@ class RunPanel:
         self, flags: list[str], n_frames: int, tables: dict[str, object] | None = None
     ) -> Work:
         """Start a run into a new folder of the results. Raises InputError while another goes on."""
-        if self.work is not None and not self.work.ended:
-            raise InputError("a run goes on; expected one at a time (cancel it first)")
         output, own = free_folder(self._results, Path(flags[0]).resolve().name), self._sequence
+        work = self._slot.start(flags, output, n_frames, tables)
         self._running = None
         if own is not None and str(own.folder) == flags[0]:
             config: ReconstructionConfig | None = None
@@ -132,20 +138,18 @@ class RunPanel:
                 stated: Any = (tables or {}).get("reconstruction", {})
                 config = ReconstructionConfig().overlay(stated, "reconstruction")
             self._running = RunningTake(own, config)
-        self.work = Work(flags, output, n_frames, tables)
         self.progress.value, self.progress.visible = 0.0, True
         self.start_button.disabled, self.cancel_button.visible = True, True
         self._follower = threading.Thread(
-            target=self._follow, args=(self.work,), daemon=True, name="run"
+            target=self._follow, args=(work,), daemon=True, name="run"
         )
         self._follower.start()
-        return self.work
+        return work
 
     def find_running(self, output: Path) -> RunningTake | None:
         """Return what a run reads that was started here and goes on, by its folder."""
-        going_on = self.work is not None and not self.work.ended
         same = self.work is not None and self.work.output.resolve() == output.resolve()
-        return self._running if going_on and same else None
+        return self._running if self._slot.busy and same else None
 
     def cancel(self) -> None:
         """Interrupt the run; what is tracked is kept."""
@@ -154,8 +158,7 @@ class RunPanel:
 
     def close(self) -> None:
         """End the run, if one goes on, and what shows it."""
-        if self.work is not None:
-            self.work.close()
+        self._slot.close()
         if self._follower is not None:
             self._follower.join(timeout=60)
 

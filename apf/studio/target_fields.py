@@ -15,6 +15,7 @@ from psfs.calibration.targets.detection import Finder
 from psfs.calibration.targets.markers import MarkerFinder
 from psfs.calibration.targets.target import make_wand
 from psfs.common.scratch import temporary_folder
+from psfs.page.server import read_choice
 from psfs.page.words import make_text
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 CHARUCO, CHESSBOARD, WAND, PERSON = "ChArUco board", "chessboard", "wand", "somebody who walks"
 _BOARDS = {CHARUCO: "charuco", CHESSBOARD: "chessboard"}
-_NONE = "found, too"
+_NONE = "not known"
 #: A marker's side as a share of its square's.
 _MARKER = 0.75
 
@@ -49,17 +50,22 @@ class TargetFields:
         self.intrinsics: Any = gui.add_dropdown(
             "lenses", (_NONE, *lenses), initial_value=_NONE, hint="those of another calibration"
         )
+        self.field_of_view = gui.add_number(
+            "field of view, degrees", 65.0, min=0.0, max=179.0, step=1.0,
+            hint="of the pictures' longer side: phones about 65; 0: as the videos state it",
+        )  # fmt: skip
         self.sound = gui.add_checkbox(
             "shift by sound", False, hint="cameras began apart; one loud clap is in all videos"
         )
         self.board = gui.add_button("a board to print", hint="a PDF of the board above")
         self.board.on_click(lambda event: self._send_board(event.client))
         self._problem = gui.add_html("")
-        self.kind.on_update(lambda event: self._show_fields())
+        for field in (self.kind, self.intrinsics):
+            field.on_update(lambda event: self._show_fields())
         self._show_fields()
         self.parts: list[Any] = [
             self.kind, self.squares, self.square, self.wand, self.stature, self.intrinsics,
-            self.sound, self.board, self._problem,
+            self.field_of_view,            self.sound, self.board, self._problem,
         ]  # fmt: skip
 
     @property
@@ -85,9 +91,11 @@ class TargetFields:
 
     def flags(self) -> list[str]:
         """Return the flags of `psfs calibrate` that the fields mean. Raises InputError."""
-        kind = self.kind.value
+        kind = read_choice(self.kind)
         if kind == PERSON:
             flags = ["--person", "--stature", f"{self.stature.value:g}"]
+            if not self.lenses_known and self.field_of_view.value > 0:
+                flags += ["--field-of-view", f"{self.field_of_view.value:g}"]
         elif kind == WAND:
             flags = ["--wand", ",".join(f"{length:g}" for length in self._lengths())]
         else:
@@ -95,7 +103,7 @@ class TargetFields:
             flags = ["--board", _BOARDS[kind], "--squares", f"{columns}x{rows}"]
             flags += ["--square", f"{self.square.value:g}"]
         if self.lenses_known:
-            flags += ["--intrinsics", str(self._lenses[self.intrinsics.value])]
+            flags += ["--intrinsics", str(self._lenses[read_choice(self.intrinsics)])]
         return [*flags, *(["--sync", "audio"] if self.sound.value and kind != PERSON else [])]
 
     def make_board(self) -> tuple[str, bytes]:
@@ -127,6 +135,7 @@ class TargetFields:
         self.squares.visible = self.square.visible = kind in _BOARDS
         self.board.visible = kind == CHARUCO
         self.wand.visible, self.stature.visible = kind == WAND, kind == PERSON
+        self.field_of_view.visible = kind == PERSON and not self.lenses_known
         self.sound.visible = kind != PERSON
 
     def _send_board(self, client: viser.ClientHandle | None) -> None:

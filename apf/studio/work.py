@@ -12,11 +12,12 @@ import threading
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import tomli_w
 
 from apf.tracking.track import PARTS, Track
-from cl import UserError
+from cl import InputError, UserError
 from psfs.common.scratch import temporary_folder
 
 #: Characters of progress bars and tables, which the page has in its own way.
@@ -33,6 +34,33 @@ def free_folder(root: Path, name: str) -> Path:
         number += 1
         path = root / f"{safe}-{number}"
     return path
+
+
+class WorkSlot:
+    """The place of one command at a time, which several browsers may want to start."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self.work: Work | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a command goes on."""
+        return self.work is not None and not self.work.ended
+
+    def start(self, *arguments: Any, **more: Any) -> Work:
+        """Start a command, see `Work`. Raises InputError while another goes on."""
+        with self._lock:
+            if self.busy:
+                raise InputError("a run goes on; expected one at a time (cancel it first)")
+            self.work = Work(*arguments, **more)
+            return self.work
+
+    def close(self) -> None:
+        """End the command, if one goes on."""
+        with self._lock:
+            if self.work is not None:
+                self.work.close()
 
 
 class Work:

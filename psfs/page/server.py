@@ -96,6 +96,14 @@ def page_address(server: viser.ViserServer, gate: Gate) -> str:
     return f"http://{HOST}:{server.get_port()}/{gate.token}/"
 
 
+def read_choice(dropdown: Any) -> str:
+    """Return the value of a drop-down. Raises InputError if it is none of its options: what a
+    browser sends may be anything."""
+    if dropdown.value not in dropdown.options:
+        raise InputError(f"{dropdown.value!r}: expected one of {', '.join(dropdown.options)}")
+    return str(dropdown.value)
+
+
 @contextmanager
 def _serve_with_checks(gate: Gate) -> Iterator[None]:
     """Have all servers that websockets starts inside check their requests by `gate`."""

@@ -19,7 +19,8 @@ SPEEDS = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 _LONGEST_TICK = 0.1
 #: Most frames per second that are sent to the page, and that the slider follows while playing.
 _MOST_RATE, _SLIDER_RATE = 60.0, 5.0
-_FIRST, _BACK, _PLAY, _AHEAD, _LAST = "first", "back", "play", "next", "last"
+_FIRST, _BACK, _AHEAD, _LAST = "first", "back", "next", "last"
+_PLAY, _PAUSE = "play", "pause"
 
 
 def add_key(gui: viser.GuiApi, label: str, key: Any, do: Callable[[], None]) -> Any:
@@ -109,15 +110,17 @@ class TimeLine:
             "frame", 0, max(1, len(frames) - 1), 1, 0,
             hint="which frame is shown, counted from the first one of the run",
         )  # fmt: skip
+        self.button: Any = gui.add_button(_PLAY, hint="key: space")
         self.buttons = gui.add_button_group(
-            "play", (_FIRST, _BACK, _PLAY, _AHEAD, _LAST),
-            hint="keys: Home, J, space, L, End; N and P: next and previous frame to check",
+            "go to", (_FIRST, _BACK, _AHEAD, _LAST),
+            hint="keys: Home, J, L, End; N and P: next and previous frame to check",
         )  # fmt: skip
         self.speed: Any = gui.add_dropdown(
             "speed", [f"{speed:g}" for speed in SPEEDS], initial_value="1",
             hint="times as fast as the recording; keys: Page Up, Page Down",
         )  # fmt: skip
         self.slider.on_update(self._slide)
+        self.button.on_click(lambda event: self._press(_PLAY))
         self.buttons.on_click(lambda event: self._press(event.target.value))
         self.speed.on_update(lambda event: self._set_speed(float(self.speed.value)))
         self._commands = [add_key(gui, *key) for key in self.list_keys()]
@@ -174,13 +177,14 @@ class TimeLine:
         self._ended.set()
         self._wake.set()
         self._thread.join(timeout=30)
-        for part in (self.slider, self.buttons, self.speed, *self._commands):
+        for part in (self.slider, self.button, self.buttons, self.speed, *self._commands):
             part.remove()
 
     def _press(self, button: str) -> None:
         with self._lock:
             if button == _PLAY:
                 self.playback.toggle()
+                self._name_button()
                 self._wake.set()
                 self._move_slider()
                 return
@@ -209,8 +213,12 @@ class TimeLine:
             self.playback.change_speed(by)
             self.speed.value = f"{self.playback.speed:g}"
 
+    def _name_button(self) -> None:
+        self.button.label = _PAUSE if self.playing else _PLAY
+
     def _present(self, slider: bool) -> None:
         self._show(self.playback.position)
+        self._name_button()
         self.n_shown += 1
         if slider:
             self._move_slider()

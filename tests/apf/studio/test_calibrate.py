@@ -47,6 +47,17 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def plain(day: Path) -> Path:
+    """Return a folder with the videos of phones, and nothing else."""
+    folder = day / "phones"
+    folder.mkdir()
+    for name in ("anna", "ben"):
+        with write_video(folder / f"{name}.mp4", 30.0) as video:
+            for _ in range(3):
+                video.write(np.zeros((60, 80, 3), np.uint8))
+    return folder
+
+
 def no_device() -> Device:
     raise InputError("nothing here is examined")
 
@@ -68,7 +79,9 @@ def test_gaps_are_named() -> None:
 
 
 def test_board_is_found_and_cameras_are_used(day: Path, page: Page) -> None:
-    assert find_kind(day / "board") == "views"
+    assert find_kind(day / "board") == find_kind(plain(day)) == "views"
+    page.open(day / "phones")
+    assert page.calibrate is not None and page.calibrate.views.rig.names == ["anna", "ben"]
     page.open(day / "board")
     view = page.calibrate
     assert view is not None
@@ -154,7 +167,8 @@ def test_fields_are_the_flags_of_calibrate(day: Path, page: Page) -> None:
     fields.kind.value = CHESSBOARD
     assert fields.flags()[1] == "chessboard" and not fields.wand.visible
     fields.kind.value = PERSON
-    assert fields.flags() == ["--person", "--stature", "1.7"] and not fields.searchable
+    assert fields.flags() == ["--person", "--stature", "1.7", "--field-of-view", "65"]
+    assert not fields.searchable and not page.calibrate.search_button.visible
     fields.kind.value, fields.wand.value = WAND, "0.2,0.3"
     assert fields.flags() == ["--wand", "0.2,0.3"]
     fields.wand.value = "long"

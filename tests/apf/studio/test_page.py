@@ -102,13 +102,29 @@ def test_keys_and_buttons_move_the_time_line(
     commands["pagedown"]()
     assert line.speed.value == "0.5"
     commands["space"]()
-    assert line.playing
+    assert line.playing and line.button.label == "pause"
     commands["home"]()
-    assert not line.playing and line.position == 0
+    assert not line.playing and line.position == 0 and line.button.label == "play"
     assert "no pictures" in watch.remarks  # its footage is gone
     (tmp_path / "voxels" / "clouds" / "frame_000003.npz").write_bytes(b"damaged")
     line.seek(3)
     assert "no voxels of frame 3" in watch.remarks and line.position == 3
+
+
+def test_what_a_browser_sends_for_a_file_is_one_of_the_options(
+    tmp_path: Path, open_page: Callable[[Path], Page]
+) -> None:
+    """Not a path to somewhere else."""
+    folder = save_track(tmp_path / "runs" / "walk")
+    page = open_page(folder.parent)
+    page.open(folder)
+    for field in (page.export.ending, page.export.person):
+        before, field.value = field.value, "/../../../out.bvh"
+        with pytest.raises(InputError, match="expected one of"):
+            page.export.make_file()
+        field.value = before
+    assert not (tmp_path / "out.bvh").exists()
+    assert page.export.make_file()[0] == "walk.bvh"
 
 
 def test_running_track_is_watched_by_its_parts(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,7 +19,7 @@ from apf.studio.folders import Roots
 from apf.studio.opened import open_track
 from apf.studio.page import Page
 from apf.studio.settings_panel import ChosenSettings
-from apf.studio.work import Work, free_folder
+from apf.studio.work import Work, WorkSlot, free_folder
 from apf.tracking.correction import list_corrections
 from apf.tracking.track import Track
 from cl import InputError, select_device
@@ -178,6 +179,26 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path) -> None:
 def track_name(page: Page) -> str:
     assert page.watch is not None
     return next(iter(page.watch.opened.tracks))
+
+
+def test_two_presses_start_one_run(tmp_path: Path) -> None:
+    slot, barrier = WorkSlot(), threading.Barrier(4)
+    started: list[Work] = []
+
+    def press() -> None:
+        barrier.wait()
+        try:
+            started.append(slot.start([str(tmp_path / "gone")], tmp_path / "out"))
+        except InputError as error:
+            assert "one at a time" in str(error)
+
+    threads = [threading.Thread(target=press) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(started) == 1 and slot.work is started[0]
+    slot.close()
 
 
 def test_several_clicks_start_nothing_without_footage(page: Page) -> None:
