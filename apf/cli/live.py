@@ -39,10 +39,10 @@ from apf.tracking.pipeline import build_track
 from apf.tracking.track import Track
 from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import stderr, stdout, warn
-from psfs.opening import open_sequence
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
 from psfs.common.requests import write_settings
+from psfs.opening import open_sequence
 
 #: True joints, of several people by name.
 Truth = JointSeries | dict[str, JointSeries]
@@ -89,9 +89,7 @@ def _live(
         source, start = start_replay(request, method, device, number)
     grid, several = start.grid, bool(start.others)
     sized_by_hand = not request.chosen.isdisjoint(("n_particles", "n_layers"))
-    searches = (
-        [method] if sized_by_hand and request.budget is None else list_sizes(method, config)
-    )
+    searches = [method] if sized_by_hand and request.budget is None else list_sizes(method, config)
     follow = bool(request.captures) and request.capture.volume is None and not several
     scale = request.scale
     if scale is None:

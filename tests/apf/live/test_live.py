@@ -14,7 +14,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from apf.api import read_given_start
 from apf.body import load_body, save_body
 from apf.body.kinematics import posed_joints
 from apf.cli import live as live_command
@@ -28,6 +27,7 @@ from apf.live.people import make_translation_matrix
 from apf.live.session import Live, LiveResult, LiveStart, ObservedFrame
 from apf.live.sources import ACQUISITION, Newest, Replay, Shot
 from apf.live.timeline import Timeline
+from apf.takes.start import read_given_start
 from apf.tracking.track import Track
 from cl import Device, InputError
 from psfs.sequence import Frame, Sequence
