@@ -299,7 +299,7 @@ def join_source(source: str, file: str, given: tuple[str, ...] = ()) -> str:
                 )
             elif p.name in given:
                 more.append(f"__global const {p.type} *{values}")
-                begin.append(f"{p.name} = {values}[batch_member()];")
+                begin.append(f"{p.reference} = {values}[batch_member()];")
         return f"{match[0].rpartition(')')[0]}{', '.join(['', *more])}) {{ {' '.join(begin)}"
 
     return _HEAD + KERNEL.sub(join, without_comments(source))

@@ -11,7 +11,7 @@ import pyopencl._cl
 
 from cl.array import Array, Commands
 from cl.errors import DeviceError, device_failure
-from cl.signature import Argument, Signatures
+from cl.signature import Argument, Parameter, Signatures
 
 
 def _load_enqueue(library: str) -> Callable[..., int] | None:
@@ -52,11 +52,18 @@ class Kernel:
             raise DeviceError(f"{file} has no kernel {name}; found: {found}")
         self._program = program
         self.parameters = {parameter.name: parameter for parameter in signatures[name]}
+        #: The places of the kernel's arguments by name.
+        self.places = {
+            argument: place
+            for place, argument in enumerate(
+                dict.fromkeys(parameter.argument for parameter in signatures[name])
+            )
+        }
         built = self.fresh().num_args
-        if built != len(self.parameters):
+        if built != len(self.places):
             raise DeviceError(
                 f"kernel {name} of {file}: {built} arguments were built, but "
-                f"{len(self.parameters)} read from its prototype"
+                f"{len(self.places)} read from its prototype"
             )
 
     def fresh(self) -> Any:
@@ -95,11 +102,11 @@ class Launch:
         if missing:
             raise TypeError(f"{kernel}: missing {', '.join(missing)}")
         self.kernel = kernel
-        self._places = {name: place for place, name in enumerate(kernel.parameters)}
         # Made and bound when it is first enqueued, which launches that are joined never are.
         self._bound: Any = None
         self._sizes: tuple[Any, ...] = ()
         self._unbound: dict[str, Any] = {}  # arguments that are not bound yet
+        self._structs = _empty_structs(kernel.parameters.values())
         # Keeps arrays alive as long as the kernel refers to them.
         self.arguments: dict[str, Argument] = {}
         self.on_change: list[Callable[[Iterable[str]], None]] = []
@@ -119,10 +126,17 @@ class Launch:
                 known = ", ".join(self.kernel.parameters)
                 raise TypeError(f"{self.kernel}: no argument {name}; expected {known}")
             try:
-                self._unbound[name] = parameter.convert(value)
+                converted = parameter.convert(value)
             except (TypeError, ValueError) as error:
                 raise type(error)(f"{self.kernel}, argument {name}: {error}") from None
             self.arguments[name] = value
+            if parameter.struct:
+                struct, start = self._structs[parameter.struct], parameter.offset
+                number = converted.tobytes()
+                struct[start : start + len(number)] = number
+                self._unbound[parameter.struct] = struct
+            else:
+                self._unbound[name] = converted
         for call in self.on_change:
             call(arguments)
 
@@ -152,8 +166,20 @@ class Launch:
             self._sizes = _raw_sizes(self._bound, self.global_size, self.local_size)
         for name, value in self._unbound.items():
             bound = value.buffer if isinstance(value, Array) else value
-            self._bound.set_arg(self._places[name], bound)
+            self._bound.set_arg(self.kernel.places[name], bound)
         self._unbound.clear()
+
+
+def _empty_structs(parameters: Iterable[Parameter]) -> dict[str, bytearray]:
+    """Return room for each struct among a kernel's arguments, by name: its size is a multiple of
+    that of its largest field."""
+    ends: dict[str, tuple[int, int]] = {}
+    for parameter in parameters:
+        if parameter.struct and parameter.dtype is not None:
+            size = parameter.dtype.itemsize * (4 if parameter.width == 3 else parameter.width)
+            largest = max(size, ends.get(parameter.struct, (0, 0))[1])
+            ends[parameter.struct] = parameter.offset + size, largest
+    return {name: bytearray(-(-end // largest) * largest) for name, (end, largest) in ends.items()}
 
 
 def _raw_sizes(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from numbers import Integral, Real
 from typing import Any, TypeAlias
@@ -35,15 +35,18 @@ KERNEL = re.compile(r"\b(?:__)?kernel\b[^;{}]*?\bvoid\s+(\w+)\s*\(([^()]*)\)\s*\
 _QUALIFIER = re.compile(r"\b(?:const|restrict|volatile)\b")
 _PARAMETER = re.compile(r"(?:(?:__)?(global|constant|local)\s+)?(\w+)(\s*\*\s*|\s+)(\w+)")
 _VECTOR = re.compile(r"([a-z]+?)(2|3|4|8|16)?")
+#: A struct's fields and name.
+_STRUCT = re.compile(r"\btypedef\s+struct\s*\{([^{}]*)\}\s*(\w+)\s*;")
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """An argument of a kernel.
+    """An argument of a kernel, or a number in a struct that is one.
 
     type: its OpenCL type, or that of what it points to. space: "global", "constant" or "local"
     for pointers, "" for values. dtype: of a number, None for types that are the kernel's own.
-    width: numbers of a vector, else 1.
+    width: numbers of a vector, else 1. struct: name of the argument that holds the number; empty
+    for an argument itself. offset: place of the number in it, bytes.
     """
 
     name: str
@@ -51,6 +54,18 @@ class Parameter:
     space: str
     dtype: np.dtype | None
     width: int
+    struct: str = ""
+    offset: int = 0
+
+    @property
+    def argument(self) -> str:
+        """The name of the argument of the kernel that this is, or is a part of."""
+        return self.struct or self.name
+
+    @property
+    def reference(self) -> str:
+        """The expression by which the kernel reads it."""
+        return f"{self.struct}.{self.name}" if self.struct else self.name
 
     def convert(self, value: Argument) -> Any:
         """Return `value` as pyopencl takes it, arrays as they are. Raises TypeError or ValueError,
@@ -109,14 +124,41 @@ def without_comments(source: str) -> str:
 def signatures(source: str, file: str) -> Signatures:
     """Return the parameters of every kernel in `source`, in the order of its prototype.
 
-    Raises DeviceError, naming `file`, for a parameter that is more than qualifiers, a type and a
-    name: no macros, no arrays.
+    A struct that is passed by value stands for its fields, which are numbers and vectors. Raises
+    DeviceError, naming `file`, for a parameter that is more than qualifiers, a type and a name: no
+    macros, no arrays.
     """
     text = without_comments(source)
-    return {
-        name: tuple(_parameter(each, name, file) for each in inside.split(",") if each.strip())
-        for name, inside in KERNEL.findall(text)
-    }
+    structs = {name: fields for fields, name in _STRUCT.findall(text)}
+    found: Signatures = {}
+    for name, inside in KERNEL.findall(text):
+        parameters: list[Parameter] = []
+        for each in filter(str.strip, inside.split(",")):
+            parameter = _parameter(each, name, file)
+            if parameter.type in structs and not parameter.space:
+                parameters += _fields(structs[parameter.type], parameter.name, name, file)
+            else:
+                parameters.append(parameter)
+        found[name] = tuple(parameters)
+    return found
+
+
+def _fields(text: str, struct: str, kernel: str, file: str) -> list[Parameter]:
+    """Return the numbers of a struct that is the argument `struct`, each at the next multiple of
+    its size, as C lays them out."""
+    fields: list[Parameter] = []
+    end = 0
+    for line in filter(None, map(str.strip, text.split(";"))):
+        kind, names = line.split(None, 1)
+        for name in names.split(","):
+            field = _parameter(f"{kind} {name}", kernel, file)
+            if field.dtype is None or field.space:
+                raise DeviceError(f"kernel {kernel} of {file}: `{line}` is no number in a struct")
+            size = field.dtype.itemsize * (4 if field.width == 3 else field.width)
+            offset = -(-end // size) * size
+            fields.append(replace(field, struct=struct, offset=offset))
+            end = offset + size
+    return fields
 
 
 def _parameter(text: str, kernel: str, file: str) -> Parameter:

@@ -270,3 +270,36 @@ def test_the_driver_reads_the_same(device: Device) -> None:
     except pyopencl.Error:
         pytest.skip(f"{device.name} keeps no names of arguments")
     assert read == [parameter.name for parameter in signatures(SOURCE, "s")["gather"]]
+
+
+STRUCT = """
+typedef struct { float4 shift; int n, m; float scale; } numbers;
+__kernel void take(numbers given, __global float *out)
+{
+    out[0] = given.n;
+    out[1] = given.m;
+    out[2] = given.scale;
+    out[3] = given.shift.w;
+}
+"""
+
+
+def test_a_struct_takes_its_numbers_by_name(device: Device) -> None:
+    kernel = device.compile_kernel(STRUCT, "take", "struct.cl")
+    out = device.zeros(4, np.float32)
+    launch = launch_of(device, kernel, n=3, m=-4, scale=0.5, shift=(0, 0, 0, 8), out=out)
+    launch()
+    np.testing.assert_array_equal(out.get(), [3, -4, 0.5, 8])
+    launch.set(m=5)
+    launch()
+    np.testing.assert_array_equal(out.get(), [3, 5, 0.5, 8])
+    with pytest.raises(TypeError, match="argument scale: expected a number for float"):
+        launch.set(scale="large")
+    with pytest.raises(TypeError, match="missing n"):
+        launch_of(device, kernel, m=1, scale=1.0, shift=(0, 0, 0, 0), out=out)
+
+
+def test_a_struct_of_other_than_numbers_is_refused() -> None:
+    wrong = STRUCT.replace("float scale", "__global float *scale")
+    with pytest.raises(DeviceError, match="no number in a struct"):
+        signatures(wrong, "struct.cl")

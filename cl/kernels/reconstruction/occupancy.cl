@@ -226,22 +226,34 @@ __kernel void find_bricks(int2 picture, int3 grid, int n_cameras, int min_camera
     }
 }
 
+// Bricks that the pool has room for, all cameras, those that must see a voxel, and the smoothed
+// probability above which it is occupied.
+typedef struct {
+    int capacity, n_cameras, min_cameras;
+    float threshold;
+} occupancy_numbers;
+
 // Smoothed probability of the voxels of the listed bricks, and which of them are occupied: a bit
 // each, ushort per brick and row along z. A few work-groups share the list. Bricks beyond capacity
 // have no room for their probability.
-__kernel void sparse_occupancy(int2 picture, int3 grid, int capacity, int n_cameras,
-                               int min_cameras, float threshold,
+__kernel void sparse_occupancy(// constants
+                               int2 picture, int3 grid, occupancy_numbers numbers,
                                __global const float *restrict cameras,
                                __global const float *restrict reach,
-                               __global const char2 *restrict tiles,
-                               __global const char *restrict evidence,
                                __global const float *restrict table,
                                __global const float *restrict geometry,
                                __global const float *restrict body,
+                               // in
+                               __global const char2 *restrict tiles,
+                               __global const char *restrict evidence,
                                __global const int *restrict bricks,
                                __global const int *restrict n_active,
+                               // out
                                __global float *restrict pool, __global ushort *restrict bits)
 {
+    const int capacity = numbers.capacity, n_cameras = numbers.n_cameras;
+    const int min_cameras = numbers.min_cameras;
+    const float threshold = numbers.threshold;
     SCRATCH int sums[ROWS * DZ], fixed[CAMERA_ROOM], open[CAMERA_ROOM];
     SCRATCH float p[ROWS * DZ], smoothed[BRICK_VOXELS];
     const int lane = get_local_id(0), n = *n_active;

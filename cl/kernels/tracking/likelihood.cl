@@ -180,30 +180,41 @@ INLINED vfloat overlap(int n_pairs, __global const int2 *pairs, __local const vf
     return sum;
 }
 
+// Numbers of score_poses. weights: of edge, silhouette, surface, overlap. n_rows: of samples on all
+// cones. n_points, first_point, stride, scale: surface voxels, those that count, and their distance
+// that is half unexplained. n_per_run: particles of a run, whose table of table_size ratios they are
+// compared with. The mean miss of the most observed points that there could be is added with
+// point_weight once per camera, see observed.h.
+typedef struct {
+    float4 weights;
+    int n_particles, n_views, width, height, n_rows, n_points, first_point, stride, n_pairs;
+    int n_per_run, table_size;
+    float scale, posture_weight, colour_weight, contour_weight, point_weight, point_reach, exchange;
+} score_numbers;
+
 // The exponent of Song et al. eq. (16) with its sign put right: the sum over cameras of edge and
 // silhouette error, to which surface, overlap and posture error are added once per camera. Cameras
 // that see no sample are replaced by the mean of the others; if no camera sees any, by the worst.
-// row_table: the n_rows rows of samples on all cones, for which `rows` is room.
-// weights: of edge, silhouette, surface, overlap. n_per_run: particles of a run, whose table of
-// table_size ratios they are compared with. row_parts: of every row, the part that is looked for in
-// the pictures' codes and contours, or -1. observed: null, or points whose mean miss of the most
-// there could be is added with point_weight once per camera, see observed.h. misfits: null, or gets
-// silhouette and surface error alone, means over the cameras. posed: null, or gets the cones of all
-// particles, N_CONES x CONE_FLOATS each. One work-group per pack of particles.
+// row_table: the rows of samples on all cones, for which `rows` is room. row_parts: of every row, the
+// part that is looked for in the pictures' codes and contours, or -1. observed: null, or points, see
+// observed.h. misfits: null, or gets silhouette and surface error alone, means over the cameras.
+// posed: null, or gets the cones of all particles, N_CONES x CONE_FLOATS each. One work-group per
+// pack of particles.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void score_poses(int n_particles, __global const float *poses, __global const float *table,
-                 int n_views, int width, int height, __global const float *cameras,
-                 __global const uchar *maps, int n_rows, __global const float4 *row_table,
+void score_poses(// constants
+                 score_numbers numbers, __global const float *table,
+                 __global const float *cameras, __global const float4 *row_table,
+                 __global const int *row_parts, __global const int2 *pairs,
+                 __global const float4 *posture,
+                 // in
+                 __global const float *poses, __global const uchar *maps,
+                 __global const uchar *contours, __global const uchar *codes,
+                 __global const char *ratios, __global const float4 *points,
+                 __global const float4 *observed,
+                 // room
                  __local float4 *rows,
-                 int n_points, int first_point, int stride, float scale,
-                 __global const float4 *points, int n_pairs, __global const int2 *pairs,
-                 __global const float4 *posture, float4 weights, float posture_weight,
-                 __global const uchar *codes, __global const char *ratios, int n_per_run,
-                 int table_size, __global const int *row_parts, float colour_weight,
-                 __global const uchar *contours, float contour_weight,
-                 __global const float4 *observed, float point_weight, float point_reach,
-                 float exchange, __global float *errors, __global float *misfits,
-                 __global float *posed)
+                 // out
+                 __global float *errors, __global float *misfits, __global float *posed)
 {
     __local vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS];
     __local vfloat cones[N_CONES * CONE_FLOATS] __attribute__((aligned(64)));
@@ -213,42 +224,48 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
     __local vint partial[N_SUMS * (APART + VIEWS * (ADDERS + 1))];
     __local view_error views[VIEWS];
     const int lane = get_local_id(0), first = get_group_id(0) * PACK;
-    for (int r = lane; r < n_rows; r += GROUP) rows[r] = row_table[r];
-    take_cones(table, poses, first, n_particles, body, turns, frames, cones, spans);
-    if (posed) store_cones(cones, first, n_particles, posed);
+    for (int r = lane; r < numbers.n_rows; r += GROUP) rows[r] = row_table[r];
+    take_cones(table, poses, first, numbers.n_particles, body, turns, frames, cones, spans);
+    if (posed) store_cones(cones, first, numbers.n_particles, posed);
 
-    const int n = (n_points + stride - 1) / stride;
+    const int n = (numbers.n_points + numbers.stride - 1) / numbers.stride;
     vfloat missing = 0.0f, sum = 0.0f;
-    if (weights.z > 0.0f || misfits)
-        missing = unexplained(n_points, first_point, stride, n, scale, points, cones, spans) / n;
+    if (numbers.weights.z > 0.0f || misfits)
+        missing = unexplained(numbers.n_points, numbers.first_point, numbers.stride, n,
+                              numbers.scale, points, cones, spans) / n;
     if (observed && observed_count(observed) > 0)
-        sum += point_weight / observed_most(observed) *
-               missed_by_all(lane_from(4), point_reach, exchange, cameras, observed, frames);
-    if (weights.w > 0.0f && n_pairs > 0)
-        sum += weights.w / (3 * n_pairs) * overlap(n_pairs, pairs, cones, spans);
-    if (posture_weight > 0.0f)
-        sum += posture_weight * posture_error(lane_from(7), posture, poses, first, n_particles,
-                                              body, frames);
+        sum += numbers.point_weight / observed_most(observed) *
+               missed_by_all(lane_from(4), numbers.point_reach, numbers.exchange, cameras, observed,
+                             frames);
+    if (numbers.weights.w > 0.0f && numbers.n_pairs > 0)
+        sum += numbers.weights.w / (3 * numbers.n_pairs) *
+               overlap(numbers.n_pairs, pairs, cones, spans);
+    if (numbers.posture_weight > 0.0f)
+        sum += numbers.posture_weight * posture_error(lane_from(7), posture, poses, first,
+                                                      numbers.n_particles, body, frames);
 
-#define TABLE(l) (lane_index(first, 0x##l, n_particles) / n_per_run * table_size)
-    const picture_cues cues = {codes,    ratios,         PACK_OF(vint, TABLE), row_parts,
-                               contours, width * height, colour_weight,        contour_weight};
+#define TABLE(l) \
+    (lane_index(first, 0x##l, numbers.n_particles) / numbers.n_per_run * numbers.table_size)
+    const picture_cues cues = {codes, ratios, PACK_OF(vint, TABLE), row_parts, contours,
+                               numbers.width * numbers.height, numbers.colour_weight,
+                               numbers.contour_weight};
 #undef TABLE
     view_error seen = {0.0f, 0.0f, 0.0f};
-    for (int view = 0; view < n_views; view += VIEWS)
-        score_views(view, n_views, width, height, cameras, maps, n_rows, rows, weights.xy, cues, cones,
-                    outlines, partial, views, &seen);
-    sum = group_sum_of_packs(sums, sum + weights.z * missing);
+    for (int view = 0; view < numbers.n_views; view += VIEWS)
+        score_views(view, numbers.n_views, numbers.width, numbers.height, cameras, maps,
+                    numbers.n_rows, rows, numbers.weights.xy, cues, cones, outlines, partial, views,
+                    &seen);
+    sum = group_sum_of_packs(sums, sum + numbers.weights.z * missing);
     if (misfits) missing = group_sum_of_packs(sums, missing);
     if (lane == 0) {
         const vfloat n_seeing = most(seen.seeing, 1.0f);
         const vint any = seen.seeing > 0.0f;
-        const vfloat error = any ? seen.error / n_seeing : (vfloat)(weights.x + weights.y);
+        const vfloat error = any ? seen.error / n_seeing : (vfloat)(numbers.weights.x + numbers.weights.y);
         const vfloat misfit = missing + (any ? seen.inside / n_seeing : (vfloat)1.0f);
         float lanes[PACK], misfit_lanes[PACK];
-        STORE_PACK((float)n_views * (error + sum), lanes);
+        STORE_PACK((float)numbers.n_views * (error + sum), lanes);
         STORE_PACK(misfit, misfit_lanes);
-        for (int l = 0; l < PACK && first + l < n_particles; ++l) {
+        for (int l = 0; l < PACK && first + l < numbers.n_particles; ++l) {
             errors[first + l] = lanes[l];
             if (misfits) misfits[first + l] = misfit_lanes[l];
         }

@@ -115,26 +115,41 @@ void choose(int n_limbs, int n_candidates, int n, int n_near, int layer, float r
     }
 }
 
+// Of the acceptance and the frame's end: relative gains that move a limb near where it was, and
+// anywhere; the rest as in end_frame.h.
+typedef struct {
+    float2 margins;
+    int n_runs;
+    float velocity;
+    int n_result, n_report;
+} end_numbers;
+
 // The best of each run's refined candidates becomes its estimate: candidate 0 unless another's error
 // is smaller by more than a share of it, margins.x where a limb moved near where it was, margins.y
 // where it moved anywhere. shift: by how much the estimate moved from the mean; information: of the
 // candidate taken, see refinement.cl; misfits: null, or its, of those of all candidates. report: null,
 // or the frame ends, see end_frame.h. One work-group for all runs.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void accept(int n_limbs, int n_candidates, int n_runs, float2 margins, __global const float *errors,
-            __global const float *candidates, __global const float *informations,
-            __global const float *all_misfits, __global float *result, __global float *shift,
-            __global float *information, __global float *misfits, float velocity, int n_result,
-            int n_report, __global const uint *frames, __global float2 *motion,
+void accept(// constants
+            int n_limbs, int n_candidates, end_numbers end_of,
+            // in
+            __global const float *errors, __global const float *candidates,
+            __global const float *informations, __global const float *all_misfits,
+            __global const uint *frames,
+            // in and out
+            __global float *result, __global float2 *motion,
+            // out
+            __global float *shift, __global float *information, __global float *misfits,
             __global float *report)
 {
     const int n_information = N_DOF * (N_DOF + 1) / 2, lane = get_local_id(0);
+    const int n_runs = end_of.n_runs;
     for (int run = 0; run < n_runs; ++run) {
         const int first = run * CANDIDATES;
         int best = 0;
         float most = 0.0f;
         for (int i = 1; i < CANDIDATES; ++i) {
-            const float margin = i > N_LIMBS ? margins.y : margins.x;
+            const float margin = i > N_LIMBS ? end_of.margins.y : end_of.margins.x;
             const float gain = errors[first] - margin * fabs(errors[first]) - errors[first + i];
             if (gain > most) {
                 most = gain;
@@ -154,8 +169,8 @@ void accept(int n_limbs, int n_candidates, int n_runs, float2 margins, __global 
     if (!report) return;
     barrier(CLK_GLOBAL_MEM_FENCE);
     const int n_candidate_dofs = n_runs * CANDIDATES * N_DOF;
-    const frame_end end = {n_runs, velocity, n_result, n_runs * n_information, n_candidate_dofs,
+    const frame_end end = {n_runs, end_of.velocity, end_of.n_result, n_runs * n_information, n_candidate_dofs,
                            n_runs * CANDIDATES, frames, result, shift, information, candidates,
                            errors, misfits, motion, report};
-    for (int id = lane; id < n_report; id += GROUP) report_item(&end, id);
+    for (int id = lane; id < end_of.n_report; id += GROUP) report_item(&end, id);
 }

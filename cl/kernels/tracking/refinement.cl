@@ -28,15 +28,19 @@
 // and nearest cone. A point has two of these, one for each coordinate in the picture: minus its
 // gradient is the normal, and N_CONES plus the point's bone stands for the cone.
 
-// What poses are refined on. scale, reach: m. points: of the surface. point_scale, point_reach: of
+// How evidence counts. n_points: of the surface. scale, reach: m. point_scale, point_reach: of
 // observed points, in deviations; point_root: square root of the weight that one has, in that of a
 // voxel; point_share: what its whole miss costs, in the cost of a voxel's; exchange: share of that
 // for being taken for its partner.
 typedef struct {
     int n_points;
-    float scale, reach;
+    float scale, reach, point_scale, point_reach, point_root, point_share, exchange;
+} evidence_scales;
+
+// What poses are refined on: surface points and observed points, and how they count.
+typedef struct {
+    evidence_scales scales;
     __global const float4 *points;
-    float point_scale, point_reach, point_root, point_share, exchange;
     __global const float *cameras;
     __global const float4 *observed;
 } evidence;
@@ -187,13 +191,13 @@ INLINED float look_at_point(const evidence *e, int k, __local const vfloat *fram
     const observation one = observed_at(e->observed, k);
     sighting found, as_other;
     bool in_front = look_from(one.own, one.seen, e->cameras, frames, &found);
-    float share = share_missed(in_front, &found, e->point_scale), bone = one.own.x;
+    float share = share_missed(in_front, &found, e->scales.point_scale), bone = one.own.x;
     if (one.other.x >= 0.0f) {
         const bool other_in_front =
             look_from(one.other, one.seen, e->cameras, frames, &as_other);
         const float other_share =
-            e->exchange + (1.0f - e->exchange) *
-                          share_missed(other_in_front, &as_other, e->point_scale);
+            e->scales.exchange + (1.0f - e->scales.exchange) *
+                          share_missed(other_in_front, &as_other, e->scales.point_scale);
         if (other_share < share) {
             share = other_share;
             found = as_other;
@@ -201,9 +205,9 @@ INLINED float look_at_point(const evidence *e, int k, __local const vfloat *fram
             in_front = other_in_front;
         }
     }
-    const float reach = e->point_reach;
+    const float reach = e->scales.point_reach;
     const float square = in_front ? found.off[0] * found.off[0] + found.off[1] * found.off[1] : 0;
-    const float root = in_front ? e->point_root / (1.0f + square / (reach * reach)) : 0.0f;
+    const float root = in_front ? e->scales.point_root / (1.0f + square / (reach * reach)) : 0.0f;
     for (int c = 0; c < 2; ++c) {
         __local float *row = rows + c * VOXEL_FLOATS;
         const float3 at = in_front ? found.at : (float3)(0.0f);
@@ -222,14 +226,14 @@ INLINED float look_at_point(const evidence *e, int k, __local const vfloat *fram
 INLINED int take_rows(const evidence *e, __local workspace *w, float *cost)
 {
     const int lane = get_local_id(0), part = get_group_id(0);
-    const int voxel_parts = (e->n_points + BLOCK - 1) / BLOCK;
+    const int voxel_parts = (e->scales.n_points + BLOCK - 1) / BLOCK;
     float sum = 0.0f;
     int n;
     if (part < voxel_parts) {
         const int first = part * BLOCK;
-        n = e->n_points - first < BLOCK ? e->n_points - first : BLOCK;
+        n = e->scales.n_points - first < BLOCK ? e->scales.n_points - first : BLOCK;
         for (int k = lane * PACK; k < n; k += GROUP * PACK)
-            sum += look_at(e->points + first, k, n, e->scale, e->reach, w->posed, w->spans,
+            sum += look_at(e->points + first, k, n, e->scales.scale, e->scales.reach, w->posed, w->spans,
                            w->voxels);
     } else {
         const int first = (part - voxel_parts) * (BLOCK / 2);
@@ -238,7 +242,7 @@ INLINED int take_rows(const evidence *e, __local workspace *w, float *cost)
         n = 2 * here;
         for (int k = lane; k < here; k += GROUP)
             sum += look_at_point(e, first + k, w->frames, w->voxels + 2 * k * VOXEL_FLOATS);
-        sum *= e->point_share;
+        sum *= e->scales.point_share;
     }
     *cost = group_sum(w->scratch, sum);  // waits for the rows, too
     return n;
@@ -435,15 +439,17 @@ INLINED float stepped(__local const vfloat *system, __global const float2 *limit
 
 // The parts at each of `poses`, along dimension 1: PART packs per work-group.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void refine_system(int n_points, float scale, float reach, __global const float4 *points,
-                   float point_scale, float point_reach, float point_root, float point_share,
-                   float exchange, __global const float *cameras, __global const float4 *observed,
+void refine_system(// constants
+                   evidence_scales scales, __global const float *cameras,
                    __global const float *table, __global const vfloat *moves,
-                   __global const float *poses, __global vfloat *parts)
+                   // in
+                   __global const float4 *points, __global const float4 *observed,
+                   __global const float *poses,
+                   // out
+                   __global vfloat *parts)
 {
     __local workspace work;
-    const evidence e = {n_points, scale, reach, points, point_scale, point_reach, point_root,
-                        point_share, exchange, cameras, observed};
+    const evidence e = {scales, points, cameras, observed};
     const int which = get_group_id(1);
     for (int dof = get_local_id(0); dof < N_DOF; dof += GROUP)
         work.pose[dof] = poses[which * N_DOF + dof];
@@ -453,10 +459,15 @@ void refine_system(int n_points, float scale, float reach, __global const float4
 
 // A step from each of `poses`, one per work-group, to `next`.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void refine_step(int first, int n_parts, float strength, float weight,
+void refine_step(// constants
+                 int first, int n_parts, float strength, float weight,
                  __global const float *sigma, __global const float2 *limits,
+                 // in
                  __global const float *means, __global const float *poses,
-                 __global const vfloat *parts, __global float *least, __global float *shifts,
+                 __global const vfloat *parts,
+                 // in and out
+                 __global float *least, __global float *shifts,
+                 // out
                  __global float *next)
 {
     __local vfloat system[N_DOF * ROW_PACKS];
@@ -472,28 +483,37 @@ void refine_step(int first, int n_parts, float strength, float weight,
         next[offset + dof] = stepped(system, limits, poses + offset, dof);
 }
 
+// Of a step: whether it is the first, strength of a voxel in the cost and its weight in the system.
+typedef struct {
+    int first;
+    float strength, weight;
+} step_numbers;
+
 // `refine_step`, and `refine_system` at the pose that it leads to, in one: all work-groups of a
 // pose take the same step, each for itself, and the first tells the `next` pose.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void refine_on(int first, int n_points, float scale, float reach, __global const float4 *points,
-               float point_scale, float point_reach, float point_root, float point_share,
-               float exchange, __global const float *cameras, __global const float4 *observed,
-               float strength, float weight, __global const float *table,
-               __global const vfloat *moves, __global const float *sigma,
-               __global const float2 *limits, __global const float *means,
-               __global const float *poses, __global const vfloat *parts, __global float *least,
-               __global float *shifts, __global float *next, __global vfloat *next_parts)
+void refine_on(// constants
+               step_numbers step, evidence_scales scales, __global const float *cameras,
+               __global const float *table, __global const vfloat *moves,
+               __global const float *sigma, __global const float2 *limits,
+               // in
+               __global const float4 *points, __global const float4 *observed,
+               __global const float *means, __global const float *poses,
+               __global const vfloat *parts,
+               // in and out
+               __global float *least, __global float *shifts,
+               // out
+               __global float *next, __global vfloat *next_parts)
 {
     __local workspace work;
     __local vfloat system[N_DOF * ROW_PACKS];
     __local float lines[4 * ROW];
-    const evidence e = {n_points, scale, reach, points, point_scale, point_reach, point_root,
-                        point_share, exchange, cameras, observed};
+    const evidence e = {scales, points, cameras, observed};
     const int which = get_group_id(1), offset = which * N_DOF, n_parts = get_num_groups(0);
     parts += which * n_parts * PART;
-    keep_best(first, get_group_id(0) == 0, n_parts, strength, parts, sigma, poses + offset,
+    keep_best(step.first, get_group_id(0) == 0, n_parts, step.strength, parts, sigma, poses + offset,
               means + offset, work.scratch, least + which, shifts + offset);
-    sum_parts(n_parts, weight, parts, sigma, poses + offset, means + offset, system);
+    sum_parts(n_parts, step.weight, parts, sigma, poses + offset, means + offset, system);
     solve(system, lines);
     for (int dof = get_local_id(0); dof < N_DOF; dof += GROUP) {
         work.pose[dof] = stepped(system, limits, poses + offset, dof);
@@ -505,10 +525,14 @@ void refine_on(int first, int n_points, float scale, float reach, __global const
 // Moves each of `means`, one per work-group, to the best pose met, the last one being that of
 // `poses`; the lower triangle of that one's linear system becomes its `information`, row by row.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void refine_end(int n_parts, float strength, float weight, __global const float *sigma,
+void refine_end(// constants
+                int n_parts, float strength, float weight, __global const float *sigma,
+                // in
                 __global const float *poses, __global const vfloat *parts,
-                __global float *least, __global float *shifts, __global float *information,
-                __global float *means)
+                // in and out
+                __global float *least, __global float *shifts, __global float *means,
+                // out
+                __global float *information)
 {
     __local vfloat system[N_DOF * ROW_PACKS];
     __local float scratch[GROUP];

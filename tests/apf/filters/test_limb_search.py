@@ -212,7 +212,7 @@ def test_a_lost_arm_is_found(device: Device, monkeypatch: pytest.MonkeyPatch) ->
         reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, pose))
         return float(np.linalg.norm(reached - wanted))
 
-    assert miss(CONFIG) < 0.06
+    assert miss(CONFIG) < 0.08
     assert miss(CONFIG.with_changes(limb_search_reach=0.0)) > 0.3
     monkeypatch.setattr(limb_search, "MARGINS", (0.01, 1.0))  # near where it was alone
     assert miss(CONFIG) < 0.08
