@@ -12,7 +12,8 @@ import zlib
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator
 from collections.abc import Sequence as Items
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -133,6 +134,16 @@ class Session:
         if self.sequence.keeps_frames and not sequence.keeps_frames:
             sequence.keep_frames()
         return Session(sequence, self.device, self.settings)
+
+    def with_frames(self, frames: range) -> Session:
+        """Return a session on some of these frames, with the results and the reconstructor of this
+        one."""
+        stop = frames.stop if frames.stop >= 0 else None
+        other = copy(self)
+        selection = slice(frames.start, stop, frames.step)
+        other.settings = replace(self.settings, selection=selection)
+        other._results = dict(self._results)
+        return other
 
     def compute_once(self, key: Hashable, compute: Callable[[], R]) -> R:
         """Return the result kept under `key`, and compute it if there is none yet."""

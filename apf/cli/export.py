@@ -57,7 +57,7 @@ def print_export(written: Export, gait_wanted: bool, seen: np.ndarray | None = N
     """Print what the files contain, what is missing from them, and where they are; seen: see
     `_export`."""
     track = written.track
-    there = np.ones(len(track), bool) if seen is None else np.isin(track.frames, seen)
+    there = track.present if seen is None else track.present & np.isin(track.frames, seen)
     if track.smoothing is None:
         stdout.print(f"{len(track)} frames as they were tracked, not smoothed")
     else:

@@ -40,9 +40,9 @@ class Estimate:
     refinement's linear system, about the inverse covariance of the pose; zero or (0, 0) without
     refinement. candidates: (K, D) poses that the limb search chose from, see `LimbSearch`; K = 1
     without limb search. candidate_errors: (K,) their errors. misfit: misfit of the pose, see
-    `VoxelLikelihood.misfit_launcher`; NaN if the likelihood has none. confidence, lost, restart:
-    set by `apf.tracking.recovery`. disagreement: (L,) m, see `apf.tracking.two_way`; None after a
-    single pass.
+    `VoxelLikelihood.misfit_launcher`; NaN if the likelihood has none. confidence, lost, present,
+    restart: set by `apf.tracking.recovery`. disagreement: (L,) m, see `apf.tracking.two_way`; None
+    after a single pass.
     """
 
     body: BodyModel
@@ -57,6 +57,7 @@ class Estimate:
     misfit: float = float("nan")
     confidence: float = float("nan")
     lost: bool = False
+    present: bool = True
     restart: int = 0
     disagreement: np.ndarray | None = None
 

@@ -191,6 +191,12 @@ def cut_by_height(
     return StoredVoxels(device, parts, voxels.evidence, voxels.pictures())
 
 
+def shows_somebody(voxels: AnyVoxels, config: FrameChoice | None = None) -> bool:
+    """Return whether a frame has enough surface voxels to be of a person."""
+    config = config or FrameChoice()
+    return len(voxels.cloud().indices) >= config.min_voxels
+
+
 def select_person_points(
     grid: VoxelGrid, indices: np.ndarray, config: FrameChoice | None = None
 ) -> np.ndarray:

@@ -61,7 +61,7 @@ class Figure:
     ) -> None:
         self.track, self.name, body = track, name, track.body
         self.colour = None if number is None else PEOPLE[number % len(PEOPLE)]
-        there = np.ones(len(track), bool) if seen is None else np.isin(track.frames, seen)
+        there = track.present if seen is None else track.present & np.isin(track.frames, seen)
         self.rows = {int(track.frames[row]): int(row) for row in np.flatnonzero(there)}
         ends = (track.joint_names[end] for _, end in track.edges)
         self._edge_colours = self._pick_colours(ends)

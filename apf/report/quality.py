@@ -32,8 +32,8 @@ _NAMED = 4
 class Quality:
     """A track with its agreement with the silhouettes, if that was measured.
 
-    seen: numbers (F_s,) of the frames that show the person, all without it; in the others, in which
-    one of several people is not there, nothing is judged. near: (F,) share of the keypoints that
+    seen: numbers (F_s,) of the frames that show one of several people; None for a single person.
+    Where the person is not there, nothing is judged. near: (F,) share of the keypoints that
     lie near the body, None without keypoints. doubts: what is known to be wrong with the
     observations or the start; such a track is not called good.
     """
@@ -49,8 +49,8 @@ class Quality:
     def there(self) -> np.ndarray:
         """Frames (F,) bool of the track that show the person."""
         if self.seen is None:
-            return np.ones(len(self.track), bool)
-        return np.isin(self.track.frames, self.seen)
+            return self.track.present
+        return self.track.present & np.isin(self.track.frames, self.seen)
 
     @cached_property
     def lost(self) -> np.ndarray:
@@ -217,6 +217,7 @@ class Quality:
             if np.isfinite(track.confidence).any()
             else None,
             "lost_frames": spans(track.frames[self.lost].tolist()),
+            "absent_frames": spans(track.frames[~self.there].tolist()),
             "lost_limbs": {
                 name: spans(track.frames[column].tolist())
                 for name, column in zip(limb_names(track.its_body), track.lost_limbs.T, strict=True)

@@ -60,14 +60,17 @@ PART_SECONDS = 1.0
 
 @dataclass(frozen=True, eq=False)
 class TrackingTask:
-    """A body to track, from `pose` (D,) in the first frame on, by `method`, with one track for each
-    of `seeds`. keypoints: returns the observed points of a frame, by its number."""
+    """A body to track, from `pose` (D,) on, by `method`, with one track for each of `seeds`.
+    keypoints: returns the observed points of a frame, by its number. frame: number of the frame
+    that shows the pose, from which the body is tracked to both ends of the take; by default the
+    first one."""
 
     body: BodyModel
     pose: np.ndarray
     method: Method
     seeds: list[int]
     keypoints: FrameKeypoints | None = None
+    frame: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,43 +101,56 @@ def track_frames(
     grid = automatic_grid(session) if method.uses_voxels else None
     scaled = method.replace(filter=method.filter.scale_to_rate(session.rate))
     scene = Scene(session.device, session.rig, grid, task.body)
-    seen = observations(session, task)
     runs = [run_seeds(seed, method.n_runs) for seed in task.seeds]
     every_seed = [seed for of in runs for seed in of]
-    tracker = make_recovering_runs(scene, scaled, every_seed)
-    tracker.start(task.pose)
     report = progress or (lambda stage: None)
-    if method.goes_back:
+
+    def estimate(frames: range) -> Iterator[tuple[int, list[Estimate]]]:
+        tracker = make_recovering_runs(scene, scaled, every_seed)
+        tracker.start(task.pose)
+        seen = observations(session, task, frames)
+        if not method.goes_back:
+            return track_forward(tracker, seen, report)
         back = [make_recovering_runs(scene, scaled, own) for own in runs]
-        found = track_both_ways(session.device, tracker, back, seen, report, fps=session.rate)
-    else:
-        found = track_forward(tracker, seen, report)
+        return track_both_ways(session.device, tracker, back, seen, report, fps=session.rate)
+
     described = _provenance(session, task, grid)
 
     def build_tracks(frames: list[int], estimates: list[list[Estimate]]) -> list[Track]:
-        runs = zip(*estimates, strict=True)
+        order = slice(None, None, 1 if frames[0] <= frames[-1] else -1)
+        runs = zip(*estimates[order], strict=True)
         return [
-            build_track(task.body, sequence.fps, frames, list(run), made)
+            build_track(task.body, sequence.fps, frames[order], list(run), made)
             for made, run in zip(described, runs, strict=True)
         ]
 
-    return _collect_tracks(found, build_tracks, keep)
+    begin = 0 if task.frame is None else session.frames.index(task.frame)
+    after = _collect_parts(estimate(session.frames[begin:]), build_tracks, keep)
+    if not begin or after.error is not None:
+        return after.join()
+    before = _collect_parts(estimate(session.frames[:begin][::-1]), build_tracks, keep)
+    return _Parts(before.chunks + after.chunks, before.error).join()
 
 
-def observations(session: Session, task: TrackingTask) -> Iterator[tuple[int, Observation]]:
-    """Yield number and observation of every frame of the session, with keypoints. Frames that the
-    session is asked to keep are kept while they are carved."""
+def observations(
+    session: Session, task: TrackingTask, frames: range | None = None
+) -> Iterator[tuple[int, Observation]]:
+    """Yield number and observation of `frames`, by default every frame of the session, with
+    keypoints. Frames that the session is asked to keep are kept while they are carved."""
+    frames = session.frames if frames is None else frames
     method, keypoints = task.method, task.keypoints
     seen: Iterator[tuple[int, Shown]]
     if method.objective == "keypoints":
-        seen = ((index, None) for index in session.frames)
+        seen = ((index, None) for index in frames)
     else:
         observe: Callable[[Frame], Shown]
         if method.uses_voxels:
             observe = session.reconstructor(automatic_grid(session))
         else:
             observe = make_observer(session.device, session, None, method, session.reconstruction)
-        seen = observe_frames(observe, session.sequence.frames(session.settings.selection))
+        stop = frames.stop if frames.stop >= 0 else None
+        chosen = slice(frames.start, stop, frames.step)
+        seen = observe_frames(observe, session.sequence.frames(chosen))
         if method.uses_voxels:
             seen = _keep_in_session(session, seen)
     if keypoints is None:
@@ -182,37 +198,48 @@ def track_forward(
         progress("tracking")
 
 
-def _collect_tracks(
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """The chunks of each seed's track, in the order of their frames; some may be files. error: that
+    ended them early, or the user's interrupt."""
+
+    chunks: list[Items[Track | Path]]
+    error: BaseException | None = None
+
+    def join(self) -> Tracked:
+        """Return the tracks of all chunks. Raises the error if there is none."""
+        if not self.chunks:
+            raise self.error or InputError("there is no frame to track; expected at least one")
+        tracks = [concatenate_tracks(run).judged for run in zip(*self.chunks, strict=True)]
+        if isinstance(self.error, KeyboardInterrupt):
+            tracks = [_mark_interrupted(track) for track in tracks]
+        return Tracked(tracks, self.error if isinstance(self.error, UserError) else None)
+
+
+def _collect_parts(
     found: Iterator[tuple[int, list[Estimate]]],
     build_tracks: Callable[[list[int], list[list[Estimate]]], list[Track]],
     keep: KeepParts | None,
-) -> Tracked:
+) -> _Parts:
     """Build the tracks chunk by chunk, so that a long run holds only its rows in memory, or none if
-    they are stored; see `track_frames`."""
+    they are stored; see `track_frames`. Frames ascend or descend."""
     parts: list[Items[Track | Path]] = []
-    stopped, interrupted = None, False
-    while True:
+    numbers: list[int] = []
+    error: BaseException | None = None
+    more = True
+    while more:
         frames, estimates, more, error = _track_part(found, PART_SECONDS)
-        if not estimates and not parts:
-            raise error or InputError("there is no frame to track; expected at least one")
-        if estimates:
-            part = build_tracks(frames, estimates)
-            parts.append(part)
-            if keep is not None and error is None:
-                try:
-                    parts[-1] = keep(part) or part
-                except UserError as failure:
-                    stopped, more = failure, False
-                except KeyboardInterrupt:
-                    more, interrupted = False, True
-        if isinstance(error, UserError):
-            stopped = error
-        if not more:
-            tracks = [concatenate_tracks(run).judged for run in zip(*parts, strict=True)]
-            # the interrupt may have come after the last frame
-            if interrupted or isinstance(error, KeyboardInterrupt):
-                tracks = [_mark_interrupted(track) for track in tracks]
-            return Tracked(tracks, stopped)
+        if not estimates:
+            continue
+        numbers += frames
+        part = build_tracks(frames, estimates)
+        parts.append(part)
+        if keep is not None and error is None:
+            try:
+                parts[-1] = keep(part) or part
+            except (UserError, KeyboardInterrupt) as failure:
+                error, more = failure, False
+    return _Parts(parts if numbers == sorted(numbers) else parts[::-1], error)
 
 
 def _mark_interrupted(track: Track) -> Track:

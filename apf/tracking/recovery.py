@@ -66,8 +66,8 @@ class RecoveringTracker:
     searched even if a pose near the last one fits; for bodies without a head, because legs alone
     also fit arms and trunk. retry: number of lost frames from one search everywhere to the next.
     recovers: whether the body can be lost at all. enough: whether an observation shows enough of
-    the person to search by it; by default always. Estimates of lost frames hold the
-    last good pose, unless the first of these searches confirms the tracker's: then the pictures are
+    a person to search by it, else nobody is present; by default always. Estimates of lost frames
+    hold the last good pose, unless the first of these searches confirms the tracker's: then the pictures are
     poor, and the pose goes on.
     """
 
@@ -119,7 +119,8 @@ class RecoveringTracker:
 
     def _recover(self, observation: Observation, lost: Estimate) -> Estimate:
         """Return the estimate after a restart, or `lost` if no restart succeeds."""
-        found = self._reacquire(observation, lost) if self._enough(observation) else lost
+        enough = self._enough(observation)
+        found = self._reacquire(observation, lost) if enough else replace(lost, present=False)
         # In either case the next frame starts from the last pose in which the person was tracked.
         self._tracker.start(self._pose if found.lost else found.pose)
         return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from collections.abc import Sequence as Items
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -14,14 +15,16 @@ import numpy as np
 from apf.body import BodyModel, posed_joints
 from apf.filters.method import Method
 from apf.filters.term_weights import list_comparing_weights
-from apf.initialisation import Start, initialise
+from apf.initialisation import Start, StartConfig, StartError, initialise
 from apf.initialisation.from_keypoints import KeypointStart
+from apf.initialisation.kept_voxels import select_person_points
 from apf.initialisation.start import check_startable
 from apf.tracking.keypoint_start import fit_to_keypoints
 from apf.tracking.pipeline import TrackingTask, track_frames
 from apf.tracking.settings import TakeSettings
 from apf.tracking.track import Track
 from cl import InputError, UserError
+from psfs.common.numbers import pick_evenly
 from psfs.sequence import Sequence
 from psfs.session import Session
 from psfs.volume import automatic_grid
@@ -31,15 +34,20 @@ from psfs.voxels.grid import VoxelGrid
 #: None.
 Keep: TypeAlias = Callable[[BodyModel, np.ndarray, Items[Track]], "Items[Path] | None"]
 
+#: Frames in which a person is looked for before the start, and the starts that are tried.
+_LOOKS, _TRIES = 24, 3
+#: Share by which the qualities of frames differ that are alike: one person's voxels differ so.
+_ALIKE = 0.1
 #: Largest distance, m, of a given first pose from the volume.
 _NEAR = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """The result for one sequence: `body`, its `pose` (D,) in the first frame, and one track for
-    each seed. start: the automatic start; None if body and pose were given. seconds: of
-    reconstruction and tracking, without the start. error: the error that ended the tracks early."""
+    """The result for one sequence: `body`, its first `pose` (D,), in frame `frame`, from which it
+    was tracked to both ends, and one track for each seed. start: the automatic start; None if body
+    and pose were given. seconds: of reconstruction and tracking, without the start. error: the
+    error that ended the tracks early."""
 
     sequence: Sequence
     body: BodyModel
@@ -48,6 +56,7 @@ class Take:
     tracks: list[Track]
     seconds: float
     error: UserError | None = None
+    frame: int | None = None
 
 
 def track_take(
@@ -57,6 +66,10 @@ def track_take(
     keep: Keep | None = None,
 ) -> Take:
     """Find the person in the session's frames and track them.
+
+    The start is sought in the frames in which the person is seen best, see `rank_starts`; from
+    there they are tracked to both ends. In frames that show nobody, the track is lost and not
+    `present`.
 
     progress: called with the name of every stage that begins ("keypoints", "volume", "start",
     "preparing"), repeatedly with "start" during the start, and after each frame with "tracking"
@@ -70,6 +83,7 @@ def track_take(
     report = progress or (lambda stage: None)
     method, given = settings.tracked_method, settings.given
     start: Start | None = None
+    frame: int | None = None
     keypoint_fit: KeypointStart | None = None
     if given is None:
         check_startable(settings.body_template)  # before anything that takes time
@@ -84,11 +98,7 @@ def track_take(
         automatic_grid(session)
     if given is None:
         report("start")
-        start = initialise(
-            session, settings.body_template,
-            height=settings.height, keep_shape=settings.keep_shape,
-            seed=method.filter.search.seed, progress=lambda: report("start"),
-        )  # fmt: skip
+        frame, start = _find_start(session, settings, lambda: report("start"))
         given = start.body, start.pose
     body, pose = given
     if method.uses_voxels and start is None:
@@ -96,11 +106,69 @@ def track_take(
     report("preparing")
     began = time.perf_counter()
     points = None if keypoint_fit is None else keypoint_fit.observations
-    task = TrackingTask(body, pose, method, settings.run_seeds, points)
+    task = TrackingTask(body, pose, method, settings.run_seeds, points, frame)
     store = None if keep is None else lambda parts: keep(body, pose, parts)
     tracked = track_frames(session, task, report, store)
     seconds = time.perf_counter() - began
-    return Take(session.sequence, body, pose, start, tracked.tracks, seconds, tracked.error)
+    tracks, error = tracked.tracks, tracked.error
+    return Take(session.sequence, body, pose, start, tracks, seconds, error, frame)
+
+
+def _find_start(
+    session: Session, settings: TakeSettings, progress: Callable[[], object]
+) -> tuple[int, Start]:
+    """Return the start, and its frame, in the first of the likely frames in which there is one."""
+    ranked = rank_starts(session, progress)
+    failed: StartError | None = None
+    for frame in ranked:
+        try:
+            return frame, initialise(
+                session.with_frames(session.frames[session.frames.index(frame) :]),
+                settings.body_template,
+                height=settings.height, keep_shape=settings.keep_shape,
+                seed=settings.tracked_method.filter.search.seed, progress=progress,
+            )  # fmt: skip
+        except StartError as error:
+            failed = failed or error
+    raise failed or StartError("no start was tried; expected frames with a person")
+
+
+def rank_starts(session: Session, progress: Callable[[], object] | None = None) -> list[int]:
+    """Return the frames in which to seek a start, the likeliest first.
+
+    Of frames spread over the session, those are ranked in which the person is seen best for as long
+    as a start takes: whole, upright, and in the pictures of many cameras. Among about equal ones
+    the earliest is first. Raises StartError if none of them shows anybody.
+    """
+    config, frames = StartConfig().frames, session.frames
+    picked = np.array([frames[int(k)] for k in pick_evenly(len(frames), _LOOKS)])
+    reconstruct = session.reconstructor(automatic_grid(session))
+    views = np.zeros((len(picked), 3))  # voxels, height, cameras that see them
+    with suppress(InputError), session.sequence.reader(learning=False) as read:
+        for row, index in enumerate(picked):
+            voxels = reconstruct(read(int(index)))
+            points = select_person_points(voxels.grid, voxels.cloud().indices, config)
+            if len(points) >= config.min_voxels:
+                inside = sum(camera.look_up(points)[0].mean() for camera in session.rig)
+                views[row] = len(points), np.ptp(points[:, 2]), inside
+            if progress is not None:
+                progress()
+    shown = views[:, 0] > 0
+    if not shown.any():
+        raise StartError(
+            f"nobody is seen in {len(picked)} frames spread over the take: fewer than "
+            f"{config.min_voxels} surface voxels in each; expected a person in view of all cameras "
+            "for a second"
+        )
+    quality = np.minimum(views / np.median(views[shown], axis=0), 1).prod(1)
+    lasting = config.duration * session.sequence.fps
+    later = np.abs(picked - picked[:, None])
+    within = np.triu(later <= lasting)
+    during = (within * quality).sum(1) / within.sum(1) * shown
+    if (whole := shown & (later[:, -1] >= lasting)).any():
+        during *= whole  # a start before the take's end has fewer frames
+    order = np.argsort(-np.minimum(during, (1 - _ALIKE) * during.max()), kind="stable")
+    return [int(picked[row]) for row in order if during[row] > 0][:_TRIES]
 
 
 def check_terms(sequence: Sequence, method: Method) -> None:

@@ -49,6 +49,7 @@ _FIELDS = {
 #: The diagnostics that later stages compute with; only these are checked.
 _DIAGNOSTICS = {
     "lost": Values(("F",), "bool"),
+    "present": Values(("F",), "bool"),
     "restart": Values(("F",), "bool"),
     "confidence": Values(("F",), finite=False),
     "deviation": Values(("F", "D"), finite=False, low=0, high=np.inf),
@@ -81,7 +82,7 @@ class Track:
     deviation (F, D): standard deviation of the particles, rad or m. misfit (F,): see
     `apf.likelihood.base`. restart (F,): 0 tracked, 1 found near the last good pose, 2 found by a
     global search. limb_margin, limb_disagreement (F, L): the inputs of `limb_confidence`; the
-    latter exists if several passes were compared. confidence, lost, covariance, standing,
+    latter exists if several passes were compared. confidence, lost, present, covariance, standing,
     limb_confidence: see the properties.
     """
 
@@ -151,8 +152,14 @@ class Track:
 
     @property
     def lost(self) -> np.ndarray:
-        """Frames (F,) bool in which the tracker had lost the person; all False if not reported."""
+        """Frames (F,) bool in which the tracker had no pose of the person, who is lost or not
+        present; all False if not reported."""
         return self._diagnostic("lost", np.zeros(len(self), bool)).astype(bool)
+
+    @property
+    def present(self) -> np.ndarray:
+        """Frames (F,) bool that show a person; all True if not reported."""
+        return self._diagnostic("present", np.ones(len(self), bool)).astype(bool)
 
     @property
     def confidence(self) -> np.ndarray:

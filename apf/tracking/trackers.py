@@ -13,7 +13,7 @@ from apf.filters.method import Method
 from apf.initialisation import StartConfig, StartError, find_start
 from apf.initialisation.config import AcceptanceConfig
 from apf.initialisation.from_keypoints import fit_pose_to_points
-from apf.initialisation.kept_voxels import store_voxels
+from apf.initialisation.kept_voxels import shows_somebody, store_voxels
 from apf.likelihood.observations import AnyVoxels, Observation, split_observation
 from apf.scene import Scene
 from apf.tracking.recovery import RETRY, RecoveringRuns, RecoveringTracker, SeparateRuns
@@ -87,8 +87,10 @@ def make_recovering_tracker(
         return [found.pose]
 
     def enough(observation: Observation) -> bool:
-        points = split_observation(observation).points
-        return method.uses_voxels or points is None or not points.few
+        shown, points = split_observation(observation)
+        if not method.uses_voxels:
+            return points is None or not points.few
+        return shown is None or shows_somebody(cast(AnyVoxels, shown))
 
     return RecoveringTracker(
         tracker or make_tracker(scene, method),
