@@ -67,8 +67,8 @@ class RecoveringTracker:
     also fit arms and trunk. retry: number of lost frames from one search everywhere to the next.
     recovers: whether the body can be lost at all. enough: whether an observation shows enough of
     a person to search by it, else nobody is present; by default always. Estimates of lost frames
-    hold the last good pose, unless the first of these searches confirms the tracker's: then the pictures are
-    poor, and the pose goes on.
+    hold the last good pose, unless the first of these searches confirms the tracker's: then the
+    pictures are poor, and the pose goes on.
     """
 
     def __init__(

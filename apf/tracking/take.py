@@ -160,7 +160,7 @@ def rank_starts(session: Session, progress: Callable[[], object] | None = None) 
             f"{config.min_voxels} surface voxels in each; expected a person in view of all cameras "
             "for a second"
         )
-    quality = np.minimum(views / np.median(views[shown], axis=0), 1).prod(1)
+    quality = np.minimum(views / np.quantile(views[shown], 0.75, axis=0), 1).prod(1)
     lasting = config.duration * session.sequence.fps
     later = np.abs(picked - picked[:, None])
     within = np.triu(later <= lasting)

@@ -21,6 +21,7 @@ from apf.filters.method import Method
 from apf.initialisation.from_keypoints import start_from_keypoints
 from apf.keypoints import Keypoints
 from apf.scene import Scene
+from apf.tracking.pipeline import TrackingTask, track_frames
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import track_take
 from cl import Device, InputError
@@ -71,6 +72,20 @@ def test_keypoints_alone_need_no_picture(device: Device) -> None:
     for track in take.tracks:
         assert miss(track) < 0.03 and not track.lost.any()
     assert (take.tracks[0].poses != take.tracks[1].poses).any()
+
+
+def test_a_body_is_tracked_from_a_frame_to_both_ends(device: Device) -> None:
+    keypoints = of_poses(RIG, BODY, poses(), noise=2.0)
+    method = Method.create(objective="keypoints", n_particles=100, n_layers=5).with_keypoints(1)
+    session = blind_session(device)
+    points = start_from_keypoints(RIG, keypoints, BODY, session.frames).observations
+    task = TrackingTask(BODY, poses()[4], method, [0], points, frame=4)
+    kept: list[int] = []
+    found = track_frames(session, task, keep=lambda parts: kept.extend(parts[0].frames))
+    assert found.tracks[0].frames.tolist() == sorted(kept) == list(range(N))
+    assert miss(found.tracks[0]) < 0.03 and found.tracks[0].present.all()
+    again = track_frames(session, replace(task, frame=0, pose=poses()[0])).tracks[0]
+    assert miss(again) < 0.03
 
 
 def test_the_lost_are_found_by_their_keypoints(device: Device) -> None:

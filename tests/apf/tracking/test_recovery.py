@@ -118,6 +118,18 @@ def test_nobody_is_lost_by_a_method_that_does_not_recover() -> None:
     assert not any(e.lost for e in found) and found[1].confidence < 0.5
 
 
+def test_in_frames_without_a_person_nobody_is_searched() -> None:
+    """Frames from 40 on show too little."""
+    searches: list[float] = []
+    tracker = RecoveringTracker(
+        OnALine(0.1), lambda: OnALine(1.0), lambda p: searches.append(p) or [],
+        enough=lambda place: place < 40,
+    )  # fmt: skip
+    found = run(tracker, [0.05, 50.0, 51.0, 0.1])
+    assert [e.lost for e in found] == [False, True, True, False] and not searches
+    assert [e.present for e in found] == [True, False, False, True]
+
+
 def test_a_person_elsewhere_is_searched_everywhere() -> None:
     tracker = on_a_line(everywhere=True)
     found = run(tracker, [0.0, 50.0, 50.05])

@@ -1,0 +1,69 @@
+"""A take may begin and end with nobody: the start is where somebody is seen best."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers import scenes
+
+from apf.initialisation import StartError
+from apf.tracking.take import rank_starts
+from cl import NumpyDevice
+from psfs.session import Session, SessionSettings
+from psfs.volume import automatic_grid
+from psfs.voxels.grid import VoxelGrid
+
+GRID = VoxelGrid.covering(np.array([-1.5, -1.5, 0]), np.array([1.5, 1.5, 2.0]), 0.05)
+FPS, N = 20.0, 100
+
+
+def block(height: float, x: float = 0.0) -> np.ndarray:
+    """Flat indices of the voxels of a block that stands at x."""
+    inside = (np.abs(GRID.centres() - [x, 0, 0]) < [0.2, 0.2, height]).all(1)
+    return np.flatnonzero(inside)
+
+
+def session_of(shown: dict[range, np.ndarray]) -> Session:
+    """A session whose frames show these voxels."""
+
+    class Reader:
+        rig, fps, folder, name = scenes.ring(4, (200, 150)), FPS, "nowhere", "nowhere"
+
+        def __len__(self) -> int:
+            return N
+
+        def reader(self, learning: bool) -> Reader:
+            return self
+
+        def __enter__(self):
+            return lambda index: index
+
+        def __exit__(self, *error: object) -> None:
+            pass
+
+    def reconstruct(index: int) -> SimpleNamespace:
+        indices = next((v for frames, v in shown.items() if index in frames), np.zeros(0, int))
+        return SimpleNamespace(grid=GRID, cloud=lambda: SimpleNamespace(indices=indices))
+
+    session = Session(Reader(), NumpyDevice(), SessionSettings())  # type: ignore[arg-type]
+    session.replace_result(automatic_grid, GRID)
+    session.reconstructor = lambda grid: reconstruct  # type: ignore[method-assign]
+    return session
+
+
+def test_the_start_is_where_the_person_stands_whole() -> None:
+    """The person comes in at the border, crouches, and stands."""
+    shown = {range(20, 40): block(1.7, 1.4), range(40, 60): block(0.9), range(60, 95): block(1.7)}
+    ranked = rank_starts(session_of(shown))
+    assert all(55 <= frame <= 75 for frame in ranked[:2]) and ranked == sorted(ranked)
+
+
+def test_of_equal_frames_the_first_is_the_start() -> None:
+    assert rank_starts(session_of({range(N): block(1.7)}))[0] == 0
+
+
+def test_nobody_in_any_frame_is_an_error_of_the_start() -> None:
+    with pytest.raises(StartError, match="nobody is seen in 24 frames"):
+        rank_starts(session_of({range(N): block(0.1)}))
