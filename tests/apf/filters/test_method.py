@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from apf.api import read_given_start
+from apf.takes.start import read_given_start
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.method import Method
