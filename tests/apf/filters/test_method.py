@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from apf.takes.start import read_given_start
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.method import Method
 from apf.filters.objectives import OBJECTIVES
 from apf.filters.searches import SEARCHES
+from apf.takes.start import read_given_start
 from apf.tracking.pipeline import TrackingTask, track_frames
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice
