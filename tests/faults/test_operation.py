@@ -259,12 +259,6 @@ def test_a_display_that_matplotlib_does_not_know(monkeypatch: pytest.MonkeyPatch
     assert "MPLBACKEND" not in os.environ
 
 
-def test_closed_standard_streams(stock: Path) -> None:
-    words = f"{sys.executable} -m psfs.cli info {stock / 'walk'} --no-pictures >&- <&-"
-    done = subprocess.run(words, shell=True, capture_output=True, check=False, text=True)
-    assert done.returncode == 0 and not done.stderr, done
-
-
 def test_no_linker(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cpus = [handle for handle in working_devices() if device_info(handle).kind == "cpu"]
     if not cpus or not all(map(pocl_wheel.is_wheel, cpus)):
