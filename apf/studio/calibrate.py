@@ -23,11 +23,13 @@ from psfs.calibration.targets.detection import (
     open_uncalibrated,
 )
 from psfs.cameras.calibration import read_calibration
+from psfs.common.requests import Stated
 from psfs.footage.settings import SequenceSettings
 from psfs.page.nodes import CameraNodes, add_floor
 from psfs.page.pictures import PictureReader, mosaic, small_pictures
 from psfs.page.timeline import TimeLine, add_key
 from psfs.page.words import make_lines, make_text
+from psfs.request import CalibrateRequest, frame_range
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelGrid
 
@@ -144,15 +146,12 @@ class CalibrateView:
         """Start `psfs calibrate` as the fields say; its cameras are shown when it has ended."""
         self._stop_search()
         try:
-            flags = [str(self.views.folder), *self.target.flags()]
-        except UserError as error:
-            self._say(error)
-            return
-        if self.floor.value.strip() and self.target.searchable:
-            flags += ["--floor", self.floor.value.strip()]
-        output = free_folder(self._results, f"{self.views.folder.name}-cameras")
-        try:
-            work = self._slot.start(flags, output, command=("psfs", "calibrate"))
+            stated = self.target.stated()
+            if self.floor.value.strip() and self.target.searchable:
+                stated["floor"] = frame_range(self.floor.value.strip())
+            stated["folder"] = self.views.folder
+            stated["output"] = free_folder(self._results, f"{self.views.folder.name}-cameras")
+            work = self._slot.start(CalibrateRequest.from_stated(Stated(stated)))
         except UserError as error:
             self._say(error)
             return

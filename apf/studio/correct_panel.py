@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from apf.body.model import plain_name
+from apf.request import TrackRequest
 from apf.studio.handle import JointHandle
 from apf.studio.opened import OpenedTracks
 from apf.studio.watch import TrackWatch
@@ -22,6 +23,8 @@ from apf.tracking.correction import (
 )
 from apf.tracking.track import Track
 from cl import InputError, UserError
+from psfs.common.requests import SETTINGS, Stated, read_flags, split_tables
+from psfs.common.toml import read_toml
 from psfs.page.look_through import crosses, locate_point
 from psfs.page.timeline import add_key
 from psfs.page.words import make_lines, make_text
@@ -37,13 +40,13 @@ _FIRST = ("wrist", "elbow", "hand", "ankle", "knee", "foot")
 
 
 class CorrectPanel:
-    """The panel. start: starts `apf track` with flags, for a number of frames; say: shows an error
+    """The panel. start: starts a request, for a number of frames; say: shows an error
     on the page."""
 
     def __init__(
         self,
         server: viser.ViserServer,
-        start: Callable[[list[str], int], object],
+        start: Callable[[TrackRequest, int], object],
         say: Callable[[object], object],
     ) -> None:
         self._server, self._start, self._say = server, start, say
@@ -205,8 +208,8 @@ class CorrectPanel:
         if self._watch is None or self.corrections is None:
             return
         try:
-            flags = [*_flags_of_footage(self._watch.opened), "--corrections", str(self.write())]
-            self._start(flags, len(self._watch.opened.frames))
+            request = _repeat_request(self._watch.opened, self.write())
+            self._start(request, len(self._watch.opened.frames))
         except UserError as error:
             self._say(error)
 
@@ -240,12 +243,15 @@ class CorrectPanel:
         self._list.content = make_lines(("note", line) for line in lines)
 
 
-def _flags_of_footage(opened: OpenedTracks) -> list[str]:
-    """Return the flags of `apf track` that repeat the track's own settings. Raises InputError."""
-    settings = opened.folder / "settings.toml"
+def _repeat_request(opened: OpenedTracks, corrections: Path) -> TrackRequest:
+    """Return the request of the track, with corrections. Raises InputError."""
+    settings = opened.folder / SETTINGS
     if opened.sequence is None or not settings.exists():
-        raise InputError(f"{opened.folder}: lacks its footage or settings.toml; expected both")
-    return [str(opened.sequence.folder), "--config", str(settings)]
+        raise InputError(f"{opened.folder}: lacks its footage or {SETTINGS}; expected both")
+    flags, tables = split_tables(read_toml(settings))
+    values = read_flags(settings, TrackRequest, flags)
+    own = {"folders": (opened.sequence.folder,), "corrections": corrections}
+    return TrackRequest.from_stated(Stated({**values, **own}, tables, settings))
 
 
 def _order(name: str) -> tuple[bool, str]:

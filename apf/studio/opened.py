@@ -81,11 +81,10 @@ class OpenedTracks(Opened):
 
 @dataclass(frozen=True, eq=False)
 class RunningTake:
-    """The input of a run that goes on: its footage, and the settings of its voxels; None for those
-    of a preset."""
+    """The input of a run that goes on: its footage, and the settings of its voxels."""
 
     sequence: Sequence
-    config: ReconstructionConfig | None
+    config: ReconstructionConfig
 
 
 def add_tracks(
@@ -196,9 +195,8 @@ def _open_running(
     """Open the track so far of a run that goes on. Its voxels are carved if the user asks for them:
     that takes time from the run."""
     grid, clouds = _joint_grid(tracks), None
-    if grid is not None and running.config is not None:
-        config = running.config
-        carve = _carver(running.sequence, grid, make_device, frames, lambda: config)
+    if grid is not None:
+        carve = _carver(running.sequence, grid, make_device, frames, lambda: running.config)
         clouds = CarvedClouds(grid, len(frames), carve, known)
     return OpenedTracks(
         folder, frames, running.sequence.fps, running.sequence, clouds,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from apf.live.cameras import Captures
+from apf.request import SynthRequest
 from apf.studio.calibrate import CalibrateView
 from apf.studio.correct_panel import CorrectPanel
 from apf.studio.export_panel import ExportPanel
@@ -192,9 +193,9 @@ class Page(BrowserPage):
 
     def make_demo(self) -> None:
         """Make the walk of `apf demo` in a folder of the results, and open it."""
-        output, flags = free_folder(self._results, "demo"), ["--device", self._device]
+        output = free_folder(self._results, "demo")
         try:
-            work = self._demo.start(flags, output, command=("apf", "synth"))
+            work = self._demo.start(SynthRequest(output=output, device=self._device))
         except UserError as error:
             self.say(error)
             return

@@ -12,16 +12,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from apf.presets import PRESETS
+from apf.request import TrackRequest
 from apf.studio.opened import RunningTake
 from apf.studio.settings_panel import SettingsPanel
 from apf.studio.work import Work, WorkSlot, free_folder
 from cl import InputError
+from psfs.common.requests import Stated
 from psfs.diagnostics.sequence_info import find_keypoints
 from psfs.page.server import read_choice
 from psfs.page.timeline import add_key
 from psfs.page.words import make_lines, make_text
+from psfs.request import frame_range
 from psfs.sequence import Sequence
-from psfs.voxels.config import ReconstructionConfig
 
 if TYPE_CHECKING:
     import viser
@@ -96,48 +98,37 @@ class RunPanel:
         self._message.content = make_text(f"{sequence.folder.name}: {len(sequence)} frames")
         self.keypoints.visible = find_keypoints(sequence.folder) is not None
 
-    def flags(self) -> list[str]:
-        """Return the flags of `apf track` that the panel states."""
+    def make_request(self) -> TrackRequest:
+        """Return the request that the panel states. Raises InputError."""
         assert self._sequence is not None
-        flags = [
-            str(self._sequence.folder),
-            "--people",
-            read_choice(self.people),
-            "--device",
-            self._device,
-        ]
-        if (preset := read_choice(self.preset)) != _OURS:
-            flags += ["--preset", preset]
-        if self.frames.value.strip():
-            flags += ["--frames", self.frames.value.strip()]
-        if self.height.value > 0:
-            flags += ["--height", f"{self.height.value:g}"]
-        if self.fast.value:
-            flags.append("--one-way")
-        if self.keypoints.value and (found := find_keypoints(self._sequence.folder)) is not None:
-            flags += ["--keypoints", str(found)]
-        if self._sequence.settings.calibration is not None:
-            flags += ["--calibration", str(self._sequence.settings.calibration)]
-        if isinstance(late := self._sequence.settings.sync, dict):
-            flags += ["--sync", ",".join(f"{name}={frames}" for name, frames in late.items())]
-        if (box := self._volume()) is not None:
-            numbers = np.stack(box, axis=-1).ravel()
-            flags.append("--volume=" + ",".join(f"{number:g}" for number in numbers))
-        return flags
+        capture, people = self._sequence.settings, read_choice(self.people)
+        preset, box = read_choice(self.preset), self._volume()
+        found = find_keypoints(self._sequence.folder) if self.keypoints.value else None
+        stated: dict[str, Any] = {
+            "folders": (self._sequence.folder,),
+            "device": self._device,
+            "people": people if people == "auto" else int(people),
+            "preset": None if preset == _OURS else preset,
+            "frames": frame_range(text) if (text := self.frames.value.strip()) else None,
+            "height": self.height.value or None,
+            "one_way": self.fast.value or None,
+            "keypoints": None if found is None else str(found),
+            "calibration": capture.calibration,
+            "sync": capture.sync if isinstance(capture.sync, dict) else None,
+            "volume": None if box is None else np.array(box).tolist(),
+        }
+        values = {name: value for name, value in stated.items() if value is not None}
+        return TrackRequest.from_stated(Stated(values, self.settings.chosen.tables))
 
-    def start(
-        self, flags: list[str], n_frames: int, tables: dict[str, object] | None = None
-    ) -> Work:
+    def start(self, request: TrackRequest, n_frames: int) -> Work:
         """Start a run into a new folder of the results. Raises InputError while another goes on."""
-        output, own = free_folder(self._results, Path(flags[0]).resolve().name), self._sequence
-        work = self._slot.start(flags, output, n_frames, tables)
+        output = free_folder(self._results, request.folder.resolve().name)
+        own = self._sequence
+        stated = request.stated.over(Stated({"output": output}))
+        work = self._slot.start(TrackRequest.from_stated(stated), n_frames)
         self._running = None
-        if own is not None and str(own.folder) == flags[0]:
-            config: ReconstructionConfig | None = None
-            if self.preset.value == _OURS:
-                stated: Any = (tables or {}).get("reconstruction", {})
-                config = ReconstructionConfig().overlay(stated, "reconstruction")
-            self._running = RunningTake(own, config)
+        if own is not None and own.folder == request.folder:
+            self._running = RunningTake(own, request.reconstruction)
         self.progress.value, self.progress.visible = 0.0, True
         self.start_button.disabled, self.cancel_button.visible = True, True
         self._follower = threading.Thread(
@@ -167,14 +158,11 @@ class RunPanel:
         if self._sequence is None or self.start_button.disabled:
             return
         try:
-            first, _, last = (self.frames.value.strip() or ":").partition(":")
-            chosen = slice(*(int(word) if word.strip() else None for word in (first, last)))
-            n_frames = len(range(len(self._sequence))[chosen])
-            self.start(self.flags(), n_frames, self.settings.chosen.tables)
+            request = self.make_request()
+            frames = range(len(self._sequence))[request.frames or slice(None)]
+            self.start(request, len(frames))
         except InputError as error:
             self._say(error)
-        except ValueError:
-            self._say(f"frames are {self.frames.value!r}; expected a:b, such as 0:120")
 
     def _follow(self, work: Work) -> None:
         """Follow a run to its end: its words, its progress, and its track so far."""

@@ -89,22 +89,21 @@ class TargetFields:
             return ChessboardFinder(squares, square)
         return CharucoFinder(squares, square, _MARKER * square)
 
-    def flags(self) -> list[str]:
-        """Return the flags of `psfs calibrate` that the fields mean. Raises InputError."""
+    def stated(self) -> dict[str, Any]:
+        """Return what the fields state for a `CalibrateRequest`. Raises InputError."""
         kind = read_choice(self.kind)
         if kind == PERSON:
-            flags = ["--person", "--stature", f"{self.stature.value:g}"]
+            values: dict[str, Any] = {"person": True, "stature": self.stature.value}
             if not self.lenses_known and self.field_of_view.value > 0:
-                flags += ["--field-of-view", f"{self.field_of_view.value:g}"]
+                values["field_of_view"] = self.field_of_view.value
         elif kind == WAND:
-            flags = ["--wand", ",".join(f"{length:g}" for length in self._lengths())]
+            values = {"wand": tuple(self._lengths())}
         else:
-            columns, rows = self._squares()
-            flags = ["--board", _BOARDS[kind], "--squares", f"{columns}x{rows}"]
-            flags += ["--square", f"{self.square.value:g}"]
+            values = {"board": _BOARDS[kind], "squares": self._squares()}
+            values["square"] = float(self.square.value)
         if self.lenses_known:
-            flags += ["--intrinsics", str(self._lenses[read_choice(self.intrinsics)])]
-        return [*flags, *(["--sync", "audio"] if self.sound.value and kind != PERSON else [])]
+            values["intrinsics"] = self._lenses[read_choice(self.intrinsics)]
+        return values | ({"sync": "audio"} if self.sound.value and kind != PERSON else {})
 
     def make_board(self) -> tuple[str, bytes]:
         """Return name and content of the PDF of the board. Raises InputError."""

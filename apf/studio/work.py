@@ -9,15 +9,14 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import tomli_w
 
 from apf.tracking.track import PARTS, Track
 from cl import InputError, UserError
+from psfs.common.requests import Request, list_options
 from psfs.common.scratch import temporary_folder
 
 #: Characters of progress bars and tables, which the page has in its own way.
@@ -48,12 +47,12 @@ class WorkSlot:
         """Whether a command goes on."""
         return self.work is not None and not self.work.ended
 
-    def start(self, *arguments: Any, **more: Any) -> Work:
-        """Start a command, see `Work`. Raises InputError while another goes on."""
+    def start(self, request: Request, n_frames: int = 0) -> Work:
+        """Start the command of a request, see `Work`. Raises InputError while another goes on."""
         with self._lock:
             if self.busy:
                 raise InputError("a run goes on; expected one at a time (cancel it first)")
-            self.work = Work(*arguments, **more)
+            self.work = Work(request, n_frames)
             return self.work
 
     def close(self) -> None:
@@ -64,26 +63,17 @@ class WorkSlot:
 
 
 class Work:
-    """A running command.
+    """The running command of a request, which states the folder of its results, a new one.
 
-    flags: after the subcommand, without -o. output: its folder, which must not exist. tables:
-    settings for --config. n_frames: how many are to be tracked. command: program and subcommand.
+    n_frames: how many are to be tracked.
     """
 
-    def __init__(
-        self,
-        flags: Sequence[str],
-        output: Path,
-        n_frames: int = 0,
-        tables: Mapping[str, object] | None = None,
-        *,
-        command: tuple[str, str] = ("apf", "track"),
-    ) -> None:
-        self.output, self.n_frames = output, n_frames
+    def __init__(self, request: Request, n_frames: int = 0) -> None:
+        self.output, self.n_frames = Path(getattr(request, "output", ".")), n_frames
         self._files = ExitStack()
-        program, subcommand = command
-        words = [subcommand, *flags, "-o", str(output)]
-        if tables:
+        program, subcommand = request.COMMAND.split()
+        words = [subcommand, *state_flags(request)]
+        if tables := request.stated.tables:
             settings = self._files.enter_context(temporary_folder()) / "settings.toml"
             settings.write_text(tomli_w.dumps(dict(tables)), encoding="utf-8")
             words += ["--config", str(settings)]
@@ -100,7 +90,7 @@ class Work:
             errors="replace",
             start_new_session=True,
         )
-        self._reader = threading.Thread(target=self._read, daemon=True, name=" ".join(command))
+        self._reader = threading.Thread(target=self._read, daemon=True, name=request.COMMAND)
         self._reader.start()
 
     @property
@@ -159,3 +149,22 @@ class Work:
             for line in lines:
                 if line.strip() and not _DRAWN.intersection(line):
                     self._lines.append(line.rstrip())
+
+
+def state_flags(request: Request) -> list[str]:
+    """Return the words by which a command line states the flags of a request."""
+    values, positional, flags = request.stated.values, list[str](), list[str]()
+    for option in list_options(type(request)):
+        plain = option.plain(values.get(option.dest))
+        if plain is None or plain is False:
+            continue
+        items = [str(item) for item in (plain if option.several else [plain])]
+        if option.flag.positional:
+            positional += items
+        elif option.switch:
+            flags.append(f"--{option.name}")
+        elif option.several:
+            flags += [f"--{option.name}", *items]
+        else:
+            flags.append(f"--{option.name}={items[0]}")
+    return [*positional, *flags]

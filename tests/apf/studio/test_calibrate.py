@@ -101,8 +101,7 @@ def test_board_is_found_and_cameras_are_used(day: Path, page: Page) -> None:
     again.use()
     assert page.footage is not None and page.calibrate is None
     assert page.footage.sequence.rig.names == [camera.name for camera in CAMERAS]
-    flags = page.run.flags()
-    assert flags[flags.index("--calibration") + 1].endswith("calibration.toml")
+    assert str(page.run.make_request().capture.calibration).endswith("calibration.toml")
 
 
 def test_board_is_found_live(day: Path, tmp_path: Path) -> None:
@@ -157,20 +156,20 @@ def test_person_who_walks_in_is_judged(walk: Path) -> None:
     assert "nobody is seen yet" in alone.describe()
 
 
-def test_fields_are_the_flags_of_calibrate(day: Path, page: Page) -> None:
+def test_fields_are_the_request_of_calibrate(day: Path, page: Page) -> None:
     page.open(day / "board")
     assert page.calibrate is not None
     fields = page.calibrate.target
-    assert fields.flags() == ["--board", "charuco", "--squares", "7x5", "--square", "0.037"]
+    assert fields.stated() == {"board": "charuco", "squares": (7, 5), "square": 0.037}
     name, content = fields.make_board()
     assert name == "board_7x5_37mm.pdf" and content.startswith(b"%PDF")
     fields.kind.value = CHESSBOARD
-    assert fields.flags()[1] == "chessboard" and not fields.wand.visible
+    assert fields.stated()["board"] == "chessboard" and not fields.wand.visible
     fields.kind.value = PERSON
-    assert fields.flags() == ["--person", "--stature", "1.7", "--field-of-view", "65"]
+    assert fields.stated() == {"person": True, "stature": 1.7, "field_of_view": 65.0}
     assert not fields.searchable and not page.calibrate.search_button.visible
     fields.kind.value, fields.wand.value = WAND, "0.2,0.3"
-    assert fields.flags() == ["--wand", "0.2,0.3"]
+    assert fields.stated() == {"wand": (0.2, 0.3)}
     fields.wand.value = "long"
     with pytest.raises(InputError, match="expected metres"):
-        fields.flags()
+        fields.stated()

@@ -15,14 +15,17 @@ import pytest
 pytest.importorskip("viser", reason="viser is not installed")
 
 from apf.cli import main
+from apf.request import TrackRequest
 from apf.studio.folders import Roots
 from apf.studio.opened import open_track
 from apf.studio.page import Page
 from apf.studio.settings_panel import ChosenSettings
-from apf.studio.work import Work, WorkSlot, free_folder
+from apf.studio.work import Work, WorkSlot, free_folder, state_flags
 from apf.tracking.correction import list_corrections
 from apf.tracking.track import Track
 from cl import InputError, select_device
+from psfs.cli.program import parse_request
+from psfs.common.requests import Stated, collect_settings
 from psfs.common.toml import read_toml
 from psfs.page.clouds import CarvedClouds
 
@@ -66,8 +69,25 @@ def wait_for(done: Any, seconds: float = 120) -> None:
         time.sleep(0.05)
 
 
+def request_of(folder: Path, tables: dict[str, Any] | None = None) -> TrackRequest:
+    """Return a request to track a folder that does not exist."""
+    values = {"folders": (folder / "gone",), "output": folder / "out"}
+    return TrackRequest.from_stated(Stated(values, tables or {}))
+
+
+def test_a_command_states_what_its_request_states(tmp_path: Path) -> None:
+    words = [
+        str(tmp_path / "a b"), f"--output={tmp_path}", "--frames=0:3", "--one-way", "--people=2", "--sync=cam01=3,cam02=0",
+        "--volume=-1,1,-1,1,0,2", "--no-report", "--preset=song",
+    ]  # fmt: skip
+    request = parse_request(TrackRequest, words)
+    again = parse_request(TrackRequest, state_flags(request))
+    assert repr(again.stated) == repr(request.stated)
+    assert collect_settings(again) == collect_settings(request)
+
+
 def test_error_of_a_run_is_shown(tmp_path: Path) -> None:
-    work = Work([str(tmp_path / "gone")], tmp_path / "out", 1, {"method": {"recover": False}})
+    work = Work(request_of(tmp_path, {"method": {"recover": False}}), 1)
     settings = Path(work.command[-1])
     assert read_toml(settings) == {"method": {"recover": False}}
     wait_for(lambda: work.ended)
@@ -118,12 +138,13 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path) -> None:
     for name, value in (("n_particles", 60), ("n_layers", 3)):
         run.settings.chosen.set(("method", "filter", "search", name), value)
     run.frames.value, run.fast.value = "0:3", True
-    flags = [*run.flags(), "--no-report", "--no-overlay", "--voxel-size", "0.05", "--all-cameras"]
-    work = run.start([*flags, "--init", str(take / "truth.npz")], 3, run.settings.chosen.tables)
+    more = {"report": False, "video": False, "voxel_size": 0.05, "all_cameras": True}
+    stated = Stated({**more, "init": take / "truth.npz"}).over(run.make_request().stated)
+    work = run.start(TrackRequest.from_stated(stated), 3)
     running = run.find_running(work.output)
     assert running is not None and running.sequence.folder == take
     with pytest.raises(InputError, match="one at a time"):
-        run.start(flags, 3)
+        run.start(run.make_request(), 3)
     wait_for(lambda: work.ended)
     assert work.succeeded, work.words
     assert run.find_running(work.output) is None
@@ -188,7 +209,7 @@ def test_two_presses_start_one_run(tmp_path: Path) -> None:
     def press() -> None:
         barrier.wait()
         try:
-            started.append(slot.start([str(tmp_path / "gone")], tmp_path / "out"))
+            started.append(slot.start(request_of(tmp_path)))
         except InputError as error:
             assert "one at a time" in str(error)
 
