@@ -77,7 +77,8 @@ def request_of(folder: Path, tables: dict[str, Any] | None = None) -> TrackReque
 
 def test_a_command_states_what_its_request_states(tmp_path: Path) -> None:
     words = [
-        str(tmp_path / "a b"), f"--output={tmp_path}", "--frames=0:3", "--one-way", "--people=2", "--sync=cam01=3,cam02=0",
+        str(tmp_path / "a b"), f"--output={tmp_path}", "--frames=0:3", "--one-way", "--people=2",
+        "--sync=cam01=3,cam02=0",
         "--volume=-1,1,-1,1,0,2", "--no-report", "--preset=song",
     ]  # fmt: skip
     request = parse_request(TrackRequest, words)
