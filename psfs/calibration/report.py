@@ -92,7 +92,8 @@ def _list_faults(
 
 def judge_calibration(views: list[ViewReport]) -> str:
     """Return one line that says how far the calibration can be trusted."""
-    errors = np.concatenate([view.errors for view in views])
+    sound = [view for view in views if not view.faults] or views
+    errors = np.concatenate([view.errors for view in sound])
     level = rms(errors)
     found = f"reprojection error {level:.2f} px (95 %: {np.percentile(errors, 95):.2f})"
     wrong = sum(bool(view.faults) for view in views)

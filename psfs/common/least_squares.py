@@ -75,12 +75,12 @@ class Residuals:
     @property
     def rows(self) -> np.ndarray:
         """The residuals (M, R), NaN as 0."""
-        return np.nan_to_num(self.values.reshape(len(self.values), -1))
+        return np.nan_to_num(_as_rows(self.values))
 
     @property
     def known(self) -> np.ndarray:
         """Which measurements (M,) there are."""
-        return np.isfinite(self.values.reshape(len(self.values), -1)).all(axis=1)
+        return np.isfinite(_as_rows(self.values)).all(axis=1)
 
     def noise(self) -> np.ndarray:
         """Return the standard deviation (M,) of each number."""
@@ -89,12 +89,17 @@ class Residuals:
         return estimate_noise(self.values, self.groups, self.least)
 
 
+def _as_rows(values: np.ndarray) -> np.ndarray:
+    """Return values (M,) or (M, R) as (M, R)."""
+    return values[:, None] if values.ndim == 1 else values
+
+
 def estimate_noise(
     values: np.ndarray, groups: np.ndarray | None = None, least: float = 0.0
 ) -> np.ndarray:
     """Return the standard deviation (M,) of the numbers of residuals (M,) or (M, R): that of normal
     noise with their median size, of each group by itself; small groups have the noise of all."""
-    rows = values.reshape(len(values), -1)
+    rows = _as_rows(values)
     size = np.linalg.norm(rows, axis=1)
     known = np.isfinite(size)
     normal = float(np.sqrt(chi2.ppf(0.5, rows.shape[1])))
@@ -111,7 +116,7 @@ def estimate_noise(
 def robust_weights(values: np.ndarray, noise: np.ndarray | float) -> np.ndarray:
     """Return the weights (M,), from 0 to 1, of residuals (M,) or (M, R) with a standard deviation
     `noise` of each number (Geman & McClure 1987)."""
-    rows = values.reshape(len(values), -1)
+    rows = _as_rows(values)
     square = np.square(rows).sum(axis=1) / rows.shape[1]
     return np.nan_to_num(1 / (1 + square / np.square(REACH * np.asarray(noise))) ** 2)
 
@@ -204,7 +209,7 @@ def solve(
         change = -_Factor(normal, layout, damping).solve(gradient[:, None])[:, 0]
         trial = update(parameters, layout.split(change))
         tried = evaluate(trial)
-        settled = -float(gradient @ change) < _SETTLED**2 * layout.size
+        settled = -float(gradient @ change) < _SETTLED**2
         if _cost(tried, noises) <= _cost(residuals, noises):
             parameters, residuals, damping = trial, tried, damping / 10
             noises = [of.noise() for of in residuals]
@@ -221,7 +226,7 @@ def _cost(residuals: Sequence[Residuals], noises: Sequence[np.ndarray]) -> float
     """Return the sum of the robust squares; infinite for parameters that cannot be."""
     total = 0.0
     for of, noise in zip(residuals, noises, strict=True):
-        rows = of.values.reshape(len(of.values), -1)
+        rows = _as_rows(of.values)
         square = np.nan_to_num(np.square(rows).sum(axis=1) / noise**2, posinf=np.inf)
         if of.robust:
             square = square / (1 + square / (REACH**2 * rows.shape[1]))

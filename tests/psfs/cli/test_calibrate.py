@@ -84,7 +84,7 @@ def test_board_with_known_lenses(boards: Path, tmp_path: Path) -> None:
     assert calibrate(boards, out, "--board", str(board), "--floor", "0", *lenses) == 0
     found = list(read_calibration(out / "calibration.toml"))
     away, scale = made.differences(found, ARC)
-    assert away.max() < 5 and abs(scale) < 0.002
+    assert away.max() < 6 and abs(scale) < 0.002
     # The first inner corner is above the origin, X along the board's upper edge, Z up.
     first = np.array([-0.2 + SQUARE, 0.9 - SQUARE, 0])
     for camera, true in zip(found, ARC, strict=True):
@@ -102,7 +102,7 @@ def test_wand(wands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert calibrate(wands, tmp_path, "--wand", "0.5", *lenses) == 0
     found = list(read_calibration(tmp_path / "calibration.toml"))
     away, scale = made.differences(found, CAMERAS)
-    assert away.max() < 5 and abs(scale) < 0.002
+    assert away.max() < 6 and abs(scale) < 0.002
     report = json.loads((tmp_path / "calibration.json").read_text())
     assert all(of["reprojection_px"]["rms"] < 0.5 for of in report["cameras"].values())
     printed = capsys.readouterr().out
