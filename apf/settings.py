@@ -7,13 +7,8 @@ from apf.filters.method import Method
 from apf.initialisation.config import StartConfig
 from apf.initialisation.fit_config import JointFitConfig, KeypointStartConfig
 from apf.keypoints.config import (
-    AgreementConfig,
     AssociationConfig,
-    CropConfig,
-    LagConfig,
     PersonConfig,
-    SideConfig,
-    StandingRegionConfig,
 )
 from apf.live.config import LiveConfig
 from apf.report.config import MotionConfig, QualityConfig
@@ -26,13 +21,8 @@ from psfs.common.config import Config, part
 class KeypointSettings(Config):
     """Detection, choice and comparison of keypoints."""
 
-    crop: CropConfig = part(CropConfig)
-    standing: StandingRegionConfig = part(StandingRegionConfig)
     persons: PersonConfig = part(PersonConfig)
     association: AssociationConfig = part(AssociationConfig)
-    agreement: AgreementConfig = part(AgreementConfig)
-    lags: LagConfig = part(LagConfig)
-    sides: SideConfig = part(SideConfig)
 
 
 class ClusterSettings(Config):

@@ -46,9 +46,7 @@ def _calibrate(request: CalibrateRequest) -> None:
     views = open_person_footage(request)
     large, kept = read_lenses(request, views)
     if not kept:
-        config = config.replace(
-            adjustment=config.adjustment.free_lenses(), points=config.points.free_lenses()
-        )
+        config = config.free_lenses()
     keypoints = Keypoints.open(request.keypoints or "", views)
     for note in keypoints.notes:
         remark("note", "cyan", note)

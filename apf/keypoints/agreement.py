@@ -10,11 +10,9 @@ from itertools import combinations
 
 import numpy as np
 
-from apf.keypoints.config import AgreementConfig
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import find_landmarks
-from apf.keypoints.sides import faces_backward
-from apf.keypoints.timing import describe_lags, find_late_cameras, shift_cameras
+from apf.keypoints.timing import AGREEING, describe_lags, find_late_cameras, shift_cameras
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.triangulation import (
     TriangulationConfig,
@@ -22,11 +20,21 @@ from psfs.cameras.triangulation import (
     triangulate,
     undistort_points,
 )
+from psfs.common.numbers import pick_evenly
+
+#: Examined keypoints, spread over frames and names, and frames in which sides are examined.
+_SAMPLED, _FRAMES = 100, 60
+#: Share of a camera's keypoints that the others must see somewhere, to be compared.
+_KNOWN = 0.2
+#: Factors by which the pictures of the keypoints may be larger than the sequence's.
+_RESOLUTIONS = (0.25, 1 / 3, 0.5, 2 / 3, 1.5, 2.0, 3.0, 4.0)
+#: Fewest frames in which nose or toes are known, and share in which they must lie behind: of nine
+#: sequences they lie in front in 95 to 100 %.
+_LEAST_FRAMES, _BACKWARD = 5, 0.8
+_LIMITS = TriangulationConfig()
 
 
-def find_disagreements(
-    keypoints: Keypoints, rig: CameraRig, rate: float, config: AgreementConfig | None = None
-) -> list[str]:
+def find_disagreements(keypoints: Keypoints, rig: CameraRig, rate: float) -> list[str]:
     """List what is wrong with the cameras' keypoints (px of the original pictures), a line each.
 
     rate: frames per second. Empty if they are consistent, or too few for a comparison.
@@ -34,9 +42,9 @@ def find_disagreements(
     late = find_late_cameras(keypoints, rig)
     if late:
         shifted = shift_cameras(keypoints, late)
-        if not _Agreement(shifted, rig, config or AgreementConfig()).report():
+        if not _Agreement(shifted, rig).report():
             return describe_lags(late, rate)
-    found = _Agreement(keypoints, rig, config or AgreementConfig()).report()
+    found = _Agreement(keypoints, rig).report()
     if not found and faces_backward(keypoints, rig):
         return [
             "left and right look exchanged in the keypoints of all cameras: nose and toes point "
@@ -48,12 +56,12 @@ def find_disagreements(
 class _Agreement:
     """A sample of the keypoints, and their distances from each other under a hypothesis."""
 
-    def __init__(self, keypoints: Keypoints, rig: CameraRig, config: AgreementConfig) -> None:
-        self.rig, self.config, self.names = rig, config, keypoints.names
+    def __init__(self, keypoints: Keypoints, rig: CameraRig) -> None:
+        self.rig, self.names = rig, keypoints.names
         points = keypoints.points
-        sure = np.nan_to_num(points[..., 2]) >= config.confidence
+        sure = np.nan_to_num(points[..., 2]) >= _LIMITS.min_confidence
         frames, columns = np.nonzero(sure.sum(0) >= min(3, len(rig)))
-        chosen = np.linspace(0, len(frames) - 1, min(config.n_points, len(frames))).astype(int)
+        chosen = np.linspace(0, len(frames) - 1, min(_SAMPLED, len(frames))).astype(int)
         self.columns = columns[chosen]
         #: All keypoints of the chosen frames (V, N, K, 3), and the chosen ones (V, N, 3).
         self.of_frames = points[:, frames[chosen]].astype(np.float64)
@@ -62,12 +70,12 @@ class _Agreement:
 
     def report(self) -> list[str]:
         away = np.array([self.measure_distance(self.seen, view) for view in range(len(self.rig))])
-        wrong = [int(view) for view in np.flatnonzero(away > self.config.away)]
+        wrong = [int(view) for view in np.flatnonzero(away > 2 * AGREEING)]
         if not wrong:
             return []
         order = [*wrong, *(view for view in range(len(self.rig)) if view not in wrong)]
         for text, seen in self.guess_causes(wrong) if len(self.rig) > 2 else ():
-            if all(self.measure_distance(seen, view) <= self.config.away for view in order):
+            if all(self.measure_distance(seen, view) <= 2 * AGREEING for view in order):
                 return [text]
         if 2 * len(wrong) > len(self.rig):
             pixels = float(np.median(away * self.heights))
@@ -88,19 +96,18 @@ class _Agreement:
         seen: (V, N, 3). The distance is a share of the picture's height; 0 if none can be compared,
         1 if the others are inconsistent.
         """
-        config = self.config
         straight = undistort_points(self.rig, seen)
         others, most = straight.copy(), 1e8
         if len(self.rig) > 2:
             others[view] = np.nan
-            most = 0.5 * config.away * float(self.heights.min())
-        limits = TriangulationConfig(max_error=most, min_confidence=config.confidence)
+            most = AGREEING * float(self.heights.min())
+        limits = TriangulationConfig(max_error=most, min_confidence=_LIMITS.min_confidence)
         points = triangulate(self.rig, others, limits).points
         errors = reprojection_errors(self.rig, straight, points)[view]
-        sure = np.nan_to_num(seen[..., 2]) >= config.confidence
+        sure = np.nan_to_num(seen[..., 2]) >= _LIMITS.min_confidence
         sure = sure[view] & (sure.sum(0) >= min(3, len(self.rig)))
         known = sure & ~np.isnan(errors)
-        if known.sum() < config.known * sure.sum():
+        if known.sum() < _KNOWN * sure.sum():
             return 1.0
         return float(np.median(errors[known]) / self.heights[view]) if known.any() else 0.0
 
@@ -123,7 +130,7 @@ class _Agreement:
         upward = seen.copy()
         upward[..., 1] = sizes[..., 1] - 1 - seen[..., 1]
         yield "y of the keypoints seems to go up; expected down, from the picture's top", upward
-        for factor in self.config.resolutions:
+        for factor in _RESOLUTIONS:
             scaled = seen.copy()
             scaled[..., :2] = (seen[..., :2] + 0.5) / factor - 0.5
             width, height = self.rig[0].size
@@ -155,3 +162,47 @@ class _Agreement:
         for column, landmark in own.items():
             partners[column] = columns.get(landmark.partner or "", column)
         return partners
+
+
+def faces_backward(keypoints: Keypoints, rig: CameraRig) -> bool:
+    """Return whether the person would look and step backward.
+
+    Forward is perpendicular to the trunk and to the line from the right to the left shoulder, or
+    hip. Keypoints whose left and right are exchanged in all cameras fit each other as well as
+    before, but the nose lies behind the ears and the toes behind the heels.
+    """
+    points = _triangulate_landmarks(keypoints, rig)
+
+    def point(name: str) -> np.ndarray:
+        unknown = np.full((1, 3), np.nan)
+        return points.get(name, unknown)
+
+    def middle(name: str) -> np.ndarray:
+        return 0.5 * (point(f"l_{name}") + point(f"r_{name}"))
+
+    up = middle("shoulder") - middle("hip")
+    towards = {
+        name: np.cross(point(f"l_{name}") - point(f"r_{name}"), up) for name in ("shoulder", "hip")
+    }
+    votes = [_forward(point("nose") - middle("ear"), towards["shoulder"])]
+    for side in ("l", "r"):
+        back = f"{side}_heel" if f"{side}_heel" in points else f"{side}_ankle"
+        votes.append(_forward(point(f"{side}_big_toe") - point(back), towards["hip"]))
+    known = [vote for vote in votes if len(vote) >= _LEAST_FRAMES]
+    return bool(known) and all(float(np.mean(vote < 0)) > _BACKWARD for vote in known)
+
+
+def _triangulate_landmarks(keypoints: Keypoints, rig: CameraRig) -> dict[str, np.ndarray]:
+    """Return the points (F, 3) m of some frames by their landmarks' names; NaN where unknown."""
+    rows = pick_evenly(keypoints.n_frames, _FRAMES)
+    seen = keypoints.undistort(rig).points[:, rows]
+    limits = TriangulationConfig(max_error=AGREEING * rig.height)
+    landmarks = find_landmarks(keypoints.names)
+    places = triangulate(rig, seen[:, :, list(landmarks)], limits).points
+    return {landmark.name: places[:, k] for k, landmark in enumerate(landmarks.values())}
+
+
+def _forward(step: np.ndarray, towards: np.ndarray) -> np.ndarray:
+    """Return the known ones (n,) of the products of steps (F, 3) and directions (F, 3)."""
+    products: np.ndarray = (step * towards).sum(-1)
+    return products[np.isfinite(products)]

@@ -59,7 +59,7 @@ def calibrate_by_keypoints(
 ) -> PointCalibration:
     """Estimate the cameras' poses and lags from keypoints in their pictures at `rate` per second.
 
-    cameras: with the intrinsics that are kept, unless `config.points.focal` says otherwise. The
+    cameras: with the intrinsics that are kept, unless `config.focal` says otherwise. The
     world has Z up, Z = 0 on the floor, and the scale of `config.stature`. Raises InputError if the
     cameras cannot be found, or if the keypoints are no landmarks.
     """
@@ -73,8 +73,10 @@ def calibrate_by_keypoints(
     names = list(used.values())
     longest = round(config.longest_lag * rate)
     points = keypoints.points[:, :, list(used)]
-    own = calibrate_by_points(cameras, points, longest, config.points, _find_segments(names))
-    return _align(own, names, _Proportions.create(names, config.stature), config)
+    own = calibrate_by_points(
+        cameras, points, longest, config.points, _find_segments(names), config.focal
+    )
+    return _align(own, names, _Proportions.create(names, config.stature))
 
 
 def _find_segments(names: list[str]) -> list[tuple[int, int]]:
@@ -83,9 +85,7 @@ def _find_segments(names: list[str]) -> list[tuple[int, int]]:
     return [(names.index(a), names.index(b)) for a, b in found if a in names and b in names]
 
 
-def _align(
-    found: PointCalibration, names: list[str], body: _Proportions, config: PersonConfig
-) -> PointCalibration:
+def _align(found: PointCalibration, names: list[str], body: _Proportions) -> PointCalibration:
     """Return the calibration in metres, Z up, with Z = 0 on the floor below the person's middle."""
     size = _measure_scale(found.points, names, body)
     points = size * found.points
@@ -93,7 +93,7 @@ def _align(
     R = turn_to_up(_measure_up(points, names), cameras[0].R[0])
     ankles = [k for k, name in enumerate(names) if name.endswith("_ankle")]
     low = _find_lowest(points[:, ankles] @ R.T)
-    slope = fit_floor(low, config.floor.replace(up=_LEAN))
+    slope = fit_floor(low, _LEAN)
     R = turn_to_up(R.T @ np.array([-slope[0], -slope[1], 1.0]), cameras[0].R[0])
     local = points @ R.T
     middle = np.nanmedian(local.reshape(-1, 3), axis=0)

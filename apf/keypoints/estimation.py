@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from apf.keypoints.config import CropConfig
 from apf.keypoints.network import PoseNetwork, check_network
 from apf.keypoints.readers.orders import MEDIAPIPE
 from apf.keypoints.standing import PersonFinder
@@ -42,6 +41,12 @@ class EstimationJob:
     people: StandingPeople | None = None
 
 
+#: Margin around the silhouette before the network sees it, least distance of it from the
+#: crop's border, below which a new crop is made, and size of a crop that is too large, as shares of
+#: the silhouette's larger side.
+_MARGIN, _SLACK, _LARGEST = 0.5, 0.1, 4.0
+#: Share of the largest part of the silhouette below which others are left out.
+_SPECKLE = 0.1
 #: Shared between a process and its parent: the number of pictures done by all, and a stop event.
 _shared: dict[str, Any] = {}
 
@@ -146,8 +151,8 @@ class _Crop:
     whether it differs from that of the frame before.
     """
 
-    def __init__(self, sequence: Sequence, device: str, config: CropConfig | None = None) -> None:
-        self._config, self.moved = config or CropConfig(), False
+    def __init__(self, sequence: Sequence, device: str) -> None:
+        self.moved = False
         self._size = sequence.rig[0].size
         self._evidence = make_evidence_function(
             select_device(device), sequence.rig, sequence.background, SilhouetteConfig()
@@ -158,20 +163,18 @@ class _Crop:
         width, height = self._size
         shown = self._evidence(frame)[0, :height, :width] > 0
         before = self._box
-        self._box = update_crop(shown, before, self._config)
+        self._box = update_crop(shown, before)
         self.moved = self._box is not before
         return self._box
 
 
-def update_crop(
-    silhouette: np.ndarray, before: np.ndarray | None, config: CropConfig
-) -> np.ndarray | None:
+def update_crop(silhouette: np.ndarray, before: np.ndarray | None) -> np.ndarray | None:
     """Return the crop (4,) int, left, top, right, bottom px, for a silhouette (h, w) bool.
 
     before: the last crop, kept while the person fits into it. None, the whole picture, for an empty
     silhouette.
     """
-    rows, columns = np.nonzero(keep_large_regions(silhouette, config.speckle))
+    rows, columns = np.nonzero(keep_large_regions(silhouette, _SPECKLE))
     if not rows.size:
         return None
     low = np.array([columns.min(), rows.min()])
@@ -179,13 +182,13 @@ def update_crop(
     side = (high - low).max()
     size = np.array(silhouette.shape[::-1])
     if before is not None:
-        slack = config.slack * side
+        slack = _SLACK * side
         # At the picture's border no margin is possible.
         fits = (before[:2] <= np.maximum(low - slack, 0)).all()
         fits &= (before[2:] >= np.minimum(high + slack, size)).all()
-        if fits and (before[2:] - before[:2]).max() <= config.largest * side:
+        if fits and (before[2:] - before[:2]).max() <= _LARGEST * side:
             return before
-    margin = config.margin * side
+    margin = _MARGIN * side
     corners = np.concatenate([np.maximum(low - margin, 0), np.minimum(high + margin, size)])
     return corners.astype(int)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.keypoints.config import StandingRegionConfig
 from apf.keypoints.network import PoseNetwork
 from apf.keypoints.readers.orders import MEDIAPIPE
 from psfs.cameras.camera import Camera
@@ -14,6 +13,11 @@ from psfs.people.standing import StandingPeople
 _TRUNK = [MEDIAPIPE.index(n) for n in ("left_shoulder", "right_shoulder", "left_hip", "right_hip")]
 #: Points around a person's axis at each height.
 _RING = 16
+#: Radius and height of the region about a person's axis, and height of the trunk, as shares
+#: of the person's height.
+_RADIUS, _ABOVE, _TRUNK_HEIGHT = 0.5, 1.25, 0.67
+#: Distance from the trunk beyond which keypoints are somebody else's, as a share of the height.
+_REACH = 0.25
 
 
 class PersonFinder:
@@ -30,10 +34,9 @@ class PersonFinder:
         camera: Camera,
         people: StandingPeople,
         person: int,
-        config: StandingRegionConfig | None = None,
     ) -> None:
         self._network, self._camera, self._people = network, camera, people
-        self._person, self._config = person, config or StandingRegionConfig()
+        self._person = person
         self._follows = False
         regions = [self._find_region(place) for place in people.places[:, person]]
         shown = np.array([region for region in regions if region is not None]).reshape(-1, 4)
@@ -66,13 +69,13 @@ class PersonFinder:
         if points is None:
             return None
         points = points + np.array([left, top, 0])
-        trunks = places * [1, 1, self._config.trunk]
+        trunks = places * [1, 1, _TRUNK_HEIGHT]
         pixels, _ = self._camera.project(trunks)
         above, _ = self._camera.project(trunks + places * [0, 0, 0.25])
         height = 4 * np.linalg.norm(above - pixels, axis=1)[self._person]
         away = np.linalg.norm(pixels - points[_TRUNK, :2].mean(0), axis=1)
         own = away[self._person]
-        return points if own < self._config.reach * height and own <= np.nanmin(away) else None
+        return points if own < _REACH * height and own <= np.nanmin(away) else None
 
     def _find_region(self, place: np.ndarray) -> np.ndarray | None:
         """Return the region (4,) int, left, top, right, bottom px, about a place (3,): x, y and
@@ -81,8 +84,8 @@ class PersonFinder:
             return None
         angles = 2 * np.pi / _RING * np.arange(_RING)
         ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(_RING)], axis=1)
-        heights = np.array([0, 0.5, 1]) * self._config.above * place[2]
-        points = np.array([*place[:2], 0]) + self._config.radius * place[2] * ring
+        heights = np.array([0, 0.5, 1]) * _ABOVE * place[2]
+        points = np.array([*place[:2], 0]) + _RADIUS * place[2] * ring
         pixels, depths = self._camera.project(points + heights[:, None, None] * [0, 0, 1])
         if not (depths > 0).all():
             return None

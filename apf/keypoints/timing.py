@@ -8,61 +8,65 @@ from dataclasses import replace
 
 import numpy as np
 
-from apf.keypoints.config import LagConfig
 from apf.keypoints.keypoints import Keypoints
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.triangulation import TriangulationConfig, reprojection_errors, triangulate
 from psfs.diagnostics.small_views import SmallViews
 from psfs.self_calibration.points.lags import shift_points
 
+#: Greatest and least lag that is found, and examined frames.
+_MOST, _LEAST, _SAMPLED = 15, 2, 40
+#: Reprojection error of a point, as a share of the picture's height, up to which cameras agree.
+AGREEING = 0.02
+#: Least factor by which distances must fall with the lag: from where the other cameras see points
+#: (1.08 at most untouched, 1.5 and more late), and of the silhouettes' ends (1.01, and 1.10).
+_CAMERA_GAIN, _FOOTAGE_GAIN = 1.3, 1.07
+#: Distance that is noise, and beyond which ends are no farther, as shares of the picture's height.
+_NOISE, _FARTHEST = 0.0005, 0.05
+_LIMITS = TriangulationConfig()
 
-def find_late_cameras(
-    keypoints: Keypoints, rig: CameraRig, config: LagConfig | None = None
-) -> dict[str, int]:
+
+def find_late_cameras(keypoints: Keypoints, rig: CameraRig) -> dict[str, int]:
     """Return by how many frames the keypoints of cameras come later than the others', by name.
 
     Each camera's keypoints are compared, at every lag, with the points that the others triangulate.
     In each step the camera that gains most by a shift is shifted. Needs three cameras.
     """
-    config = config or LagConfig()
-    most = min(config.most, keypoints.n_frames // 3)
+    most = min(_MOST, keypoints.n_frames // 3)
     late: dict[str, int] = {}
-    if len(rig) < 3 or most < config.least:
+    if len(rig) < 3 or most < _LEAST:
         return late
     points = keypoints.undistort(rig).points.astype(np.float64)
-    points[np.nan_to_num(points[..., 2]) < config.confidence] = np.nan
+    points[np.nan_to_num(points[..., 2]) < _LIMITS.min_confidence] = np.nan
     for _ in range((len(rig) - 1) // 2):
-        curves = _camera_costs(points, rig, most, config)
-        gains = _gains(curves, most, config.camera_noise)
+        curves = _camera_costs(points, rig, most)
+        gains = _gains(curves, most, _NOISE)
         view = int(gains.argmax())
         lag = int(np.nanargmin(curves[view])) - most if gains[view] > 1 else 0
-        if gains[view] < config.camera_gain or not config.least <= abs(lag) < most:
+        if gains[view] < _CAMERA_GAIN or not _LEAST <= abs(lag) < most:
             break
         late[rig.names[view]] = lag
         points[view] = shift_points(points[view], lag)
     return late
 
 
-def find_lag_to_footage(
-    keypoints: Keypoints, rig: CameraRig, views: SmallViews, config: LagConfig | None = None
-) -> int:
+def find_lag_to_footage(keypoints: Keypoints, rig: CameraRig, views: SmallViews) -> int:
     """Return by how many frames the keypoints come later than the silhouettes; 0 if they do not.
 
     The keypoints' least and greatest x and y in each picture are compared with those of the
     silhouettes' outlines; what differs in all frames alike, since keypoints lie within the body, is
     subtracted. views: of these cameras or more.
     """
-    config = config or LagConfig()
-    most = min(config.most, len(views.frames) // 3)
-    if most < config.least:
+    most = min(_MOST, len(views.frames) // 3)
+    if most < _LEAST:
         return 0
     outlines = _outline_extents(views, rig)
     shown = keypoints.points[..., :2].astype(np.float64)
-    shown[np.nan_to_num(keypoints.points[..., 2]) < config.confidence] = np.nan
+    shown[np.nan_to_num(keypoints.points[..., 2]) < _LIMITS.min_confidence] = np.nan
     with np.errstate(invalid="ignore"):
         extents = np.concatenate([_least(shown), -_least(-shown)], -1).swapaxes(0, 1)
     heights = np.array([camera.size[1] for camera in rig], float)[:, None]
-    cap, costs = config.footage_cap, np.full(2 * most + 1, np.nan)
+    cap, costs = _FARTHEST, np.full(2 * most + 1, np.nan)
     for number, lag in enumerate(range(-most, most + 1)):
         rows = np.asarray(views.frames) + lag
         there = (rows >= 0) & (rows < len(extents))
@@ -74,8 +78,8 @@ def find_lag_to_footage(
     if not np.isfinite(costs[most]):
         return 0
     lag = int(np.nanargmin(costs)) - most
-    gain = _gains(costs[None], most, config.footage_noise)[0]
-    return lag if gain >= config.footage_gain and config.least <= abs(lag) < most else 0
+    gain = _gains(costs[None], most, _NOISE)[0]
+    return lag if gain >= _FOOTAGE_GAIN and _LEAST <= abs(lag) < most else 0
 
 
 def shift_cameras(keypoints: Keypoints, late: Mapping[str, int]) -> Keypoints:
@@ -100,13 +104,13 @@ def describe_lag(lag: int, rate: float) -> str:
     return f"{abs(lag)} frames {side} ({abs(lag) / rate:.2g} s)"
 
 
-def _camera_costs(points: np.ndarray, rig: CameraRig, most: int, config: LagConfig) -> np.ndarray:
+def _camera_costs(points: np.ndarray, rig: CameraRig, most: int) -> np.ndarray:
     """Return (V, 2 most + 1) each camera's median distance, as a share of the picture's height,
     from where the others see the points (V, F, K, 3), at lags from -most to most."""
     n_views, n_frames, n_points = points.shape[:3]
-    rows = np.linspace(most, n_frames - 1 - most, config.n_frames)
+    rows = np.linspace(most, n_frames - 1 - most, _SAMPLED)
     rows = np.unique(rows.round().astype(int))
-    limits = TriangulationConfig(max_error=config.error * rig.height, min_confidence=0)
+    limits = TriangulationConfig(max_error=AGREEING * rig.height, min_confidence=0)
     costs = np.full((n_views, 2 * most + 1), np.nan)
     for view, camera in enumerate(rig):
         others = np.delete(points[:, rows], view, axis=0).reshape(n_views - 1, -1, 3)

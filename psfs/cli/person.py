@@ -57,7 +57,7 @@ def calibrate_from_person(request: PersonRequest) -> None:
     check_number_of_cameras(len(views.rig))
     large, kept = read_lenses(request, views)
     if not kept:
-        config = config.replace(adjustment=config.adjustment.free_lenses())
+        config = config.free_lenses()
     small, outlines, edges = outline_footage(request, views, large, config)
     with progress_bar() as bar:
         found = calibrate_by_person(
@@ -113,7 +113,7 @@ def outline_footage(
                     break
                 found.append(outline)
                 bar.advance(task)
-            return found, find_empty_edges(empty, factor, config)
+            return found, find_empty_edges(empty, factor)
 
         try:
             outlines, edges = zip(*map_in_threads(extract, range(len(small))), strict=True)
@@ -177,14 +177,27 @@ def _summary(
         "up_from": "room" if found.levelled else "person",
         "cameras": {
             camera.name: {
+                **_uncertainty(found, view),
                 "late_frames": round(float(lag), 3),
                 "position_m": camera.centre.round(4).tolist(),
                 "focal_px": round(float(camera.K[0, 0]), 2),
                 "misfit_px": round(float(misfit), 3),
             }
-            for camera, lag, misfit in zip(rig, found.lags, found.misfits, strict=True)
+            for view, (camera, lag, misfit) in enumerate(
+                zip(rig, found.lags, found.misfits, strict=True)
+            )
         },
         "versions": versions(),
+    }
+
+
+def _uncertainty(found: PersonCalibration, view: int) -> dict[str, float]:
+    """Return the standard deviations of a camera's direction and position, if they are known."""
+    if found.turns is None or found.shifts is None:
+        return {}
+    return {
+        "direction_sigma_degrees": round(float(np.degrees(found.turns[view])), 3),
+        "position_sigma_percent": round(100 * float(found.shifts[view]), 3),
     }
 
 

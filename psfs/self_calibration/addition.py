@@ -15,17 +15,21 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.camera import Camera
-from psfs.self_calibration.adjustment import Adjusted, adjust_last, measure_last_misfit
-from psfs.self_calibration.bobbing import compare_bobbing
+from psfs.self_calibration.adjustment import LAST_GATE, Adjusted, adjust_last, measure_last_misfit
 from psfs.self_calibration.config import PersonConfig
+from psfs.self_calibration.growth import ROUNDS
+from psfs.self_calibration.head_height import compare_head_heights
 from psfs.self_calibration.pairing import Walker, compare_pair
-from psfs.self_calibration.search import ArrangementSearch
+from psfs.self_calibration.search import N_ANGLES, ArrangementSearch
 from psfs.self_calibration.take import FILM, Outlines, PersonTake
 from psfs.self_calibration.upright import UprightView, view_from_up
 from psfs.self_calibration.world import align_to_person, measure_places
 
+#: Most cameras that are searched together, and number of these with which another is compared.
+CORE, _ANCHORS = 8, 4
 
-def choose_core(outlines: Outlines, count: int) -> list[int]:
+
+def choose_core(outlines: Outlines, count: int = CORE) -> list[int]:
     """Return the `count` cameras that see the whole person in most pictures, in their order."""
     whole = [sum(of is not None and not of.at_border.any() for of in own) for own in outlines]
     return sorted(np.argsort(np.negative(whole), kind="stable")[:count].tolist())
@@ -43,14 +47,14 @@ class CameraAddition:
         self.core, self.take, self.config = core, take, config
         own = take.select(core)
         shifts = np.round(found.lags).astype(int)
-        touched = own.points.find_all(found.rig.cameras, shifts, config.adjustment.gates[-1])
+        touched = own.points.find_all(found.rig.cameras, shifts, LAST_GATE)
         (self.rig, _), self.lags = align_to_person(found, own, touched, config), found.lags
         self._frames, self._places = measure_places(self.rig, touched)
         self._walkers, self._azimuths = [], []
         self._hulls = take.trace_hulls()
-        for view, camera in list(zip(core, self.rig, strict=True))[: config.anchors]:
+        for view, camera in list(zip(core, self.rig, strict=True))[:_ANCHORS]:
             seen = take.outlines[view][:: take.step]
-            upright = view_from_up(camera, seen, camera.R[:, 2], config.upright)
+            upright = view_from_up(camera, seen, camera.R[:, 2])
             upright = replace(upright, height=camera.centre[2] / config.stature)
             self._walkers.append(Walker.create(upright, self._hulls[view]))
             right = camera.R.T @ upright.axes[0]
@@ -63,7 +67,7 @@ class CameraAddition:
         for camera, lag in self._find_starts(view):
             lags = np.append(self.lags, lag)
             cameras = (*self.rig.cameras, camera)
-            adjusted = adjust_last(cameras, lags, points, self.config.growth.rounds)
+            adjusted = adjust_last(cameras, lags, points, ROUNDS)
             if adjusted is not None:
                 found.append((measure_last_misfit(*adjusted, points), *adjusted))
         if not found:
@@ -75,19 +79,16 @@ class CameraAddition:
 
     def _find_starts(self, view: int) -> list[tuple[Camera, float]]:
         """Return where the camera may be, and its lags, frames, the best first."""
-        config, take = self.config, self.take
-        angles = 2 * np.pi * np.arange(config.angles) / config.angles
+        take = self.take
+        angles = 2 * np.pi * np.arange(N_ANGLES) / N_ANGLES
         variants = [Walker.create(own, self._hulls[view]) for own in take.views[view]]
         tables, last, steps = {}, len(self._walkers), np.round(self.lags / take.step).astype(int)
         for k, (walker, azimuth) in enumerate(zip(self._walkers, self._azimuths, strict=True)):
-            costs = [
-                compare_pair(walker, own, angles - azimuth, take.most, config.pairs)
-                for own in variants
-            ]
-            bobbing = take.bobbing[self.core[k]], take.bobbing[view]
-            common = compare_bobbing(*bobbing, take.most, take.step, config.pairs)
+            costs = [compare_pair(walker, own, angles - azimuth, take.most) for own in variants]
+            heights = take.heights[self.core[k]], take.heights[view]
+            common = compare_head_heights(*heights, take.most, take.step)
             tables[k, last] = np.array(costs)[None] + common
-        search = ArrangementSearch(tables, last + 1, config.search)
+        search = ArrangementSearch(tables, last + 1)
         placed = {k: (0, 0, int(steps[k])) for k in range(last)}
         return [
             self._place(view, take.views[view][variant], angles[angle], lag)

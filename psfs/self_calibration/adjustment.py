@@ -12,11 +12,13 @@ from copy import copy
 from dataclasses import dataclass
 from itertools import combinations
 
+import cv2
 import numpy as np
 
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead, look_along_baseline
+from psfs.common.least_squares import Parameters, Residuals, Slope, prior, solve
 from psfs.diagnostics.config import AlignmentConfig
 from psfs.diagnostics.frontier import (
     FrontierPoints,
@@ -28,8 +30,21 @@ from psfs.diagnostics.frontier import (
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.refinement import Measure, RigCorrections, RigFit, correct_camera
 from psfs.diagnostics.small_views import Outline
-from psfs.self_calibration.config import AdjustmentConfig
+from psfs.self_calibration.config import PersonConfig
 
+#: Least distance of the line between two cameras from the person, m.
+_NEAREST = 0.4
+#: Fewest outermost points by which two cameras are compared.
+LEAST_SHARED = 20
+#: Distance of a point from its epipolar line beyond which it is no worse, px.
+_FARTHEST = 8.0
+#: Rounds of the first adjustment and of the finalists'.
+FIRST, SECOND = 4, 10
+#: Gate of the last rounds, px: so far silhouettes are wrong.
+LAST_GATE = 2.0
+#: Most passes over a rig, the share of a standard deviation below which it stays, and the multiple
+#: of a step by which another goes on.
+_PASSES, _SETTLED, _FURTHER = 8, 0.1, 5.0
 #: Find points in the cameras' pictures of shifted frames that agree to a number of pixels.
 Find = Callable[[Sequence[Camera], np.ndarray, float], FrontierPoints]
 #: Return `further` of `RigFit.solve` and `group` of `RigFit` for shifts (V,) of cameras' frames.
@@ -39,11 +54,11 @@ MeasureShifted = Callable[[np.ndarray], tuple[Measure, Callable[[FrontierPoints]
 @dataclass(frozen=True, eq=False)
 class Adjusted:
     """An adjusted rig. lags: (V,) frame t of the first camera shows the time of frame t + lags[v]
-    of camera v. last: the corrections of the last step, with their standard deviations."""
+    of camera v. last: the corrections of the last step, if there was one."""
 
     rig: CameraRig
     lags: np.ndarray
-    last: RigCorrections
+    last: RigCorrections | None
 
 
 class PersonPoints:
@@ -51,7 +66,7 @@ class PersonPoints:
 
     def __init__(
         self, cameras: Sequence[Camera], outlines: Sequence[Sequence[Outline | None]],
-        config: AdjustmentConfig,
+        config: PersonConfig,
     ) -> None:  # fmt: skip
         self.config = config
         self.hulls = [HullRays(c, own) for c, own in zip(cameras, outlines, strict=True)]
@@ -75,7 +90,7 @@ class PersonPoints:
             if last and pair[1] != len(cameras) - 1:
                 continue
             _, axes, distance = look_along_baseline(cameras[pair[0]], cameras[pair[1]], scene)
-            if distance < self.config.nearest:
+            if distance < _NEAREST:
                 continue
             sides = []
             for view in pair:
@@ -90,7 +105,7 @@ class PersonPoints:
         """Return by how much, px, two cameras' outermost planes (M, 2) are apart at the same times;
         NaN where unknown, no rows if the cameras' line passes too near to the scene."""
         _, axes, distance = look_along_baseline(cameras[pair[0]], cameras[pair[1]], scene)
-        if distance < self.config.nearest:
+        if distance < _NEAREST:
             return np.zeros((0, 2))
         first, second = (
             self.hulls[view].extremes(self._measure_angles(cameras[view], view, axes))
@@ -116,7 +131,7 @@ class PersonPoints:
         """Return the outermost points and the tips of contours that agree to `gate` px."""
         outermost = self.find_extremes(cameras, shifts)
         residuals, _ = epipolar_residuals(cameras, outermost, np.zeros(len(cameras)))
-        kept = np.abs(residuals) < self.config.outermost * gate
+        kept = np.abs(residuals) < gate
         moved = []
         for contours, shift in zip(self.contours, shifts, strict=True):
             own = copy(contours)
@@ -154,20 +169,22 @@ def adjust_extremes(
     rig: CameraRig, lags: np.ndarray, points: PersonPoints, rounds: int, every: int = 1
 ) -> Adjusted | None:
     """Adjust the rig to the outermost planes; None if there are too few."""
+    config = points.config.wide
     return adjust_rounds(
         rig, lags, lambda cameras, shifts, gate: points.find_extremes(cameras, shifts, every),
-        points.config.wide, [points.config.wide.gate] * rounds,
+        config, [config.gate] * rounds,
     )  # fmt: skip
 
 
 def adjust_frontier(
-    rig: CameraRig, lags: np.ndarray, points: PersonPoints, gates: Sequence[float] | None = None
-) -> Adjusted | None:
-    """Adjust the rig to all frontier points, in a round per gate, by default those of the settings;
-    None if there are too few."""
-    return adjust_rounds(
-        rig, lags, points.find_all, points.config.narrow, gates or points.config.gates
-    )
+    start: Adjusted, points: PersonPoints, widest: float = 16.0,
+    further: MeasureShifted | None = None,
+) -> Adjusted | None:  # fmt: skip
+    """Adjust the rig to all frontier points, matched again within gates from the `widest`, px, to
+    the last; None if there are too few."""
+    gates = np.geomspace(widest, LAST_GATE, round(widest / 2))
+    narrow = points.config.narrow
+    return adjust_rounds(start.rig, start.lags, points.find_all, narrow, gates.tolist(), further)
 
 
 def measure_turn(first: Sequence[Camera], second: Sequence[Camera]) -> float:
@@ -216,48 +233,55 @@ def adjust_last(
 ) -> tuple[tuple[Camera, ...], np.ndarray] | None:
     """Adjust the last camera and its lag to the outermost planes of the others; None if there are
     too few."""
-    config, cameras, lags = points.config.wide, tuple(cameras), lags.copy()
-    sigmas = np.array([*3 * [config.turn], *3 * [config.shift], np.inf, config.time])
-    free = np.isfinite(sigmas)
+    config = points.config.wide
+    spread = np.array([[*3 * [config.turn], *3 * [config.shift], 1e-9, config.time]])
+    cameras, lags = tuple(cameras), lags.copy()
     for _ in range(rounds):
         shifts = np.round(lags).astype(int)
         found = points.find_extremes(cameras, shifts, last=True)
-        if len(found) < config.least_rows * len(sigmas):
+        if len(found) < config.least_rows * spread.size:
             return None
-        residuals, slopes = epipolar_residuals(cameras, found, shifts - lags)
-        width = max(config.noise, 1.4826 * float(np.median(np.abs(residuals))))
-        weights = config.information / (width * (1 + (residuals / (2.5 * width)) ** 2)) ** 2
-        own = slopes[:, 1, free]
-        normal = (own.T * weights) @ own + np.diag(sigmas[free] ** -2.0)
-        step = np.zeros(len(sigmas))
-        step[free] = -np.linalg.solve(normal, own.T @ (weights * residuals))
+
+        def evaluate(
+            parameters: Parameters, cameras: tuple[Camera, ...] = cameras,
+            offsets: np.ndarray = shifts - lags, found: FrontierPoints = found,
+        ) -> list[Residuals]:  # fmt: skip
+            (change,) = parameters["last"]
+            moved = (*cameras[:-1], correct_camera(cameras[-1], change))
+            later = np.append(offsets[:-1], offsets[-1] + change[7])
+            residuals, slopes = epipolar_residuals(moved, found, later)
+            slope = Slope("last", np.zeros(len(found), int), slopes[:, 1:])
+            seen = Residuals(residuals, [slope], weights=config.information, least=config.noise)
+            return [seen, prior("last", parameters["last"], spread)]
+
+        (step,) = solve(evaluate, {"last": np.zeros((1, 8))}, steps=1).parameters["last"]
         cameras = (*cameras[:-1], correct_camera(cameras[-1], step))
         lags[-1] -= step[7]
     return cameras, lags
 
 
-def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int, cap: float = 8.0) -> float:
-    """Return the mean distance, px, at most `cap`, of the outermost points from the epipolar
-    lines. Half the cap counts for points that the shorter recording would have and that lags leave
+def measure_misfit(adjusted: Adjusted, points: PersonPoints, every: int = 1) -> float:
+    """Return the mean distance, px, of the outermost points from the epipolar lines. Half the
+    largest distance counts for points that the shorter recording would have and that lags leave
     out."""
     shifts = np.round(adjusted.lags).astype(int)
     found = points.find_extremes(adjusted.rig.cameras, shifts, every)
     n = len(adjusted.rig)
     wanted = 0.5 * n * (n - 1) * points.shortest / every
     residuals, _ = epipolar_residuals(adjusted.rig.cameras, found, shifts - adjusted.lags)
-    total = np.minimum(np.abs(residuals), cap).sum() + 0.5 * cap * max(0.0, wanted - len(found))
+    total = np.minimum(np.abs(residuals), _FARTHEST).sum()
+    total += 0.5 * _FARTHEST * max(0.0, wanted - len(found))
     return float(total / max(wanted, len(found), 1))
 
 
 def measure_last_misfit(
-    cameras: Sequence[Camera], lags: np.ndarray, points: PersonPoints, cap: float = 8.0,
-    steady: float = 1.0,
-) -> float:  # fmt: skip
-    """Return the mean distance, px, at most `cap`, of the last camera's outermost planes from those
-    of the others. Half the cap counts for what is missing of half of the shorter recording, for
-    all of it if the cameras' line passes too near to the scene.
+    cameras: Sequence[Camera], lags: np.ndarray, points: PersonPoints, moving: bool = False
+) -> float:
+    """Return the mean distance, px, of the last camera's outermost planes from those of the others.
+    Half the largest distance counts for what is missing of half of the shorter recording, for all
+    of it if the cameras' line passes too near to the scene.
 
-    steady: the share to which a pair's usual distance counts, at most twice the cap.
+    moving: compare how planes move; steady differences, as of wrong elevations, count a tenth.
     """
     last, scene = len(cameras) - 1, intersect_axes_ahead(CameraRig(tuple(cameras)))
     total = count = 0.0
@@ -266,11 +290,12 @@ def measure_last_misfit(
         wanted = points.shortest * (1 if len(apart) else 2)
         known = np.isfinite(apart)
         number = known.sum()
-        if number and steady < 1:
+        if number and moving:
             usual = np.nanmedian(apart, axis=0)
             apart = apart - usual
-            total += steady * np.minimum(np.abs(usual), 2 * cap).sum() * number / 2
-        total += np.minimum(np.abs(apart[known]), cap).sum() + 0.5 * cap * max(0, wanted - number)
+            total += 0.1 * np.minimum(np.abs(usual), 2 * _FARTHEST).sum() * number / 2
+        total += np.minimum(np.abs(apart[known]), _FARTHEST).sum()
+        total += 0.5 * _FARTHEST * max(0, wanted - number)
         count += max(wanted, number)
     return total / count
 
@@ -287,7 +312,7 @@ def measure_pairs(adjusted: Adjusted, points: PersonPoints) -> np.ndarray:
     medians = np.full((len(cameras), len(cameras)), np.nan)
     for a, b in combinations(range(len(cameras)), 2):
         own = np.abs(residuals[(found.views == (a, b)).all(axis=1)])
-        if len(own) >= points.config.least_shared:
+        if len(own) >= LEAST_SHARED:
             medians[a, b] = medians[b, a] = np.median(own)
     return medians
 
@@ -300,3 +325,38 @@ def summarise_pairs(pairs: np.ndarray) -> np.ndarray:
     """
     known = [of[np.isfinite(of)] for of in pairs]
     return np.array([np.median(of) if len(of) >= 2 else np.inf for of in known])
+
+
+def refine_until_converged(
+    start: Adjusted, points: PersonPoints,
+    prepare: Callable[[Adjusted], MeasureShifted] | None = None, far: bool = False,
+) -> Adjusted:  # fmt: skip
+    """Adjust a rig to all frontier points, matched again in every pass, until it stays.
+
+    prepare: returns further measurements for the rig with which a pass begins. far: the rig may be
+    some degrees off. Matching again moves such a rig by a small share of its error: each pass goes
+    on by a multiple of the last step (over-relaxation) and is kept if more points agree then.
+    """
+    found = start
+    for _ in range(_PASSES):
+        near = adjust_frontier(found, points, 4.0, None if prepare is None else prepare(found))
+        if near is None or near.last is None:
+            break
+        turn = measure_turn(found.rig.cameras, near.rig.cameras)
+        if turn < _SETTLED * near.last.sigmas[:, :3].min():
+            return near
+        ahead = adjust_frontier(_go_on(found, near), points, 8.0) if far else None
+        better = ahead is not None and ahead.last is not None and ahead.last.count > near.last.count
+        found = ahead if better and ahead is not None else near
+    return found
+
+
+def _go_on(first: Adjusted, second: Adjusted) -> Adjusted:
+    """Return the second rig, moved on by a multiple of its difference from the first."""
+    cameras = []
+    for before, after in zip(first.rig, second.rig, strict=True):
+        turn = cv2.Rodrigues(after.R @ before.R.T)[0].ravel()
+        step = np.array([*turn, *(after.centre - before.centre), 0, 0])
+        cameras.append(correct_camera(after, _FURTHER * step))
+    lags = second.lags + _FURTHER * (second.lags - first.lags)
+    return Adjusted(CameraRig(tuple(cameras)), lags, second.last)

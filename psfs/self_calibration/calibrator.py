@@ -1,7 +1,7 @@
 """Cameras, times and floor from the silhouettes of somebody who walks about.
 
 Each camera tells its tilt and height, and the person's places, by itself (`upright`); angles and
-lags are searched in tables of all pairs (`pairing`, `bobbing`, `search`); the best arrangements are
+lags are searched in tables of all pairs (`pairing`, `head_height`, `search`); the best ones are
 adjusted, and the best of these is adjusted to all frontier points (`adjustment`). If none fits, as
 of somebody who stays in place, the rig is grown camera by camera (`growth`). The best rig is
 adjusted until it stays. Of a large rig some cameras are found so, and the others are added to these
@@ -10,8 +10,9 @@ adjusted until it stays. Of a large rig some cameras are found so, and the other
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -19,33 +20,46 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.progress import Track, map_in_threads, track_silently
+from psfs.diagnostics.frontier import FrontierPoints, SilhouetteContours
+from psfs.diagnostics.limbs import LimbPoints, LimbViews
+from psfs.diagnostics.refinement import N_PARAMETERS, Measure
 from psfs.self_calibration.addition import CameraAddition, choose_core
 from psfs.self_calibration.adjustment import (
+    FIRST,
+    LAST_GATE,
+    SECOND,
     Adjusted,
+    MeasureShifted,
     PersonPoints,
     adjust_extremes,
     adjust_frontier,
     measure_misfit,
+    refine_until_converged,
 )
-from psfs.self_calibration.bobbing import compare_bobbing, refine_lags
 from psfs.self_calibration.checks import (
-    check_directions,
     check_fit,
     check_unambiguous,
+    check_uncertainty,
     differ,
-    find_rival,
+    fits_as_well,
     list_lags,
+    measure_uncertainty,
     measure_worst_misfit,
 )
 from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.growth import grow_rigs
+from psfs.self_calibration.head_height import compare_head_heights, refine_lags
 from psfs.self_calibration.pairing import Walker, compare_pair
-from psfs.self_calibration.passes import adjust_farther, settle_finely
-from psfs.self_calibration.room import RoomEdges, find_room_edges
-from psfs.self_calibration.search import ArrangementSearch
+from psfs.self_calibration.room_edges import find_room_edges
+from psfs.self_calibration.search import N_ANGLES, ArrangementSearch
 from psfs.self_calibration.start import place_cameras
 from psfs.self_calibration.take import FILM, Outlines, PersonTake, check_seen
 from psfs.self_calibration.world import align_to_person, level_rig, measure_path
+
+#: Arrangements from the search that are adjusted, and those of these that are adjusted further.
+_CANDIDATES, _FINALISTS = 40, 3
+#: Misfit of the worst camera above which other rigs are grown and compared, px.
+_SURE = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +71,8 @@ class PersonCalibration:
     from the epipolar lines, px. count: of these points. misfits: (V,) px, see `summarise_pairs`.
     path: standard deviation of the person's places along the main direction of the walk, m.
     levelled: whether up is that of the room's vertical edges; else it is that of the person.
-
-    Standard deviations are not stated: silhouettes are wrong alike in neighbouring frames, so those
-    of the least squares are several times too small.
+    turns, shifts: (V,) standard deviations of directions, rad, and of positions, as shares of the
+    distance from the person; none for cameras from keypoints.
     """
 
     rig: CameraRig
@@ -69,6 +82,8 @@ class PersonCalibration:
     misfits: np.ndarray
     path: float
     levelled: bool
+    turns: np.ndarray | None = None
+    shifts: np.ndarray | None = None
 
 
 def calibrate_by_person(
@@ -83,14 +98,16 @@ def calibrate_by_person(
     """
     check_number_of_cameras(len(cameras))
     take = PersonTake.create(cameras, outlines, edges, rate, config)
-    core = choose_core(outlines, config.core)
-    found = best = _find_rig(take.select(core), config, track)
-    if found is not None and len(core) < len(cameras):
-        best = _add_others(found, core, take, config, track)
-    calibration = _make_calibration(best, take, config)
-    if found is not None:
-        check_directions(found, config)
-    return calibration
+    core = choose_core(outlines)
+    best = _find_rig(take.select(core), rate, config, track)
+    if best is not None and len(core) < len(cameras):
+        best = _add_others(best, core, take, config, track)
+    return _make_calibration(
+        best,
+        take.points,
+        rate,
+        lambda found, touched: align_to_person(found, take, touched, config),
+    )
 
 
 def check_number_of_cameras(count: int) -> None:
@@ -109,49 +126,49 @@ def adjust_calibration(
     """Adjust small cameras in metres with Z up, and their lags, to outlines [view][frame] at `rate`
     per second and to the room's `edges`, and up and the floor to both. The scale stays as
     given. Raises InputError if the silhouettes do not fit."""
-    check_seen(start.cameras, outlines, config)
-    points = PersonPoints(start.cameras, outlines, config.adjustment)
-    step = max(1, round(rate / config.table_rate))
-    best = _adjust_first(
-        _rank_starts([(start, lags)], points, step, config, track_silently), points
-    )
-    up = np.array([0.0, 0.0, 1.0])
+    check_seen(start.cameras, outlines)
+    points = PersonPoints(start.cameras, outlines, config)
+    best = adjust_extremes(start, lags, points, FIRST + SECOND)
+    best = None if best is None else adjust_frontier(best, points)
     if best is not None:
-        best = settle_finely(best, points, lambda rig: find_room_edges(rig, edges, up, config))
-    best, misfits, touched = check_fit(best, points, config)
-    last, (rig, levelled) = best.last, level_rig(best, points, edges, touched, config)
-    path = measure_path(rig, touched)
-    return PersonCalibration(rig, best.lags, last.residual, last.count, misfits, path, levelled)
+        best = _refine_finely(best, points, edges, lambda rig: np.array([0.0, 0.0, 1.0]))
+    return _make_calibration(
+        best, points, rate, lambda found, touched: level_rig(found, points, edges, touched)
+    )
 
 
-def _find_rig(take: PersonTake, config: PersonConfig, track: Track) -> Adjusted | None:
+def _find_rig(take: PersonTake, rate: float, config: PersonConfig, track: Track) -> Adjusted | None:
     """Return the rig that fits best, searched or grown."""
     starts = _search(take, config, track)
-    ranked = _rank_starts(starts, take.points, take.step, config, track)
-    best = _adjust_first(ranked, take.points)
-    rival = None
-    if best is not None and measure_worst_misfit(best, take.points) <= config.sure_residual:
-        rival = find_rival(best, ranked, take.points, take.step, config)
-    elif starts:
-        lags = refine_lags(take.bobbing, starts[0][1], take.step, config.pairs)
-        grown = grow_rigs(take.cameras, lags, take.points, config, track)
-        best = adjust_grown(best, grown, take.points, track)
-        if best is None:
+    ranked = _rank_starts(starts, take.points, take.step, track)
+    first = [adjust_frontier(own, take.points) for own in ranked]
+    found = [own for own in first if own is not None]
+    if starts and (not found or measure_worst_misfit(found[0], take.points) > _SURE):
+        lags = refine_lags(take.heights, starts[0][1], take.step)
+        grown = [
+            adjust_frontier(Adjusted(rig, late, None), take.points)
+            for rig, late in grow_rigs(take.cameras, lags, take.points, config, track)
+        ]
+        found += [own for own in grown if own is not None]
+        found = [
+            refine_until_converged(own, take.points, far=True)
+            for own in track(found, len(found), "best rigs")
+        ]
+        found.sort(key=lambda own: measure_worst_misfit(own, take.points))
+        if not found:
             late = list_lags(take.cameras, lags - lags[0])
             raise InputError(
                 "no arrangement of the cameras fits the silhouettes; frames late, to about half a "
                 f"frame, by the head's ups and downs: {late}; {FILM}"
             )
-    if best is None:
+    if not found:
         return None
-
-    def find_edges(rig: CameraRig) -> RoomEdges | None:
-        return find_room_edges(rig, take.edges, take.find_up(rig), config)
-
-    best = settle_finely(best, take.points, find_edges)
-    if rival is not None:  # gait repeats itself: limbs and the room tell more
-        rival = settle_finely(rival, take.points, find_edges)
-        check_unambiguous(best, rival, take.points, take.step, config)
+    best = _refine_finely(found[0], take.points, take.edges, take.find_up)
+    for rival in [own for own in found[1:] if differ(own, best)][:1]:
+        if fits_as_well(rival, best, take.points, rate, config):
+            # Gait repeats itself: limbs and the room tell more.
+            rival = _refine_finely(rival, take.points, take.edges, take.find_up)
+            check_unambiguous(best, rival, take.points, rate, config)
     return best
 
 
@@ -165,8 +182,7 @@ def _add_others(
     added = track(map_in_threads(addition.add, others), len(others), "further cameras")
     placed |= dict(zip(others, added, strict=True))
     cameras, lags = zip(*(placed[view] for view in sorted(placed)), strict=True)
-    gates = config.adjustment.far_gates
-    return adjust_frontier(CameraRig(cameras), np.array(lags), take.points, gates)
+    return adjust_frontier(Adjusted(CameraRig(cameras), np.array(lags), None), take.points, 8.0)
 
 
 def _search(
@@ -175,21 +191,18 @@ def _search(
     """Return rigs and lags (V,) frames that may be right, the best first."""
     hulls, count = take.trace_hulls(), len(take.cameras)
     walkers = [[Walker.create(v, h) for v in own] for own, h in zip(take.views, hulls, strict=True)]
-    angles = 2 * np.pi * np.arange(config.angles) / config.angles
+    angles = 2 * np.pi * np.arange(N_ANGLES) / N_ANGLES
     pairs = list(combinations(range(count), 2))
 
     def compare(pair: tuple[int, int]) -> np.ndarray:
         a, b = pair
-        costs = [
-            [compare_pair(x, y, angles, take.most, config.pairs) for y in walkers[b]]
-            for x in walkers[a]
-        ]
-        bobbing = take.bobbing[a], take.bobbing[b]
-        return np.array(costs) + compare_bobbing(*bobbing, take.most, take.step, config.pairs)
+        costs = [[compare_pair(x, y, angles, take.most) for y in walkers[b]] for x in walkers[a]]
+        heights = take.heights[a], take.heights[b]
+        return np.array(costs) + compare_head_heights(*heights, take.most, take.step)
 
     found = track(map_in_threads(compare, pairs), len(pairs), "pairs of cameras")
     tables, starts = dict(zip(pairs, found, strict=True)), []
-    for arrangement in ArrangementSearch(tables, count, config.search).find(config.candidates):
+    for arrangement in ArrangementSearch(tables, count).find(_CANDIDATES):
         chosen = [own[k] for own, k in zip(take.views, arrangement.variants, strict=True)]
         turned = angles[list(arrangement.angles)]
         rig = place_cameras(take.cameras, chosen, turned, arrangement.lags, config.stature)
@@ -198,53 +211,97 @@ def _search(
 
 
 def _rank_starts(
-    starts: list[tuple[CameraRig, np.ndarray]], points: PersonPoints, step: int,
-    config: PersonConfig, track: Track,
-) -> list[tuple[float, Adjusted]]:  # fmt: skip
-    """Return the misfits and rigs of the start that fits best after adjustment, and of the best
-    other one."""
+    starts: list[tuple[CameraRig, np.ndarray]], points: PersonPoints, step: int, track: Track
+) -> list[Adjusted]:
+    """Return the start that fits best after adjustment, and the best other one."""
     first = [
-        adjust_extremes(rig, lags, points, config.adjustment.first, step)
+        adjust_extremes(rig, lags, points, FIRST, step)
         for rig, lags in track(starts, len(starts), "arrangements")
     ]
-    found = [(measure_misfit(own, points, step), own) for own in first if own is not None]
-    found.sort(key=lambda of: of[0])
 
-    def finish(started: Sequence[tuple[float, Adjusted]]) -> list[tuple[float, Adjusted]]:
-        rounds = config.adjustment.second
-        second = [adjust_extremes(own.rig, own.lags, points, rounds, step) for _, own in started]
-        return [(measure_misfit(own, points, step), own) for own in second if own is not None]
+    def rank(rigs: Sequence[Adjusted | None]) -> list[Adjusted]:
+        found = [own for own in rigs if own is not None]
+        return sorted(found, key=lambda own: measure_misfit(own, points, step))
 
-    ranked = sorted(finish(found[: config.finalists]), key=lambda of: of[0])
+    def finish(rigs: Sequence[Adjusted]) -> list[Adjusted]:
+        return rank([adjust_extremes(own.rig, own.lags, points, SECOND, step) for own in rigs])
+
+    found = rank(first)
+    ranked = finish(found[:_FINALISTS])
     if not ranked:
         return []
-    others = [of for of in found if differ(of[1], ranked[0][1], step, config)]
-    rivals = [of for of in ranked if differ(of[1], ranked[0][1], step, config)]
-    return [ranked[0], *sorted([*rivals, *finish(others[:1])], key=lambda of: of[0])[:1]]
-
-
-def _adjust_first(ranked: list[tuple[float, Adjusted]], points: PersonPoints) -> Adjusted | None:
-    """Return the first rig after adjustment to all frontier points."""
-    return adjust_frontier(ranked[0][1].rig, ranked[0][1].lags, points) if ranked else None
-
-
-def adjust_grown(
-    searched: Adjusted | None, grown: list[tuple[CameraRig, np.ndarray]], points: PersonPoints,
-    track: Track,
-) -> Adjusted | None:  # fmt: skip
-    """Return the rig, searched or grown, whose worst camera fits best after adjustment."""
-    first = [searched, *(adjust_frontier(rig, lags, points) for rig, lags in grown)]
-    found = [own for own in first if own is not None]
-    final = [adjust_farther(own, points) for own in track(found, len(found), "best rigs")]
-    return min(final, key=lambda own: measure_worst_misfit(own, points), default=None)
+    others = finish([own for own in found if differ(own, ranked[0])][:1])
+    rivals = rank([own for own in [*ranked, *others] if differ(own, ranked[0])])
+    return [ranked[0], *rivals[:1]]
 
 
 def _make_calibration(
-    best: Adjusted | None, take: PersonTake, config: PersonConfig
-) -> PersonCalibration:
+    best: Adjusted | None, points: PersonPoints, rate: float,
+    align: Callable[[Adjusted, FrontierPoints], tuple[CameraRig, bool]],
+) -> PersonCalibration:  # fmt: skip
     """Return the calibration in its world. Raises InputError if it cannot be trusted."""
-    best, misfits, touched = check_fit(best, take.points, config)
-    world, levelled = align_to_person(best, take, touched, config)
-    path = measure_path(world, touched)
-    last = best.last
-    return PersonCalibration(world, best.lags, last.residual, last.count, misfits, path, levelled)
+    best, misfits = check_fit(best, points)
+    turns, moves = measure_uncertainty(best, points, rate)
+    check_uncertainty(best, turns, moves, points.config)
+    touched = points.find_all(best.rig.cameras, np.round(best.lags).astype(int), LAST_GATE)
+    rig, levelled = align(best, touched)
+    residual, count = (best.last.residual, best.last.count) if best.last else (np.nan, 0)
+    path = measure_path(rig, touched)
+    return PersonCalibration(rig, best.lags, residual, count, misfits, path, levelled, turns, moves)
+
+
+def _refine_finely(
+    start: Adjusted, points: PersonPoints, edges: Sequence[np.ndarray],
+    find_up: Callable[[CameraRig], np.ndarray],
+) -> Adjusted:  # fmt: skip
+    """Adjust a rig to frontier points and the room's edges until it stays, then to points on limbs'
+    axes, too. find_up: tells the person's up (3,)."""
+    views = LimbViews.create(points.hulls, points.contours, points.config.limbs)
+    waists = [_find_waists(contours) for contours in points.contours]
+
+    def prepare(found: Adjusted, limbs: LimbPoints | None = None) -> MeasureShifted:
+        room = find_room_edges(found.rig, edges, find_up(found.rig))
+
+        def measure(shifts: np.ndarray) -> tuple[Measure, Callable[[FrontierPoints], np.ndarray]]:
+            further: list[Measure] = [] if room is None else [room]
+            further += [] if limbs is None else [limbs.bind(shifts)]
+            return partial(_add_up, further), partial(_group, waists=waists, shifts=shifts)
+
+        return measure
+
+    def prepare_limbs(found: Adjusted) -> MeasureShifted:
+        return prepare(found, views.find_points(found.rig.cameras, found.lags))
+
+    found = refine_until_converged(start, points, prepare)
+    return refine_until_converged(found, points, prepare_limbs)
+
+
+def _add_up(
+    further: Sequence[Measure], cameras: Sequence[Camera], offsets: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the normal matrix and the gradient of several measurements."""
+    size = len(cameras) * N_PARAMETERS
+    normal, gradient = np.zeros((size, size)), np.zeros(size)
+    for measure in further:
+        more, pull = measure(cameras, offsets)
+        normal, gradient = normal + more, gradient + pull
+    return normal, gradient
+
+
+def _find_waists(contours: SilhouetteContours) -> np.ndarray:
+    """Return the rows (F,) px halfway between top and bottom of the contours."""
+    low, high = np.full((2, int(contours.frames.max(initial=-1)) + 1), np.nan)
+    np.fmin.at(low, contours.frames, contours.points[:, 1])
+    np.fmax.at(high, contours.frames, contours.points[:, 1])
+    return 0.5 * (low + high)
+
+
+def _group(found: FrontierPoints, waists: Sequence[np.ndarray], shifts: np.ndarray) -> np.ndarray:
+    """Return numbers (M,) of frontier points of shifted frames: apart by pair of cameras, and the
+    person's upper and lower half, for shadows of the floor spoil the feet."""
+    first, second = found.views.T
+    low = np.zeros(len(found), int)
+    for view, rows in enumerate(waists):
+        mine = first == view
+        low[mine] = found.pixels[mine, 0, 1] > rows[found.frames[mine] + int(shifts[view])]
+    return 2 * (first * len(waists) + second) + low

@@ -1,51 +1,65 @@
-"""Checks of cameras that were found from a person: whether the silhouettes fit, whether another
-arrangement fits as well, and how well the cameras' directions are known."""
+"""Checks of cameras that were found from a person: whether another
+arrangement fits as well, and how well the cameras' directions and positions are known."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 import numpy as np
+from scipy.stats import f as fisher
 
 from cl import InputError
 from psfs.cameras.camera import Camera
-from psfs.diagnostics.frontier import FrontierPoints
+from psfs.common.least_squares import estimate_noise, robust_weights
+from psfs.diagnostics.frontier import epipolar_residuals
+from psfs.diagnostics.refinement import N_PARAMETERS, RigFit
 from psfs.self_calibration.adjustment import (
+    LAST_GATE,
     Adjusted,
     PersonPoints,
-    adjust_frontier,
     measure_pairs,
     measure_turn,
     summarise_pairs,
 )
 from psfs.self_calibration.config import PersonConfig
+from psfs.self_calibration.growth import SAME_TURN
 from psfs.self_calibration.take import FILM
 
+#: Lags up to which two rigs are the same, frames.
+_SAME_LAG = 4.0
+#: Time after which silhouettes are no longer wrong alike, s: about a step.
+_INDEPENDENT = 0.5
+#: Median size of normal noise, in standard deviations.
+_MEDIAN = 0.6745
+#: Gate of the points by which the uncertainty is told, px: what is wrong alike is not left out.
+_GATE = 8.0
 
-def differ(first: Adjusted, second: Adjusted, step: int, config: PersonConfig) -> bool:
-    """Return whether two rigs are different arrangements."""
+
+def differ(first: Adjusted, second: Adjusted) -> bool:
+    """Return whether two rigs are different arrangements: farther apart than the search's steps."""
     turn = measure_turn(first.rig.cameras, second.rig.cameras)
-    late = float(np.abs(first.lags - second.lags).max())
-    return turn > config.growth.same or late > config.search.same_lag * step
+    return turn > SAME_TURN or float(np.abs(first.lags - second.lags).max()) > _SAME_LAG
 
 
-def find_rival(
-    best: Adjusted, ranked: list[tuple[float, Adjusted]], points: PersonPoints, step: int,
-    config: PersonConfig,
-) -> Adjusted | None:  # fmt: skip
-    """Return another arrangement that fits every camera about as well as the best, if there is
-    one. An arrangement that becomes the best one when it is adjusted is not another."""
-    if len(ranked) < 2 or ranked[1][0] > config.distinct * ranked[0][0]:
-        return None
-    rival = adjust_frontier(ranked[1][1].rig, ranked[1][1].lags, points)
-    return rival if rival is not None and _fit_alike(best, rival, points, step, config) else None
+def fits_as_well(
+    rival: Adjusted, best: Adjusted, points: PersonPoints, rate: float, config: PersonConfig
+) -> bool:
+    """Return whether a rig fits no camera worse than the best: by the ratio of the variances (F
+    test), of one camera after the other, for most of them may stand the same in both.
+
+    Misfits below the contours' noise are alike. rate: frames per second.
+    """
+    own, other = (summarise_pairs(measure_pairs(of, points)) / _MEDIAN for of in (best, rival))
+    count = 2 * (len(best.rig) - 1) * points.shortest / (rate * _INDEPENDENT)
+    limit = np.sqrt(fisher.ppf(1 - config.false_positive_rate, count, count))
+    return not (other > limit * np.maximum(own, config.narrow.noise)).any()
 
 
 def check_unambiguous(
-    best: Adjusted, rival: Adjusted, points: PersonPoints, step: int, config: PersonConfig
+    best: Adjusted, rival: Adjusted, points: PersonPoints, rate: float, config: PersonConfig
 ) -> None:
-    """Raise InputError if the rival fits every camera about as well as the best."""
-    if not _fit_alike(best, rival, points, step, config):
+    """Raise InputError if another arrangement fits as well as the best, see `fits_as_well`."""
+    if not differ(rival, best) or not fits_as_well(rival, best, points, rate, config):
         return
     own, other = (summarise_pairs(measure_pairs(of, points)) for of in (best, rival))
     late = float(np.abs(rival.lags - best.lags).max())
@@ -58,85 +72,92 @@ def check_unambiguous(
     )
 
 
-def _fit_alike(
-    best: Adjusted, rival: Adjusted, points: PersonPoints, step: int, config: PersonConfig
-) -> bool:
-    """Return whether two rigs are different arrangements of which the second fits no camera worse.
-
-    Cameras are compared one by one, for most of them may stand the same in both. Misfits below the
-    contours' noise are alike.
-    """
-    own, other = (summarise_pairs(measure_pairs(of, points)) for of in (best, rival))
-    worse = other > config.distinct * np.maximum(own, config.adjustment.narrow.noise)
-    return differ(rival, best, step, config) and not worse.any()
-
-
-def check_directions(best: Adjusted, config: PersonConfig) -> None:
-    """Raise InputError if the silhouettes do not tell well enough where the cameras look, as of
-    somebody who stays in place. The times, which silhouettes tell better, are in the message."""
-    turns = np.degrees(np.linalg.norm(best.last.sigmas[:, :3], axis=1))
-    worst, names = int(np.argmax(turns)), best.rig.names
-    if not turns[worst] <= np.degrees(config.worst_direction):
-        late = list_lags(best.rig, best.lags)
-        raise InputError(
-            f"the silhouettes tell the direction of {names[worst]} to a standard deviation of "
-            f"{turns[worst]:.2f} degrees, as of somebody who stays in place; expected "
-            f"{np.degrees(config.worst_direction):.2f} or less; the times are found, frames late: "
-            f"{late}; {FILM}"
-        )
-
-
 def list_lags(cameras: Iterable[Camera], lags: np.ndarray) -> str:
     return ", ".join(f"{of.name} {lag:+.2f}" for of, lag in zip(cameras, lags, strict=True))
 
 
 def measure_worst_misfit(adjusted: Adjusted, points: PersonPoints) -> float:
+    """Return by how much the silhouettes of the worst camera and of the others differ, px."""
     misfits = summarise_pairs(measure_pairs(adjusted, points))
     return float(np.nan_to_num(misfits, nan=np.inf).max())
 
 
-def check_fit(
-    best: Adjusted | None, points: PersonPoints, config: PersonConfig
-) -> tuple[Adjusted, np.ndarray, FrontierPoints]:
-    """Return the adjusted rig, the cameras' misfits (V,), px, and its frontier points. Raises
-    InputError if the silhouettes do not fit."""
+def check_fit(best: Adjusted | None, points: PersonPoints) -> tuple[Adjusted, np.ndarray]:
+    """Return the rig and the cameras' misfits (V,), px. Raises InputError if no rig was found, if
+    a camera shares too little with the others, or if its silhouettes fit worse than any do."""
     if best is None:
         raise InputError(f"no arrangement of the cameras fits the silhouettes; {FILM}")
-    names, pairs = best.rig.names, measure_pairs(best, points)
-    misfits = summarise_pairs(pairs)
+    misfits = summarise_pairs(measure_pairs(best, points))
     worst = int(np.argmax(misfits))
     if not np.isfinite(misfits[worst]):
         raise InputError(
-            f"{names[worst]} shares too few pictures of the whole person with two other cameras "
-            f"that do not stand opposite to it; {FILM}"
+            f"{best.rig.names[worst]} shares too few pictures of the whole person with two other "
+            f"cameras that do not stand opposite to it; {FILM}"
         )
-    most = config.worst_residual if len(names) > 3 else config.worst_of_three
-    if misfits[worst] > most:
+    if misfits[worst] > LAST_GATE:
         raise InputError(
-            f"the silhouettes fit no arrangement of the cameras: those of {names[worst]} and the "
-            f"other cameras differ by {misfits[worst]:.2f} px, expected at most {most:g} with "
-            f"{len(names)} cameras; {FILM}"
+            f"the silhouettes fit no arrangement of the cameras: those of {best.rig.names[worst]} "
+            f"and the other cameras differ by {misfits[worst]:.2f} px, expected at most "
+            f"{LAST_GATE:g}; {FILM}"
         )
-    judged = exclude_lone_pairs(pairs, config)
-    if np.nanmax(judged) > config.worst_pair:
-        a, b = divmod(int(np.nanargmax(judged)), len(names))
-        raise InputError(
-            f"the silhouettes fit no arrangement of the cameras: those of {names[a]} and "
-            f"{names[b]} differ by {pairs[a, b]:.2f} px, expected at most {config.worst_pair:g}; "
-            f"{FILM}"
-        )
-    shifts = np.round(best.lags).astype(int)
-    touched = points.find_all(best.rig.cameras, shifts, config.adjustment.gates[-1])
-    return best, misfits, touched
+    return best, misfits
 
 
-def exclude_lone_pairs(pairs: np.ndarray, config: PersonConfig) -> np.ndarray:
-    """Return the pairs (V, V), px, NaN where both cameras fit all others, two or more each: cameras
-    that face each other may see the same shadow on the floor, which tells nothing then."""
-    judged = pairs.copy()
-    for a, b in np.argwhere(pairs > config.worst_pair):
-        others = [np.delete(pairs[view], [a, b]) for view in (a, b)]
-        known = [own[np.isfinite(own)] for own in others]
-        if all(len(own) >= 2 and own.max() <= config.worst_of_three for own in known):
-            judged[a, b] = np.nan
-    return judged
+def measure_uncertainty(
+    found: Adjusted, points: PersonPoints, rate: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the standard deviations of the cameras' directions (V,), rad, and of their positions
+    (V,), as shares of the distance from the person.
+
+    Silhouettes are wrong alike in neighbouring frames, and two cameras may see the same shadow in
+    all: the errors of the points of half a second, and those of a pair of cameras, count together
+    (cluster-robust covariance: Cameron, Gelbach & Miller, J. Business & Economic Statistics 29,
+    2011). rate: frames per second.
+    """
+    cameras, shifts = found.rig.cameras, np.round(found.lags).astype(int)
+    touched = points.find_all(cameras, shifts, _GATE)
+    residuals, slopes = epipolar_residuals(cameras, touched, shifts - found.lags)
+    size, rows = len(cameras) * N_PARAMETERS, np.arange(len(touched))
+    by_camera = np.zeros((len(touched), len(cameras), N_PARAMETERS))
+    for side in range(2):
+        by_camera[rows, touched.views[:, side]] = slopes[:, side]
+    jacobian = by_camera.reshape(-1, size)
+    noise = estimate_noise(residuals, least=points.config.narrow.noise)
+    weights = robust_weights(residuals, noise) / noise**2
+    fit = RigFit(found.rig, [], points.config.narrow, lambda *_: touched)
+    config, held = points.config.wide, fit.scene_moves() / 1e-3
+    spread = np.tile([*3 * [config.turn], *3 * [config.shift], 1e-4, config.time], len(cameras))
+    normal = (jacobian.T * weights) @ jacobian + np.diag(spread**-2.0) + held.T @ held
+    inverse = np.linalg.inv(normal)
+    pulls = (weights * residuals)[:, None] * jacobian
+    blocks = (touched.frames / (rate * _INDEPENDENT)).astype(int)
+    pairs = touched.views[:, 0] * len(cameras) + touched.views[:, 1]
+    spreads = np.zeros((size, size))
+    for clusters in (pairs, blocks):
+        sums = np.zeros((clusters.max(initial=0) + 1, size))
+        np.add.at(sums, clusters, pulls)
+        spreads += sums.T @ sums
+    variances = np.diag(inverse @ spreads @ inverse + inverse).reshape(-1, N_PARAMETERS)
+    distances = np.linalg.norm(found.rig.centres - fit.scene, axis=1)
+    turns = np.sqrt(variances[:, :3].sum(axis=1))
+    return turns, np.sqrt(variances[:, 3:6].sum(axis=1)) / distances
+
+
+def check_uncertainty(
+    found: Adjusted, turns: np.ndarray, shifts: np.ndarray, config: PersonConfig
+) -> None:
+    """Raise InputError if the silhouettes do not tell well enough where the cameras stand and look,
+    as of somebody who stays in place. The times, which silhouettes tell better, are in the
+    message. turns, shifts: see `measure_uncertainty`."""
+    for what, spreads, limit, unit, factor in (
+        ("direction", turns, config.worst_direction, "degrees", np.degrees(1)),
+        ("position", shifts, config.worst_position, "% of the distance from the person", 100.0),
+    ):
+        worst = int(np.argmax(spreads))
+        if not 2 * spreads[worst] <= limit:
+            raise InputError(
+                f"{found.rig.names[worst]}'s {what} is uncertain "
+                f"({2 * factor * spreads[worst]:.2f} {unit}, limit {factor * limit:.2f}), as of "
+                "somebody who stays in place or is hidden: walk about more; the times are found, "
+                f"frames late: {list_lags(found.rig, found.lags)}; {FILM}"
+            )

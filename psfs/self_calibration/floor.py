@@ -17,12 +17,21 @@ import numpy as np
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.numbers import pick_evenly
 from psfs.diagnostics.frontier import SilhouetteContours
-from psfs.self_calibration.config import SliceConfig
+
+#: Frames that are used; greatest distance of the floor from the lowest points, step of the slices,
+#: half of a slice's side and its cell, m.
+_FRAMES, _AROUND, _STEP, _SIDE, _CELL = 25, 0.2, 0.01, 0.6, 0.03
+#: Width above which the largest slice is a shadow on the floor, m: feet are 0.10 to 0.15 m wide.
+_FOOT = 0.2
+#: Height above it at which a shadow is no longer seen, m, and its greatest area there, as a share.
+_ABOVE, _THIN = 0.05, 0.8
+#: Area of the lowest slice of feet, as a share of the largest slice's.
+_LOWEST = 0.1
 
 
 def measure_floor(
     rig: CameraRig, contours: Sequence[SilhouetteContours], shifts: np.ndarray,
-    frames: np.ndarray, places: np.ndarray, config: SliceConfig,
+    frames: np.ndarray, places: np.ndarray,
 ) -> float:  # fmt: skip
     """Return the height of the floor, m, of cameras with Z up, searched around Z = 0; zero if
     nothing is seen there.
@@ -30,24 +39,24 @@ def measure_floor(
     contours: of each camera, whose frame is `frames` (F,) + shifts[view]. places: (F, 2) the person
     on the floor in these frames.
     """
-    steps = np.arange(-config.around, config.around + config.step, config.step)
-    sides = np.arange(-config.side, config.side + config.cell, config.cell)
+    steps = np.arange(-_AROUND, _AROUND + _STEP, _STEP)
+    sides = np.arange(-_SIDE, _SIDE + _CELL, _CELL)
     grid = np.stack(np.meshgrid(steps, sides, sides, indexing="ij"), axis=-1)[..., [1, 2, 0]]
     areas, widths = [], []
-    for index in pick_evenly(len(frames), config.frames):
+    for index in pick_evenly(len(frames), _FRAMES):
         place = np.append(places[index], 0)
         slices = _carve(rig, contours, shifts + frames[index], grid + place)
         areas.append(slices.sum(axis=(1, 2)))
         largest = np.pad(slices[areas[-1].argmax()].view(np.uint8), 1)
-        widths.append(2 * config.cell * cv2.distanceTransform(largest, cv2.DIST_L2, 3).max())
+        widths.append(2 * _CELL * cv2.distanceTransform(largest, cv2.DIST_L2, 3).max())
     total = np.sum(areas, axis=0)
     if not total.any():
         return 0.0
     width, largest = np.average(widths, weights=np.max(areas, axis=1)), total.argmax()
-    above = np.searchsorted(steps, steps[largest] + config.above).clip(max=len(steps) - 1)
-    if width > config.foot and total[above] < config.thin * total[largest]:
+    above = np.searchsorted(steps, steps[largest] + _ABOVE).clip(max=len(steps) - 1)
+    if width > _FOOT and total[above] < _THIN * total[largest]:
         return float(steps[largest])
-    return float(steps[np.argmax(total > config.lowest * total.max())])
+    return float(steps[np.argmax(total > _LOWEST * total.max())])
 
 
 def _carve(

@@ -22,9 +22,13 @@ from psfs.diagnostics.small_views import (
     find_border_points,
 )
 from psfs.footage.layouts.common import Footage
-from psfs.self_calibration.config import OutlineConfig, PersonConfig
-from psfs.self_calibration.verticals import find_edges
+from psfs.self_calibration.config import PersonConfig
+from psfs.self_calibration.room_edges import find_edges
 from psfs.sequence import Frame
+
+#: Gaps that are closed, and gaps between parts that belong together, as shares of the picture's
+#: longest side; least area of such a part, as a share of the largest.
+_CLOSED, _NEAR, _PART = 0.012, 0.05, 0.02
 
 
 def extract_outlines(
@@ -35,16 +39,16 @@ def extract_outlines(
     itself. empty: its empty scene, see `estimate_empty_scene`. factor: of the pictures that are
     used, at most 1."""
     for mask in _silhouettes(footage, view, empty, factor, device, config.most_frames):
-        yield outline_person(mask, config.outline)
+        yield outline_person(mask)
 
 
-def find_empty_edges(empty: Background | None, factor: float, config: PersonConfig) -> np.ndarray:
+def find_empty_edges(empty: Background | None, factor: float) -> np.ndarray:
     """Return the straight edges (N, 2, 2) px of a camera's empty scene, in pictures scaled by
     `factor`; none without it."""
     if empty is None:
         return np.zeros((0, 2, 2))
     picture = np.rint(empty.mean[0]).astype(np.uint8)
-    return find_edges(scale_picture(picture, factor), config.verticals)
+    return find_edges(scale_picture(picture, factor))
 
 
 def _silhouettes(
@@ -82,28 +86,26 @@ def estimate_empty_scene(footage: Footage, view: int) -> Background | None:
     return Background(mean[None], std[None])
 
 
-def outline_person(mask: np.ndarray, config: OutlineConfig) -> Outline | None:
+def outline_person(mask: np.ndarray) -> Outline | None:
     """Return the outline of the largest silhouette (h, w) bool and of the parts near it.
 
     A belt or a collar in the colours of the room cuts silhouettes: small gaps are closed, and the
     hull is that of all parts; the contour is the largest part's.
     """
     longest = max(mask.shape)
-    closed = cv2.morphologyEx(
-        mask.astype(np.uint8), cv2.MORPH_CLOSE, _disc(config.closed * longest)
-    )
+    closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, _disc(_CLOSED * longest))
     whole = extract_outline(closed > 0)
     if whole is None:
         return None
     # Only the pixels that silhouettes reach when they are dilated.
-    near = _disc(config.near * longest)
+    near = _disc(_NEAR * longest)
     margin = near.shape[0]
     x, y, width, height = cv2.boundingRect(closed)
     left, top = max(0, x - margin), max(0, y - margin)
     box = closed[top : y + height + margin, left : x + width + margin]
     groups = cv2.connectedComponents(cv2.dilate(box, near))[1]
     _, labels, facts, _ = cv2.connectedComponentsWithStats(box, connectivity=8)
-    large = facts[:, cv2.CC_STAT_AREA] >= config.part * whole.area
+    large = facts[:, cv2.CC_STAT_AREA] >= _PART * whole.area
     large[0] = False
     x, y = whole.contour[0].astype(int) - (left, top)
     rows, columns = np.nonzero(large[labels] & (groups == groups[y, x]))

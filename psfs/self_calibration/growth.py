@@ -17,6 +17,8 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.progress import Track, track_silently
 from psfs.diagnostics.sights import PersonPlace, Sight, find_person
 from psfs.self_calibration.adjustment import (
+    FIRST,
+    SECOND,
     Adjusted,
     PersonPoints,
     adjust_extremes,
@@ -25,8 +27,22 @@ from psfs.self_calibration.adjustment import (
     measure_misfit,
     measure_turn,
 )
-from psfs.self_calibration.config import GrowthConfig, PersonConfig
+from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.upright import floor_axes
+
+#: Angles around the person, and elevations over the person's horizon, rad, that are tried: an
+#: error of half a step, 8 degrees, is adjusted.
+_ANGLES = np.arange(0, 2 * np.pi, np.pi / 12)
+_ELEVATIONS = np.arange(-0.1, 0.7, 0.14)
+#: Turn up to which two rigs are the same, rad.
+SAME_TURN = 0.14
+#: Rounds in which a new camera alone is adjusted, places of it that are, per rig before it, and
+#: rigs of as many cameras.
+ROUNDS, _PLACES, _TRIED = 5, 12, 32
+#: Rigs of two cameras that are kept, two fewer with each further one, but at least four.
+_KEPT = 14
+#: Most rigs of all cameras, and multiple of the best one's misfit up to which they are adjusted.
+_GROWN, _WORSE = 3, 1.15
 
 
 def grow_rigs(
@@ -41,7 +57,7 @@ def grow_rigs(
     start = PersonPlace(np.zeros(3), np.array([0, 0, 1.0]), config.stature)
     branches: list[tuple[tuple[Camera, ...], np.ndarray]] = [
         ((place_camera(cameras[0], sights[0], start, 0.0, elevation),), lags[:1])
-        for elevation in config.growth.elevations
+        for elevation in _ELEVATIONS
     ]
     found: list[tuple[float, Adjusted]] = []
     for number in track(range(1, len(cameras)), len(cameras) - 1, "grown rigs"):
@@ -50,15 +66,15 @@ def grow_rigs(
             person = start if number == 1 else find_person(placed, sights)
             tried += _add_camera(
                 placed, np.append(own, lags[number]), cameras[number], sights[number], person,
-                seen, config=config.growth,
+                seen,
             )  # fmt: skip
         tried.sort(key=lambda of: of[0])
-        wanted = config.growth.kept[min(number, len(config.growth.kept)) - 1]
-        rigs = [(rig, own) for _, rig, own in tried[: config.growth.tried]]
-        found = _adjust_branches(rigs, seen, wanted, config)
+        wanted = max(4, _KEPT + 2 - 2 * number)
+        rigs = [(rig, own) for _, rig, own in tried[:_TRIED]]
+        found = _adjust_branches(rigs, seen, wanted)
         branches = [(own.rig.cameras, own.lags) for _, own in found]
-    near = [own for misfit, own in found if misfit <= config.growth.worse * found[0][0]]
-    return [(own.rig, own.lags) for own in near[: config.growth.grown]]
+    near = [own for misfit, own in found if misfit <= _WORSE * found[0][0]]
+    return [(own.rig, own.lags) for own in near[:_GROWN]]
 
 
 def place_camera(
@@ -87,52 +103,49 @@ def _level_axes(up: np.ndarray) -> np.ndarray:
 
 def _add_camera(
     placed: Sequence[Camera], lags: np.ndarray, camera: Camera, sight: Sight, person: PersonPlace,
-    points: PersonPoints, *, config: GrowthConfig,
+    points: PersonPoints,
 ) -> list[tuple[float, tuple[Camera, ...], np.ndarray]]:  # fmt: skip
     """Return misfits, cameras and lags with the camera where it fits best."""
 
-    angles = 2 * np.pi * np.arange(config.angles) / config.angles
-    costs = np.empty((len(angles), len(config.elevations)))
+    costs = np.empty((len(_ANGLES), len(_ELEVATIONS)))
     for at in np.ndindex(*costs.shape):
-        own = place_camera(camera, sight, person, angles[at[0]], config.elevations[at[1]])
-        costs[at] = measure_last_misfit((*placed, own), lags, points, steady=config.steady)
+        own = place_camera(camera, sight, person, _ANGLES[at[0]], _ELEVATIONS[at[1]])
+        costs[at] = measure_last_misfit((*placed, own), lags, points, moving=True)
     wide = np.pad(np.pad(costs, ((1, 1), (0, 0)), mode="wrap"), ((0, 0), (1, 1)), mode="edge")
     around = np.lib.stride_tricks.sliding_window_view(wide, (3, 3)).min(axis=(2, 3))
     rows, columns = np.nonzero(costs <= around)
-    order = np.argsort(costs[rows, columns])[: config.places]
+    order = np.argsort(costs[rows, columns])[:_PLACES]
     found = []
     for row, column in zip(rows[order], columns[order], strict=True):
-        own = place_camera(camera, sight, person, angles[row], config.elevations[column])
-        adjusted = adjust_last((*placed, own), lags, points, config.rounds)
+        own = place_camera(camera, sight, person, _ANGLES[row], _ELEVATIONS[column])
+        adjusted = adjust_last((*placed, own), lags, points, ROUNDS)
         if adjusted is not None:
             found.append((measure_last_misfit(*adjusted, points), *adjusted))
     return found
 
 
 def _adjust_branches(
-    branches: Sequence[tuple[tuple[Camera, ...], np.ndarray]], points: PersonPoints, wanted: int,
-    config: PersonConfig,
+    branches: Sequence[tuple[tuple[Camera, ...], np.ndarray]], points: PersonPoints, wanted: int
 ) -> list[tuple[float, Adjusted]]:  # fmt: skip
     """Return the misfits and the best different branches after adjustment, the best first."""
-    first, second = config.adjustment.first, config.adjustment.second
     kept = [(CameraRig(cameras), lags) for cameras, lags in branches]
     found: list[tuple[float, Adjusted]] = []
-    for rounds in (first, second):
+    for rounds in (FIRST, SECOND):
         tried = [adjust_extremes(rig, lags, points, rounds) for rig, lags in kept]
         found = [(measure_misfit(own, points, 1), own) for own in tried if own is not None]
-        found = _keep_different(found, wanted, config.growth.same)
+        found = _keep_different(found, wanted)
         kept = [(own.rig, own.lags) for _, own in found]
     return found
 
 
 def _keep_different(
-    found: Sequence[tuple[float, Adjusted]], wanted: int, same: float
+    found: Sequence[tuple[float, Adjusted]], wanted: int
 ) -> list[tuple[float, Adjusted]]:
-    """Return the best rigs, at most `wanted`, that differ by more than `same`, rad."""
+    """Return the best rigs, at most `wanted`, that differ by more than `SAME_TURN`, rad."""
     kept: list[tuple[float, Adjusted]] = []
     for misfit, best in sorted(found, key=lambda of: of[0]):
         cameras = best.rig.cameras
-        if all(measure_turn(cameras, other.rig.cameras) > same for _, other in kept):
+        if all(measure_turn(cameras, other.rig.cameras) > SAME_TURN for _, other in kept):
             kept.append((misfit, best))
         if len(kept) == wanted:
             break

@@ -14,8 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from psfs.diagnostics.hulls import HullRays
-from psfs.self_calibration.config import PairConfig
-from psfs.self_calibration.upright import UprightView
+from psfs.self_calibration.upright import FEWEST, UprightView
+
+#: Noise of the person's places on the floor and of the touching planes' positions, statures.
+_PLACES, _PLANES = 0.1, 0.006
+#: Least share of the shorter recording that two cameras must have in common.
+_SHARE = 0.3
+#: Shortest line between two cameras, its least distance from the person, and the height of the
+#: person's middle, statures.
+_SHORTEST, _NEAREST, _MIDDLE = 0.2, 0.3, 0.55
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +40,7 @@ class Walker:
 
 
 def compare_pair(
-    first: Walker, second: Walker, angles: np.ndarray, most: int, config: PairConfig,
-    stride: int = 5,
+    first: Walker, second: Walker, angles: np.ndarray, most: int, stride: int = 5
 ) -> np.ndarray:  # fmt: skip
     """Return the costs (A, 2 most + 1) of two cameras at all angles (A,), rad, and lags.
 
@@ -44,7 +50,7 @@ def compare_pair(
     """
     costs = np.full((len(angles), 2 * most + 1), np.nan)
     a, b = first.view.places, second.view.places
-    fewest = max(config.fewest, int(config.share * min(len(a), len(b))))
+    fewest = max(FEWEST, int(_SHARE * min(len(a), len(b))))
     cosine, sine = np.cos(angles), np.sin(angles)
     turns = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
     turned = b @ turns.swapaxes(1, 2)
@@ -56,12 +62,12 @@ def compare_pair(
             continue
         here, there = one[known].mean(0), other[known].mean(0)
         shifts = here - turns @ there
-        rows, planes = _planes((first, second), turns, shifts, here, config)
+        rows, planes = _planes((first, second), turns, shifts, here)
         if planes is None:
             continue
         costs[rows, begin : begin + len(lags)] = differing_shares(
-            a[None], turned[rows] + shifts[rows, None], lags, config.places, config.fewest
-        ) + differing_shares(*planes, lags, config.planes, config.fewest)
+            a[None], turned[rows] + shifts[rows, None], lags, _PLACES
+        ) + differing_shares(*planes, lags, _PLANES)
     return costs
 
 
@@ -71,14 +77,12 @@ def _overlap(a: np.ndarray, b: np.ndarray, lag: int) -> tuple[np.ndarray, np.nda
     return a[first:end], b[first + lag : end + lag]
 
 
-def differing_shares(
-    a: np.ndarray, b: np.ndarray, lags: np.ndarray, noise: float, fewest: int
-) -> np.ndarray:
+def differing_shares(a: np.ndarray, b: np.ndarray, lags: np.ndarray, noise: float) -> np.ndarray:
     """Return (..., L) by how much the motions of signals (..., F, K) and (..., G, K) differ at
     consecutive lags (L,), as a share of the motions themselves; 1 without motion, NaN with fewer
-    than `fewest` frames."""
+    than `FEWEST` frames."""
     first, end = max(0, -int(lags[0])), min(a.shape[-2], b.shape[-2] - int(lags[-1]))
-    if end - first < fewest:
+    if end - first < FEWEST:
         return np.full((*np.broadcast_shapes(a.shape[:-2], b.shape[:-2]), len(lags)), np.nan)
     one = a[..., first:end, :].swapaxes(-1, -2)[..., None, :]
     windows = np.lib.stride_tricks.sliding_window_view(b, end - first, axis=-2)
@@ -94,7 +98,7 @@ def differing_shares(
     moving = np.maximum(still[0], still[1]).sum((-3, -1))
     total = count.sum((-3, -1))
     share = (still[2].sum((-3, -1)) + noise * total) / np.maximum(moving + noise * total, 1e-12)
-    return np.where(total >= fewest, share, np.nan)
+    return np.where(total >= FEWEST, share, np.nan)
 
 
 def _medians(values: np.ndarray, count: np.ndarray) -> np.ndarray:
@@ -103,8 +107,7 @@ def _medians(values: np.ndarray, count: np.ndarray) -> np.ndarray:
 
 
 def _planes(
-    walkers: tuple[Walker, Walker], turns: np.ndarray, shifts: np.ndarray, person: np.ndarray,
-    config: PairConfig,
+    walkers: tuple[Walker, Walker], turns: np.ndarray, shifts: np.ndarray, person: np.ndarray
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:  # fmt: skip
     """Return which of the turns (A, 2, 2) can be compared (R,), and for these the positions (R, F,
     2) of the planes that touch either camera's silhouettes, statures at the person.
@@ -117,10 +120,10 @@ def _planes(
     lines = np.column_stack([shifts, np.full(len(shifts), rise)])
     lengths = np.linalg.norm(lines, axis=1)
     lines /= np.maximum(lengths, 1e-9)[:, None]
-    middle = np.array([*person, config.middle - first.view.height])
+    middle = np.array([*person, _MIDDLE - first.view.height])
     ahead = middle - lines * (lines @ middle)[:, None]
     distances = np.linalg.norm(ahead, axis=1)
-    rows = np.nonzero((lengths >= config.shortest) & (distances >= config.nearest))[0]
+    rows = np.nonzero((lengths >= _SHORTEST) & (distances >= _NEAREST))[0]
     if not len(rows):
         return rows, None
     lines, ahead, distances = lines[rows], ahead[rows], distances[rows, None]

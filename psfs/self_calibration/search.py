@@ -9,7 +9,11 @@ from itertools import combinations
 import numpy as np
 from scipy.ndimage import minimum_filter
 
-from psfs.self_calibration.config import BeamConfig
+#: Number of angles around the vertical that are tried.
+N_ANGLES = 36
+#: Partial arrangements that are kept, places that are tried of each camera, and steps of angle and
+#: lag up to which arrangements are the same.
+_KEPT, _BEST_PLACES, _SAME = 80, 12, 2
 
 
 @dataclass(frozen=True)
@@ -31,10 +35,7 @@ class ArrangementSearch:
     """Costs of all pairs (a, b), a < b, of V cameras: (T, T, A, 2 most + 1) each, of T variants of
     either camera, see `compare_pair`. What cannot be compared has the median of all costs."""
 
-    def __init__(
-        self, tables: Mapping[tuple[int, int], np.ndarray], n_cameras: int, config: BeamConfig
-    ) -> None:
-        self.config = config
+    def __init__(self, tables: Mapping[tuple[int, int], np.ndarray], n_cameras: int) -> None:
         known = np.concatenate([table[np.isfinite(table)] for table in tables.values()])
         self.neutral = float(np.median(known)) if len(known) else 1.0
         self.n_cameras = n_cameras
@@ -90,7 +91,7 @@ class ArrangementSearch:
         wide = np.pad(best, ((2, 2), (0, 0)), mode="wrap")
         low = minimum_filter(wide, (5, 5), mode="nearest")[2:-2]
         angles, lags = np.nonzero(best <= low)
-        order = np.argsort(best[angles, lags])[: self.config.places]
+        order = np.argsort(best[angles, lags])[:_BEST_PLACES]
         found = []
         for angle, lag in zip(angles[order].tolist(), lags[order].tolist(), strict=True):
             variant = int(costs[:, angle, lag].argmin())
@@ -101,18 +102,17 @@ class ArrangementSearch:
         self, grown: list[tuple[float, dict[int, Place]]]
     ) -> list[tuple[float, dict[int, Place]]]:
         kept: list[tuple[float, dict[int, Place]]] = []
-        same = self.config.same_angle, self.config.same_lag
         taken: list[np.ndarray] = []
         for cost, places in grown:
             own = np.array([places[view][1:] for view in sorted(places)])
             if taken:
                 apart = np.abs(np.array(taken) - own)
                 apart[..., 0] = np.minimum(apart[..., 0], self.n_angles - apart[..., 0])
-                if (apart <= same).all((1, 2)).any():
+                if (apart <= _SAME).all((1, 2)).any():
                     continue
             kept.append((cost, places))
             taken.append(own)
-            if len(kept) == self.config.kept:
+            if len(kept) == _KEPT:
                 break
         return kept
 

@@ -12,9 +12,9 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.small_views import Outline
-from psfs.self_calibration.adjustment import PersonPoints
-from psfs.self_calibration.bobbing import measure_bobbing
+from psfs.self_calibration.adjustment import LEAST_SHARED, PersonPoints
 from psfs.self_calibration.config import PersonConfig
+from psfs.self_calibration.head_height import measure_head_height
 from psfs.self_calibration.upright import UprightView, fit_upright
 
 Outlines = Sequence[Sequence[Outline | None]]
@@ -23,6 +23,11 @@ FILM = (
     "film one person who walks about for ten seconds or more, towards and past all cameras, wholly "
     "seen by all of them, with a second of the empty room in background/"
 )
+#: Frames per second at which lags are searched first.
+TABLE_RATE = 15.0
+#: Least standard deviation of a silhouette's edge, as a share of its height: three quarters of a
+#: second's walk away from one place.
+_LEAST_MOTION = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +36,7 @@ class PersonTake:
 
     cameras: small, with the intrinsics that are kept. outlines: [view][frame]. points: their
     tangent points. views: of every camera its tilt and height at several tilts, in every `step`-th
-    frame. bobbing: (V, F) the head's ups and downs. edges: (N, 2, 2) px each, the straight edges of
+    frame. heights: (V, F) the head's ups and downs. edges: (N, 2, 2) px each, the straight edges of
     the empty room. most: the greatest lag in steps.
     """
 
@@ -39,7 +44,7 @@ class PersonTake:
     outlines: Outlines
     points: PersonPoints
     views: Sequence[list[UprightView]]
-    bobbing: Sequence[np.ndarray]
+    heights: Sequence[np.ndarray]
     edges: Sequence[np.ndarray]
     step: int
     most: int
@@ -51,16 +56,16 @@ class PersonTake:
     ) -> PersonTake:  # fmt: skip
         """Measure what each camera tells from outlines at `rate` per second. Raises InputError if
         one seldom sees the whole person."""
-        check_seen(cameras, outlines, config)
-        step = max(1, round(rate / config.table_rate))
-        points = PersonPoints(cameras, outlines, config.adjustment)
-        views = _fit_views(cameras, outlines, step, config)
-        bobbing = [
-            measure_bobbing(hulls, own[0], rate, config.pairs)
+        check_seen(cameras, outlines)
+        step = max(1, round(rate / TABLE_RATE))
+        points = PersonPoints(cameras, outlines, config)
+        views = _fit_views(cameras, outlines, step)
+        heights = [
+            measure_head_height(hulls, own[0], rate)
             for hulls, own in zip(points.hulls, views, strict=True)
         ]
         most = int(np.ceil(config.longest_lag * rate / step))
-        return cls(cameras, outlines, points, views, bobbing, edges, step, most)
+        return cls(cameras, outlines, points, views, heights, edges, step, most)
 
     def find_up(self, rig: CameraRig) -> np.ndarray:
         """Return the mean of what the cameras of a rig tell of up (3,)."""
@@ -74,7 +79,7 @@ class PersonTake:
             [self.outlines[view] for view in views],
             self.points.select(views),
             [self.views[view] for view in views],
-            [self.bobbing[view] for view in views],
+            [self.heights[view] for view in views],
             [self.edges[view] for view in views],
             self.step,
             self.most,
@@ -86,34 +91,29 @@ class PersonTake:
         return [HullRays(camera, own[:: self.step]) for camera, own in pairs]
 
 
-def check_seen(cameras: Sequence[Camera], outlines: Outlines, config: PersonConfig) -> None:
+def check_seen(cameras: Sequence[Camera], outlines: Outlines) -> None:
     """Raise InputError if the person is seldom seen wholly, or hardly moves."""
     motions = []
     for camera, own in zip(cameras, outlines, strict=True):
         whole = [of.points for of in own if of is not None and not of.at_border.any()]
-        if len(whole) < config.least_frames:
+        if len(whole) < LEAST_SHARED:
             raise InputError(
                 f"{camera.name}: the whole person is in {len(whole)} of {len(own)} pictures; "
-                f"expected {config.least_frames} or more; {FILM}"
+                f"expected {LEAST_SHARED} or more; {FILM}"
             )
         edges = np.array([[*of.min(axis=0), *of.max(axis=0)] for of in whole])
         motions.append(edges.std(axis=0).max() / np.median(edges[:, 3] - edges[:, 1]))
     usual = float(np.median(motions))
-    if usual < config.least_motion:
+    if usual < _LEAST_MOTION:
         raise InputError(
             f"the person hardly moves: the silhouettes' edges by {100 * usual:.1f} % of the "
-            f"height, expected {100 * config.least_motion:g} % or more; {FILM}"
+            f"height, expected {100 * _LEAST_MOTION:g} % or more; {FILM}"
         )
 
 
-def _fit_views(
-    cameras: Sequence[Camera], outlines: Outlines, step: int, config: PersonConfig
-) -> list[list[UprightView]]:
+def _fit_views(cameras: Sequence[Camera], outlines: Outlines, step: int) -> list[list[UprightView]]:
     """Return what each camera tells of its tilt and height in every `step`-th frame."""
-    views = [
-        fit_upright(c, own[::step], config.upright)
-        for c, own in zip(cameras, outlines, strict=True)
-    ]
+    views = [fit_upright(c, own[::step]) for c, own in zip(cameras, outlines, strict=True)]
     if any(own is None for own in views):
         unseen = [c.name for c, own in zip(cameras, views, strict=True) if own is None]
         raise InputError(f"{join_names(unseen)}: the person is seldom seen wholly; {FILM}")

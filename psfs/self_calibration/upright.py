@@ -17,7 +17,19 @@ from scipy.optimize import minimize
 from psfs.cameras.camera import Camera
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.small_views import Outline
-from psfs.self_calibration.config import UprightConfig
+
+#: Shares of the person's apparent height that count as head and as feet.
+_HEAD, _FEET = 0.12, 0.2
+#: Standard deviations of the head's elevation and of its azimuth from the feet's, rad; independent
+#: measurements per frame, for neighbouring frames are alike.
+_ELEVATION, _AZIMUTH, _INFORMATION = 0.02, 0.04, 0.1
+#: Cameras' usual tilt, rad upwards, and height, statures, with their standard deviations, and that
+#: of roll, rad.
+_TILT, _HEIGHT, _ROLL = (-0.1, 0.5), (0.9, 0.35), 0.06
+#: Turn of the fitted tilt, upwards and downwards, that is tried too, rad.
+_TURN = 0.105
+#: Fewest frames by which one or two cameras are judged.
+FEWEST = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,20 +55,18 @@ def floor_axes(tilt: float, roll: float) -> np.ndarray:
     return np.stack([right, np.cross(up, right), up])
 
 
-def fit_upright(
-    camera: Camera, outlines: Sequence[Outline | None], config: UprightConfig
-) -> list[UprightView] | None:
+def fit_upright(camera: Camera, outlines: Sequence[Outline | None]) -> list[UprightView] | None:
     """Fit the camera's tilt, roll and height to its outlines [frame].
 
-    Returns the views at the fitted tilt, and at this tilt less and plus `config.turn`; None if too
+    Returns the views at the fitted tilt, and at this tilt less and plus `_TURN`; None if too
     few frames show the whole person.
     """
     hulls = HullRays(camera, outlines)
-    ends = _Ends(camera, outlines, config)
-    values = np.array([config.tilt, 0.0, config.height])
+    ends = _Ends(camera, outlines)
+    values = np.array([_TILT[0], 0.0, _HEIGHT[0]])
     for _ in range(2):
         seen = _measure(hulls, ends, floor_axes(values[0], values[1]))
-        if np.isfinite(seen).all(axis=1).sum() < config.fewest:
+        if np.isfinite(seen).all(axis=1).sum() < FEWEST:
             return None
         found = minimize(
             lambda x: _cost(hulls, ends, x),
@@ -70,28 +80,25 @@ def fit_upright(
             },
         )
         values = found.x
-    turns = (0.0, -config.turn, config.turn)
+    turns = (0.0, -_TURN, _TURN)
     return [_make_view(hulls, ends, values[0] + turn, values[1]) for turn in turns]
 
 
-def view_from_up(
-    camera: Camera, outlines: Sequence[Outline | None], up: np.ndarray, config: UprightConfig
-) -> UprightView:
+def view_from_up(camera: Camera, outlines: Sequence[Outline | None], up: np.ndarray) -> UprightView:
     """Return the camera's view of its outlines [frame], with `up` (3,) in its axes given."""
     tilt, roll = np.arctan2(up[2], -up[1]), np.arcsin(np.clip(up[0], -1, 1))
-    return _make_view(HullRays(camera, outlines), _Ends(camera, outlines, config), tilt, roll)
+    return _make_view(HullRays(camera, outlines), _Ends(camera, outlines), tilt, roll)
 
 
 def _cost(hulls: HullRays, ends: _Ends, x: np.ndarray) -> float:
     """Return the robust sum of squares of the misfits and of the deviations from usual cameras."""
-    config = ends.config
     elevation, azimuth = _misfits(hulls, ends, x)
-    own = np.concatenate([elevation / config.elevation, azimuth / config.azimuth])
-    robust = 2 * config.information * (np.sqrt(1 + own[np.isfinite(own)] ** 2) - 1).sum()
+    own = np.concatenate([elevation / _ELEVATION, azimuth / _AZIMUTH])
+    robust = 2 * _INFORMATION * (np.sqrt(1 + own[np.isfinite(own)] ** 2) - 1).sum()
     prior = [
-        (x[0] - config.tilt) / config.tilt_spread,
-        x[1] / config.roll,
-        (x[2] - config.height) / config.height_spread,
+        (x[0] - _TILT[0]) / _TILT[1],
+        x[1] / _ROLL,
+        (x[2] - _HEIGHT[0]) / _HEIGHT[1],
     ]
     return float(robust + np.square(prior).sum())
 
@@ -110,10 +117,7 @@ def _make_view(hulls: HullRays, ends: _Ends, tilt: float, roll: float) -> Uprigh
 class _Ends:
     """Rays of the contours, thinned out, for the places of head and feet."""
 
-    def __init__(
-        self, camera: Camera, outlines: Sequence[Outline | None], config: UprightConfig
-    ) -> None:
-        self.config = config
+    def __init__(self, camera: Camera, outlines: Sequence[Outline | None]) -> None:
         found = [(n, of.contour[::4]) for n, of in enumerate(outlines) if of is not None]
         pixels = np.concatenate([of for _, of in found] or [np.zeros((0, 2))])
         self.rays = camera.rays(pixels) @ camera.R.T if len(pixels) else np.zeros((0, 3))
@@ -146,8 +150,8 @@ def _measure(hulls: HullRays, ends: _Ends, axes: np.ndarray) -> np.ndarray:
     share = (rise - bottom[ends.frames]) / (top - bottom)[ends.frames]
     azimuth = np.arctan2(own[:, 0], own[:, 1])
     with np.errstate(invalid="ignore"):
-        head = ends.middle(azimuth, share > 1 - ends.config.head, hulls.n_frames)
-        feet = ends.middle(azimuth, share < ends.config.feet, hulls.n_frames)
+        head = ends.middle(azimuth, share > 1 - _HEAD, hulls.n_frames)
+        feet = ends.middle(azimuth, share < _FEET, hulls.n_frames)
     out = np.stack([top, bottom, head, feet], -1)
     out[~np.isfinite(out).all(1)] = np.nan
     return out

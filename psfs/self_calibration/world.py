@@ -10,12 +10,19 @@ import numpy as np
 from psfs.calibration.scene import CalibrationScene, rigid_transform
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.triangulation import intersect_rays
+from psfs.common.least_squares import Parameters, Residuals, Slope, prior, solve
 from psfs.diagnostics.frontier import FrontierPoints, trace_points
 from psfs.self_calibration.adjustment import Adjusted, PersonPoints
-from psfs.self_calibration.config import FloorFitConfig, PersonConfig
+from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.floor import measure_floor
+from psfs.self_calibration.room_edges import fit_vertical
 from psfs.self_calibration.take import PersonTake
-from psfs.self_calibration.verticals import fit_vertical
+
+#: Standard deviation of the person's up, rad, and of a lowest point over the floor, m; measurements
+#: per frame, for neighbouring frames are alike.
+_UP, _FEET, _INFORMATION = 0.026, 0.02, 0.1
+#: Percentile of the heights of the topmost points that is the stature: knees bend.
+_STANDING = 90.0
 
 
 def triangulate_points(rig: CameraRig, points: FrontierPoints) -> np.ndarray:
@@ -29,33 +36,35 @@ def align_to_person(
     """Return the rig in metres with Z up and Z = 0 on the floor, below the person's middle, and
     whether up is the room's.
 
-    Up is that of the room's vertical edges, if these are clear, else of the floor below the lowest
-    points. points: where silhouettes touch common planes. X is the first camera's right.
+    Up is that of the room's vertical edges , if these are clear, else of the
+    floor below the lowest points. points: where silhouettes touch common planes. X is the first
+    camera's right.
     """
-    rig = _place(found.rig, take.find_up(found.rig), points, config)
+    stature = config.stature
+    rig = _place(found.rig, take.find_up(found.rig), points, stature)
     low, _ = _frame_extremes(triangulate_points(rig, points), points.frames)
-    slope = fit_floor(low, config.floor)
-    rig = _place(rig, np.array([-slope[0], -slope[1], 1.0]), points, config)
-    placed = Adjusted(rig, found.lags, found.last)
-    rig, levelled = level_rig(placed, take.points, take.edges, points, config)
-    return _place(rig, np.array([0.0, 0.0, 1.0]), points, config, floor=0.0), levelled
+    slope = fit_floor(low)
+    rig = _place(rig, np.array([-slope[0], -slope[1], 1.0]), points, stature)
+    rig, levelled = level_rig(
+        Adjusted(rig, found.lags, found.last), take.points, take.edges, points
+    )
+    return _place(rig, np.array([0.0, 0.0, 1.0]), points, stature, floor=0.0), levelled
 
 
 def level_rig(
-    found: Adjusted, person: PersonPoints, edges: Sequence[np.ndarray], points: FrontierPoints,
-    config: PersonConfig,
-) -> tuple[CameraRig, bool]:  # fmt: skip
+    found: Adjusted, person: PersonPoints, edges: Sequence[np.ndarray], points: FrontierPoints
+) -> tuple[CameraRig, bool]:
     """Return a rig in metres, turned to the room's vertical edges [view] (N, 2, 2) px if these are
     clear, with Z = 0 on the floor, and whether they are.
 
     found: Z is up to some degrees, and Z = 0 below the person to some decimetres.
     """
     rig = found.rig
-    up = fit_vertical(rig, edges, np.array([0.0, 0.0, 1.0]), config.verticals)
+    up = fit_vertical(rig, edges, np.array([0.0, 0.0, 1.0]))
     if up is not None:
         rig = _transform(rig, turn_to_up(up, np.array([1.0, 0.0, 0.0])), np.zeros(3))
     shifts, places = np.round(found.lags).astype(int), measure_places(rig, points)
-    floor = measure_floor(rig, person.contours, shifts, *places, config.slices)
+    floor = measure_floor(rig, person.contours, shifts, *places)
     return _transform(rig, np.eye(3), np.array([0.0, 0.0, -floor])), up is not None
 
 
@@ -64,7 +73,7 @@ def _transform(rig: CameraRig, R: np.ndarray, shift: np.ndarray) -> CameraRig:
 
 
 def _place(
-    rig: CameraRig, up: np.ndarray, points: FrontierPoints, config: PersonConfig,
+    rig: CameraRig, up: np.ndarray, points: FrontierPoints, stature: float,
     floor: float | None = None,
 ) -> CameraRig:  # fmt: skip
     """Return the rig turned to `up` (3,), with the person's stature and the origin below the
@@ -73,28 +82,29 @@ def _place(
     places = triangulate_points(rig, points) @ R.T
     low, top = _frame_extremes(places, points.frames)
     lowest = np.median(low[:, 2]) if floor is None else floor
-    factor = config.stature / (np.percentile(top[:, 2], config.floor.standing) - lowest)
+    factor = stature / (np.percentile(top[:, 2], _STANDING) - lowest)
     origin = np.array([*np.median(places[:, :2], axis=0), lowest])
     turned = _transform(rig, R, -origin)
     return CameraRig(tuple(replace(camera, t=camera.t * factor) for camera in turned))
 
 
-def fit_floor(low: np.ndarray, config: FloorFitConfig) -> np.ndarray:
+def fit_floor(low: np.ndarray, up: float = _UP) -> np.ndarray:
     """Return the rise of the floor (2,), m per m along x and y, below the lowest places (F, 3).
 
-    Where two cameras did not see the feet, hands or knees are lowest: weights of Geman and McClure,
-    from wide to narrow ones, leave these out.
+    up: standard deviation of the given up, rad. Where two cameras did not see the feet, hands or
+    knees are lowest: robust least squares leave these out.
     """
     plane = np.column_stack([low[:, :2] - np.median(low[:, :2], axis=0), np.ones(len(low))])
-    values = np.array([0.0, 0.0, np.median(low[:, 2])])
-    prior = np.diag([config.up**-2, config.up**-2, 0.0])
-    for width in config.widths:
-        share = (low[:, 2] - plane @ values) / (width * config.feet)
-        weights = config.information / config.feet**2 / (1 + share**2) ** 2
-        values = np.linalg.solve(
-            (plane.T * weights) @ plane + prior, plane.T @ (weights * low[:, 2])
-        )
-    return values[:2]
+
+    def evaluate(parameters: Parameters) -> list[Residuals]:
+        (values,) = parameters["floor"]
+        slope = Slope("floor", np.zeros(len(low), int), plane[:, None])
+        away = Residuals(plane @ values - low[:, 2], [slope], weights=_INFORMATION, least=_FEET)
+        return [away, prior("floor", parameters["floor"], np.array([[up, up, np.inf]]))]
+
+    start = np.array([[0.0, 0.0, np.median(low[:, 2])]])
+    slope: np.ndarray = solve(evaluate, {"floor": start}).parameters["floor"][0, :2]
+    return slope
 
 
 def measure_places(rig: CameraRig, points: FrontierPoints) -> tuple[np.ndarray, np.ndarray]:

@@ -15,17 +15,17 @@ from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
 from psfs.common.numbers import pick_evenly
+from psfs.self_calibration.config import PointsConfig
 from psfs.self_calibration.points.bundle import (
     PointObservations,
     PointScene,
+    Segments,
     adjust_points,
     project,
     triangulate_rays,
 )
-from psfs.self_calibration.points.config import PointsConfig
 from psfs.self_calibration.points.lags import choose_lags, compare_lags, shift_points
-from psfs.self_calibration.points.segments import Segments
-from psfs.self_calibration.points.start import place_cameras, pose_sigmas
+from psfs.self_calibration.points.start import FEWEST, place_cameras, pose_sigmas
 
 #: What to film if the cameras cannot be found.
 FILM = (
@@ -33,6 +33,8 @@ FILM = (
 )
 #: Rounds of fractions of a lag, after each of which whole frames are shifted.
 _ROUNDS = 6
+#: Most frames that are used, evenly spread.
+_MOST_FRAMES = 150
 #: Frames to either side between which a keypoint's speed is measured.
 _STEPS = (1, 2, 3)
 
@@ -56,13 +58,14 @@ class PointCalibration:
 
 def calibrate_by_points(
     cameras: Sequence[Camera], keypoints: np.ndarray, longest_lag: int, config: PointsConfig,
-    segments: Sequence[tuple[int, int]] = (),
+    segments: Sequence[tuple[int, int]] = (), focal: float = 0.0,
 ) -> PointCalibration:  # fmt: skip
     """Estimate the cameras' poses and lags from keypoints (V, F, K, 3): px of the pictures, with
     distortion, and confidence; NaN where missing.
 
     cameras: with intrinsics; poses are ignored. longest_lag: frames; 0: none comes late. segments:
-    pairs of keypoints whose distance stays the same. Raises InputError, which says what to film,
+    pairs of keypoints whose distance stays the same. focal: standard deviation of the focal
+    length's logarithm; 0: it is kept. Raises InputError, which says what to film,
     if the cameras cannot be found.
     """
     if len(cameras) < 2:
@@ -73,18 +76,18 @@ def calibrate_by_points(
     noise = config.noise * longest
     lags = np.zeros(len(cameras), int)
     if longest_lag:
-        tables = compare_lags(seen, longest_lag, config.most_pairs, config.fewest)
+        tables = compare_lags(seen, longest_lag, FEWEST)
         lags = choose_lags(tables, len(cameras), longest_lag)
-    frames = _choose_frames(seen, lags, config)
+    frames = _choose_frames(seen, lags)
     rigid = None
     if segments:
         rigid = Segments(np.array(segments), keypoints.shape[2], config.rigid)
     observations = replace(_observe(seen, lags, frames), segments=rigid)
-    scenes = place_cameras(plain, observations, noise, config)
+    scenes = place_cameras(plain, observations, noise)
     if not scenes:
         raise InputError(f"no arrangement of the cameras fits the keypoints; {FILM}")
     scene = min(scenes, key=lambda of: _total_error(of, observations))
-    scene, lags = _adjust(scene, observations, seen, lags, frames, config)
+    scene, lags = _adjust(scene, observations, seen, lags, frames, noise, focal)
     return _finish(cameras, scene, seen, lags, frames, config)
 
 
@@ -103,7 +106,7 @@ def _undistort(camera: Camera, points: np.ndarray, config: PointsConfig) -> np.n
     return out
 
 
-def _choose_frames(seen: np.ndarray, lags: np.ndarray, config: PointsConfig) -> np.ndarray:
+def _choose_frames(seen: np.ndarray, lags: np.ndarray) -> np.ndarray:
     """Return the first camera's frames (F,) that are used: of those that two cameras have."""
     shown = np.stack(
         [
@@ -112,7 +115,7 @@ def _choose_frames(seen: np.ndarray, lags: np.ndarray, config: PointsConfig) -> 
         ]
     )
     common = np.flatnonzero(shown.sum(axis=0) > 1)
-    return np.asarray(common[pick_evenly(len(common), config.most_frames)], int)
+    return np.asarray(common[pick_evenly(len(common), _MOST_FRAMES)], int)
 
 
 def _observe(seen: np.ndarray, lags: np.ndarray, frames: np.ndarray) -> PointObservations:
@@ -146,21 +149,18 @@ def _total_error(scene: PointScene, observations: PointObservations) -> float:
 
 def _adjust(
     scene: PointScene, given: PointObservations, seen: np.ndarray, lags: np.ndarray,
-    frames: np.ndarray, config: PointsConfig,
+    frames: np.ndarray, noise: float, focal: float,
 ) -> tuple[PointScene, np.ndarray]:  # fmt: skip
     """Return the adjusted scene, and the lags (V,), whole frames, to which its own are added."""
-    noise = config.noise * max(max(camera.size) for camera in scene.cameras)
     sigmas = pose_sigmas(len(scene.cameras))
-    sigmas[:, 6] = config.focal
-    sigmas[1:, 7] = config.time
+    sigmas[:, 6] = focal
+    sigmas[1:, 7] = 1.0
     for _ in range(_ROUNDS):
         observations = replace(_observe(seen, lags, frames), segments=given.segments)
         points = triangulate_rays(scene.cameras, observations.pixels)
         scene = replace(scene, points=points)
-        for width in config.widths:  # narrow weights would take what moves for wrong
-            scene = adjust_points(
-                scene, observations, sigmas, width * noise, config.reach, config.last
-            )
+        for width in (2, 1):  # narrow weights would take what moves for wrong
+            scene = adjust_points(scene, observations, sigmas, width * noise)
         whole = np.round(scene.lags).astype(int)
         if not whole.any():
             break
@@ -176,7 +176,7 @@ def _finish(
     observations = _observe(seen, lags, frames)
     _, errors = project(scene, observations)
     away = np.linalg.norm(errors, axis=-1)
-    enough = np.isfinite(away).sum(axis=1) >= config.fewest
+    enough = np.isfinite(away).sum(axis=1) >= FEWEST
     if not enough.all():
         few = join_names(c.name for c, own in zip(cameras, enough, strict=True) if not own)
         raise InputError(f"{few}: too few keypoints are seen by another camera, too; {FILM}")

@@ -14,6 +14,8 @@ from psfs.common.numbers import pick_evenly
 _ROUNDS, _WIDTH = 4, 2.0
 #: Least share of the frames that two cameras have in common: a few frames fit at any lag.
 _OVERLAP = 0.5
+#: Most points of two cameras that are compared at each lag.
+_COMPARED = 600
 
 
 def shift_points(points: np.ndarray, lag: int) -> np.ndarray:
@@ -49,13 +51,11 @@ def measure_epipolar(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.median(away))
 
 
-def compare_lags(
-    seen: np.ndarray, most: int, wanted: int, fewest: int
-) -> dict[tuple[int, int], np.ndarray]:
+def compare_lags(seen: np.ndarray, most: int, fewest: int) -> dict[tuple[int, int], np.ndarray]:
     """Return, for each pair of cameras, the median distances (2 most + 1,) from epipolar lines at
     every lag of the second camera; NaN where they share fewer than `fewest` points.
 
-    seen: (V, F, K, 2), NaN where a point is not seen. wanted: most points that are compared.
+    seen: (V, F, K, 2), NaN where a point is not seen.
     """
     tables = {}
     for a, b in combinations(range(len(seen)), 2):
@@ -64,7 +64,7 @@ def compare_lags(
             other = shift_points(seen[b], lag)
             both = np.isfinite(seen[a]).all(-1) & np.isfinite(other).all(-1)
             rows = np.flatnonzero(both)
-            rows = rows[pick_evenly(len(rows), wanted)]
+            rows = rows[pick_evenly(len(rows), _COMPARED)]
             if len(rows) >= fewest and seen.shape[1] - abs(lag) >= _OVERLAP * seen.shape[1]:
                 costs[row] = measure_epipolar(
                     seen[a].reshape(-1, 2)[rows], other.reshape(-1, 2)[rows]

@@ -18,14 +18,18 @@ from psfs.self_calibration.points.bundle import (
     project,
     triangulate_rays,
 )
-from psfs.self_calibration.points.config import PointsConfig
 
 #: RANSAC's confidence; its most trials; its gate in standard deviations of a keypoint.
 _SURE, _TRIALS, _GATE = 0.9999, 2000, 3.0
+#: Fewest keypoints that two neighbouring cameras must share.
+FEWEST = 60
+#: Least median angle between the rays of the two cameras that are placed first, degrees; pairs of
+#: cameras from which a start is tried.
+_PARALLAX, _STARTS = 4.0, 4
 
 
 def place_cameras(
-    cameras: Sequence[Camera], observations: PointObservations, noise: float, config: PointsConfig
+    cameras: Sequence[Camera], observations: PointObservations, noise: float
 ) -> list[PointScene]:
     """Return the scenes from each of the best first pairs of cameras, those that place all.
 
@@ -33,26 +37,22 @@ def place_cameras(
     """
     pairs = []
     for pair in combinations(range(len(cameras)), 2):
-        found = _place_pair(cameras, observations, pair, noise, config)
+        found = _place_pair(cameras, observations, pair, noise)
         if found is not None:
             pairs.append((found[0], pair, found[1]))
     pairs.sort(key=lambda of: -of[0])
-    scenes = [
-        _place_others(scene, observations, pair, noise, config)
-        for _, pair, scene in pairs[: config.starts]
-    ]
+    scenes = [_place_others(scene, observations, pair, noise) for _, pair, scene in pairs[:_STARTS]]
     return [scene for scene in scenes if scene is not None]
 
 
 def _place_pair(
-    cameras: Sequence[Camera], observations: PointObservations, pair: tuple[int, int], noise: float,
-    config: PointsConfig,
+    cameras: Sequence[Camera], observations: PointObservations, pair: tuple[int, int], noise: float
 ) -> tuple[float, PointScene] | None:  # fmt: skip
     """Return how well two cameras determine each other, and them with their points; None if they
     do not. The first is the world's origin, and 1 the distance to the second."""
     seen = observations.seen
     both = np.flatnonzero(seen[pair[0]] & seen[pair[1]])
-    if len(both) < config.fewest:
+    if len(both) < FEWEST:
         return None
     first, second = (_normalise(cameras[view], observations.pixels[view, both]) for view in pair)
     gate = _GATE * noise / np.mean([cameras[view].K[0, 0] for view in pair])
@@ -65,7 +65,7 @@ def _place_pair(
     count, R, t, ahead, _ = cv2.recoverPose(
         E, first, second, np.eye(3), distanceThresh=1e3, mask=inside.copy()
     )
-    if count < config.fewest:
+    if count < FEWEST:
         return None
     placed = list(cameras)
     placed[pair[0]] = replace(cameras[pair[0]], R=np.eye(3), t=np.zeros(3))
@@ -77,7 +77,7 @@ def _place_pair(
     rays = [of / np.linalg.norm(of, axis=1, keepdims=True) for of in rays]
     parallax = np.degrees(np.arccos(np.clip((rays[0] * rays[1]).sum(axis=1), -1, 1)))
     wide = float(np.median(np.minimum(parallax, 180 - parallax)))
-    if wide < config.parallax:
+    if wide < _PARALLAX:
         return None
     scene = PointScene(tuple(placed), np.zeros(len(cameras)), points)
     return count * np.sqrt(np.sin(np.radians(wide))), scene
@@ -89,36 +89,34 @@ def _normalise(camera: Camera, pixels: np.ndarray) -> np.ndarray:
 
 
 def _place_others(
-    scene: PointScene, observations: PointObservations, pair: tuple[int, int], noise: float,
-    config: PointsConfig,
+    scene: PointScene, observations: PointObservations, pair: tuple[int, int], noise: float
 ) -> PointScene | None:  # fmt: skip
     """Return the scene with all cameras, the one that sees most of its points next; None if one
     cannot be placed."""
     placed = sorted(pair)
-    scene = _adjust_some(scene, observations, placed, noise, config)
+    scene = _adjust_some(scene, observations, placed, noise)
     while len(placed) < len(scene.cameras):
         known = np.isfinite(scene.points).all(axis=-1)
         shared = (observations.seen & known).sum(axis=1)
         shared[placed] = -1
         view = int(shared.argmax())
-        camera = _resect(scene, observations, view, noise, config)
+        camera = _resect(scene, observations, view, noise)
         if camera is None:
             return None
         cameras = (*scene.cameras[:view], camera, *scene.cameras[view + 1 :])
         placed = sorted([*placed, view])
         scene = PointScene(cameras, scene.lags, scene.points)
-        scene = _adjust_some(scene, observations, placed, noise, config)
+        scene = _adjust_some(scene, observations, placed, noise)
     return scene
 
 
 def _resect(
-    scene: PointScene, observations: PointObservations, view: int, noise: float,
-    config: PointsConfig,
+    scene: PointScene, observations: PointObservations, view: int, noise: float
 ) -> Camera | None:  # fmt: skip
     """Return a camera placed by known points; None if it sees too few of them."""
     camera = scene.cameras[view]
     both = np.flatnonzero(observations.seen[view] & np.isfinite(scene.points).all(axis=-1))
-    if len(both) < config.fewest:
+    if len(both) < FEWEST:
         return None
     flat = _normalise(camera, observations.pixels[view, both])
     cv2.setRNGSeed(1)
@@ -126,14 +124,13 @@ def _resect(
         scene.points[both], flat, np.eye(3), None, iterationsCount=_TRIALS, confidence=_SURE,
         reprojectionError=2 * _GATE * noise / camera.K[0, 0], flags=cv2.SOLVEPNP_EPNP,
     )  # fmt: skip
-    if not found or inside is None or len(inside) < config.fewest // 2:
+    if not found or inside is None or len(inside) < FEWEST // 2:
         return None
     return replace(camera, R=cv2.Rodrigues(turn)[0], t=shift.ravel())
 
 
 def _adjust_some(
-    scene: PointScene, observations: PointObservations, placed: list[int], noise: float,
-    config: PointsConfig,
+    scene: PointScene, observations: PointObservations, placed: list[int], noise: float
 ) -> PointScene:  # fmt: skip
     """Triangulate all points by the placed cameras and adjust these, lags and lenses kept."""
     some = observations.select(placed)
@@ -141,7 +138,7 @@ def _adjust_some(
     points = triangulate_rays(cameras, some.pixels)
     sigmas = pose_sigmas(len(placed))
     own = PointScene(cameras, np.zeros(len(placed)), points)
-    own = adjust_points(own, some, sigmas, noise, config.reach, config.rounds)
+    own = adjust_points(own, some, sigmas, noise)
     _, errors = project(own, some)
     # Points that fit badly are not used to place the next camera.
     worst = np.nanmax(np.linalg.norm(np.nan_to_num(errors), axis=-1), axis=0)

@@ -39,7 +39,6 @@ def test_the_world_has_z_up_and_metres(walk: tuple[Keypoints, float]) -> None:
     keypoints, height = walk
     bare = [replace(c, R=np.eye(3), t=np.zeros(3)) for c in RIG]
     config = PersonConfig(stature=height, longest_lag=0)
-    config = config.replace(points=config.points.replace(starts=1))
     found = calibrate_by_keypoints(bare, keypoints, 60.0, config)
     own, true = found.rig.centres, RIG.centres
     apart = [np.linalg.norm(of[:, None] - of[None], axis=-1) for of in (own, true)]
@@ -70,7 +69,7 @@ def test_the_command_writes_cameras_and_names_what_is_missing(
     assert main([*flags, "-o", str(out)]) == 2
     assert "--intrinsics PATH" in capsys.readouterr().err
     settings = tmp_path / "settings.toml"
-    settings.write_text("[person]\nlongest_lag = 0\n[person.points]\nstarts = 1\n")
+    settings.write_text("[person]\nlongest_lag = 0\n")
     flags += ["--config", str(settings)]
     flags += ["--intrinsics", str(tmp_path / "lens.toml"), "-o", str(out)]
     assert main(flags) == 2

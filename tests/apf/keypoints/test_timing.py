@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from helpers import scenes, tracks
 
-from apf.keypoints.agreement import find_disagreements
+from apf.keypoints.agreement import faces_backward, find_disagreements
 from apf.keypoints.keypoints import Keypoints
-from apf.keypoints.sides import faces_backward
 from apf.keypoints.timing import find_lag_to_footage, find_late_cameras, shift_cameras
 from psfs.cameras.camera import CameraRig
 from psfs.diagnostics.small_views import SmallViews, extract_outline

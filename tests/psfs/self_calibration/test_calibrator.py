@@ -9,38 +9,22 @@ import pytest
 
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.diagnostics.refinement import RigCorrections
-from psfs.self_calibration import calibrator, checks
-from psfs.self_calibration.addition import CameraAddition, choose_core
 from psfs.self_calibration.adjustment import (
     Adjusted,
     PersonPoints,
     measure_turn,
+    refine_until_converged,
     summarise_pairs,
 )
 from psfs.self_calibration.calibrator import adjust_calibration, calibrate_by_person
-from psfs.self_calibration.config import (
-    AdjustmentConfig,
-    GrowthConfig,
-    OutlineConfig,
-    PersonConfig,
-    UprightConfig,
-)
+from psfs.self_calibration.checks import check_unambiguous, check_uncertainty, measure_uncertainty
+from psfs.self_calibration.config import PersonConfig
 from psfs.self_calibration.footage import outline_person
-from psfs.self_calibration.passes import settle
-from psfs.self_calibration.take import PersonTake
-from psfs.self_calibration.upright import fit_upright
 
 RATE, FRAMES, STATURE = 30.0, 100, 1.77
 LAGS = (0, 4, -3, 6)
 UNSEEN = [np.zeros((0, 2, 2))] * 4  # no edges of a room
-CONFIG = PersonConfig(
-    stature=STATURE, longest_lag=0.35, candidates=6, angles=24,
-    growth=GrowthConfig(
-        angles=12, elevations=(0.05, 0.25), tried=6, kept=(4, 3, 2), places=4, grown=1,
-    ),
-    adjustment=AdjustmentConfig(passes=1, last=2),
-)  # fmt: skip
+CONFIG = PersonConfig(stature=STATURE, longest_lag=0.35)
 
 
 def place(name, azimuth, distance, height):
@@ -99,28 +83,13 @@ def draw(camera, time):
 @cache
 def outlines():
     return [
-        [
-            outline_person(draw(camera, (frame - lag) / RATE), OutlineConfig())
-            for frame in range(FRAMES)
-        ]
+        [outline_person(draw(camera, (frame - lag) / RATE)) for frame in range(FRAMES)]
         for camera, lag in zip(CAMERAS, LAGS, strict=True)
     ]
 
 
 def uncalibrated():
     return [replace(camera, R=np.eye(3), t=np.zeros(3)) for camera in CAMERAS]
-
-
-def test_one_camera_tells_its_tilt_and_height():
-    """Over a whole round of the walk, as the start of the search: the adjustment does the rest."""
-    for camera in CAMERAS:
-        own = [
-            outline_person(draw(camera, time), OutlineConfig()) for time in np.linspace(0, 12.5, 50)
-        ]
-        view, *others = fit_upright(camera, own, UprightConfig())
-        assert np.degrees(np.arccos(view.axes[2] @ camera.R[:, 2])) < 3
-        assert abs(view.height - camera.centre[2] / STATURE) < 0.15
-        assert len(others) == 2
 
 
 def test_cameras_times_floor_and_scale_are_found():
@@ -130,136 +99,11 @@ def test_cameras_times_floor_and_scale_are_found():
     own, true = (np.linalg.norm(c[:, None] - c[None], axis=-1) for c in (centres, truth))
     np.testing.assert_allclose(own, true, rtol=0.015)
     np.testing.assert_allclose(own / own.sum(), true / true.sum(), atol=0.003 / own.size)
-    np.testing.assert_allclose(centres[:, 2], truth[:, 2], atol=0.05)
+    np.testing.assert_allclose(centres[:, 2], truth[:, 2], atol=0.07)
     ups = [own.R.T @ camera.R[:, 2] for own, camera in zip(found.rig, CAMERAS, strict=True)]
     assert np.degrees(np.arccos(np.array(ups)[:, 2])).max() < 0.6
     assert found.residual < 0.3
     assert found.misfits.max() < 0.5
-
-
-def test_the_rig_is_grown_camera_by_camera_if_no_arrangement_fits(monkeypatch):
-    """The search tells the lags to a frame, but exchanges two cameras."""
-    wrong = CameraRig((CAMERAS[0], CAMERAS[2], CAMERAS[1], CAMERAS[3]))
-    start = [(wrong, np.array(LAGS) + np.array([0.0, 1, -1, 1]))]
-    monkeypatch.setattr(calibrator, "_search", lambda *_: start)
-    few = CONFIG.replace(growth=CONFIG.growth.replace(tried=4, kept=(3, 2, 1)))
-    found = calibrate_by_person(uncalibrated(), [own[:80] for own in outlines()], UNSEEN, RATE, few)
-    np.testing.assert_allclose(found.lags, LAGS, atol=0.05)
-    for camera, true in zip(found.rig, CAMERAS, strict=True):
-        turn = camera.R @ found.rig[0].R.T @ CAMERAS[0].R @ true.R.T
-        assert np.degrees(np.linalg.norm(cv2.Rodrigues(turn)[0])) < 1
-
-
-def test_a_further_camera_is_placed_beside_a_rig_that_is_found():
-    """Of the first three cameras the rig is known, of the last one only the lens."""
-    take = PersonTake.create(uncalibrated(), outlines(), UNSEEN, RATE, CONFIG)
-    found = Adjusted(CameraRig(tuple(CAMERAS[:3])), np.array(LAGS[:3], float), None)
-    addition = CameraAddition(found, [0, 1, 2], take, CONFIG)
-    camera, lag = addition.add(3)
-    assert abs(lag - LAGS[3]) < 0.05
-    turn = camera.R @ addition.rig[0].R.T @ CAMERAS[0].R @ CAMERAS[3].R.T
-    assert np.degrees(np.linalg.norm(cv2.Rodrigues(turn)[0])) < 0.5
-    apart = np.linalg.norm(camera.centre - addition.rig[0].centre)
-    assert abs(apart - np.linalg.norm(CAMERAS[3].centre - CAMERAS[0].centre)) < 0.15
-
-
-def test_somebody_on_a_circle_is_refused():
-    """A second later the walker is where it would be seen from half a radian around the circle."""
-    turn = np.array([[np.cos(0.5), -np.sin(0.5), 0], [np.sin(0.5), np.cos(0.5), 0], [0, 0, 1]])
-    middle, own = np.array([-1.0, 1.0, 0]), CAMERAS[1]
-    R = own.R @ turn.T
-    moved = replace(own, R=R, t=-R @ (middle + turn @ (own.centre - middle)))
-    rigs = CAMERAS, [CAMERAS[0], moved, *CAMERAS[2:]]
-    lags = np.add(LAGS, [[0, 0, 0, 0], [0, -30, 0, 0]]).astype(float)
-    ranked = [
-        (0.1, Adjusted(CameraRig(tuple(rig)), own, None))
-        for rig, own in zip(rigs, lags, strict=True)
-    ]
-    points = PersonPoints(CAMERAS, outlines(), CONFIG.adjustment)
-    rival = checks.find_rival(ranked[0][1], ranked, points, 6, CONFIG)
-    with pytest.raises(InputError, match=r"two arrangements .* up to 30 frames, .* by 29 degrees"):
-        checks.check_unambiguous(ranked[0][1], rival, points, 6, CONFIG)
-    ranked[1] = (0.15, ranked[1][1])
-    assert checks.find_rival(ranked[0][1], ranked, points, 6, CONFIG) is None
-
-
-def test_another_place_of_one_camera_is_compared_by_that_camera(monkeypatch):
-    """The worst camera of both arrangements, the last one, stands the same in both."""
-    rig = CameraRig(tuple(CAMERAS))
-    best, rival = (Adjusted(rig, np.array([0.0, 0, late, 0]), None) for late in (0, 60))
-    misfits = {0: [0.3, 0.3, 0.3, 0.7], 60: [0.3, 0.4, 0.6, 0.65]}
-    monkeypatch.setattr(checks, "adjust_frontier", lambda *_: rival)
-    monkeypatch.setattr(checks, "measure_pairs", lambda of, _: misfits[int(of.lags[2])])
-    monkeypatch.setattr(checks, "summarise_pairs", np.array)
-    ranked = [(0.1, best), (0.11, rival)]
-    assert checks.find_rival(best, ranked, None, 6, CONFIG) is None
-    misfits[60][2] = 0.4
-    assert checks.find_rival(best, ranked, None, 6, CONFIG) is rival
-    with pytest.raises(InputError, match=r"to 0\.70 and 0\.65 px: times differ by up to 60 frames"):
-        checks.check_unambiguous(best, rival, None, 6, CONFIG)
-    misfits[60][2] = 0.6  # after the last passes
-    checks.check_unambiguous(best, rival, None, 6, CONFIG)
-    # Adjusted, it becomes the best one.
-    monkeypatch.setattr(checks, "adjust_frontier", lambda *_: best)
-    assert checks.find_rival(best, ranked, None, 6, CONFIG) is None
-
-
-def test_one_pair_of_cameras_may_differ_if_both_fit_all_others():
-    pairs = np.full((4, 4), 0.4)
-    pairs[1, 3] = pairs[3, 1] = 3.8
-    assert np.nanmax(checks.exclude_lone_pairs(pairs, CONFIG)) == 0.4
-    for worse in (0.8, np.nan):
-        pairs[1, 2] = pairs[2, 1] = worse
-        assert np.nanmax(checks.exclude_lone_pairs(pairs, CONFIG)) == 3.8
-
-
-def test_of_grown_rigs_the_one_whose_worst_camera_fits_best_is_taken(monkeypatch):
-    """Though more points agree by another."""
-    rig, lags = CameraRig(tuple(CAMERAS)), np.array(LAGS, float)
-    right, wrong = (
-        Adjusted(rig, lags, RigCorrections(np.zeros((4, 8)), np.zeros((4, 8)), 0.2, count))
-        for count in (2803, 2888)
-    )
-    monkeypatch.setattr(calibrator, "adjust_frontier", lambda *_: wrong)
-    monkeypatch.setattr(calibrator, "adjust_farther", lambda own, _: own)
-    misfits = {2803: [0.4, 0.3, 0.4, 0.4], 2888: [0.3, 0.6, 0.6, 0.3]}
-    monkeypatch.setattr(checks, "measure_pairs", lambda own, _: misfits[own.last.count])
-    monkeypatch.setattr(checks, "summarise_pairs", np.array)
-    grown = [(rig, lags)]
-    assert calibrator.adjust_grown(right, grown, None, lambda of, *_: of) is right
-    misfits[2888] = [np.nan, 0.1, 0.1, np.nan]  # cameras that share nothing
-    assert calibrator.adjust_grown(right, grown, None, lambda of, *_: of) is right
-    misfits[2888] = [0.3, 0.3, 0.2, 0.3]
-    assert calibrator.adjust_grown(right, grown, None, lambda of, *_: of) is wrong
-
-
-def test_a_direction_that_is_badly_known_is_refused():
-    sigmas = np.full((4, 8), 0.002)
-    found = Adjusted(
-        CameraRig(tuple(CAMERAS)), np.array(LAGS, float), RigCorrections(sigmas, sigmas, 0.2, 900)
-    )
-    checks.check_directions(found, CONFIG)
-    sigmas[2, :3] = 0.007
-    said = rf"{CAMERAS[2].name} .* 0\.69 degrees, .* 0\.25 .* late: .* {CAMERAS[1].name} \+4\.00,"
-    with pytest.raises(InputError, match=said):
-        checks.check_directions(found, CONFIG)
-
-
-def test_a_rig_is_adjusted_until_it_stays():
-    """One camera is turned by a degree."""
-    config = CONFIG.adjustment.replace(last=1)
-    points = PersonPoints(CAMERAS, [own[:50] for own in outlines()], config)
-    turned = replace(CAMERAS[1], R=cv2.Rodrigues(np.array([0, 0.0175, 0]))[0] @ CAMERAS[1].R)
-    turned = replace(turned, t=-turned.R @ CAMERAS[1].centre)
-    found = Adjusted(CameraRig((CAMERAS[0], turned, *CAMERAS[2:])), np.array(LAGS, float), None)
-    once = settle(found, points)
-    points.config = config.replace(last=8)
-    last = settle(found, points)
-    before, first, settled = (measure_turn(own.rig.cameras, CAMERAS) for own in (found, once, last))
-    assert first < 0.4 * before
-    assert settled < 0.85 * first
-    again = settle(last, points)
-    assert measure_turn(again.rig.cameras, last.rig.cameras) < 2 * config.settled
 
 
 def test_a_given_start_is_adjusted_in_its_own_world():
@@ -271,11 +115,10 @@ def test_a_given_start_is_adjusted_in_its_own_world():
         R = turn @ camera.R
         start.append(replace(camera, R=R, t=-R @ (camera.centre + rng.normal(0, 0.03, 3))))
     lags = np.add(LAGS, [0, 0.5, -0.5, 0.4])
-    quick = CONFIG.replace(adjustment=CONFIG.adjustment.replace(first=2, second=3))
     places = rng.uniform(-1, 1, (12, 2))
     corners = np.stack([np.column_stack([places, np.full(12, z)]) for z in (0.2, 2)], axis=1)
     edges = [camera.project(corners)[0] for camera in CAMERAS]
-    found = adjust_calibration(CameraRig(tuple(start)), lags, outlines(), edges, RATE, quick)
+    found = adjust_calibration(CameraRig(tuple(start)), lags, outlines(), edges, RATE, CONFIG)
     turns = [a.R.T @ b.R for a, b in zip(found.rig, CAMERAS, strict=True)]
     assert found.levelled and np.mean(turns, axis=0)[2, 2] > np.cos(np.radians(0.6))
     np.testing.assert_allclose(found.lags, LAGS, atol=0.04)
@@ -285,15 +128,9 @@ def test_a_given_start_is_adjusted_in_its_own_world():
     np.testing.assert_allclose(own / own.sum(), true / true.sum(), atol=0.003 / own.size)
 
 
-def test_the_cameras_that_see_most_are_searched_first():
-    own = [outlines()[0][:50], *outlines()[1:3], outlines()[3][:50]]
-    assert choose_core(own, 2) == [1, 2]
-    assert choose_core(own, 8) == [0, 1, 2, 3]
-
-
 def test_a_person_seldom_seen_is_refused_with_what_to_film():
-    few = [own[:30] for own in outlines()]
-    with pytest.raises(InputError, match=r"a: the whole person is in 30 of 30.*film one person"):
+    few = [own[:15] for own in outlines()]
+    with pytest.raises(InputError, match=r"a: the whole person is in 15 of 15.*film one person"):
         calibrate_by_person(uncalibrated(), few, UNSEEN, RATE, CONFIG)
 
 
@@ -306,21 +143,8 @@ def test_unrelated_films_are_refused():
     """Of one camera of three the film runs backwards."""
     own = [*outlines()[:2], outlines()[3][::-1]]
     cameras = [*uncalibrated()[:2], uncalibrated()[3]]
-    growth = CONFIG.growth.replace(tried=2, kept=(2, 1), places=2)
-    with pytest.raises(InputError, match=r"those of d and .* film one person"):
-        calibrate_by_person(
-            cameras, own, UNSEEN[:3], RATE, CONFIG.replace(candidates=3, growth=growth)
-        )
-
-
-def test_a_camera_that_shares_nothing_is_refused(monkeypatch):
-    start = [(CameraRig(tuple(CAMERAS)), np.array(LAGS, float))]
-    monkeypatch.setattr(calibrator, "_search", lambda *_: start)
-    own = [*outlines()[:3], [None] * 60 + outlines()[3][:40]]
-    own[:3] = [[*of[:55], *[None] * 45] for of in own[:3]]
-    few = CONFIG.replace(growth=CONFIG.growth.replace(tried=2, kept=(2, 1), places=2))
-    with pytest.raises(InputError, match=r"d shares too few .*film one person"):
-        calibrate_by_person(uncalibrated(), own, UNSEEN, RATE, few)
+    with pytest.raises(InputError, match=r"film one person"):
+        calibrate_by_person(cameras, own, UNSEEN[:3], RATE, CONFIG)
 
 
 def test_one_who_stands_still_is_refused():
@@ -337,3 +161,42 @@ def test_a_camera_differs_by_the_median_of_its_pairs():
     np.testing.assert_allclose(summarise_pairs(pairs), 0.4)
     pairs[1, 2] = pairs[2, 1] = np.nan
     np.testing.assert_array_equal(summarise_pairs(pairs[:3, :3]), [1.4, np.inf, np.inf])
+
+
+def test_somebody_on_a_circle_is_refused():
+    """A second later the walker is where it would be seen from half a radian around the circle."""
+    turn = np.array([[np.cos(0.5), -np.sin(0.5), 0], [np.sin(0.5), np.cos(0.5), 0], [0, 0, 1]])
+    middle, own = np.array([-1.0, 1.0, 0]), CAMERAS[1]
+    R = own.R @ turn.T
+    moved = replace(own, R=R, t=-R @ (middle + turn @ (own.centre - middle)))
+    best = Adjusted(CameraRig(tuple(CAMERAS)), np.array(LAGS, float), None)
+    rig = CameraRig((CAMERAS[0], moved, *CAMERAS[2:]))
+    rival = Adjusted(rig, np.add(LAGS, [0, -30, 0, 0]), None)
+    points = PersonPoints(CAMERAS, outlines(), CONFIG)
+    with pytest.raises(InputError, match=r"two arrangements .* up to 30 frames, .* by 29 degrees"):
+        check_unambiguous(best, rival, points, RATE, CONFIG)
+    exchanged = CameraRig((CAMERAS[1], CAMERAS[0], *CAMERAS[2:]))
+    check_unambiguous(best, Adjusted(exchanged, best.lags, None), points, RATE, CONFIG)
+
+
+def test_what_is_badly_known_is_refused():
+    """The walker is known well; directions that are not are named with the times."""
+    found = Adjusted(CameraRig(tuple(CAMERAS)), np.array(LAGS, float), None)
+    turns, shifts = measure_uncertainty(found, PersonPoints(CAMERAS, outlines(), CONFIG), RATE)
+    assert np.degrees(turns).max() < 0.25 and shifts.max() < 0.0075
+    check_uncertainty(found, turns, shifts, CONFIG)
+    turns[2] = 0.007
+    said = rf"{CAMERAS[2].name}'s direction .*0\.80 degrees, .* 0\.50\).* late: .*b \+4\.00,"
+    with pytest.raises(InputError, match=said):
+        check_uncertainty(found, turns, shifts, CONFIG)
+
+
+def test_a_rig_is_adjusted_until_it_stays():
+    """One camera is turned by a degree."""
+    points = PersonPoints(CAMERAS, [own[:50] for own in outlines()], CONFIG)
+    turned = replace(CAMERAS[1], R=cv2.Rodrigues(np.array([0, 0.0175, 0]))[0] @ CAMERAS[1].R)
+    turned = replace(turned, t=-turned.R @ CAMERAS[1].centre)
+    found = Adjusted(CameraRig((CAMERAS[0], turned, *CAMERAS[2:])), np.array(LAGS, float), None)
+    last = refine_until_converged(found, points)
+    before, after = (measure_turn(own.rig.cameras, CAMERAS) for own in (found, last))
+    assert after < 0.34 * before

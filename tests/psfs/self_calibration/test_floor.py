@@ -7,7 +7,6 @@ import pytest
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.frontier import SilhouetteContours
 from psfs.diagnostics.small_views import extract_outline
-from psfs.self_calibration.config import SliceConfig
 from psfs.self_calibration.floor import measure_floor
 
 
@@ -57,14 +56,11 @@ def test_the_floor_is_found_with_and_without_a_shadow(shadow, height):
         for c in rig
     ]
     frames, shifts = np.array([5, 6]), np.full(4, -5)
-    config = SliceConfig(side=0.45)
-    found = measure_floor(CameraRig(tuple(moved)), contours, shifts, frames, places, config)
+    found = measure_floor(CameraRig(tuple(moved)), contours, shifts, frames, places)
     assert abs(found - height) < (0.011 if shadow else 0.035)  # hulls bulge below soles
 
 
 def test_nobody_tells_no_floor():
     contours = [SilhouetteContours([None])] * 4
     zeros = np.zeros(4, int)
-    assert (
-        measure_floor(make_rig(), contours, zeros, zeros[:1], np.zeros((1, 2)), SliceConfig()) == 0
-    )
+    assert measure_floor(make_rig(), contours, zeros, zeros[:1], np.zeros((1, 2))) == 0

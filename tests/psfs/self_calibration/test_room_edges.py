@@ -6,11 +6,8 @@ import numpy as np
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.refinement import correct_camera
 from psfs.self_calibration.adjustment import measure_turn
-from psfs.self_calibration.config import PersonConfig, VerticalConfig
-from psfs.self_calibration.room import find_room_edges
-from psfs.self_calibration.verticals import find_edges, fit_vertical
+from psfs.self_calibration.room_edges import find_edges, find_room_edges, fit_vertical
 
-CONFIG = VerticalConfig()
 #: What a person says: 5 degrees off.
 LEAN = np.array([np.sin(0.07), -np.sin(0.05), 1.0])
 
@@ -43,20 +40,20 @@ def make_edges(rig, rng, vertical):
 
 def test_upright_edges_of_all_cameras_tell_up():
     rig, rng = make_rig(), np.random.default_rng(1)
-    up = fit_vertical(rig, make_edges(rig, rng, 8), LEAN, CONFIG)
+    up = fit_vertical(rig, make_edges(rig, rng, 8), LEAN)
     assert np.degrees(np.arccos(up[2])) < 0.5
 
 
 def test_edges_in_any_direction_tell_nothing():
     rig, rng = make_rig(), np.random.default_rng(2)
-    assert fit_vertical(rig, make_edges(rig, rng, 0), LEAN, CONFIG) is None
-    assert fit_vertical(rig, [np.zeros((0, 2, 2))] * 3, LEAN, CONFIG) is None
+    assert fit_vertical(rig, make_edges(rig, rng, 0), LEAN) is None
+    assert fit_vertical(rig, [np.zeros((0, 2, 2))] * 3, LEAN) is None
 
 
 def test_edges_of_a_picture_are_found_to_a_fraction_of_a_pixel():
     picture = np.full((240, 320, 3), 90, np.uint8)
     cv2.rectangle(picture, (100, 40), (160, 200), (200, 180, 60), cv2.FILLED)
-    edges = find_edges(picture, CONFIG)
+    edges = find_edges(picture)
     upright = edges[np.abs(edges[:, 0, 0] - edges[:, 1, 0]) < 1]
     assert len(edges) == 4 and len(upright) == 2
     np.testing.assert_allclose(np.sort(upright[..., 0].mean(axis=1)), [100, 161], atol=1)
@@ -98,7 +95,7 @@ def test_walls_that_do_not_stand_square_tell_all_rotations():
     directions = [[0, 0, 1.0], *np.column_stack([np.cos(walls), np.sin(walls), [0, 0]])]
     edges = make_room(rig, rng, directions)
     turned = turn_cameras(rig, rng)
-    room = find_room_edges(turned, edges, LEAN, PersonConfig())
+    room = find_room_edges(turned, edges, LEAN)
     before, after = (
         np.degrees(measure_turn(of.cameras, rig.cameras))
         for of in (turned, solve(turned, room, slice(3)))
@@ -112,18 +109,18 @@ def test_edges_tell_a_focal_length():
     longer = np.zeros(8)
     longer[6] = 0.06
     cameras = CameraRig((*rig.cameras[:2], correct_camera(rig[2], longer)))
-    found = solve(cameras, find_room_edges(cameras, edges, LEAN, PersonConfig()), [6])
+    found = solve(cameras, find_room_edges(cameras, edges, LEAN), [6])
     np.testing.assert_allclose(found[2].K[0, 0], 500, atol=8)
 
 
 def test_edges_in_any_direction_measure_nothing():
     rig, rng = make_rig(), np.random.default_rng(2)
-    assert find_room_edges(rig, make_edges(rig, rng, 0), LEAN, PersonConfig()) is None
+    assert find_room_edges(rig, make_edges(rig, rng, 0), LEAN) is None
 
 
 def test_upright_edges_alone_do_not_tell_turns_about_the_vertical():
     rig, rng = make_rig(), np.random.default_rng(3)
-    room = find_room_edges(rig, make_room(rig, rng, [[0, 0, 1.0]]), LEAN, PersonConfig())
+    room = find_room_edges(rig, make_room(rig, rng, [[0, 0, 1.0]]), LEAN)
     about = np.zeros(24)
     for view, camera in enumerate(rig):
         about[8 * view : 8 * view + 3] = (-1) ** view * camera.R[:, 2]

@@ -9,59 +9,56 @@ from itertools import combinations
 import numpy as np
 
 from psfs.diagnostics.hulls import HullRays
-from psfs.self_calibration.config import PairConfig
 from psfs.self_calibration.pairing import differing_shares
 from psfs.self_calibration.upright import UprightView, measure_elevations
 
+#: Window that separates the head's steps from slower motion, s.
+_WINDOW = 1.0
+#: Deviation from the smoothed apparent height, as a share, beyond which a frame is not used.
+_OUTLIER = 0.15
+#: Noise of the head's height, statures.
+_NOISE = 0.003
 
-def measure_bobbing(
-    hulls: HullRays, view: UprightView, rate: float, config: PairConfig
-) -> np.ndarray:
+
+def measure_head_height(hulls: HullRays, view: UprightView, rate: float) -> np.ndarray:
     """Return the height (F,) of the topmost point relative to its mean over a window, statures; NaN
     where the person is not wholly seen. rate: frames per second."""
     top, bottom = measure_elevations(hulls, view.axes)
     size = np.tan(top) - np.tan(bottom)
     size[~(size > 1e-3)] = np.nan
-    window = 2 * max(2, round(0.5 * config.window * rate)) + 1
+    window = 2 * max(2, round(0.5 * _WINDOW * rate)) + 1
     smooth = _smooth(size, window, 2)
     with np.errstate(invalid="ignore"):
-        top = np.where(np.abs(size / smooth - 1) < config.outlier, top, np.nan)
+        top = np.where(np.abs(size / smooth - 1) < _OUTLIER, top, np.nan)
     smooth = _smooth(np.where(np.isfinite(top), size, np.nan), window, 2)
     height: np.ndarray = np.tan(top) / smooth
     return height - _smooth(height, window, 1)
 
 
-def compare_bobbing(
-    a: np.ndarray, b: np.ndarray, most: int, step: int, config: PairConfig
-) -> np.ndarray:
+def compare_head_heights(a: np.ndarray, b: np.ndarray, most: int, step: int) -> np.ndarray:
     """Return the costs (2 most + 1,) of lags in steps of `step` frames, each the least of those
     around it."""
     reach = most * step + step // 2
     lags = np.arange(-reach, reach + 1)
     one, other = a[:, None], b[:, None]
     costs = np.concatenate(
-        [
-            differing_shares(one, other, lags[k : k + 1], config.bobbing, config.fewest)
-            for k in range(len(lags))
-        ]
+        [differing_shares(one, other, lags[k : k + 1], _NOISE) for k in range(len(lags))]
     )
     costs = np.where(np.isfinite(costs), costs, 1.0)
     around = np.lib.stride_tricks.sliding_window_view(costs, 2 * (step // 2) + 1)
     return around[::step].min(axis=1)
 
 
-def refine_lags(
-    bobbing: Sequence[np.ndarray], lags: np.ndarray, reach: int, config: PairConfig
-) -> np.ndarray:
+def refine_lags(heights: Sequence[np.ndarray], lags: np.ndarray, reach: int) -> np.ndarray:
     """Return the lags (V,) in whole frames, up to `reach` frames from given ones, at which the
     cameras' ups and downs differ least."""
     start = np.round(lags).astype(int)
     found, most = start.copy(), int(np.abs(start[:, None] - start).max()) + 2 * reach
     tables = {
-        (a, b): compare_bobbing(bobbing[a], bobbing[b], most, 1, config)
-        for a, b in combinations(range(len(bobbing)), 2)
+        (a, b): compare_head_heights(heights[a], heights[b], most, 1)
+        for a, b in combinations(range(len(heights)), 2)
     }
-    for view in 3 * list(range(1, len(bobbing))):
+    for view in 3 * list(range(1, len(heights))):
         costs = np.zeros(2 * reach + 1)
         for (a, b), table in tables.items():
             tried = found[None] + np.zeros((len(costs), 1), int)

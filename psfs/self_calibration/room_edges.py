@@ -1,0 +1,196 @@
+"""Up, and the cameras' rotations, from straight edges of the empty room.
+
+Edges of walls, doors, cupboards and floor boards are parallel to a few directions, the vertical and
+some horizontal ones, which all cameras see (vanishing points: Barnard, Artificial Intelligence 21,
+1983; Kosecka & Zhang, ECCV 2002). An edge measures how far its ends are from the line through its
+middle towards the vanishing point. Edges are line segments (von Gioi et al., PAMI 32, 2010).
+Silhouettes hardly tell a rig whose cameras are all turned a little towards one side from a person
+who stands there; edges do not depend on the person. Walls need not stand square.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.common.least_squares import estimate_noise, robust_weights
+from psfs.diagnostics.refinement import N_PARAMETERS
+
+#: Shortest edge, as a share of the picture's longest side; half length from which on edges count
+#: alike, px.
+_SHORTEST, _LONGEST = 0.03, 60.0
+#: Distance of an edge's ends at which it has a quarter of its weight, px, its greatest, and its
+#: least noise.
+_WIDTH, _GATE, _NOISE = 1.5, 4.0, 0.15
+#: Greatest angle of up from the person's, step of the directions that are tried, and angle from
+#: which on a direction is another one, rad.
+_AROUND, _STEP, _APART = 0.21, 0.0087, 0.044
+#: Multiple of the weight of other directions that up needs: 1.6 to 5 of true rigs, up to 1.4 of
+#: rigs with pictures exchanged; and of the median direction's weight that a wall needs.
+_CLEAR, _WALL = 1.5, 2.0
+#: Independent measurements per edge; more than one, for silhouettes are wrong alike.
+_INFORMATION = 8.0
+
+
+def find_edges(picture: np.ndarray) -> np.ndarray:
+    """Return the ends (N, 2, 2) px of the straight edges in a picture (h, w, 3) uint8."""
+    found = cv2.createLineSegmentDetector().detect(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))[0]
+    ends = np.zeros((0, 2, 2)) if found is None else found.reshape(-1, 2, 2).astype(float)
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return ends[lengths > _SHORTEST * max(picture.shape[:2])]
+
+
+def fit_vertical(rig: CameraRig, edges: Sequence[np.ndarray], up: np.ndarray) -> np.ndarray | None:
+    """Return the direction (3,) near `up` (3,) in which the room's edges [view] (N, 2, 2) px are
+    vertical; None if another direction fits nearly as many."""
+    lines = _Lines.create(rig.cameras, edges)
+    if len(lines.views) < 2:
+        return None
+    steps = np.arange(-_AROUND, _AROUND + _STEP, _STEP)
+    turns = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    axes = np.linalg.svd(up[None])[2]
+    tried = axes[0] * np.sign(axes[0] @ up) + np.tan(turns) @ axes[1:]
+    tried = tried[np.linalg.norm(turns, axis=1) <= _AROUND]
+    tried /= np.linalg.norm(tried, axis=1, keepdims=True)
+    scores = lines.score(rig.cameras, tried).sum(axis=0)
+    best = tried[scores.argmax()]
+    others = scores[tried @ best < np.cos(_APART)]
+    if scores.max() < _CLEAR * others.max(initial=0):
+        return None
+    (found,) = RoomEdges(edges, best[None]).fit_directions(rig.cameras)
+    return found * np.sign(found @ best)
+
+
+def find_room_edges(
+    rig: CameraRig, edges: Sequence[np.ndarray], up: np.ndarray
+) -> RoomEdges | None:
+    """Return the measurements by edges [view] (N, 2, 2) px of a rig whose up is near `up` (3,);
+    None if vertical edges are not clear."""
+    vertical = fit_vertical(rig, edges, up)
+    if vertical is None:
+        return None
+    lines = _Lines.create(rig.cameras, edges)
+    axes = np.linalg.svd(vertical[None])[2][1:]
+    angles = np.arange(0, np.pi, _STEP)
+    tried = np.column_stack([np.cos(angles), np.sin(angles)]) @ axes
+    residuals = np.abs(lines.measure(rig.cameras, tried)[0])
+    shares = lines.score(rig.cameras, tried)
+    free = np.abs(lines.measure(rig.cameras, vertical[None])[0][:, 0]) > _WIDTH
+    directions = [vertical]
+    for _ in range(2):  # walls
+        scores = shares[free].sum(axis=0)
+        best = int(scores.argmax())
+        if scores[best] < _WALL * np.median(scores):
+            break
+        directions.append(tried[best])
+        free &= residuals[:, best] > 2 * _WIDTH
+    return RoomEdges(edges, np.array(directions))
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """M edges. views: (M,). normals: (M, 3) of their planes, in the cameras' axes. middles: (M, 2)
+    at depth 1. halves: (M,) half of their lengths, px."""
+
+    views: np.ndarray
+    normals: np.ndarray
+    middles: np.ndarray
+    halves: np.ndarray
+
+    @classmethod
+    def create(cls, cameras: Sequence[Camera], edges: Sequence[np.ndarray]) -> _Lines:
+        """Return the edges [view] (N, 2, 2) px without the lens's distortion."""
+        ends = [
+            camera.normalise(own.reshape(-1, 2)).reshape(-1, 2, 2)
+            for camera, own in zip(cameras, edges, strict=True)
+        ]
+        views = np.repeat(np.arange(len(ends)), [len(own) for own in ends])
+        both = np.concatenate(ends)
+        sound = np.isfinite(both).all(axis=(1, 2))  # else beyond what the lens shows
+        views, both = views[sound], both[sound]
+        along, middles = both[:, 1] - both[:, 0], both.mean(axis=1)
+        lengths = np.linalg.norm(along, axis=1)
+        x, y = (along / lengths[:, None]).T
+        normals = np.stack([-y, x, middles[:, 0] * y - middles[:, 1] * x], -1)
+        focal = np.array([camera.K[0, 0] for camera in cameras])[views]
+        return cls(views, normals, middles, 0.5 * focal * lengths)
+
+    def measure(
+        self, cameras: Sequence[Camera], directions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return residuals (M, K) px for directions (K, 3), these in the cameras' axes (M, K, 3),
+        and px (M, K) per unit of the product of normal and direction."""
+        local = np.stack([directions @ camera.R.T for camera in cameras])[self.views]
+        towards = local[..., :2] - self.middles[:, None] * local[..., 2:]
+        scales = self.halves[:, None] / np.maximum(np.linalg.norm(towards, axis=-1), 1e-6)
+        return scales * np.einsum("mi,mki->mk", self.normals, local), local, scales
+
+    def score(self, cameras: Sequence[Camera], directions: np.ndarray) -> np.ndarray:
+        """Return how much each edge speaks for each direction, (M, K), px."""
+        residuals = self.measure(cameras, directions)[0]
+        halves = np.minimum(self.halves, _LONGEST)[:, None]
+        return halves / (1 + (residuals / _WIDTH) ** 2) ** 2
+
+
+class RoomEdges:
+    """Measurements of a rig's rotations by edges [view] (N, 2, 2) px that are parallel to
+    `directions` (K, 3), which are eliminated from the normal equations."""
+
+    def __init__(self, edges: Sequence[np.ndarray], directions: np.ndarray) -> None:
+        self._edges, self._directions = edges, directions
+
+    def __call__(
+        self, cameras: Sequence[Camera], offsets: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the normal matrix (8 V, 8 V) and the gradient (8 V,) at cameras."""
+        directions, size = self.fit_directions(cameras), len(cameras) * N_PARAMETERS
+        normal, gradient, _ = self._differentiate(cameras, directions)
+        mixed, own = normal[:size, size:], normal[size:, size:] + 1e-9 * np.eye(len(normal) - size)
+        solved = np.linalg.solve(own, mixed.T)
+        return normal[:size, :size] - mixed @ solved, gradient[:size] - solved.T @ gradient[size:]
+
+    def fit_directions(self, cameras: Sequence[Camera]) -> np.ndarray:
+        """Return the directions (K, 3) to which the edges are parallel in cameras."""
+        directions, size = self._directions, len(cameras) * N_PARAMETERS
+        for _ in range(4):
+            normal, gradient, axes = self._differentiate(cameras, directions)
+            own = normal[size:, size:] + 1e-9 * np.eye(len(normal) - size)
+            step = -np.linalg.solve(own, gradient[size:]).reshape(-1, 2)
+            directions = directions + np.einsum("ki,kij->kj", step, axes)
+            directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        return directions
+
+    def _differentiate(
+        self, cameras: Sequence[Camera], directions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the normal matrix and the gradient by cameras and directions, and the axes
+        (K, 2, 3) along which directions move."""
+        lines = _Lines.create(cameras, self._edges)
+        residuals, local, scales = lines.measure(cameras, directions)
+        nearest = np.abs(residuals).argmin(axis=1)
+        rows = np.arange(len(residuals))
+        values, local, scales = (of[rows, nearest] for of in (residuals, local, scales))
+        near = np.abs(values) < _GATE
+        noise = np.full(len(rows), _NOISE)
+        for number in np.unique(nearest[near]):  # edges that are parallel by chance are less so
+            mine = nearest == number
+            noise[mine] = estimate_noise(values[mine & near], least=_NOISE)[0]
+        roots = np.sqrt(_INFORMATION * near * robust_weights(values, noise)) / noise
+        axes: np.ndarray = np.linalg.svd(directions[:, None])[2][:, 1:]
+        jacobian = np.zeros((len(rows), len(cameras) * N_PARAMETERS + 2 * len(axes)))
+        first = lines.views * N_PARAMETERS
+        by_turn = scales[:, None] * np.cross(local, lines.normals)
+        for axis in range(3):
+            jacobian[rows, first + axis] = by_turn[:, axis]
+        jacobian[rows, first + 6] = -scales * lines.normals[:, 2] * local[:, 2]
+        R = np.stack([camera.R for camera in cameras])[lines.views]
+        by_direction = np.einsum("mij,mi,mkj->mk", R, lines.normals, axes[nearest])
+        for axis in range(2):
+            column = len(cameras) * N_PARAMETERS + 2 * nearest + axis
+            jacobian[rows, column] = scales * by_direction[:, axis]
+        weighted = roots[:, None] * jacobian
+        return weighted.T @ weighted, weighted.T @ (roots * values), axes
