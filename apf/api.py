@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.body import BodyModel
+from apf.body.model import BodyModel
 from apf.filters.method import Method
 from apf.keypoints.keypoints import Keypoints
 from apf.request import TrackRequest

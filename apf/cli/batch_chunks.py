@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.body import load_body, save_body
+from apf.body.toml import load_body, save_body
 from apf.cli.batch_take import TakeDone, TakeJob, process_take, write_take
 from apf.cluster.chunks import cut_chunks, find_seam, join_tracks, to_millimetres
 from apf.cluster.config import ChunksConfig

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.body import BodyModel, load_body, posed_cones, posed_joints
+from apf.body.kinematics import posed_cones, posed_joints
+from apf.body.model import BodyModel
+from apf.body.toml import load_body
 from apf.request import ExportRequest, SmoothRequest
 from apf.tracking.track import Track
 from cl import InputError

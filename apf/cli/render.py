@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from apf.backend import draw_poses
-from apf.body import BodyModel
 from apf.body.mesh import BodyMesh
+from apf.body.model import BodyModel
 from apf.cli.opened_track import open_given_track
 from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.opengl.renderer import draw_by_opengl

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.cli.take_report import TakeLine
-from apf.keypoints import Keypoints
+from apf.keypoints.keypoints import Keypoints
 from apf.report.drawing import write_overlay
 from apf.request import TRIANGULATE, TrackRequest
 from apf.takes.keypoints import (

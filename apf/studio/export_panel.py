@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from apf.formats import BODY_WRITERS, WRITERS
+from apf.formats.writers import BODY_WRITERS, WRITERS
 from apf.report import PAGE
 from apf.studio.watch import TrackWatch
 from apf.tracking.smoothing import smooth_track

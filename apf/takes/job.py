@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.keypoints import Keypoints
+from apf.keypoints.keypoints import Keypoints
 from apf.request import TrackingRequest
 from apf.tracking.people import person_folder
 from apf.tracking.progress import StageProgress

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from apf.keypoints import Keypoints
 from apf.keypoints.agreement import find_disagreements
+from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.matching import match_to_people
 from apf.keypoints.opening import expand_wildcards
 from apf.keypoints.timing import describe_lag, find_lag_to_footage

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from apf.keypoints import Keypoints
+from apf.keypoints.keypoints import Keypoints
 from apf.request import TrackingRequest
 from apf.takes.job import TrackJob
 from apf.takes.keypoints import (

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.body import BodyModel, save_body
+from apf.body.model import BodyModel
+from apf.body.toml import save_body
 from apf.formats.pose import write_pose
 from apf.report import OVERLAY, PAGE
 from apf.report.drawing import write_overlay

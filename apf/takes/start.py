@@ -9,13 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from apf.body import BodyModel, load_body
 from apf.body.bodytrack import is_bodytrack, read_body
+from apf.body.model import BodyModel
+from apf.body.toml import load_body
 from apf.evaluation.evaluate import load_truth
 from apf.evaluation.joint_names import match_joints
 from apf.formats.pose import check_pose, read_pose
-from apf.initialisation import Start, StartError, initialise
 from apf.initialisation.from_joints import fit_to_joints
+from apf.initialisation.sequence import initialise
+from apf.initialisation.start import Start, StartError
 from apf.request import StartRequest
 from apf.tracking.settings import DEFAULT_BODY, GivenStart
 from cl import InputError

@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 
-from apf.initialisation import StartError
-from apf.keypoints import Keypoints
+from apf.initialisation.start import StartError
+from apf.keypoints.keypoints import Keypoints
 from apf.report.judged import keep_judged_frames
 from apf.report.summary import read_summary, read_tracked_grid
 from apf.request import TrackingRequest, TrackRequest

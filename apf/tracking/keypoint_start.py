@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from apf.backend import make_tracker
-from apf.body import BodyModel
+from apf.body.model import BodyModel
 from apf.filters.method import Method
 from apf.initialisation.from_keypoints import KeypointStart, start_from_keypoints
 from apf.scene import Scene

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from apf.formats import write_angle_csv, write_c3d
-from apf.formats.c3d import C3dEvent
+from apf.formats.angles import write_angle_csv
+from apf.formats.c3d import C3dEvent, write_c3d
 from apf.formats.opensim.tools import write_opensim
 from apf.tracking.config import SmoothingConfig
 from apf.tracking.exports import EXPORTS, OF_POINTS, OPENSIM, OPENSIM_FOLDER

@@ -8,7 +8,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from apf.body import BodyModel, load_body
+from apf.body.model import BodyModel
+from apf.body.toml import load_body
 from apf.filters.method import Method
 from apf.keypoints.keypoints import Keypoints
 from cl import InputError

@@ -12,13 +12,15 @@ from typing import TypeAlias
 
 import numpy as np
 
-from apf.body import BodyModel, posed_joints
+from apf.body.kinematics import posed_joints
+from apf.body.model import BodyModel
 from apf.filters.method import Method
 from apf.filters.term_weights import list_comparing_weights
-from apf.initialisation import Start, StartConfig, StartError, initialise
+from apf.initialisation.config import StartConfig
 from apf.initialisation.from_keypoints import KeypointStart
 from apf.initialisation.kept_voxels import select_person_points
-from apf.initialisation.start import check_startable
+from apf.initialisation.sequence import initialise
+from apf.initialisation.start import Start, StartError, check_startable
 from apf.tracking.keypoint_start import fit_to_keypoints
 from apf.tracking.pipeline import TrackingTask, track_frames
 from apf.tracking.settings import TakeSettings

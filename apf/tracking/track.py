@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from apf.body import BodyModel, load_body
 from apf.body.angles import joint_angles, standing_ankles
 from apf.body.kinematics import posed_cones, posed_points
 from apf.body.limbs import limb_angles, limb_bones, limb_ends, limb_joints, limb_masks
 from apf.body.markers import virtual_markers
-from apf.body.toml import format_body, parse_body
-from apf.formats import BODY_WRITERS, WRITERS, BodyMotion, JointSeries
-from apf.formats.motion import interpolate_gaps
-from apf.formats.trc import CONVENTIONS, write_trc
+from apf.body.model import BodyModel
+from apf.body.toml import format_body, load_body, parse_body
+from apf.formats.motion import BodyMotion, interpolate_gaps
+from apf.formats.trc import CONVENTIONS, JointSeries, write_trc
+from apf.formats.writers import BODY_WRITERS, WRITERS
 from apf.tracking.foot_contact import detect_flat_feet, find_ankles
 from apf.tracking.limb_confidence import LOST, limb_confidence
 from cl import InputError

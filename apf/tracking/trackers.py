@@ -10,8 +10,8 @@ from apf.backend import make_device_tracker, make_tracker, shares_launches
 from apf.body.stature import has_head
 from apf.filters.base import Tracker
 from apf.filters.method import Method
-from apf.initialisation import StartConfig, StartError, find_start
-from apf.initialisation.config import AcceptanceConfig
+from apf.initialisation.automatic import find_start
+from apf.initialisation.config import AcceptanceConfig, StartConfig
 from apf.initialisation.from_keypoints import fit_pose_to_points
 from apf.initialisation.kept_voxels import shows_somebody, store_voxels
 from apf.likelihood.observations import AnyVoxels, Observation, split_observation

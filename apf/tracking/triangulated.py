@@ -10,7 +10,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from apf.keypoints import Keypoints, triangulate
+from apf.keypoints.keypoints import Keypoints, triangulate
 from apf.keypoints.landmarks import find_landmarks, landmark_edges
 from apf.keypoints.series import fill_gaps, low_pass
 from apf.tracking.config import TriangulatedConfig

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import apf
-from apf.body import posed_joints
+from apf.body.kinematics import posed_joints
 
 body = apf.load_body("song31")
 pose = body.rest_pose.copy()  # (D,) rad and m

@@ -18,9 +18,10 @@ from peers.figures import LIMB_JOINTS, measure_track
 
 from accuracy.ablation import load_preset
 from accuracy.runs import Results, Run, Setting, evaluate_run, make_method
-from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
+from apf.body.model import BodyModel
 from apf.body.stature import stature
+from apf.body.toml import load_body
 from apf.evaluation.angle_truth import evaluate_angles, load_true_angles
 from apf.evaluation.evaluate import (
     LIMB_ENDS,
@@ -32,8 +33,9 @@ from apf.evaluation.evaluate import (
 )
 from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints
 from apf.formats.trc import JointSeries
-from apf.initialisation import StartError, initialise
-from apf.keypoints import Keypoints
+from apf.initialisation.sequence import initialise
+from apf.initialisation.start import StartError
+from apf.keypoints.keypoints import Keypoints
 from apf.presets import Preset
 from apf.takes.start import read_given_start
 from apf.tracking.settings import DEFAULT_BODY, TakeSettings

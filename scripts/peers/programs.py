@@ -17,7 +17,7 @@ from scipy.signal import butter, sosfiltfilt
 import apf
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries, read_trc
-from apf.keypoints import Keypoints
+from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.readers.orders import MEDIAPIPE
 from apf.keypoints.series import fill_gaps
 from apf.tracking.config import TriangulatedConfig

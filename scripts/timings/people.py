@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
+from apf.body.model import BodyModel
+from apf.body.toml import load_body
 from apf.filters.method import Method
 from apf.initialisation.from_joints import fit_to_joints
 from apf.tracking.together import PeopleTracker

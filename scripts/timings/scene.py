@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 
 from apf.backend import make_filter
-from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
+from apf.body.model import BodyModel
+from apf.body.toml import load_body
 from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
 from apf.initialisation.from_joints import fit_to_joints

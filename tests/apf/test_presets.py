@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from apf.body import load_body
+from apf.body.toml import load_body
 from apf.cli import main
 from apf.filters.config import FilterConfig
 from apf.filters.method import Method

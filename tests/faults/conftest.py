@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers import faults
 
-from apf.initialisation import StartError
+from apf.initialisation.start import StartError
 
 
 @pytest.fixture(autouse=True)

@@ -25,7 +25,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from apf.body import load_body
+from apf.body.toml import load_body
 from apf.cluster.connection import _read_scheduler_file
 from apf.evaluation.evaluate import load_truth
 from apf.evaluation.marker_truth import load_markers

@@ -17,8 +17,8 @@ from helpers import faults, footage
 from helpers.faults import WRONG, refused, run
 from helpers.keypoints import of_poses
 
-from apf.body import load_body
-from apf.keypoints import Keypoints
+from apf.body.toml import load_body
+from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.readers.orders import COCO_17
 from cl import InputError
 from psfs.common.names import escape_unprintable

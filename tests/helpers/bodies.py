@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.body import BodyModel, load_body, posed_cones
+from apf.body.kinematics import posed_cones
+from apf.body.model import BodyModel
+from apf.body.toml import load_body
 
 #: Small and awkward: a root away from the origin, free axes whose order in the pose is not that
 #: of the file, inverted ones, a slider after a hinge, a turned bone, elliptic sections, a cone that

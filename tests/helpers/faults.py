@@ -17,9 +17,9 @@ import numpy as np
 
 import apf.cli
 import psfs.cli
-from apf.body import save_body
-from apf.formats import write_trc
+from apf.body.toml import save_body
 from apf.formats.pose import write_pose
+from apf.formats.trc import write_trc
 from apf.tracking.settings import DEFAULT_BODY
 from helpers import footage, scenes, tracks
 

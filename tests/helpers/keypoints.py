@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.body import BodyModel, bone_matrices
-from apf.keypoints import Keypoints, locate_points
+from apf.body.kinematics import bone_matrices
+from apf.body.model import BodyModel
+from apf.keypoints.keypoints import Keypoints
+from apf.keypoints.landmarks import locate_points
 from apf.keypoints.readers.orders import MEDIAPIPE
 from psfs.cameras.camera import CameraRig
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.body import BodyModel
 from apf.body.kinematics import bone_matrices
+from apf.body.model import BodyModel
 from apf.likelihood.observations import PointObservations
 from psfs.cameras.camera import CameraRig
 

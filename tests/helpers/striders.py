@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
+from apf.body.model import BodyModel
+from apf.body.toml import load_body
 from apf.tracking.track import Track
 
 SONG = load_body("song31")

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from apf.body import load_body
 from apf.body.kinematics import posed_joints
+from apf.body.toml import load_body
 from apf.evaluation.joint_names import EVALUATED_JOINTS
 from apf.formats.trc import JointSeries
 from apf.tracking.people import PeopleTracks

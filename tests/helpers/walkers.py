@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.body import load_body
 from apf.body.kinematics import posed_cones
+from apf.body.toml import load_body
 from apf.initialisation.kept_voxels import StoredVoxels
 from cl import Device
 from psfs.common.cones import cone_distances

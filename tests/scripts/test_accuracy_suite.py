@@ -19,7 +19,7 @@ import pytest
 from helpers.shared import ROOT
 
 import psfs
-from apf.body import load_body
+from apf.body.toml import load_body
 from apf.evaluation.evaluate import load_truth
 from apf.formats.trc import JointSeries
 from apf.presets import Preset

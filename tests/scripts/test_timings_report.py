@@ -31,7 +31,7 @@ from timings.stages import PARTS, find_stage
 from timings.whole import make_sightings
 from timings.whole_tables import papers, table_3
 
-from apf.body import load_body
+from apf.body.toml import load_body
 from apf.filters.config import FilterConfig
 from apf.filters.term_weights import KEYPOINTS_ON
 from apf.initialisation.from_joints import fit_to_joints

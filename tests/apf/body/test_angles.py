@@ -7,12 +7,12 @@ import pytest
 from helpers import bodies
 from scipy.spatial.transform import Rotation
 
-from apf.body import load_body
 from apf.body.anatomy import anatomical_frames, segment_frames
 from apf.body.angles import HANGING, WORLD, joint_angles, relative_rotations
 from apf.body.kinematics import posed_joints
 from apf.body.markers import virtual_markers
 from apf.body.model import BodyModel
+from apf.body.toml import load_body
 
 SONG = load_body("song31")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from apf.body import load_body, posed_joints
+from apf.body.kinematics import posed_joints
 from apf.body.limbs import (
     limb_chains,
     limb_joints,
@@ -14,6 +14,7 @@ from apf.body.limbs import (
     swinging_bones,
     trunk_mask,
 )
+from apf.body.toml import load_body
 
 
 def test_the_trunk_is_what_branches() -> None:

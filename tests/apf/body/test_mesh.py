@@ -12,9 +12,10 @@ from helpers.kinds import other_kind
 from helpers.parity import traced
 
 import apf.image_objective.renderer
-from apf.body import BodyModel, load_body
 from apf.body.cones import FAR_OUT
 from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh, skinned_mesh
+from apf.body.model import BodyModel
+from apf.body.toml import load_body
 from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.objective import ImageObjective
 from apf.image_objective.renderer import draw_hypotheses

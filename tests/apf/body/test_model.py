@@ -9,10 +9,10 @@ import pytest
 from helpers import bodies
 
 import apf.body
-from apf.body import BodyModel, load_body, save_body
 from apf.body.kinematics import bone_matrices, posed_joints
 from apf.body.limbs import trunk_mask
-from apf.body.model import sideless
+from apf.body.model import BodyModel, sideless
+from apf.body.toml import load_body, save_body
 from apf.evaluation.joint_names import EVALUATED_JOINTS
 from cl import InputError, MissingFileError
 from psfs.common.toml import read_toml

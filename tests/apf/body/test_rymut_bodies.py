@@ -11,8 +11,9 @@ import pytest
 from helpers import scenes
 
 from apf.backend import make_tracker
-from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_cones, posed_joints
+from apf.body.model import BodyModel
+from apf.body.toml import load_body
 from apf.filters.method import Method
 from apf.image_objective.config import ProximityConfig
 from apf.image_objective.renderer import cone_edges

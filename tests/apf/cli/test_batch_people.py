@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers import tracks
 
-from apf.body import save_body
+from apf.body.toml import save_body
 from apf.cli import batch_chunks as chunks
 from apf.cli.batch import ListedTake, make_request
 from apf.cli.batch_take import TakeJob, compare_with_truth

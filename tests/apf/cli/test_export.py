@@ -12,7 +12,7 @@ from helpers.striders import SONG, strider
 from helpers.tracks import walker
 
 import apf
-from apf.body import save_body
+from apf.body.toml import save_body
 from apf.cli import main
 from apf.formats.trc import read_trc
 from apf.tracking.motion_files import EXPORTS

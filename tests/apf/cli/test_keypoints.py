@@ -16,7 +16,7 @@ from helpers.shared import shared_data
 
 import psfs
 from apf.cli import main
-from apf.keypoints import Keypoints
+from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.estimation import update_crop
 from apf.keypoints.readers.orders import MEDIAPIPE
 from psfs.common.outputs import output_folder

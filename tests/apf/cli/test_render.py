@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import footage, tracks
 
-from apf.body import load_body, save_body
+from apf.body.toml import load_body, save_body
 from apf.cli import main
 from apf.image_objective.renderer import draw_hypotheses
 from apf.scene import Scene

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import apf.tracking.pipeline
-from apf.body import load_body
+from apf.body.toml import load_body
 from apf.cli import main
 from apf.evaluation.evaluate import evaluate, load_truth
 from apf.tracking.track import Track

@@ -13,7 +13,7 @@ from helpers.tracks import walker
 pytest.importorskip("viser", reason="viser is not installed")
 
 import psfs.cli.view as command
-from apf.body import load_body, save_body
+from apf.body.toml import load_body, save_body
 from apf.cli import main
 from psfs.page.watch import ViewPage
 

@@ -9,9 +9,9 @@ import pytest
 from helpers import bodies
 from scipy.spatial.transform import Rotation
 
-from apf.body import load_body
 from apf.body.anatomy import anatomical_frames
 from apf.body.kinematics import posed_joints
+from apf.body.toml import load_body
 from apf.cli.evaluate import print_angles
 from apf.evaluation.angle_truth import (
     evaluate_angles,

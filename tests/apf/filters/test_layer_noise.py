@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from apf.body import load_body
+from apf.body.toml import load_body
 from apf.filters.config import SearchConfig
 from apf.filters.layer_noise import layer_sigmas
 from cl import InputError

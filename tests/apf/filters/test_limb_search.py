@@ -11,9 +11,10 @@ from helpers import bodies, scenes
 from helpers.parity import traced
 from helpers.sightings import seen_points
 
-from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.limbs import limb_masks
+from apf.body.model import BodyModel
+from apf.body.toml import load_body
 from apf.filters import limb_search
 from apf.filters.config import FilterConfig, GaussNewtonFit
 from apf.filters.limb_search import LimbSearch

@@ -10,9 +10,10 @@ from helpers import bodies, scenes
 from helpers.kinds import other_kind, skipped_without_room
 from helpers.sightings import seen_points
 
-from apf.body import BodyModel, load_body
 from apf.body.jacobian import distance_jacobian
 from apf.body.kinematics import posed_joints
+from apf.body.model import BodyModel
+from apf.body.toml import load_body
 from apf.filters.config import VOXEL_SCALE, FilterConfig, GaussNewtonFit
 from apf.filters.refinement import VOXEL_STRENGTH, Refinement, prior_deviation
 from apf.likelihood.observations import ObservedPoints, PointObservations, make_empty_observations

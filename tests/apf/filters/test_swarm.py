@@ -8,7 +8,8 @@ from helpers import bodies, scenes
 from helpers.parity import traced
 from helpers.searches import Distance
 
-from apf.body import BodyModel, load_body
+from apf.body.model import BodyModel
+from apf.body.toml import load_body
 from apf.filters.config import FilterConfig
 from apf.filters.searches import SirConfig, SwarmConfig
 from apf.filters.sir import SirParticleFilter

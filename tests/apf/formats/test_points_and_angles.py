@@ -14,11 +14,10 @@ from helpers import bodies
 from helpers.striders import strider, track_of_poses
 from scipy.spatial.transform import Rotation
 
-from apf.body import load_body
 from apf.body.anatomy import anatomical_frames
-from apf.formats import write_angle_csv, write_c3d
-from apf.formats.angles import opensim_coordinates
-from apf.formats.c3d import C3dEvent
+from apf.body.toml import load_body
+from apf.formats.angles import opensim_coordinates, write_angle_csv
+from apf.formats.c3d import C3dEvent, write_c3d
 from apf.formats.trc import JointSeries, read_trc
 from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track

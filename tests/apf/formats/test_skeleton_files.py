@@ -20,7 +20,8 @@ from helpers import bodies
 from helpers.striders import strider, track_of_poses
 from scipy.spatial.transform import Rotation
 
-from apf.body import bone_matrices, load_body, posed_cones
+from apf.body.kinematics import bone_matrices, posed_cones
+from apf.body.toml import load_body
 from apf.formats.bvh import make_continuous
 from apf.formats.skeleton import TO_Y_UP, build_skeleton, node_name
 from apf.tracking.track import Track

@@ -11,7 +11,8 @@ from helpers import bodies, rendered, scenes
 from helpers.kinds import other_kind
 from helpers.shared import shared_data
 
-from apf.body import BodyModel, load_body
+from apf.body.model import BodyModel
+from apf.body.toml import load_body
 from apf.evaluation.evaluate import load_truth
 from apf.evaluation.joint_names import match_joints
 from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig

@@ -12,13 +12,14 @@ from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel
 from apf.body.stature import lowest_point, stature
 from apf.body.toml import load_body
-from apf.initialisation import Start, StartConfig, StartError, find_start
+from apf.initialisation.automatic import find_start
 from apf.initialisation.config import (
     AcceptanceConfig,
     FrameChoice,
     ShapeFitConfig,
     ShapePrior,
     StandingConfig,
+    StartConfig,
 )
 from apf.initialisation.hypotheses import (
     Hypothesis,
@@ -33,6 +34,7 @@ from apf.initialisation.hypotheses import (
 from apf.initialisation.kept_voxels import StoredVoxels, select_person_points
 from apf.initialisation.shape_fit import Cloud, find_unfolded, fit_shape
 from apf.initialisation.shape_model import ShapeModel, place_points, surface_samples
+from apf.initialisation.start import Start, StartError
 from apf.likelihood.voxel import choose_cone_sampling
 from apf.scene import Scene
 from cl import Device

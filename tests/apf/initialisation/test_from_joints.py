@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from helpers import bodies
 
-from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
+from apf.body.model import BodyModel
+from apf.body.toml import load_body
 from apf.evaluation.joint_names import EVALUATED_JOINTS
 from apf.formats.pose import read_pose, write_pose
 from apf.initialisation.from_joints import fit_to_joints

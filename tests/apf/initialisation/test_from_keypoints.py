@@ -9,12 +9,15 @@ import pytest
 from helpers import bodies, scenes
 from helpers.keypoints import of_poses
 
-from apf.body import BodyModel, bone_matrices, load_body, posed_joints
 from apf.body.jacobian import bone_point_jacobian
+from apf.body.kinematics import bone_matrices, posed_joints
+from apf.body.model import BodyModel
 from apf.body.stature import stature
-from apf.initialisation import StartError
+from apf.body.toml import load_body
 from apf.initialisation.from_keypoints import fit_pose_to_points, start_from_keypoints
-from apf.keypoints import Keypoints, locate_points
+from apf.initialisation.start import StartError
+from apf.keypoints.keypoints import Keypoints
+from apf.keypoints.landmarks import locate_points
 from apf.likelihood.observations import make_empty_observations
 from cl import InputError
 

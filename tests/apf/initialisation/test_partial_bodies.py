@@ -9,15 +9,16 @@ import pytest
 from helpers import bodies, scenes
 from helpers.walkers import GRID, SONG, surface_voxels, walker
 
-from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_cones, posed_joints
+from apf.body.model import BodyModel
 from apf.body.stature import has_feet, is_whole, lowest_point, stature
+from apf.body.toml import load_body
 from apf.filters.method import Method
-from apf.initialisation import StartConfig, StartError, find_start
-from apf.initialisation.config import AcceptanceConfig, HeadingConfig, PoseSearchConfig
+from apf.initialisation.automatic import find_start
+from apf.initialisation.config import AcceptanceConfig, HeadingConfig, PoseSearchConfig, StartConfig
 from apf.initialisation.hypotheses import highest_point, standing_pose
 from apf.initialisation.shape_fit import Cloud
-from apf.initialisation.start import check_startable
+from apf.initialisation.start import StartError, check_startable
 from apf.scene import Scene
 from apf.tracking.pipeline import track_voxels
 from apf.tracking.trackers import make_recovering_tracker

@@ -8,7 +8,9 @@ from helpers import footage
 
 import apf.initialisation.sequence as module
 from apf.body.toml import load_body
-from apf.initialisation import Start, StartConfig, StartError, initialise
+from apf.initialisation.config import StartConfig
+from apf.initialisation.sequence import initialise
+from apf.initialisation.start import Start, StartError
 from cl import Device, InputError
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings

@@ -8,7 +8,7 @@ import numpy as np
 from helpers import scenes
 from helpers.keypoints import of_poses
 
-from apf.body import load_body
+from apf.body.toml import load_body
 from apf.keypoints.association import associate_people, count_at_once
 from psfs.cameras.camera import CameraRig
 

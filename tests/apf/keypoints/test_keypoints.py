@@ -11,8 +11,8 @@ from helpers.keypoints import of_poses
 
 import apf
 import psfs
-from apf.body import load_body
-from apf.keypoints import Keypoints
+from apf.body.toml import load_body
+from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.readers.orders import BODY_25B, COCO_17, HALPE_26, MEDIAPIPE
 
 RIG = footage.rig(3)

@@ -10,10 +10,10 @@ from helpers.keypoints import world_points
 from helpers.shared import shared_data
 
 import apf
-from apf.body import load_body, posed_joints
 from apf.body.bodytrack import read_body
-from apf.keypoints import load_landmarks, locate_points
-from apf.keypoints.landmarks import find_landmarks
+from apf.body.kinematics import posed_joints
+from apf.body.toml import load_body
+from apf.keypoints.landmarks import find_landmarks, load_landmarks, locate_points
 from apf.keypoints.readers import orders
 
 ORDERS = ("MEDIAPIPE", "COCO_17", "COCO_18", "BODY_25", "BODY_25B", "HALPE_26")

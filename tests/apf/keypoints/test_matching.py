@@ -8,8 +8,8 @@ import numpy as np
 from helpers import scenes
 from helpers.keypoints import of_poses
 
-from apf.body import load_body
 from apf.body.kinematics import posed_joints
+from apf.body.toml import load_body
 from apf.keypoints.matching import match_to_people
 from psfs.people.people import People, Person
 from psfs.voxels.grid import VoxelGrid

@@ -18,8 +18,8 @@ from helpers.keypoints import of_poses
 
 import apf
 import psfs
-from apf.body import load_body
-from apf.keypoints import Keypoints
+from apf.body.toml import load_body
+from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.readers import deeplabcut
 from apf.keypoints.readers.orders import BODY_25, COCO_17, MEDIAPIPE
 from psfs.cameras.camera import CameraRig

@@ -8,8 +8,8 @@ from helpers import scenes
 from helpers.keypoints import of_poses, world_points
 
 import apf
-from apf.body import load_body
-from apf.keypoints import TriangulationConfig, triangulate
+from apf.body.toml import load_body
+from apf.keypoints.keypoints import TriangulationConfig, triangulate
 from apf.keypoints.readers.orders import MEDIAPIPE
 
 RIG = scenes.ring(5, size=(640, 480))

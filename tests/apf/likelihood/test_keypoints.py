@@ -11,7 +11,7 @@ from helpers.kinds import other_kind
 from helpers.likelihoods import Setup, only, smooth_maps
 from helpers.sightings import seen_points
 
-from apf.body import load_body
+from apf.body.toml import load_body
 from apf.likelihood.base import Likelihood
 from apf.likelihood.config import EXCHANGE_COST, KeypointConfig
 from apf.likelihood.keypoints import KeypointLikelihood

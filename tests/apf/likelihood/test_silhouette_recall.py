@@ -9,9 +9,9 @@ from helpers.kinds import other_kind
 from helpers.likelihoods import Setup, cloud, only, scattered_poses, smooth_maps
 from helpers.parity import traced
 
-from apf.body import load_body
 from apf.body.cones import project_outlines
 from apf.body.kinematics import posed_cones
+from apf.body.toml import load_body
 from apf.likelihood import silhouette_recall
 from apf.reference.likelihood.silhouette_recall import find_covered, uncovered_errors
 from apf.reference.likelihood.voxel import sampled_surface

@@ -14,8 +14,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from apf.body import load_body, save_body
 from apf.body.kinematics import posed_joints
+from apf.body.toml import load_body, save_body
 from apf.cli import live as live_command
 from apf.cli import main
 from apf.filters.base import Estimate

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from helpers import tracks
 
-from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_cones, posed_joints
-from apf.body.model import plain_name
+from apf.body.model import BodyModel, plain_name
+from apf.body.toml import load_body
 from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method
 from apf.initialisation.from_joints import fit_to_joints

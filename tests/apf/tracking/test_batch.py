@@ -18,7 +18,8 @@ import pytest
 
 import apf.tracking.pipeline
 import apf.tracking.take
-from apf.body import BodyModel, load_body
+from apf.body.model import BodyModel
+from apf.body.toml import load_body
 from apf.cli import main
 from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method

@@ -10,8 +10,8 @@ import pytest
 from helpers import tracks
 from helpers.scenes import ring
 
-from apf.body import load_body
 from apf.body.kinematics import posed_joints
+from apf.body.toml import load_body
 from apf.filters.base import Estimate
 from apf.tracking.correction import (
     Correction,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.striders import SONG, Stride, strider, track_of_poses
 
-from apf.body import load_body
+from apf.body.toml import load_body
 from apf.tracking.foot_contact import (
     detect_flat_feet,
     detect_standing,

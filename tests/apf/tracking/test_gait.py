@@ -11,7 +11,7 @@ import pytest
 from helpers import tracks
 from helpers.striders import STANCE, Stride, strider, track_of_poses
 
-from apf.body import load_body
+from apf.body.toml import load_body
 from apf.synthetic.gait import GaitModel as SyntheticGait
 from apf.synthetic.walk import Walk
 from apf.tracking.gait import measure_gait

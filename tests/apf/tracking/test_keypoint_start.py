@@ -13,13 +13,14 @@ from helpers.keypoints import of_poses
 import apf
 import psfs
 from apf.backend import make_tracker
-from apf.body import load_body, posed_joints
+from apf.body.kinematics import posed_joints
+from apf.body.toml import load_body
 from apf.cli import main
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.config import FilterConfig
 from apf.filters.method import Method
 from apf.initialisation.from_keypoints import start_from_keypoints
-from apf.keypoints import Keypoints
+from apf.keypoints.keypoints import Keypoints
 from apf.scene import Scene
 from apf.tracking.pipeline import TrackingTask, track_frames
 from apf.tracking.settings import TakeSettings

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from helpers import tracks
 
-from apf.body import load_body
 from apf.body.limbs import limb_ends, limb_names
+from apf.body.toml import load_body
 from apf.tracking.limb_confidence import LOST, limb_confidence, limb_margins
 from apf.tracking.smoothing import smooth_track
 from apf.tracking.track import Track

@@ -14,8 +14,8 @@ import apf.tracking.trackers
 from apf.body.kinematics import posed_joints
 from apf.filters.base import Estimate
 from apf.filters.method import Method
-from apf.initialisation import StartError
 from apf.initialisation.kept_voxels import StoredVoxels
+from apf.initialisation.start import StartError
 from apf.scene import Scene
 from apf.tracking.pipeline import build_track, track_voxels
 from apf.tracking.recovery import (

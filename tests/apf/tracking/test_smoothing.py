@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from helpers import tracks
 
-from apf.body import load_body, save_body
 from apf.body.kinematics import posed_joints
+from apf.body.toml import load_body, save_body
 from apf.cli import main
 from apf.tracking.smoothing import SmoothingConfig, find_unbroken_parts, smooth_series, smooth_track
 from apf.tracking.track import Track

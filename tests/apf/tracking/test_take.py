@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers import scenes
 
-from apf.initialisation import StartError
+from apf.initialisation.start import StartError
 from apf.tracking.take import rank_starts
 from cl import NumpyDevice
 from psfs.session import Session, SessionSettings

@@ -8,8 +8,8 @@ from helpers.kinds import Unoptimised
 from helpers.worlds import World
 
 from apf.backend import make_device_tracker
-from apf.body import load_body
 from apf.body.spheres import count_spheres
+from apf.body.toml import load_body
 from apf.filters.method import Method
 from apf.reference.people import expect_spheres
 from apf.tracking.places import SLOTS, Places

@@ -14,12 +14,12 @@ from helpers.shared import shared_data
 
 import apf
 import psfs
-from apf.body import load_body, posed_joints
+from apf.body.kinematics import posed_joints
+from apf.body.toml import load_body
 from apf.cli import main
-from apf.formats import JointSeries
-from apf.formats.trc import read_trc
-from apf.keypoints import Keypoints, TriangulationConfig
+from apf.formats.trc import JointSeries, read_trc
 from apf.keypoints.estimation import write_openpose
+from apf.keypoints.keypoints import Keypoints, TriangulationConfig
 from apf.keypoints.readers.orders import BODY_25, MEDIAPIPE
 from apf.tracking.triangulated import TriangulatedConfig, triangulate_track
 

@@ -13,9 +13,10 @@ from helpers.walkers import GRID, SONG, surface_voxels, walker
 from helpers.worlds import World
 
 from apf.backend import make_tracker
-from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_masks, limb_names
+from apf.body.model import BodyModel
+from apf.body.toml import load_body
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, crop_voxels

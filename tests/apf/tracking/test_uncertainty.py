@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from helpers import bodies
 
-from apf.body import load_body
 from apf.body.kinematics import posed_joints
+from apf.body.toml import load_body
 from apf.tracking.uncertainty import (
     DeviationCalibration,
     is_inside_ellipsoid,

@@ -17,7 +17,7 @@ from helpers.shared import shared_data
 
 import apf.cli
 import psfs
-from apf.body import load_body
+from apf.body.toml import load_body
 from apf.tracking.settings import DEFAULT_BODY
 from cl import NumpyDevice
 from psfs.cameras.calibration.toml_tables import write_toml_tables
