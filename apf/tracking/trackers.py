@@ -14,6 +14,7 @@ from apf.initialisation.automatic import find_start
 from apf.initialisation.config import AcceptanceConfig, StartConfig
 from apf.initialisation.from_keypoints import fit_pose_to_points
 from apf.initialisation.kept_voxels import shows_somebody, store_voxels
+from apf.initialisation.start import StartError
 from apf.likelihood.observations import AnyVoxels, Observation, split_observation
 from apf.scene import Scene
 from apf.tracking.recovery import RETRY, RecoveringRuns, RecoveringTracker, SeparateRuns
