@@ -16,8 +16,8 @@ from helpers.shared import shared_data
 
 import psfs
 from apf.cli import main
-from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.estimation import update_crop
+from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.readers.orders import MEDIAPIPE
 from psfs.common.outputs import output_folder
 from psfs.people.standing import StandingPeople
