@@ -19,7 +19,6 @@ from psfs.diagnostics.config import (
 )
 from psfs.diagnostics.picture_config import PictureConfig
 from psfs.footage import settings as footage
-from psfs.people.config import PeopleConfig
 from psfs.self_calibration.config import PersonConfig
 from psfs.voxels.config import ReconstructionConfig
 
@@ -49,6 +48,5 @@ class Settings(Config):
     background: BackgroundSettings = part(BackgroundSettings)
     reconstruction: ReconstructionConfig = part(ReconstructionConfig)
     diagnostics: DiagnosticsSettings = part(DiagnosticsSettings)
-    people: PeopleConfig = part(PeopleConfig)
     calibration: CalibrationConfig = part(CalibrationConfig)
     person: PersonConfig = part(PersonConfig)

@@ -22,7 +22,6 @@ from cl import Device, InputError
 from psfs.cli.commandline import stderr, warn
 from psfs.common.numbers import select_span
 from psfs.opening import open_sequence, open_session, select_common_frames, stated_keys
-from psfs.people.config import PeopleConfig
 from psfs.people.people import People, count_people
 from psfs.people.separation import join_session, separate
 from psfs.session import Session, SessionSettings
@@ -121,7 +120,7 @@ def _start_people(
         if number is not None:
             warn(f"{sequence.name}: --people is {number}; {people.describe()}")
         return None
-    grid = automatic_grid(join_session(session, people, PeopleConfig().separation.margin))
+    grid = automatic_grid(join_session(session, people))
     if request.init is not None:
         return grid, _read_starts(request, frames[0], number)
     return grid, _find_starts(request, session, people, number)

@@ -323,7 +323,7 @@ def build_track(
         return np.stack([getattr(estimate, name) for estimate in estimates])
 
     poses = stack("pose")
-    names = ("ess", "beta", "deviation", "misfit", "confidence", "lost", "restart")
+    names = ("ess", "beta", "deviation", "misfit", "confidence", "lost", "present", "restart")
     diagnostics: dict[str, Any] = {name: stack(name) for name in names}
     # The log weight of the best particle at exponent 1, Song et al. eq. (16).
     diagnostics["best_log_weight"] = -stack("least_error")

@@ -10,12 +10,19 @@ from scipy import ndimage
 
 from psfs.cameras.camera import CameraRig
 from psfs.common.colours import colour_bins
-from psfs.people.config import PeopleConfig
 from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupied_box import reachable_box
 
+#: Edge of a voxel, m, in a room of usual size, and the upper end of the volume, m.
+_VOXEL, _CEILING = 0.08, 2.4
+#: Volume of silhouettes' hulls below which nothing is followed, m^3, and voxels that are debris.
+_LEAST_VOLUME, DEBRIS = 0.03, 8
+#: Share of a region's silhouettes, in some camera, that the other regions of the frame do not
+#: explain; a region below it is a ghost, with which nobody begins. Of two people before four
+#: cameras ghosts have up to 0.18, people from 0.3 on.
+_GHOST = 0.25
 #: Levels of each colour channel in a histogram, and height bands of a person.
 _LEVELS, BANDS = 4, 3
 #: Greatest number of voxels.
@@ -36,17 +43,16 @@ class CoarseFrame:
     ghosts: frozenset[int] = frozenset()
 
 
-def count_least_voxels(config: PeopleConfig) -> int:
+def count_least_voxels(grid: VoxelGrid) -> int:
     """Return the least number of voxels of what is followed."""
-    return max(config.following.debris, round(config.least_volume / config.voxel**3))
+    return max(DEBRIS, round(_LEAST_VOLUME / grid.voxel_size**3))
 
 
 class CoarseVoxels:
     """Coarse voxels within reach of the cameras, and the pixels that they fall on.
 
     rig: of the small pictures. stated: the volume, if one is stated. grid: of all voxels. `used`
-    (N,): flat indices of those that enough cameras see. config: with the size of the voxels, larger
-    in wide rigs.
+    (N,): flat indices of those that enough cameras see.
     """
 
     def __init__(
@@ -54,15 +60,13 @@ class CoarseVoxels:
         rig: CameraRig,
         stated: tuple[np.ndarray, np.ndarray] | None,
         reconstruction: ReconstructionConfig,
-        config: PeopleConfig,
     ) -> None:
         low, high = stated or reachable_box(rig)
         low, high = np.array(low, float), np.array(high, float)
-        high[2] = max(low[2] + config.voxel, min(high[2], config.ceiling))
+        high[2] = max(low[2] + _VOXEL, min(high[2], _CEILING))
         finest = float(np.cbrt(np.prod(high - low) / _MOST_VOXELS))
-        config = config.replace(voxel=max(config.voxel, finest))
-        self.rig, self.config = rig, config
-        self.grid = VoxelGrid.covering(low, high, config.voxel)
+        self.rig = rig
+        self.grid = VoxelGrid.covering(low, high, max(_VOXEL, finest))
         centres = self.grid.centres()
         places = np.full((len(rig), len(centres)), -1, np.int32)
         depths = np.zeros((len(rig), len(centres)), np.float32)
@@ -71,7 +75,7 @@ class CoarseVoxels:
             inside, row, column, depth = camera.look_up(centres)
             places[view, inside], depths[view, inside] = row * rig.width + column, depth
             middle = float(np.median(depth)) if len(depth) else 1.0
-            self._widths.append(max(1, round(config.voxel * camera.K[0, 0] / middle)))
+            self._widths.append(max(1, round(self.grid.voxel_size * camera.K[0, 0] / middle)))
         needed = reconstruction.occupancy.seeing_cameras(len(rig))
         self.used = np.flatnonzero((places >= 0).sum(0) >= needed)
         self._places = np.ascontiguousarray(places[:, self.used])
@@ -102,12 +106,12 @@ class CoarseVoxels:
         """Return the large regions whose silhouettes the other ones explain; the smallest first."""
         sizes = np.bincount(regions)
         found: set[int] = set()
-        numbers = np.flatnonzero(sizes >= count_least_voxels(self.config))
+        numbers = np.flatnonzero(sizes >= count_least_voxels(self.grid))
         for region in numbers[np.argsort(sizes[numbers])] if len(numbers) > 1 else ():
             own = regions == region
             rest = voxels[~own & ~np.isin(regions, list(found))]
             share = self.measure_unexplained(evidence, voxels[own], rest)
-            if share < self.config.following.ghost:
+            if share < _GHOST:
                 found.add(int(region))
         return frozenset(found)
 
@@ -148,7 +152,8 @@ class CoarseVoxels:
             codes = colour_bins(images[view], _LEVELS).ravel()
             for part, band, into in zip(rows, bands, found, strict=True):
                 at, depth = self._places[view, part], self._depths[view, part]
-                seen = (at >= 0) & (depth < nearest[self._find_cells(view, at)] + self.config.voxel)
+                behind = depth - nearest[self._find_cells(view, at)]
+                seen = (at >= 0) & (behind < self.grid.voxel_size)
                 seen &= evidence[view].ravel()[at] > 0
                 np.add.at(into, (band[seen], codes[at[seen]]), 1)
         return found

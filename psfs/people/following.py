@@ -9,10 +9,31 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from psfs.common.matching import match_pairs
-from psfs.people.coarse_voxels import CoarseFrame, count_least_voxels
-from psfs.people.config import PeopleConfig
+from psfs.people.coarse_voxels import DEBRIS, CoarseFrame, count_least_voxels
 from psfs.voxels.grid import VoxelGrid
 
+#: Greatest speed of a person, m/s.
+SPEED = 4.0
+#: Least height of a region with which somebody begins to be followed; that which a person reaches
+#: at times, unlike an object; and that of a person's lowest part over the floor, m.
+_LEAST_HEIGHT, TALL, LOWEST = 0.9, 1.2, 0.4
+#: Least distance on the floor of two people who touch all the time; what is nearer is a part, m.
+APART = 0.45
+#: Distance at which a trajectory looks for its region, and from its voxels up to which a region
+#: without an owner belongs to it, m.
+_REACH = 0.4
+#: Distance from all who were in a region beyond which its voxels may be a newcomer's, m.
+_NEWCOMER = 0.25
+#: Least share of a trajectory's moved voxels that must fall into a region for it to be theirs.
+_OVERLAP = 0.2
+#: Volume that a region must gain or lose, as a share of one person's in it, for somebody to have
+#: come or gone: of capsules 0.9 to 1.7 if so, else up to 0.5.
+_CHANGE = 0.7
+#: Weight of the distance from a person's axis, added to that from the person's voxels in the frame
+#: before, where people touch; and of the last step in the running mean of a velocity.
+_AXIS_WEIGHT, _NEWEST = 0.5, 0.5
+#: Share of frames that must show as many heads, where people touch in all of them.
+_HEADS = 0.8
 #: Shares of a region's height above which heads may rise apart from each other: people differ in
 #: height. Columns of voxels that a head has at least.
 _NECKS, _LEAST_HEAD = (0.8, 0.85, 0.9), 4
@@ -55,10 +76,11 @@ class _ActiveTrajectory:
         return _ActiveTrajectory(self.one, points, (1 - newest) * self.speed + newest * step)
 
 
-def stands(points: np.ndarray, config: PeopleConfig) -> bool:
-    """Return whether voxels with centres (N, 3) m reach from near the floor as high as a person."""
+def stands(points: np.ndarray, size: float) -> bool:
+    """Return whether voxels with centres (N, 3) m, of edge `size`, reach from near the floor as
+    high as a person."""
     low, high = points[:, 2].min(), points[:, 2].max()
-    return bool(high - low + config.voxel >= config.least_height and low <= config.lowest)
+    return bool(high - low + size >= _LEAST_HEIGHT and low <= LOWEST)
 
 
 class PeopleFollower:
@@ -71,9 +93,9 @@ class PeopleFollower:
     added to that trajectory; a large one begins a new trajectory.
     """
 
-    def __init__(self, grid: VoxelGrid, config: PeopleConfig, fps: float) -> None:
-        self.grid, self._config, self._limits = grid, config, config.following
-        self._reach = max(config.following.reach, 1.5 * config.identity.speed / fps)
+    def __init__(self, grid: VoxelGrid, fps: float) -> None:
+        self.grid = grid
+        self._reach = max(_REACH, 1.5 * SPEED / fps)
         self.all: list[Trajectory] = []
         self._going: list[_ActiveTrajectory] = []
 
@@ -104,7 +126,7 @@ class PeopleFollower:
                 rows.append(np.zeros(0, int))
                 self.all.append(Trajectory())
                 self._going.append(_ActiveTrajectory(self.all[-1], newcomer, np.zeros(2)))
-            parts = _split(points[own], [moved[k] for k in who], self._limits.axis_weight)
+            parts = _split(points[own], [moved[k] for k in who], _AXIS_WEIGHT)
             for k, part in zip(who, parts, strict=True):
                 rows[k] = own[part]
                 if len(who) > 1:
@@ -112,9 +134,9 @@ class PeopleFollower:
         new = self._assign_rest(points, frame, sizes, owners, rows)
         going = []
         for k, own in enumerate(rows):
-            if len(own) >= self._limits.debris:
+            if len(own) >= DEBRIS:
                 self._going[k].one.voxels[frame.index] = frame.voxels[own]
-                going.append(self._going[k].advance(points[own], self._reach, self._limits.newest))
+                going.append(self._going[k].advance(points[own], self._reach, _NEWEST))
         for own in new:
             self.all.append(Trajectory({frame.index: frame.voxels[own]}))
             going.append(_ActiveTrajectory(self.all[-1], points[own], np.zeros(2)))
@@ -133,7 +155,7 @@ class PeopleFollower:
         owned = [own for own in range(len(sizes)) if own not in owners and own not in frame.ghosts]
         free = [np.flatnonzero(frame.regions == region) for region in owned]
         standing = [
-            len(own) >= count_least_voxels(self._config) and stands(points[own], self._config)
+            len(own) >= count_least_voxels(self.grid) and stands(points[own], self.grid.voxel_size)
             for own in free
         ]
         parts = list(rows)
@@ -144,8 +166,8 @@ class PeopleFollower:
                 for part in parts
             ]
             nearest = int(np.argmin(apart)) if apart else -1
-            if standing[k] or (nearest < 0 or apart[nearest] > self._limits.detached):
-                if len(own) >= count_least_voxels(self._config):
+            if standing[k] or (nearest < 0 or apart[nearest] > _REACH):
+                if len(own) >= count_least_voxels(self.grid):
                     parts.append(own)
             else:
                 parts[nearest] = np.concatenate([parts[nearest], own])
@@ -164,7 +186,7 @@ class PeopleFollower:
         for were, own in zip(moved, votes, strict=True):
             distance, nearest = tree.query(were, distance_upper_bound=reach)
             own += np.bincount(regions[nearest[np.isfinite(distance)]], minlength=len(sizes))
-        enough = votes.sum(1) >= self._limits.overlap * np.array([len(were) for were in moved])
+        enough = votes.sum(1) >= _OVERLAP * np.array([len(were) for were in moved])
         owners = np.where(enough, votes.argmax(1), -1).tolist()
         self._end_vanished(votes, sizes, moved, owners)
         self._take_nearest(points, regions, sizes, moved, owners)
@@ -181,7 +203,7 @@ class PeopleFollower:
             hit = np.setdiff1d(np.flatnonzero(votes[who].any(0)), others)
             least = min(who, key=lambda k: votes[k].sum() / len(moved[k]))
             lack = sum(len(moved[k]) for k in who) - sizes[hit].sum()
-            if len(who) > 1 and lack > self._limits.change * len(moved[least]):
+            if len(who) > 1 and lack > _CHANGE * len(moved[least]):
                 owners[least] = -1
 
     def _find_newcomer(self, points: np.ndarray, known: list[np.ndarray]) -> np.ndarray | None:
@@ -189,11 +211,11 @@ class PeopleFollower:
         `known` to be in it, if they stand as a person does and the region has gained a person's
         volume."""
         gain = len(points) - sum(len(were) for were in known)
-        if gain < self._limits.change * min(len(were) for were in known):
+        if gain < _CHANGE * min(len(were) for were in known):
             return None
-        far = cKDTree(np.concatenate(known)).query(points)[0] > self._limits.newcomer
-        enough = far.sum() >= count_least_voxels(self._config)
-        return points[far] if enough and stands(points[far], self._config) else None
+        far = cKDTree(np.concatenate(known)).query(points)[0] > _NEWCOMER
+        enough = far.sum() >= count_least_voxels(self.grid)
+        return points[far] if enough and stands(points[far], self.grid.voxel_size) else None
 
     def _take_nearest(
         self,
@@ -206,9 +228,7 @@ class PeopleFollower:
         """Give those without a region the free ones that are nearest on the floor, all at once
         (Hungarian method), within reach."""
         lost = [k for k, of in enumerate(owners) if of < 0]
-        free = [
-            int(r) for r in np.flatnonzero(sizes >= self._limits.debris) if int(r) not in owners
-        ]
+        free = [int(r) for r in np.flatnonzero(sizes >= DEBRIS) if int(r) not in owners]
         if not lost or not free:
             return
         middles = [find_middle(points[regions == region]) for region in free]
@@ -242,7 +262,6 @@ def find_middle(points: np.ndarray) -> np.ndarray:
 def follow(
     frames: list[CoarseFrame],
     grid: VoxelGrid,
-    config: PeopleConfig,
     fps: float,
     number: int | None = None,
 ) -> list[Trajectory]:
@@ -254,20 +273,20 @@ def follow(
     """
     if not frames:
         return []
-    counts = [_count_standing(frame, grid, config) for frame in frames]
+    counts = [_count_standing(frame, grid) for frame in frames]
     middle = _find_longest_maximum(counts)
     torn = None
     if number is not None and 0 < counts[middle][0] < number:
         most = max(counts)
         split = {
-            k: _split_widest(frame, grid, config, number - most[0])
+            k: _split_widest(frame, grid, number - most[0])
             for k, (frame, count) in enumerate(zip(frames, counts, strict=True))
             if count == most
         }
         middle = max(split, key=lambda k: split[k][1])
         torn = frames[middle]
         frames = [*frames[:middle], split[middle][0], *frames[middle + 1 :]]
-    forward, back = PeopleFollower(grid, config, fps), PeopleFollower(grid, config, fps)
+    forward, back = PeopleFollower(grid, fps), PeopleFollower(grid, fps)
     for frame in frames[middle:]:
         forward(frame)
     if torn is not None:
@@ -287,9 +306,7 @@ def _mark_touching(trajectories: list[Trajectory], frame: CoarseFrame) -> None:
             one.touching.add(frame.index)
 
 
-def _split_widest(
-    frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig, n_more: int
-) -> tuple[CoarseFrame, float]:
+def _split_widest(frame: CoarseFrame, grid: VoxelGrid, n_more: int) -> tuple[CoarseFrame, float]:
     """Split the widest standing region in two, `n_more` times; return the frame, and how far apart
     the two parts are at the least, as a multiple of their own width."""
     points, regions, apart = grid.centres(frame.voxels), frame.regions.copy(), np.inf
@@ -297,8 +314,8 @@ def _split_widest(
         widest: tuple[float, np.ndarray] = 0.0, np.zeros(0, int)
         for region in range(int(regions.max()) + 1):
             own = np.flatnonzero(regions == region)
-            own_stands = len(own) >= count_least_voxels(config) and stands(points[own], config)
-            if own_stands and region not in frame.ghosts:
+            large = len(own) >= count_least_voxels(grid)
+            if large and region not in frame.ghosts and stands(points[own], grid.voxel_size):
                 ratio, second = _halve(points[own, :2])
                 widest = max(widest, (ratio, own[second]), key=lambda found: found[0])
         regions[widest[1]] = regions.max() + 1
@@ -323,38 +340,36 @@ def _halve(floor: np.ndarray) -> tuple[float, np.ndarray]:
     return ratio, np.flatnonzero(second)
 
 
-def _count_standing(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -> tuple[int, int]:
+def _count_standing(frame: CoarseFrame, grid: VoxelGrid) -> tuple[int, int]:
     """Return the number of large regions that stand, and 1 if there is any large one, else 0."""
-    regions = _large_regions(frame, grid, config)
-    return sum(stands(points, config) for points in regions), min(1, len(regions))
+    regions = _large_regions(frame, grid)
+    return sum(stands(points, grid.voxel_size) for points in regions), min(1, len(regions))
 
 
-def count_heads(frames: list[CoarseFrame], grid: VoxelGrid, config: PeopleConfig) -> int | None:
+def count_heads(frames: list[CoarseFrame], grid: VoxelGrid) -> int | None:
     """Return how many people there are by their heads in most frames, None unless they are more
     than stand apart in any frame."""
     if not frames:
         return None
-    heads = [_count_heads(frame, grid, config) for frame in frames]
-    number = int(np.quantile(heads, 1 - config.following.heads, method="lower"))
-    apart = max(_count_standing(frame, grid, config)[0] for frame in frames)
+    heads = [_count_heads(frame, grid) for frame in frames]
+    number = int(np.quantile(heads, 1 - _HEADS, method="lower"))
+    apart = max(_count_standing(frame, grid)[0] for frame in frames)
     return number if number > apart > 0 else None
 
 
-def _count_heads(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -> int:
+def _count_heads(frame: CoarseFrame, grid: VoxelGrid) -> int:
     """Return how many heads the large regions that stand have."""
     return sum(
-        max(len(_find_rising(points, share, grid.voxel_size, config)) for share in _NECKS) or 1
-        for points in _large_regions(frame, grid, config)
-        if stands(points, config)
+        max(len(_find_rising(points, share, grid.voxel_size)) for share in _NECKS) or 1
+        for points in _large_regions(frame, grid)
+        if stands(points, grid.voxel_size)
     )
 
 
-def _find_rising(
-    points: np.ndarray, share: float, size: float, config: PeopleConfig
-) -> list[np.ndarray]:
+def _find_rising(points: np.ndarray, share: float, size: float) -> list[np.ndarray]:
     """Return the middles (2,) of the parts of a region, of some columns of voxels each, that rise
     apart from each other above this share of its height, as high and as far apart as people."""
-    above = points[points[:, 2] > max(share * points[:, 2].max(), config.tall)]
+    above = points[points[:, 2] > max(share * points[:, 2].max(), TALL)]
     if not len(above):
         return []
     columns = np.round((above[:, :2] - above[:, :2].min(0)) / size).astype(int)
@@ -364,16 +379,16 @@ def _find_rising(
     found: list[np.ndarray] = []
     for part in range(1, n_parts + 1):
         middle = find_middle(above[labels[tuple(columns.T)] == part])
-        near = [of for of in found if np.linalg.norm(of - middle) < config.following.apart]
+        near = [of for of in found if np.linalg.norm(of - middle) < APART]
         if np.sum(labels == part) >= _LEAST_HEAD and not near:
             found.append(middle)
     return found
 
 
-def _large_regions(frame: CoarseFrame, grid: VoxelGrid, config: PeopleConfig) -> list[np.ndarray]:
+def _large_regions(frame: CoarseFrame, grid: VoxelGrid) -> list[np.ndarray]:
     """Return the centres (N, 3) m of the voxels of each large region that is no ghost."""
     sizes = np.bincount(frame.regions) if len(frame.regions) else np.zeros(0, int)
-    large = np.flatnonzero(sizes >= count_least_voxels(config))
+    large = np.flatnonzero(sizes >= count_least_voxels(grid))
     points = grid.centres(frame.voxels)
     return [points[frame.regions == r] for r in large if r not in frame.ghosts]
 

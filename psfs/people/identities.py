@@ -10,8 +10,7 @@ import numpy as np
 
 from psfs.common.matching import match_pairs
 from psfs.people.coarse_voxels import BANDS, measure_similarity
-from psfs.people.config import FollowingConfig, IdentityConfig, PeopleConfig
-from psfs.people.following import Trajectory, find_middle
+from psfs.people.following import APART, LOWEST, SPEED, TALL, Trajectory, find_middle
 from psfs.voxels.grid import VoxelGrid
 
 T = TypeVar("T")
@@ -21,6 +20,23 @@ _IMPOSSIBLE = 1e3
 #: A trajectory that begins so soon, s, and so near, m, after another one's end goes on with it,
 #: whatever its colours and size.
 _SOON, _NEAR = 0.5, 0.5
+#: Distance, m, that may be added to what a person's speed allows.
+_SLACK = 0.3
+#: Least similarity (Bhattacharyya coefficient) of the colours, and greatest difference of the
+#: logarithms of the volumes, of two trajectories of one person.
+_LIKENESS, _SIZE = 0.45, 0.7
+#: Weights of that difference and of the distance, 1/m, up to 1 m, beside the unlikeness of colours.
+_SIZE_WEIGHT, _DISTANCE_WEIGHT = 0.3, 0.2
+#: Least gain of similarity, summed over both, for two trajectories to be exchanged.
+_SWAP_GAIN = 0.1
+#: Least volume of a second person, as share of the largest one's: a child of 1.15 m beside a tall
+#: man has 0.28; and of the usual one in a frame, for the person to be in it.
+_LEAST_SHARE, _PRESENT = 0.2, 0.35
+#: Least share of a second person's silhouettes, in some camera, that nobody else explains: a hull
+#: of several people has parts that nothing fills.
+_UNEXPLAINED = 0.15
+#: Share of frames with contact above which a trajectory may be part of another person.
+_CONTACT = 0.9
 #: Frames that measure the height of a trajectory, and the share of them in which somebody may
 #: crouch.
 _LOOKS, _CROUCHING = 15, 0.8
@@ -49,7 +65,7 @@ def count_voxels(one: Trajectory) -> float:
     return float(np.median([len(of) for of in one.voxels.values()])) if one.voxels else 0.0
 
 
-def undo_swaps(seen: Appearances, window: float, config: FollowingConfig) -> None:
+def undo_swaps(seen: Appearances, window: float) -> None:
     """Exchange two trajectories from a contact on, where their colours before and after it, within
     `window` frames, say that they were mistaken for one another."""
     ones = list(seen)
@@ -62,7 +78,7 @@ def undo_swaps(seen: Appearances, window: float, config: FollowingConfig) -> Non
                 if not all(of.any() for of in (a, b, c, d)):
                     continue
                 kept = measure_similarity(a, c) + measure_similarity(b, d)
-                if measure_similarity(a, d) + measure_similarity(b, c) > kept + config.swap_gain:
+                if measure_similarity(a, d) + measure_similarity(b, c) > kept + _SWAP_GAIN:
                     _exchange(first, second, seen, stop)
 
 
@@ -91,9 +107,7 @@ def _exchange_after(first: dict[int, T], second: dict[int, T], after: int) -> No
         one.update(other)
 
 
-def join_returning(
-    seen: Appearances, grid: VoxelGrid, config: IdentityConfig, fps: float
-) -> Appearances:
+def join_returning(seen: Appearances, grid: VoxelGrid, fps: float) -> Appearances:
     """Join trajectories of one person who left and came back, or was lost for some frames: the
     most alike first (Hungarian method), again until none is left."""
     joined = dict(seen)
@@ -103,7 +117,7 @@ def join_returning(
         for i, early in enumerate(ones):
             for j, late in enumerate(ones):
                 if early.frames[-1] < late.frames[0]:
-                    costs[i, j] = _measure_cost(early, late, joined, grid, config, fps)
+                    costs[i, j] = _measure_cost(early, late, joined, grid, fps)
         pairs = match_pairs(costs, _IMPOSSIBLE)
         if not pairs:
             return joined
@@ -120,7 +134,6 @@ def _measure_cost(
     late: Trajectory,
     seen: Appearances,
     grid: VoxelGrid,
-    config: IdentityConfig,
     fps: float,
 ) -> float:
     """Return how unlike both are, `_IMPOSSIBLE` where they cannot be the same person."""
@@ -128,37 +141,33 @@ def _measure_cost(
     seconds = (first - last) / fps
     ends = grid.centres(early.voxels[last]), grid.centres(late.voxels[first])
     apart = float(np.linalg.norm(find_middle(ends[0]) - find_middle(ends[1])))
-    if apart > config.speed * seconds + config.slack:
+    if apart > SPEED * seconds + _SLACK:
         return _IMPOSSIBLE
     alike = measure_similarity(
         seen[early].sum_colours(-np.inf, np.inf), seen[late].sum_colours(-np.inf, np.inf)
     )
     size = abs(np.log(count_voxels(early) / count_voxels(late)))
     at_once = seconds < _SOON and apart < _NEAR
-    if not at_once and (alike < config.likeness or size > config.size):
+    if not at_once and (alike < _LIKENESS or size > _SIZE):
         return _IMPOSSIBLE
-    return 1 - alike + config.size_weight * size + min(apart, 1.0) * config.distance_weight
+    return 1 - alike + _SIZE_WEIGHT * size + min(apart, 1.0) * _DISTANCE_WEIGHT
 
 
-def is_person(
-    one: Trajectory, looks: Appearance, grid: VoxelGrid, largest: float, config: PeopleConfig
-) -> bool:
+def is_person(one: Trajectory, looks: Appearance, grid: VoxelGrid, largest: float) -> bool:
     """Return whether a trajectory is a second person beside one of `largest` volume."""
-    if count_voxels(one) < config.least_share * largest:
+    if count_voxels(one) < _LEAST_SHARE * largest:
         return False
-    if np.median(_find_ends(one, grid)[:, 0]) > config.lowest:
+    if np.median(_find_ends(one, grid)[:, 0]) > LOWEST:
         return False
     shares = list(looks.unexplained.values())
-    explained = bool(shares) and float(np.median(shares)) < config.unexplained
-    return is_tall(one, grid, config) and not explained
+    explained = bool(shares) and float(np.median(shares)) < _UNEXPLAINED
+    return is_tall(one, grid) and not explained
 
 
-def is_part(
-    one: Trajectory, others: Iterable[Trajectory], grid: VoxelGrid, config: FollowingConfig
-) -> bool:
+def is_part(one: Trajectory, others: Iterable[Trajectory], grid: VoxelGrid) -> bool:
     """Return whether a trajectory is a part of one of the `others`: it touches somebody in nearly
     all frames, and is nearer to them than two people can be."""
-    if len(one.touching) <= config.contact * len(one.voxels):
+    if len(one.touching) <= _CONTACT * len(one.voxels):
         return False
     apart = []
     for index in sorted(one.touching):
@@ -167,14 +176,14 @@ def is_part(
             middles = [find_middle(grid.centres(own)) for own in rest]
             own = find_middle(grid.centres(one.voxels[index]))
             apart.append(np.linalg.norm(own - middles, axis=1).min())
-    return not apart or float(np.median(apart)) < config.apart
+    return not apart or float(np.median(apart)) < APART
 
 
-def is_tall(one: Trajectory, grid: VoxelGrid, config: PeopleConfig) -> bool:
+def is_tall(one: Trajectory, grid: VoxelGrid) -> bool:
     """Return whether a trajectory is as high as a person in a fifth of its frames: a trolley, a
     ball or a dog never are, and people who crouch stand up at some time."""
     low, high = _find_ends(one, grid).T
-    return bool(np.quantile(high - low, _CROUCHING) + config.voxel >= config.tall)
+    return bool(np.quantile(high - low, _CROUCHING) + grid.voxel_size >= TALL)
 
 
 def _find_ends(one: Trajectory, grid: VoxelGrid) -> np.ndarray:
@@ -184,7 +193,7 @@ def _find_ends(one: Trajectory, grid: VoxelGrid) -> np.ndarray:
     return np.array([(of.min(), of.max()) for of in heights])
 
 
-def find_present_frames(one: Trajectory, config: FollowingConfig) -> np.ndarray:
+def find_present_frames(one: Trajectory) -> np.ndarray:
     """Return the frames (F,) in which enough of the person is seen."""
-    least = config.present * count_voxels(one)
+    least = _PRESENT * count_voxels(one)
     return np.array([index for index in one.frames if len(one.voxels[int(index)]) >= least], int)

@@ -11,7 +11,6 @@ from psfs.backend import make_evidence_function
 from psfs.common.numbers import select_span
 from psfs.diagnostics.small_views import Shrink
 from psfs.people.coarse_voxels import CoarseFrame, CoarseVoxels
-from psfs.people.config import AxisConfig, PeopleConfig
 from psfs.people.following import Trajectory, count_heads, follow
 from psfs.people.identities import (
     Appearance,
@@ -29,6 +28,10 @@ from psfs.sequence import Frame
 from psfs.session import Session, check_frames
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.voxels.grid import VoxelGrid
+
+#: Longest side, px, of the pictures that people are counted in; frames per second in which they are
+#: counted and their colours compared; and the time, s, for which somebody must be seen to count.
+_LONGEST_SIDE, _RATE, _LEAST_SECONDS = 480, 5.0, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +59,9 @@ class People:
     def __iter__(self) -> Iterator[Person]:
         return iter(self.persons)
 
-    def find_places(self, config: AxisConfig | None = None) -> StandingPeople:
+    def find_places(self) -> StandingPeople:
         """Return where the people stand in each frame."""
-        return find_places(self.grid, self.frames, [one.voxels for one in self], config)
+        return find_places(self.grid, self.frames, [one.voxels for one in self])
 
     @property
     def counts(self) -> np.ndarray:
@@ -97,16 +100,13 @@ class People:
         return text
 
 
-def count_people(
-    session: Session, number: int | None = None, config: PeopleConfig | None = None
-) -> People:
-    """Return the people in some of the session's frames, see `PeopleConfig.rate`.
+def count_people(session: Session, number: int | None = None) -> People:
+    """Return the people in some of the session's frames.
 
     number: see `follow_people`."""
-    config = config or PeopleConfig()
-    every = max(1, round(session.rate / config.rate))
+    every = max(1, round(session.rate / _RATE))
     return session.compute_once(
-        (count_people, number, config), lambda: _Search(session, config, every, number).run()
+        (count_people, number), lambda: _Search(session, every, number).run()
     )
 
 
@@ -116,9 +116,7 @@ def follow_people(session: Session, number: int | None = None) -> People:
     number: how many there are, if that is known: the largest so many. Raises InputError if no frame
     is selected.
     """
-    return session.compute_once(
-        (follow_people, number), lambda: _Search(session, PeopleConfig(), 1, number).run()
-    )
+    return session.compute_once((follow_people, number), lambda: _Search(session, 1, number).run())
 
 
 def follow_several(session: Session, number: int | None = None) -> People | None:
@@ -136,27 +134,22 @@ def follow_several(session: Session, number: int | None = None) -> People | None
 class _Search:
     """The search for people in every `every`-th frame of a session."""
 
-    def __init__(
-        self, session: Session, config: PeopleConfig, every: int, number: int | None
-    ) -> None:
+    def __init__(self, session: Session, every: int, number: int | None) -> None:
         self.session, self.number = session, number
         self.frames = check_frames(session)[::every]
         self.rate = session.rate / every
-        shrink = Shrink(session.rig, session.rig.factor_within(config.longest_side))
+        shrink = Shrink(session.rig, session.rig.factor_within(_LONGEST_SIDE))
         self._shrink = shrink
         self._evidence_of = make_evidence_function(
             session.device, shrink.small, shrink.background(session.background),
             SilhouetteConfig().without_memory(),
         )  # fmt: skip
-        self.space = CoarseVoxels(
-            shrink.small, session.sequence.volume, session.reconstruction, config
-        )
-        self.config = self.space.config
+        self.space = CoarseVoxels(shrink.small, session.sequence.volume, session.reconstruction)
 
     def run(self) -> People:
         """Return the people."""
         frames = [self._carve(frame) for frame in self._read_frames(self.frames)]
-        heads = count_heads(frames, self.space.grid, self.config) if self.number is None else None
+        heads = count_heads(frames, self.space.grid) if self.number is None else None
         people = self._find(frames, self.number or heads)
         if heads is not None and len(people) < heads:  # what was split is one person
             return self._find(frames, None)
@@ -165,17 +158,17 @@ class _Search:
     def _find(self, frames: list[CoarseFrame], number: int | None) -> People:
         """Return the people in frames: `number` of them, if that is known."""
         grid, fps = self.space.grid, self.session.sequence.fps
-        everything = follow(frames, grid, self.config, self.rate, number)
-        lasting = min(self.config.least_seconds * self.rate, len(frames) / 2)
+        everything = follow(frames, grid, self.rate, number)
+        lasting = min(_LEAST_SECONDS * self.rate, len(frames) / 2)
         found = [one for one in everything if len(one.voxels) >= max(2, lasting / 2)] or everything
         if len(found) < 2:
             return People(self.frames, grid, tuple(map(self._person, found)))
         seen: Appearances = {one: Appearance() for one in found}
         self._observe(seen)
-        undo_swaps(seen, 2 * fps, self.config.following)
-        seen = join_returning(seen, grid, self.config.identity, fps)
+        undo_swaps(seen, 2 * fps)
+        seen = join_returning(seen, grid, fps)
         ranked = sorted(seen, key=lambda one: count_voxels(one) * len(one.voxels), reverse=True)
-        largest = next((one for one in ranked if is_tall(one, grid, self.config)), ranked[0])
+        largest = next((one for one in ranked if is_tall(one, grid)), ranked[0])
         rest = [one for one in ranked if one is not largest and len(one.voxels) >= lasting]
         chosen = [one for one in rest if self._is_person(one, largest, seen)]
         if self.number is not None:
@@ -185,12 +178,12 @@ class _Search:
         return People(self.frames, grid, persons, len(rest) - len(chosen))
 
     def _person(self, one: Trajectory) -> Person:
-        return Person(find_present_frames(one, self.config.following), one.voxels)
+        return Person(find_present_frames(one), one.voxels)
 
     def _is_person(self, one: Trajectory, largest: Trajectory, seen: Appearances) -> bool:
         grid, others = self.space.grid, [other for other in seen if other is not one]
-        return is_person(one, seen[one], grid, count_voxels(largest), self.config) and not is_part(
-            one, others, grid, self.config.following
+        return is_person(one, seen[one], grid, count_voxels(largest)) and not is_part(
+            one, others, grid
         )
 
     def _read_frames(self, indices: range) -> Iterator[Frame]:
@@ -203,7 +196,7 @@ class _Search:
 
     def _observe(self, seen: Appearances) -> None:
         """Look at the colours of all trajectories in some frames, and at what only they explain."""
-        every = max(1, round(self.rate / self.config.identity.looks))
+        every = max(1, round(self.rate / _RATE))
         for frame in self._read_frames(self.frames[::every]):
             ones = [one for one in seen if frame.index in one.voxels]
             evidence = self._evidence_of(frame)

@@ -24,8 +24,7 @@ from psfs.cameras.footprints import voxel_footprints
 from psfs.common.numbers import select_span
 from psfs.footage.frame import Space
 from psfs.people.agreement import Disagreement, measure_disagreement
-from psfs.people.config import SeparationConfig
-from psfs.people.contact import Pair, SplitCloud, find_contacts, split_cloud
+from psfs.people.contact import ARM_REACH, Pair, SplitCloud, find_contacts, split_cloud
 from psfs.people.ghosts import Ghosts
 from psfs.people.people import People
 from psfs.session import Session, SessionSettings
@@ -35,18 +34,20 @@ from psfs.voxels.config import ReconstructionConfig
 
 #: Depth where nothing is drawn, m.
 FAR = 1e6
+#: Room around the voxels of all people, and of one, m.
+MARGIN = 0.2
+#: Depth by which another one must be nearer to the camera to hide a person, m.
+_BEFORE = 0.05
 
 
 def separate(
-    session: Session, people: People, progress: Callable[[], object] | None = None,
-    config: SeparationConfig | None = None,
-) -> list[Session]:  # fmt: skip
+    session: Session, people: People, progress: Callable[[], object] | None = None
+) -> list[Session]:
     """Return a session for each of `people`, over the frames from the first to the last that show
     them. progress: called after each frame."""
-    config = config or SeparationConfig()
-    everybody = join_session(session, people, config.margin)
-    contacts = find_contacts(people, session.rate, config)
-    store, volumes, colours = _divide(everybody, people, contacts, config, progress)
+    everybody = join_session(session, people)
+    contacts = find_contacts(people, session.rate)
+    store, volumes, colours = _divide(everybody, people, contacts, progress)
     spaces = _find_spaces(session.rig, people, contacts, colours)
     return [
         _make_session(session, people, number, box, store, spaces)
@@ -58,21 +59,20 @@ def _divide(
     everybody: Session,
     people: People,
     contacts: dict[int, list[Pair]],
-    config: SeparationConfig,
     progress: Callable[[], object] | None,
 ) -> tuple[MaskStore, list[Volume], dict[tuple[int, int], Disagreement]]:
     """Return the masks and the volume of each of `people`, and by person and frame how far the
     cameras disagree on the colours of their voxels, if there are pictures."""
     rig, grid = everybody.rig, automatic_grid(everybody)
     store = MaskStore(len(rig), rig.height, rig.width)
-    attribution = Attribution(rig, everybody.reconstruction, config)
+    attribution = Attribution(rig, everybody.reconstruction)
     footprints = voxel_footprints(rig, grid.voxel_size)
     reconstruct = everybody.reconstructor(grid)
     boxes: list[list[np.ndarray]] = [[] for _ in people]
     colours: dict[tuple[int, int], Disagreement] = {}
     for frame in everybody.sequence.frames(everybody.settings.selection):
         cloud = reconstruct(frame).cloud()
-        split = split_cloud(cloud, people, frame.index, config, contacts[frame.index])
+        split = split_cloud(cloud, people, frame.index, contacts[frame.index])
         for box, points in zip(boxes, split.clouds, strict=False):
             if len(points):
                 box.append(np.stack([points.min(0), points.max(0)]))
@@ -95,7 +95,7 @@ def _divide(
         coarse = np.stack(replace(people, persons=(person,)).box())
         ends = np.array(box or [coarse])  # (N, 2, 3) m
         low, high = ends[:, 0].min(0), ends[:, 1].max(0)
-        volumes.append(Volume(low - config.margin, high + config.margin))
+        volumes.append(Volume(low - MARGIN, high + MARGIN))
     return store, volumes, colours
 
 
@@ -120,10 +120,10 @@ def _find_spaces(
     return find_space
 
 
-def join_session(session: Session, people: People, margin: float) -> Session:
-    """Return a session whose volume holds everybody, with `margin` m around them."""
+def join_session(session: Session, people: People) -> Session:
+    """Return a session whose volume holds everybody, with some room around them."""
     joint = Session(session.sequence, session.device, session.settings)
-    joint.replace_result(find_volume, Volume(*people.box(margin)))
+    joint.replace_result(find_volume, Volume(*people.box(MARGIN)))
     return joint
 
 
@@ -173,7 +173,6 @@ class Attribution:
 
     rig: CameraRig
     config: ReconstructionConfig
-    limits: SeparationConfig
 
     def __call__(
         self, evidence: np.ndarray, split: SplitCloud, footprints: np.ndarray
@@ -220,9 +219,9 @@ class Attribution:
         other_beside: np.ndarray,
     ) -> np.ndarray:
         """Return the mask (H, W) of one person in one camera."""
-        mine = (beside <= other_beside) & (beside < self.limits.beside)
+        mine = (beside <= other_beside) & (beside < ARM_REACH)
         mask = np.where(mine | (counts <= 0), plain, 0).astype(np.uint8)
-        hidden = (beside == 0) & (other_depth < depth - self.limits.before) & (counts > 0)
+        hidden = (beside == 0) & (other_depth < depth - _BEFORE) & (counts > 0)
         mask[hidden] = UNKNOWN_MASK
         return mask
 

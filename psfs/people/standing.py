@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psfs.people.config import AxisConfig
 from psfs.voxels.grid import VoxelGrid
 
+#: Standard deviation of the voxels of a person who stands from their axis, m.
+_AXIS_STD = 0.15
 #: Heights and radii of the inside of a person who stands, as a body of revolution, in shares of the
 #: stature: feet, knees, hips, elbows, shoulders, neck, head. By hand on Pose2Sim's
 #: `Demo_MultiPerson`: four thirds of the radii cover more of the people, but starts fit worse.
@@ -59,27 +60,25 @@ def find_places(
     grid: VoxelGrid,
     frames: Sequence[int],
     persons: Sequence[dict[int, np.ndarray]],
-    config: AxisConfig | None = None,
 ) -> StandingPeople:
     """Return where people stand in `frames`: the axis and the top of each one's coarse voxels of
     `grid`, flat indices by frame."""
-    config = config or AxisConfig()
     places = np.full((len(frames), len(persons), 3), np.nan)
     for number, voxels in enumerate(persons):
         for row, frame in enumerate(frames):
             if frame in voxels:
-                axis, top = _find_axis(grid.centres(voxels[frame]), config)
+                axis, top = _find_axis(grid.centres(voxels[frame]))
                 places[row, number] = *axis, top + grid.voxel_size / 2
     return StandingPeople(np.array(frames), places)
 
 
-def _find_axis(points: np.ndarray, config: AxisConfig) -> tuple[np.ndarray, float]:
+def _find_axis(points: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the vertical axis (2,) that most of the points (N, 3) are near to, and the highest z
     about it, m."""
     flat, heights = np.unique(points[:, :2], axis=0, return_counts=True)
     apart = np.linalg.norm(flat[:, None] - flat, axis=-1)
-    around = np.exp(-0.5 * (apart / config.width) ** 2) @ heights
-    near = apart[around.argmax()] < config.reach
+    around = np.exp(-0.5 * (apart / _AXIS_STD) ** 2) @ heights
+    near = apart[around.argmax()] < 2 * _AXIS_STD
     axis = np.average(flat[near], axis=0, weights=heights[near])
-    about = np.linalg.norm(points[:, :2] - axis, axis=1) < config.reach
+    about = np.linalg.norm(points[:, :2] - axis, axis=1) < 2 * _AXIS_STD
     return axis, float(points[about, 2].max())

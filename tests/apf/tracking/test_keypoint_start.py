@@ -102,6 +102,7 @@ def test_the_lost_are_found_by_their_keypoints(device: Device) -> None:
     settings = TakeSettings(method=method, keypoints=gone)
     track = track_take(blind_session(device), settings).tracks[0]
     assert track.lost.tolist() == [False] * 4 + [True] * 3 + [False] * 3
+    assert (track.present == ~track.lost).all() and "present" in track.diagnostics
     truth = posed_joints(BODY, moved[7:])
     assert np.linalg.norm(track.joints[7:] - truth, axis=-1).mean() < 0.05
 

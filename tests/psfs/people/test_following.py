@@ -9,7 +9,6 @@ import pytest
 from scipy import ndimage
 
 from psfs.people.coarse_voxels import BANDS, CoarseFrame, measure_similarity
-from psfs.people.config import PeopleConfig
 from psfs.people.following import Trajectory, count_heads, follow
 from psfs.people.identities import (
     Appearance,
@@ -23,8 +22,8 @@ from psfs.people.identities import (
 )
 from psfs.voxels.grid import VoxelGrid
 
-CONFIG, FPS = PeopleConfig(), 10.0
-GRID = VoxelGrid.covering(np.array([-2.0, -2.0, 0.0]), np.array([2.0, 2.0, 2.0]), CONFIG.voxel)
+FPS, SIZE = 10.0, 0.08
+GRID = VoxelGrid.covering(np.array([-2.0, -2.0, 0.0]), np.array([2.0, 2.0, 2.0]), SIZE)
 PLACES = GRID.centres()
 
 
@@ -52,7 +51,7 @@ def test_people_who_pass_each_other_and_touch_keep_their_names(ahead: bool) -> N
         frame(n, column(0.15 * t - 1.5, -0.2), column(1.5 - 0.15 * t, 0.2))
         for n, t in enumerate(times)
     ]
-    found = follow(frames, GRID, CONFIG, FPS)
+    found = follow(frames, GRID, FPS)
     assert len(found) == 2
     for one in found:
         assert len(one.voxels) == 21
@@ -68,14 +67,14 @@ def test_who_comes_or_leaves_beside_somebody_is_there_until_then(leaves: bool) -
         frame(n, column(0, 0), *[column(0.35, 0.1 * max(0, 8 - t))] * (t < 10))
         for n, t in enumerate(times)
     ]
-    found = follow(frames, GRID, CONFIG, FPS)
+    found = follow(frames, GRID, FPS)
     assert sorted(len(one.voxels) for one in found) == [14, 16]
     assert all(one.touching for one in found)
 
 
 def test_who_touches_at_first_is_known_from_later() -> None:
     frames = [frame(n, column(-0.2 - 0.08 * n, 0), column(0.2 + 0.08 * n, 0)) for n in range(15)]
-    found = follow(frames, GRID, CONFIG, FPS)
+    found = follow(frames, GRID, FPS)
     assert [len(one.voxels) for one in found] == [15, 15]
     assert sorted(float(np.sign(where(one, 0)[0])) for one in found) == [-1, 1]
 
@@ -85,11 +84,11 @@ def test_a_stated_number_of_people_who_touch_all_the_time() -> None:
         frame(n, column(0.1 * n - 0.2, 0), column(0.1 * n + 0.2, 0.1 * (n % 3)), column(-1.5, 1))
         for n in range(8)
     ]
-    assert len(follow(frames, GRID, CONFIG, FPS)) == 2
-    found = follow(frames, GRID, CONFIG, FPS, 3)
+    assert len(follow(frames, GRID, FPS)) == 2
+    found = follow(frames, GRID, FPS, 3)
     assert [len(one.voxels) for one in found] == [8] * 3
     places = sorted(where(one, 7)[0] for one in found)
-    np.testing.assert_allclose(places, [-1.5, 0.5, 0.9], atol=2 * CONFIG.voxel)
+    np.testing.assert_allclose(places, [-1.5, 0.5, 0.9], atol=2 * SIZE)
 
 
 def walker(x: float, top: float) -> np.ndarray:
@@ -104,9 +103,9 @@ def test_heads_tell_how_many_touch_all_the_time(shown: int, people: int) -> None
         frame(n, walker(0.08 * n - 0.56, 1.8), walker(0.08 * n - 0.08, 1.65 if n < shown else 1.2))
         for n in range(8)
     ]
-    heads = count_heads(frames, GRID, CONFIG)
+    heads = count_heads(frames, GRID)
     assert heads == (people if people > 1 else None)
-    found = follow(frames, GRID, CONFIG, FPS, heads)
+    found = follow(frames, GRID, FPS, heads)
     assert [len(one.voxels) for one in found] == [8] * people
     assert all(len(one.touching) == 8 * (people - 1) for one in found)
 
@@ -115,31 +114,31 @@ def test_a_body_torn_in_two_is_one_person() -> None:
     frames = [
         frame(n, column(0, 0, 0, 0.7), column(0, 0, 0.8 + 0.2 * (n % 2), 1.7)) for n in range(8)
     ]
-    found = follow(frames, GRID, CONFIG, FPS)
+    found = follow(frames, GRID, FPS)
     assert len(found) == 1
     assert len(found[0].voxels) == 8
 
 
 def test_a_low_thing_is_followed_but_no_person() -> None:
     frames = [frame(n, column(0.05 * n, 0), column(1.2, 1.2, 0, 0.5)) for n in range(8)]
-    found = follow(frames, GRID, CONFIG, FPS)
+    found = follow(frames, GRID, FPS)
     assert len(found) == 2
     largest = max(count_voxels(one) for one in found)
-    assert [is_person(one, Appearance(), GRID, largest, CONFIG) for one in found].count(True) == 1
+    assert [is_person(one, Appearance(), GRID, largest) for one in found].count(True) == 1
 
 
 def test_who_lies_down_is_a_person() -> None:
     lying = np.any([column(1.2, y, high=0.5) for y in (-0.4, 0, 0.4)], axis=0)
     frames = [frame(n, column(0, 0), column(1.2, 0) if n < 3 else lying) for n in range(9)]
-    found = follow(frames, GRID, CONFIG, FPS)
+    found = follow(frames, GRID, FPS)
     largest = max(count_voxels(one) for one in found)
-    assert [is_person(one, Appearance(), GRID, largest, CONFIG) for one in found] == [True, True]
+    assert [is_person(one, Appearance(), GRID, largest) for one in found] == [True, True]
 
 
 def test_a_child_beside_a_tall_man_is_a_person() -> None:
-    (one,) = follow([frame(n, column(0, 0, high=1.25)) for n in range(5)], GRID, CONFIG, FPS)
+    (one,) = follow([frame(n, column(0, 0, high=1.25)) for n in range(5)], GRID, FPS)
     largest = count_voxels(one)
-    assert [is_person(one, Appearance(), GRID, times * largest, CONFIG) for times in (4, 6)] == [
+    assert [is_person(one, Appearance(), GRID, times * largest) for times in (4, 6)] == [
         True,
         False,
     ]
@@ -147,9 +146,9 @@ def test_a_child_beside_a_tall_man_is_a_person() -> None:
 
 def test_a_trolley_is_no_person_though_it_stands_beside_somebody_all_the_time() -> None:
     frames = [frame(n, column(0, 0), column(0.6, 0, high=1.0)) for n in range(6)]
-    person, trolley = follow(frames, GRID, CONFIG, FPS)
-    assert is_tall(person, GRID, CONFIG) and not is_tall(trolley, GRID, CONFIG)
-    assert not is_person(trolley, Appearance(), GRID, count_voxels(person), CONFIG)
+    person, trolley = follow(frames, GRID, FPS)
+    assert is_tall(person, GRID) and not is_tall(trolley, GRID)
+    assert not is_person(trolley, Appearance(), GRID, count_voxels(person))
 
 
 @pytest.mark.parametrize(("apart", "part"), [(0.3, True), (0.6, False)])
@@ -160,23 +159,23 @@ def test_who_always_touches_is_a_part_only_if_two_people_cannot_be_so_near(
         Trajectory({n: np.flatnonzero(column(x, 0)) for n in range(5)}, set(range(5)))
         for x in (0.0, apart)
     ]
-    assert is_part(ones[1], ones[:1], GRID, CONFIG.following) == part
+    assert is_part(ones[1], ones[:1], GRID) == part
     ones[1].touching.clear()
-    assert not is_part(ones[1], ones[:1], GRID, CONFIG.following)
+    assert not is_part(ones[1], ones[:1], GRID)
 
 
 def test_nobody_begins_in_a_ghost() -> None:
     first = frame(0, column(0, 0), column(1.2, 0))
     ghost = int(first.regions[np.isin(first.voxels, np.flatnonzero(column(1.2, 0)))][0])
     frames = [replace(first, ghosts=frozenset({ghost})), *[frame(n, column(0, 0)) for n in (1, 2)]]
-    (one,) = follow(frames, GRID, CONFIG, FPS)
+    (one,) = follow(frames, GRID, FPS)
     assert where(one, 0) == pytest.approx([0, 0], abs=0.05) and len(one.voxels) == 3
 
 
 def test_a_hull_that_nobody_fills_is_no_person() -> None:
-    one = follow([frame(n, column(0, 0)) for n in range(5)], GRID, CONFIG, FPS)[0]
-    assert is_person(one, Appearance(unexplained={0: 0.5}), GRID, count_voxels(one), CONFIG)
-    assert not is_person(one, Appearance(unexplained={0: 0.05}), GRID, count_voxels(one), CONFIG)
+    one = follow([frame(n, column(0, 0)) for n in range(5)], GRID, FPS)[0]
+    assert is_person(one, Appearance(unexplained={0: 0.5}), GRID, count_voxels(one))
+    assert not is_person(one, Appearance(unexplained={0: 0.05}), GRID, count_voxels(one))
 
 
 def coloured(code: int) -> np.ndarray:
@@ -189,17 +188,15 @@ def test_who_comes_back_is_known_by_the_colours() -> None:
     """Two leave; one of them returns."""
     here = [frame(n, column(-1, 0), column(1, 0)) for n in range(6)]
     back = [frame(n, column(0, 1.2)) for n in range(20, 26)]
-    found = follow([*here, *[frame(n) for n in range(6, 20)], *back], GRID, CONFIG, FPS)
+    found = follow([*here, *[frame(n) for n in range(6, 20)], *back], GRID, FPS)
     assert len(found) == 3
     late = next(one for one in found if one.frames[0] == 20)
     left, right = (one for one in found if one is not late)
     seen = {left: Appearance({0: coloured(3)}), right: Appearance({0: coloured(9)})}
-    joined = join_returning(
-        {**seen, late: Appearance({20: coloured(9)})}, GRID, CONFIG.identity, FPS
-    )
+    joined = join_returning({**seen, late: Appearance({20: coloured(9)})}, GRID, FPS)
     assert set(joined) == {left, right}
     assert (len(left.voxels), len(right.voxels)) == (6, 12)
-    assert find_present_frames(right, CONFIG.following).tolist() == [*range(6), *range(20, 26)]
+    assert find_present_frames(right).tolist() == [*range(6), *range(20, 26)]
 
 
 def test_an_exchange_in_a_contact_is_undone_by_the_colours() -> None:
@@ -212,7 +209,7 @@ def test_an_exchange_in_a_contact_is_undone_by_the_colours() -> None:
         one: Appearance({n: coloured(codes[n >= 12]) for n in range(30)})
         for one, codes in colours.items()
     }
-    undo_swaps(seen, 20, CONFIG.following)
+    undo_swaps(seen, 20)
     assert [int(first.voxels[n][0]) for n in (0, 14, 15, 29)] == [0, 0, 1, 1]
     assert [int(second.voxels[n][0]) for n in (0, 14, 15, 29)] == [1, 1, 0, 0]
     early, late = seen[first].sum_colours(0, 5), seen[first].sum_colours(20, 29)

@@ -11,10 +11,9 @@ from cl import NumpyDevice
 from psfs.background.config import UNKNOWN, EvidenceConfig
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import voxel_footprints
-from psfs.people.config import SeparationConfig
 from psfs.people.contact import SplitCloud, find_contacts, split_cloud
 from psfs.people.people import People, Person
-from psfs.people.separation import FAR, Attribution, MaskStore, draw, separate
+from psfs.people.separation import FAR, MARGIN, Attribution, MaskStore, draw, separate
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import find_volume
@@ -44,7 +43,7 @@ def test_voxels_belong_to_the_nearest_and_far_ones_to_nobody() -> None:
     voxels = np.sort(np.concatenate([left, right, far]))
     cloud = VoxelCloud(GRID, voxels.astype(np.int32), np.ones(len(voxels), np.float32))
     both = (Person(np.array([7]), {7: left}), Person(np.array([7]), {7: right}))
-    split = split_cloud(cloud, People(range(8), GRID, both), 7, SeparationConfig())
+    split = split_cloud(cloud, People(range(8), GRID, both), 7)
     clouds = split.clouds
     assert split.sole is clouds and not any(map(len, split.near))  # they do not touch
     assert [len(points) for points in clouds] == [len(left), len(right), 1]
@@ -61,7 +60,7 @@ def test_pixels_of_the_other_are_background_or_unknown() -> None:
         depths = [draw(camera, points, footprints[view], (120, 120))[0] for points in clouds]
         covered.append(np.array(depths) < FAR)
         evidence[view][covered[-1].any(0)] = 12
-    attribute = Attribution(cameras, config, SeparationConfig())
+    attribute = Attribution(cameras, config)
     empty = clouds[0][:0]
     first, second = attribute(evidence, SplitCloud(clouds, clouds, [empty, empty]), footprints)
     table = config.silhouette.evidence.replace(unknown_mask=128)
@@ -80,7 +79,7 @@ def test_pixels_of_the_other_are_background_or_unknown() -> None:
 
 def test_arms_of_people_who_touch_are_foreground_of_both() -> None:
     """Both reach out and touch in the middle; the first one's trunk says nothing to the second."""
-    cameras, config, centres = rig(), SeparationConfig(), GRID.centres()
+    cameras, centres = rig(), GRID.centres()
     arms = (np.abs(centres[:, 1]) < 0.06) & (np.abs(centres[:, 2] - 1.1) < 0.06)
     left, right = (np.abs(centres[:, 0] - x) < 0.3 for x in (-0.3, 0.3))
     first = np.union1d(block(-0.4), np.flatnonzero(arms & left))
@@ -89,15 +88,15 @@ def test_arms_of_people_who_touch_are_foreground_of_both() -> None:
     cloud = VoxelCloud(GRID, voxels.astype(np.int32), np.ones(len(voxels), np.float32))
     both = (Person(np.array([7]), {7: first}), Person(np.array([7]), {7: second}))
     people = People(range(8), GRID, both)
-    assert not any(find_contacts(people, 10, config).values())  # a frame of two is too short
-    split = split_cloud(cloud, people, 7, config, find_contacts(people, 5, config)[7])
+    assert not any(find_contacts(people, 10).values())  # a frame of two is too short
+    split = split_cloud(cloud, people, 7, find_contacts(people, 5)[7])
     assert split.clouds[0][:, 0].max() > 0.05 and split.clouds[1][:, 0].min() < -0.05
     assert split.sole[0][:, 0].max() < 0 < split.sole[1][:, 0].min()
     assert all(len(near) and near[:, 2].min() > 0.6 for near in split.near)
     footprints, camera = voxel_footprints(cameras, SIZE), cameras[0]
     evidence = np.full((2, 120, 120), -60, np.int8)
     evidence[0][draw(camera, cloud.centres, footprints[0], (120, 120))[0] < FAR] = 12
-    masks = Attribution(cameras, ReconstructionConfig(), config)(evidence, split, footprints)[:, 0]
+    masks = Attribution(cameras, ReconstructionConfig())(evidence, split, footprints)[:, 0]
     pixels, _ = camera.project(np.array([[-0.05, 0, 1.1], [0.05, 0, 1.1], [-0.25, 0, 1.1]]))
     column, row = pixels.round().astype(int).T
     assert (masks[:, row[:2], column[:2]] > 200).all()
@@ -136,11 +135,10 @@ def test_sessions_of_frames_from_the_last_to_the_first(tmp_path: Path) -> None:
     assert people.counts.tolist() == [1, 1, 2, 1]
     nobody = People(session.frames, GRID, ())
     assert nobody.counts.tolist() == [0, 0, 0, 0]
-    margin = SeparationConfig().margin
     for own, person in zip(separate(session, people), persons, strict=True):
         first, last = person.frames[[0, -1]]
         assert list(own.frames) == list(range(last, first - 1, -1))
-        low, high = People(session.frames, GRID, (person,)).box(margin)
+        low, high = People(session.frames, GRID, (person,)).box(MARGIN)
         box = find_volume(own)
         np.testing.assert_allclose([box.low, box.high], [low, high])
     space = own.sequence.read(2).space
@@ -150,17 +148,18 @@ def test_sessions_of_frames_from_the_last_to_the_first(tmp_path: Path) -> None:
 
 
 def test_space_of_others_who_stand_is_no_persons_unless_they_touch(tmp_path: Path) -> None:
-    """They stand apart in the first frame and touch in the second."""
-    sequence = Sequence.open(footage.native(tmp_path / "s", frames=2))
+    """They stand apart in the first frame and touch in the others."""
+    sequence = Sequence.open(footage.native(tmp_path / "s", frames=8))
     session = Session(sequence, NumpyDevice(), SessionSettings(voxel_size=0.2))
     near = np.abs(GRID.centres() - [0, 0, 1.1]) < [0.25, 0.06, 0.06]
     arms = np.flatnonzero(near.all(1))
-    left, right = Person(np.arange(2), {}), Person(np.arange(2), {})
+    left, right = Person(np.arange(8), {}), Person(np.arange(8), {})
     for person, x in ((left, -0.4), (right, 0.4)):
-        person.voxels.update({0: block(x), 1: np.union1d(block(x), arms)})
-    config, trunks = SeparationConfig(lasting=0.0), np.array([[-0.4, 0.05, 1.0], [0.4, 0.05, 1.0]])
+        touching = np.union1d(block(x), arms)
+        person.voxels.update({0: block(x)} | dict.fromkeys(range(1, 8), touching))
+    trunks = np.array([[-0.4, 0.05, 1.0], [0.4, 0.05, 1.0]])
     people = People(session.frames, GRID, (left, right))
-    for number, own in enumerate(separate(session, people, config=config)):
+    for number, own in enumerate(separate(session, people)):
         space = own.sequence.read(0).space
         assert space is not None
         assert space(trunks).tolist() == [number == 0, number == 1]
