@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,9 +18,10 @@ from psfs.diagnostics.examination import Examination, examine
 from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
 from psfs.diagnostics.tangency import Tangency
-from psfs.page.nodes import BoxNode, CameraNodes, add_floor
-from psfs.page.pictures import PictureReader, blend_silhouette, mosaic, small_pictures
-from psfs.page.timeline import TimeLine
+from psfs.page.clouds import Opened
+from psfs.page.nodes import BoxNode
+from psfs.page.pictures import blend_silhouette, mosaic, small_pictures
+from psfs.page.watch import Watch
 from psfs.page.words import make_lines, make_table, make_text
 from psfs.sequence import Frame, Sequence
 from psfs.session import Session
@@ -30,11 +33,36 @@ if TYPE_CHECKING:
 
 _MOST_LAG = 30  # frames; longest lag that the curves show
 _FLOOR_VOXEL = 0.05  # m; the floor is drawn under a grid
+#: Position of the viewer relative to the volume's centre, times the extent of the rig.
+_VIEWER = np.array([0.6, -0.9, 0.5])
 
 
-class FootageView:
-    """A take on the page, shown until `close`. The arguments are those of `Watch`; make_device:
-    makes the device that silhouettes, faults and the volume are computed on."""
+@dataclass(frozen=True, eq=False)
+class OpenedTake(Opened):
+    """A take before it is tracked. info: what is known without its pictures."""
+
+    info: SequenceInfo = field(kw_only=True)
+
+    @property
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest corner (3,) m of the volume that is stated, or that cameras share."""
+        assert self.sequence is not None
+        stated, centre = self.sequence.volume or self.info.shared, self.info.centre
+        low, high = stated if stated is not None else (centre - 1.0, centre + 1.0)
+        return np.round(low, 2), np.round(high, 2)
+
+    @property
+    def grid(self) -> VoxelGrid:
+        """A grid of the volume, which the floor is drawn under."""
+        return VoxelGrid.covering(*self.box, _FLOOR_VOXEL)
+
+
+class FootageView(Watch):
+    """A take on the page, shown until `close`. make_device: makes the device that silhouettes,
+    faults and the volume are computed on. Other arguments as those of `Watch`."""
+
+    layers = ("cameras",)
+    opened: OpenedTake
 
     def __init__(
         self,
@@ -43,30 +71,18 @@ class FootageView:
         panels: tuple[Any, Any],
         make_device: MakeDevice,
     ) -> None:
-        self._server, self.sequence, self._make_device = server, sequence, make_device
-        self._closed, self._lock = threading.Event(), threading.Lock()
-        self._session: Session | None = None
-        self._info = sequence_info(sequence)
+        self.sequence, self._make_device = sequence, make_device
+        self._lock = threading.Lock()
         self._person: list[PersonInView] = []
-        self._frame: Frame | None = None
-        self._cameras = CameraNodes(server.scene, sequence.rig)
-        self._place(server)
-        self._reader = PictureReader(sequence, self._show_pictures, self._warn)
-        panel, self._beside = panels
-        with panel:
-            self._add_controls(server.gui)
-        with self._beside:
-            self._add_pictures(server.gui)
+        self._notes: list[tuple[str, object]] = [("note", "examining the footage ...")]
+        self._beside, frames = panels[1], np.arange(max(1, len(sequence)))
+        info = sequence_info(sequence)
+        opened = OpenedTake(sequence.folder, frames, sequence.fps, sequence, None, info=info)
+        super().__init__(server, opened, *panels)
         self.box = BoxNode(server.scene, "/volume", self._corners, self.drag_box)
-        self.time_line.refresh()
         #: It goes on after `close` until the step that it is at has ended.
         self.examiner = threading.Thread(target=self._examine, daemon=True, name="examination")
         self.examiner.start()
-
-    @property
-    def remarks(self) -> str:
-        """The words about the take, HTML."""
-        return str(self._remarks.content)
 
     @property
     def picture(self) -> np.ndarray:
@@ -76,7 +92,7 @@ class FootageView:
     def show_silhouettes(self, opacity: float) -> None:
         """Draw the silhouettes over the pictures; opacity: 0 to 1."""
         self._opacity.value = opacity
-        self._draw_again()
+        self._ask_pictures()
 
     @property
     def volume(self) -> tuple[np.ndarray, np.ndarray] | None:
@@ -97,20 +113,9 @@ class FootageView:
         corners = np.array([self._low.value, self._high.value])
         return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
-    def close(self) -> None:
-        """End all work in the background, and remove everything from the page."""
-        self._closed.set()
-        self.time_line.close()
-        self._reader.close()
-        for part in self._parts:
-            part.remove()
-        self._server.scene.reset()
-
     def _add_controls(self, gui: viser.GuiApi) -> None:
-        count, fps = len(self.sequence), self.sequence.fps
-        self._status = gui.add_html("")
-        self.time_line = TimeLine(gui, np.arange(max(1, count)), fps, self._show)
-        low, high = self._first_box()
+        super()._add_controls(gui)
+        low, high = self.opened.box
         self._own_box: Any = gui.add_checkbox(
             "use this volume",
             False,
@@ -120,81 +125,54 @@ class FootageView:
         self._high: Any = gui.add_vector3("highest, m", tuple(high.tolist()), step=0.05)
         for corner in (self._low, self._high):
             corner.on_update(lambda event: self.box.show(self._corners))
-        self._notes: list[tuple[str, object]] = [("note", "examining the footage ...")]
-        self._remarks = gui.add_html(self._describe())
-        self._parts: list[Any] = [self._status, self._own_box, self._low, self._high, self._remarks]
+        self._parts += [self._own_box, self._low, self._high]
 
     def _add_pictures(self, gui: viser.GuiApi) -> None:
         self._opacity: Any = gui.add_slider(
             "silhouettes", 0.0, 1.0, 0.05, 0.0, hint="what is taken for the person"
         )
-        self._opacity.on_update(lambda event: self._draw_again())
-        self._picture = gui.add_image(np.zeros((90, 160, 3), np.uint8), format="jpeg")
-        self._parts += [self._opacity, self._picture]
+        self._opacity.on_update(lambda event: self._ask_pictures())
+        self._parts.append(self._opacity)
+        super()._add_pictures(gui)
 
-    def _first_box(self) -> tuple[np.ndarray, np.ndarray]:
-        stated = self.sequence.volume or self._info.shared
-        centre = self._info.centre
-        low, high = stated if stated is not None else (centre - 1.0, centre + 1.0)
-        return np.round(low, 2), np.round(high, 2)
-
-    def _place(self, server: viser.ViserServer) -> None:
-        """Draw the floor, and set the point of view outside of the rig."""
-        low, high = self._first_box()
-        add_floor(server.scene, VoxelGrid.covering(low, high, _FLOOR_VOXEL))
-        size = max(1.0, self._info.extent)
-        server.initial_camera.look_at = (low + high) / 2
-        server.initial_camera.position = (low + high) / 2 + size * np.array([0.6, -0.9, 0.5])
-        server.scene.set_up_direction("+z")
+    def _first_view(self) -> tuple[np.ndarray, np.ndarray]:
+        centre = np.mean(self.opened.box, axis=0)
+        return centre, centre + max(1.0, self.opened.info.extent) * _VIEWER
 
     def _set_corners(self, corners: np.ndarray) -> None:
         """Set the box on the page to corners (2, 3) m."""
         low, high = np.round([corners.min(axis=0), corners.max(axis=0)], 2)
         self._low.value, self._high.value = tuple(low.tolist()), tuple(high.tolist())
 
-    def _show(self, position: int) -> None:
-        self._status.content = make_lines(
-            [("note", f"frame {position} · {position / self.sequence.fps:.2f} s")]
-        )
-        self._reader.ask(position)
-
-    def _show_pictures(self, frame: Frame) -> None:
-        if self._closed.is_set():
-            return
-        self._frame = frame
-        pictures = small_pictures(frame, self.sequence.rig)
-        if self._opacity.value > 0:
-            shown = self._silhouettes(frame)
-            pictures = [
-                blend_silhouette(picture, one, float(self._opacity.value))
-                for picture, one in zip(pictures, shown, strict=True)
-            ]
-        self._cameras.show(pictures)
-        self._picture.image = mosaic(pictures)
-
-    def _draw_again(self) -> None:
-        if self._frame is not None:
-            self._reader.ask(self._frame.index)
+    def _draw_picture(self, frame: Frame, view: int | None) -> np.ndarray:
+        if self._opacity.value == 0:
+            return super()._draw_picture(frame, view)
+        pictures = [
+            blend_silhouette(picture, one, float(self._opacity.value))
+            for picture, one in zip(
+                small_pictures(frame, self.sequence.rig), self._silhouettes(frame), strict=True
+            )
+        ]
+        return mosaic(pictures if view is None else pictures[view : view + 1])
 
     def _silhouettes(self, frame: Frame) -> list[np.ndarray]:
         """Return each camera's silhouette (h, w) bool without the rig's padding."""
         with self._lock:
-            evidence = self._make_session().evidence([frame.index])[0]
+            evidence = self._session.evidence([frame.index])[0]
         sizes = [camera.size for camera in self.sequence.rig]
         return [
             of[:height, :width] > 0 for of, (width, height) in zip(evidence, sizes, strict=True)
         ]
 
-    def _make_session(self) -> Session:
-        if self._session is None:
-            self._session = Session(self.sequence, self._make_device())
-        return self._session
+    @cached_property
+    def _session(self) -> Session:
+        return Session(self.sequence, self._make_device())
 
     def _examine(self) -> None:
         """Find the faults of the footage, and the volume."""
         try:
             with self._lock:
-                examination = examine(self._make_session())
+                examination = examine(self._session)
                 warnings = list(examination.warnings)
                 faults = [str(fault) for fault in examination.faults if not fault.serious]
                 if self._closed.is_set():
@@ -206,12 +184,12 @@ class FootageView:
             if self._closed.is_set():
                 return
             known = any(fault.kind in ("unit", "far") for fault in examination.faults)
-            self._notes = _list_faults(self._info, known)
+            self._notes = _list_faults(self.opened.info, known)
             self._notes += [("warning", text) for text in warnings]
             self._notes += [("note", text) for text in faults]
             advice = self._show_person(examination)
             self._notes += [("warning", text) for text in advice]
-            if not (warnings or advice or self._info.warnings):
+            if not (warnings or advice or self.opened.info.warnings):
                 self._notes.append(("good", "nothing found that speaks against tracking it"))
             if not self._own_box.value:
                 self._set_corners(np.stack([volume.low, volume.high]))
@@ -236,12 +214,8 @@ class FootageView:
         config = InViewConfig()
         return [text for seen in self._person if (text := seen.describe(config))]
 
-    def _warn(self, text: str) -> None:
-        self._notes.append(("warning", text))
-        self._remarks.content = self._describe()
-
     def _describe(self) -> str:
-        info = self._info
+        info = self.opened.info
         rows: list[tuple[object, ...]] = [
             (c.name, f"{c.size[0]} x {c.size[1]}", f"{c.distance:.2f}", f"{c.height:.2f}")
             for c in info.cameras

@@ -238,7 +238,7 @@ class Watch:
         if self._cameras is not None and self._looking is not None:
             self._cameras.set_visible(shown["cameras"] and self._looking.view is None)
         self._want_voxels()
-        if not shown["voxels"]:
+        if not shown.get("voxels"):
             self.voxels.show(None)
 
     # Events.
