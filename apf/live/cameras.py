@@ -234,13 +234,8 @@ class LiveCameras(Cameras):
     def background(self) -> Background:
         """The background; the first access may record it."""
         if self._known is None:
-            frames = self._record_empty(max(1, round(self._empty * self.fps)))
-            moments = [
-                clipped_moments([images[view] for images in frames])
-                for view in range(len(self.rig))
-            ]
-            mean, std = (np.stack(parts) for parts in zip(*moments, strict=True))
-            self._known = Background(mean, std)
+            count = max(1, round(self._empty * self.fps))
+            self._known = average_pictures(self._record_empty(count))
         return self._known
 
     def first(self) -> Frame:
@@ -383,6 +378,13 @@ class Captures(Cameras):
         for _ in range(max(0, due - self._n_written)):
             list(self._pool.map(Video.write, self._videos, pictures))
             self._n_written += 1
+
+
+def average_pictures(frames: Sequence[np.ndarray]) -> Background:
+    """Return the background of pictures (V, H, W, 3) uint8 of the empty scene."""
+    moments = [clipped_moments(list(pictures)) for pictures in zip(*frames, strict=True)]
+    mean, std = (np.stack(parts) for parts in zip(*moments, strict=True))
+    return Background(mean, std)
 
 
 def open_cameras(

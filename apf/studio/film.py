@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import shutil
 import threading
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,21 +13,25 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from apf.live.cameras import Captures
+from apf.live.cameras import Captures, average_pictures
 from apf.studio.folders import CAMERAS
 from apf.studio.found_target import FoundTarget
 from apf.studio.opened import MakeDevice
-from apf.studio.person_check import PersonCheck
 from apf.studio.target_fields import TargetFields
 from apf.studio.work import free_folder
-from cl import InputError, UserError
+from cl import Device, InputError, NumpyDevice, UserError
+from psfs.backend import make_evidence_function
 from psfs.calibration.targets.detection import Finder, crop_pictures
 from psfs.calibration.targets.target import Sighting
 from psfs.cameras.calibration import read_calibration
+from psfs.cameras.camera import CameraRig
 from psfs.common.files import write_picture
+from psfs.diagnostics.config import FaultConfig, InViewConfig
+from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views
+from psfs.diagnostics.small_views import SILHOUETTES, Outline, Shrink, extract_outline
 from psfs.page.pictures import blend_silhouette, fill_view, label_picture, mosaic, small_pictures
 from psfs.page.timeline import add_key
-from psfs.page.words import make_lines, make_text
+from psfs.page.words import make_lines, make_table, make_text
 from psfs.sequence import Frame
 
 if TYPE_CHECKING:
@@ -39,6 +44,8 @@ _NONE, _RECORD = "(none)", "record"
 _PAUSE, _EMPTY, _MOVED = 0.1, 20, 0.02
 _OPACITY = 0.6  # of silhouettes
 _WIDTH = 480  # px, of a picture on the page
+#: Frames that the words on a person are about: the last seconds.
+_WINDOW = 30
 
 
 class FilmView:
@@ -268,3 +275,51 @@ class FilmView:
         if self._recorded is not None:
             return "note", f"recording into {self._recorded[0].name}"
         return self._note
+
+
+class PersonCheck:
+    """Silhouettes of live frames before the empty room, and what they say about each camera.
+
+    empty: pictures (V, H, W, 3) uint8 of the empty room, some.
+    """
+
+    def __init__(
+        self, device: Device | NumpyDevice, rig: CameraRig, empty: Sequence[np.ndarray]
+    ) -> None:
+        self._shrink = Shrink(rig, rig.factor_within(FaultConfig().longest_side))
+        small = self._shrink.small
+        self._evidence_of = make_evidence_function(
+            device, small, self._shrink.background(average_pictures(empty)), SILHOUETTES
+        )
+        self._scale = rig[0].size[0] / small[0].size[0]
+        self._outlines: deque[list[Outline | None]] = deque(maxlen=_WINDOW)
+
+    def examine_frame(self, frame: Frame) -> list[np.ndarray]:
+        """Return each camera's silhouette (h, w) bool of a frame, in small pictures."""
+        evidence, small = self._evidence_of(self._shrink.frame(frame)), self._shrink.small
+        masks = [
+            of[: camera.size[1], : camera.size[0]] > 0
+            for of, camera in zip(evidence, small, strict=True)
+        ]
+        self._outlines.append([extract_outline(mask) for mask in masks])
+        return masks
+
+    @property
+    def views(self) -> list[PersonInView]:
+        """The cameras' views of the person in the last frames."""
+        return find_person_in_views(self._shrink.small, list(self._outlines), self._scale)
+
+    def describe(self) -> str:
+        """Return what each camera sees and what to do, HTML."""
+        config = InViewConfig()
+        if not any(one.seen for one in self.views):
+            return make_lines([("note", "nobody is seen yet")])
+        rows = [
+            (one.camera, f"{one.seen:.0%}", f"{one.seen * one.whole:.0%}", f"{one.height:.0f}")
+            for one in self.views
+        ]
+        advice: list[tuple[str, object]] = [
+            ("warning", text) for one in self.views if (text := one.describe(config))
+        ]
+        lines = advice or [("good", "every camera sees the whole person")]
+        return make_table(rows, ("camera", "seen", "whole", "px high")) + make_lines(lines)

@@ -16,10 +16,9 @@ pytest.importorskip("viser", reason="viser is not installed")
 
 from apf.live.cameras import Captures
 from apf.studio.film import PERSON as PERSON_LIVE
-from apf.studio.film import TARGET
+from apf.studio.film import TARGET, PersonCheck
 from apf.studio.folders import Roots, find_kind
 from apf.studio.page import Page
-from apf.studio.person_check import PersonCheck
 from apf.studio.target_fields import CHESSBOARD, PERSON, WAND
 from cl import Device, InputError, NumpyDevice
 from psfs.calibration.config import CalibrationConfig

@@ -15,8 +15,7 @@ pytest.importorskip("viser", reason="viser is not installed")
 import viser
 
 from apf.report.drawing import Figure
-from apf.studio.correct_panel import CorrectPanel
-from apf.studio.handle import JointHandle
+from apf.studio.correct_panel import CorrectPanel, JointHandle
 from apf.synthetic.config import SceneConfig
 from apf.synthetic.scene import make_rig
 from apf.tracking.correction import correct_pose
