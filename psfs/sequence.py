@@ -20,7 +20,7 @@ from psfs.background.chroma_key import key_from_media
 from psfs.background.gaussian import Background, estimate_background
 from psfs.background.mixture import Mixture
 from psfs.background.take import estimate_background_from_take
-from psfs.cameras.calibration.handedness import LEFT_HANDED, MIRROR
+from psfs.cameras.calibration.common import LEFT_HANDED, MIRROR
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up
 from psfs.common.files import resolve_path

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import JointSeries
 from cl import InputError
-from psfs.cameras.calibration.surrey import read_surrey
+from psfs.cameras.calibration.number_lists import read_surrey
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.files import read_text, write_atomically

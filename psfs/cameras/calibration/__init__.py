@@ -1,4 +1,4 @@
-"""Read camera calibrations: one module per file format."""
+"""Read camera calibrations: a reader per file format."""
 
 from __future__ import annotations
 
@@ -8,29 +8,38 @@ from pathlib import Path
 from cl import InputError, MissingFileError
 from psfs.cameras.calibration.camera_files import SUFFIXES, read_camera_files
 from psfs.cameras.calibration.colmap import read_colmap
-from psfs.cameras.calibration.common import Calibration, Sizes, name_file_in_errors, read_text
-from psfs.cameras.calibration.filestorage import read_easymocap, read_filestorage
-from psfs.cameras.calibration.handedness import (
+from psfs.cameras.calibration.common import (
     LEFT_HANDED,
+    Calibration,
+    Sizes,
     check_same_handedness,
+    name_file_in_errors,
+    read_text,
     record_handedness,
 )
-from psfs.cameras.calibration.humaneva import read_humaneva
+from psfs.cameras.calibration.filestorage import read_easymocap, read_filestorage
 from psfs.cameras.calibration.matlab import read_matlab
-from psfs.cameras.calibration.middlebury import read_middlebury
-from psfs.cameras.calibration.optitrack import SUFFIX as OPTITRACK
-from psfs.cameras.calibration.optitrack import read_optitrack
+from psfs.cameras.calibration.number_lists import (
+    looks_like_surrey,
+    read_humaneva,
+    read_middlebury,
+    read_surrey,
+)
 from psfs.cameras.calibration.panoptic import looks_like_panoptic, read_panoptic
 from psfs.cameras.calibration.projections import read_projections
-from psfs.cameras.calibration.qualisys import SUFFIX as QUALISYS
-from psfs.cameras.calibration.qualisys import looks_like_qualisys, read_qualisys
-from psfs.cameras.calibration.surrey import looks_like_surrey, read_surrey
 from psfs.cameras.calibration.toml_tables import read_toml_tables
 from psfs.cameras.calibration.transforms import read_transforms
 from psfs.cameras.calibration.tsai import SUFFIXES as TSAI
 from psfs.cameras.calibration.tsai import looks_like_tsai, read_tsai
-from psfs.cameras.calibration.vicon import SUFFIX as VICON
-from psfs.cameras.calibration.vicon import read_vicon
+from psfs.cameras.calibration.xml_files import (
+    OPTITRACK,
+    QUALISYS,
+    VICON,
+    looks_like_qualisys,
+    read_optitrack,
+    read_qualisys,
+    read_vicon,
+)
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
 from psfs.common.reading import open_input

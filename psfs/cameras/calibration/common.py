@@ -1,8 +1,11 @@
-"""Parse numbers, rotations, sizes and units for all calibration readers."""
+"""Parse numbers, rotations, sizes and units for all calibration readers, and mirror left-handed
+worlds."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -11,11 +14,47 @@ import cv2
 import numpy as np
 
 from cl import InputError
-from psfs.cameras.calibration.handedness import make_right_handed
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.units import Unit, metres_per_unit, scale_rig
 from psfs.common import files
 from psfs.common.files import name_file_in_errors as name_file_in_errors
+
+#: Takes a left-handed world to a right-handed one: negates X.
+MIRROR = np.diag([-1.0, 1.0, 1.0])
+LEFT_HANDED = "the calibration's world is left-handed: its X axis is negated"
+
+#: One entry per rotation of the calibration being read: whether it is left-handed.
+_seen: ContextVar[list[bool] | None] = ContextVar("handedness", default=None)
+
+
+def make_right_handed(R: np.ndarray) -> np.ndarray:
+    """Return R (3, 3), orthogonal, in the mirrored world if its determinant is -1."""
+    left = bool(np.linalg.det(R) < 0)
+    seen = _seen.get()
+    if seen is not None:
+        seen.append(left)
+    return R @ MIRROR if left else R
+
+
+@contextmanager
+def record_handedness() -> Iterator[list[bool]]:
+    """Collect for each rotation that is read inside whether it is left-handed."""
+    seen: list[bool] = []
+    token = _seen.set(seen)
+    try:
+        yield seen
+    finally:
+        _seen.reset(token)
+
+
+def check_same_handedness(seen: list[bool]) -> None:
+    """Raise InputError if some rotations are left-handed and others are not."""
+    if any(seen) and not all(seen):
+        raise InputError(
+            f"{sum(seen)} of {len(seen)} rotations have determinant -1, the others 1; expected "
+            "all cameras in one world, right-handed or left-handed"
+        )
+
 
 Size = tuple[int, int]
 #: Picture sizes (width, height) for files that lack them: one for all cameras, one per camera name,

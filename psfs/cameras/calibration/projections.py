@@ -16,6 +16,8 @@ from scipy.linalg import rq
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
+    LEFT_HANDED,
+    MIRROR,
     Calibration,
     Size,
     Sizes,
@@ -24,7 +26,6 @@ from psfs.cameras.calibration.common import (
     parse_numbers,
     read_text,
 )
-from psfs.cameras.calibration.handedness import LEFT_HANDED, MIRROR
 from psfs.cameras.camera import Camera
 from psfs.cameras.rig_geometry import intersect_axes
 from psfs.cameras.units import Unit

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from cl import InputError
 from psfs.cameras.calibration.common import TO_OPENCV
-from psfs.cameras.calibration.qualisys import SUBPIXELS
+from psfs.cameras.calibration.xml_files import SUBPIXELS
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.files import write_json, write_text
 from psfs.common.toml import write_toml

@@ -12,7 +12,7 @@ from helpers.shared import shared_data
 
 from cl import InputError
 from psfs.cameras.calibration import find_calibration, read_calibration
-from psfs.cameras.calibration.humaneva import read_humaneva
+from psfs.cameras.calibration.number_lists import read_humaneva
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import contains_name, match_files_to_cameras, natural_key
 from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up, scale_rig
