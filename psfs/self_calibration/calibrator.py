@@ -51,8 +51,7 @@ from psfs.self_calibration.growth import grow_rigs
 from psfs.self_calibration.head_height import compare_head_heights, refine_lags
 from psfs.self_calibration.pairing import Walker, compare_pair
 from psfs.self_calibration.room_edges import find_room_edges
-from psfs.self_calibration.search import N_ANGLES, ArrangementSearch
-from psfs.self_calibration.start import place_cameras
+from psfs.self_calibration.search import N_ANGLES, ArrangementSearch, place_cameras
 from psfs.self_calibration.take import FILM, Outlines, PersonTake, check_seen
 from psfs.self_calibration.world import align_to_person, level_rig, measure_path
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 from scipy.ndimage import minimum_filter
+
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.self_calibration.upright import UprightView
 
 #: Number of angles around the vertical that are tried.
 N_ANGLES = 36
@@ -132,3 +135,26 @@ class ArrangementSearch:
             tuple(places[view][2] - first[2] for view in views),
             total / (self.n_cameras * (self.n_cameras - 1) / 2),
         )
+
+
+def place_cameras(
+    cameras: Sequence[Camera], views: Sequence[UprightView], angles: np.ndarray,
+    lags: Sequence[int], stature: float,
+) -> CameraRig:  # fmt: skip
+    """Place cameras by their upright views, angles (V,) rad and lags, in the views' frames.
+
+    The first camera is above the origin, Z is its up; the stature, m, gives the scale.
+    """
+    placed, first = [], views[0].places
+    for camera, view, angle, lag in zip(cameras, views, angles, lags, strict=True):
+        cosine, sine = np.cos(angle), np.sin(angle)
+        turn = np.array([[cosine, -sine], [sine, cosine]])
+        begin, end = max(0, -lag), max(0, -lag, min(len(first), len(view.places) - lag))
+        apart = first[begin:end] - view.places[begin + lag : end + lag] @ turn.T
+        known = np.isfinite(apart).all(axis=1)
+        shift = apart[known].mean(axis=0) if known.any() else np.zeros(2)
+        world = np.eye(3)
+        world[:2, :2] = turn
+        R = view.axes.T @ world.T
+        placed.append(replace(camera, R=R, t=-R @ (stature * np.array([*shift, view.height]))))
+    return CameraRig(tuple(placed))
