@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 from helpers import bodies, scenes
 from helpers.parity import traced
-from helpers.searches import Distance
 
 from apf.body.model import BodyModel
 from apf.body.toml import load_body
@@ -14,10 +16,35 @@ from apf.filters.config import FilterConfig
 from apf.filters.searches import SirConfig, SwarmConfig
 from apf.filters.sir import SirParticleFilter
 from apf.filters.swarm import ParticleSwarm
+from apf.likelihood.base import Likelihood
 from apf.reference.filters.sir import NumpySirParticleFilter
 from apf.reference.filters.swarm import NumpyParticleSwarm, stop_at_limits, uniform_pairs
+from apf.reference.likelihood.base import NumpyLikelihood
 from apf.scene import Scene
-from cl import Device, InputError, NumpyDevice
+from cl import Array, Device, InputError, NumpyDevice
+
+
+class Distance(Likelihood, NumpyLikelihood):
+    """Errors that are the distance of poses from the observed one, in sigmas; on the host, between
+    a device's commands, or called as a twin."""
+
+    def __init__(self, device: Device | None, body: BodyModel, n_particles: int) -> None:
+        self.scale = np.maximum(body.sigma, 1e-9) * np.sqrt(body.n_dof)
+        self.target = body.rest_pose
+        self.calls = 0
+        if device is not None:
+            self.errors: Any = device.empty((n_particles,), np.float32)
+
+    def observe(self, observation: np.ndarray) -> None:
+        self.target = observation
+
+    def __call__(self, poses: np.ndarray) -> np.ndarray:
+        self.calls += 1
+        return np.linalg.norm((poses - self.target) / self.scale, axis=1) / 10
+
+    def launcher(self, poses: Array) -> list[Callable[[], None]]:
+        return [lambda: self.errors.set(self(poses.get()).astype(np.float32))]
+
 
 SONG = load_body("song31")
 #: Survival rates that even two particles can reach.
