@@ -177,8 +177,8 @@ class Quality:
         if typical.any():
             joint = int(typical.argmax())
             facts.append(
-                f"joints known to {1000 * np.median(typical):.0f} mm (least the "
-                f"{plain_name(track.joint_names[joint])}, {1000 * typical[joint]:.0f})"
+                f"typical joint uncertainty {1000 * np.median(typical):.0f} mm, worst: "
+                f"{plain_name(track.joint_names[joint])}, {1000 * typical[joint]:.0f} mm"
             )
         if self.near is not None and np.isfinite(self.near).any():
             facts.append(f"{np.nanmean(self.near):.0%} of the keypoints near the body")

@@ -27,6 +27,7 @@ from psfs.common.requests import SETTINGS, Stated, read_flags, split_tables
 from psfs.common.toml import read_toml
 from psfs.page.look_through import crosses, locate_point
 from psfs.page.nodes import to_quaternion
+from psfs.page.server import read_choice
 from psfs.page.timeline import add_key
 from psfs.page.words import make_lines, make_text
 
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 FILE = "corrections.toml"
 _DRAG, _TURN, _POINT = "dragging it", "turning its limb", "clicking it in two pictures"
 _WAYS = (_DRAG, _TURN, _POINT)
+_MOVE = "move this joint"
 _FIRST = ("wrist", "elbow", "hand", "ankle", "knee", "foot")
 _SIZE = 0.35  # of a handle, m
 
@@ -56,6 +58,7 @@ class CorrectPanel:
         self._handle: JointHandle | None = None
         self._rays: dict[int, np.ndarray] | None = None  # while a joint is clicked in pictures
         self._clicked = 0  # the frame of these pictures
+        self._joints: dict[str, str] = {}
         self.corrections: Corrections | None = None
         gui = server.gui
         self._message = gui.add_html(make_text("Open a track to correct it."))
@@ -64,9 +67,10 @@ class CorrectPanel:
             "by", _WAYS, initial_value=_DRAG,
             hint="drag the joint, turn it about the joint before it, or click it in two pictures",
         )  # fmt: skip
-        self.place = gui.add_button("put it right in this frame", hint="key: C", disabled=True)
+        self.place = gui.add_button(_MOVE, hint="key: C", disabled=True)
+        self.cancel = gui.add_button("cancel", visible=False)
         self.reach = gui.add_number(
-            "reach, s", REACH, min=0.0, max=10.0, step=0.1,
+            "time window, s", REACH, min=0.0, max=10.0, step=0.1,
             hint="time before and after the frame that is tracked again",
         )  # fmt: skip
         self.bad = gui.add_button("mark this frame as bad", hint="key: B", disabled=True)
@@ -74,6 +78,7 @@ class CorrectPanel:
         self.again = gui.add_button("track again", disabled=True)
         self._list = gui.add_html("")
         self.place.on_click(lambda event: self.toggle_handle())
+        self.cancel.on_click(lambda event: self._remove_handle())
         self.bad.on_click(lambda event: self.mark_bad())
         self.undo.on_click(lambda event: self.take_back())
         self.again.on_click(lambda event: self.track_again())
@@ -101,8 +106,9 @@ class CorrectPanel:
             self._tell()
             return
         names = sorted(opened.track.joint_names, key=_order)
-        self.joint.options = names
-        self.joint.value = names[0]
+        self._joints = {plain_name(name): name for name in names}
+        self.joint.options = list(self._joints)
+        self.joint.value = self.joint.options[0]
         self.corrections = Corrections(opened.folder)
         self._message.content = make_text("Choose a joint that is wrong in this frame.")
         self._tell()
@@ -131,13 +137,13 @@ class CorrectPanel:
         """Show a handle at the chosen joint."""
         try:
             self._handle = JointHandle(
-                self._server.scene, track, row, self.joint.value,
+                self._server.scene, track, row, self._joints[read_choice(self.joint)],
                 turns=self.way.value == _TURN, moved=self._preview,
             )  # fmt: skip
         except InputError as error:
             self._say(error)
             return
-        self.place.label = "it is right there now"
+        self.place.label, self.cancel.visible = "keep the joint here", True
 
     def move_handle(self, position: np.ndarray) -> None:
         """Put the handle that is shown to a place (3,) m; the limb follows."""
@@ -230,11 +236,11 @@ class CorrectPanel:
             self._handle.remove()
             self._handle = None
         self._rays = None
-        self.place.label = "put it right in this frame"
+        self.place.label, self.cancel.visible = _MOVE, False
 
     def _tell_pointing(self, found: str) -> None:
         """Say how to point at the joint, and what the clicks so far give."""
-        joint = plain_name(self.joint.value)
+        joint = self.joint.value
         how = f"Look through a camera (left) and click the {joint}; then through another one."
         self._message.content = make_lines([("note", text) for text in (how, found) if text])
 

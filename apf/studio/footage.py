@@ -190,7 +190,7 @@ class FootageView(Watch):
             advice = self._show_person(examination)
             self._notes += [("warning", text) for text in advice]
             if not (warnings or advice or self.opened.info.warnings):
-                self._notes.append(("good", "nothing found that speaks against tracking it"))
+                self._notes.append(("good", "no problems found"))
             if not self._own_box.value:
                 self._set_corners(np.stack([volume.low, volume.high]))
         if not self._closed.is_set():
@@ -220,7 +220,7 @@ class FootageView(Watch):
             (c.name, f"{c.size[0]} x {c.size[1]}", f"{c.distance:.2f}", f"{c.height:.2f}")
             for c in info.cameras
         ]
-        heading: tuple[str, ...] = ("camera", "px", "m away", "m high")
+        heading: tuple[str, ...] = ("camera", "px", "distance, m", "height, m")
         if self._person:
             heading += ("whole", "px")
             seen = [(f"{one.seen * one.whole:.0%}", f"{one.height:.0f}") for one in self._person]

@@ -225,7 +225,7 @@ class Page(BrowserPage):
         self._opened = _NOTHING
         self._message: Any = gui.add_html(make_text("Choose a folder to open."))
         self.demo_button: Any = gui.add_button(
-            "a walk to try",
+            "demo walk",
             hint="makes a synthetic walker before four cameras (apf synth), and opens it",
         )
         self.demo_button.on_click(lambda event: self.make_demo())

@@ -87,7 +87,7 @@ def test_clicks_in_pictures_of_two_frames_are_not_combined(server: viser.ViserSe
     said: list[object] = []
     panel = CorrectPanel(server, lambda flags, count: None, said.append)
     panel.offer(watch)  # type: ignore[arg-type]
-    panel.joint.value, panel.way.value = "l_wrist", "clicking it in two pictures"
+    panel.joint.value, panel.way.value = "left wrist", "clicking it in two pictures"
     place = track.joints[3, track.joint_names.index("l_wrist")] + 0.05
 
     def click(view: int, frame: int) -> None:

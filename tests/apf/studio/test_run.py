@@ -174,7 +174,7 @@ def test_page_tracks_corrects_and_takes_home(page: Page, take: Path) -> None:
     track = watch.opened.track
     assert track is not None
     wrist = track.joint_names.index("l_wrist")
-    page.correct.joint.value = "l_wrist"
+    page.correct.joint.value = "left wrist"
     page.correct.toggle_handle()
     goal = track.joints[1, wrist] + (0.06, 0.0, 0.06)
     page.correct.move_handle(goal)
