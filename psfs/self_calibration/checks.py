@@ -112,7 +112,8 @@ def measure_uncertainty(
     Silhouettes are wrong alike in neighbouring frames, and two cameras may see the same shadow in
     all: the errors of the points of half a second, and those of a pair of cameras, count together
     (cluster-robust covariance: Cameron, Gelbach & Miller, J. Business & Economic Statistics 29,
-    2011). rate: frames per second.
+    2011). The room's edges and limbs, which are not counted, tell more: errors of five laboratory
+    takes were 0.5 to 0.8 of it. rate: frames per second.
     """
     cameras, shifts = found.rig.cameras, np.round(found.lags).astype(int)
     touched = points.find_all(cameras, shifts, _GATE)
@@ -154,10 +155,10 @@ def check_uncertainty(
         ("position", shifts, config.worst_position, "% of the distance from the person", 100.0),
     ):
         worst = int(np.argmax(spreads))
-        if not 2 * spreads[worst] <= limit:
+        if not spreads[worst] <= limit:
             raise InputError(
                 f"{found.rig.names[worst]}'s {what} is uncertain "
-                f"({2 * factor * spreads[worst]:.2f} {unit}, limit {factor * limit:.2f}), as of "
+                f"({factor * spreads[worst]:.2f} {unit}, limit {factor * limit:.2f}), as of "
                 "somebody who stays in place or is hidden: walk about more; the times are found, "
                 f"frames late: {list_lags(found.rig, found.lags)}; {FILM}"
             )

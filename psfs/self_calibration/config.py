@@ -50,7 +50,7 @@ class PersonConfig(Config):
         300, "Number of frames of a camera that are used, the first ones.", least=20
     )
     worst_direction: float = positive(
-        0.0087, "Greatest error of a camera's direction, 19 times of 20.", "0.5 degrees", "rad"
+        0.0087, "Greatest standard deviation of a camera's direction.", "0.5 degrees", "rad"
     )
     worst_position: float = fraction(
         0.015, "The same of its position, as a share of the cameras' distance from the person."

@@ -185,7 +185,7 @@ def test_what_is_badly_known_is_refused():
     turns, shifts = measure_uncertainty(found, PersonPoints(CAMERAS, outlines(), CONFIG), RATE)
     assert np.degrees(turns).max() < 0.25 and shifts.max() < 0.0075
     check_uncertainty(found, turns, shifts, CONFIG)
-    turns[2] = 0.007
+    turns[2] = 0.014
     said = rf"{CAMERAS[2].name}'s direction .*0\.80 degrees, .* 0\.50\).* late: .*b \+4\.00,"
     with pytest.raises(InputError, match=said):
         check_uncertainty(found, turns, shifts, CONFIG)
