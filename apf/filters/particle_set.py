@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from apf.body.limbs import trunk_mask
 from apf.body.model import BodyModel
 from apf.filters.config import SearchConfig
-from apf.filters.layer_noise import layer_sigmas
 from cl import Array, Device, Launch, Stage
 from cl.signature import Argument
 from cl.workgroups import pack_defines
@@ -257,6 +257,20 @@ def _defines(device: Device, n: int, n_dof: int) -> dict[str, int]:
     if not device.is_gpu:
         run = _MANY_PACKS * -(-run // _MANY_PACKS)
     return defines | {"N_DOF": n_dof, "N_BETAS": n_betas, "ROUNDS": rounds, "RUN": run}
+
+
+def layer_sigmas(body: BodyModel, config: SearchConfig) -> np.ndarray:
+    """Return (n_layers, D) deviation of each degree of freedom, before `SearchConfig.layer_noise`.
+
+    The first `SearchConfig.trunk_layers` layers move only the trunk; the noise of the limbs shrinks
+    from the layer after them on (partitioned sampling, MacCormick & Isard 2000).
+    """
+    sigmas = np.tile(body.sigma, (config.n_layers, 1))
+    first = min(config.trunk_layers, config.n_layers - 1)
+    limbs = ~trunk_mask(body)
+    sigmas[:first, limbs] = 0.0
+    sigmas[first:, limbs] *= config.noise_decay**-first
+    return sigmas
 
 
 def seed_words(seeds: Sequence[int]) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, get_args
 from pydantic import model_validator
 
 from cl import InputError
-from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
+from psfs.common.config import Config, fraction, nonnegative, part, positive, setting
 
 if TYPE_CHECKING:
     import numpy as np
@@ -135,15 +135,6 @@ class FeatureConfig(Config):
         above=0,
         below=1500,
     )
-    canny_low: float = positive(
-        40.0, "Canny's lower threshold of the same magnitude.", unit="grey levels"
-    )
-    canny_high: float = positive(
-        100.0,
-        "Canny's upper threshold; not below the lower one.",
-        "by hand, in the ratio of 2 to 3 that Canny 1986 recommends",
-        "grey levels",
-    )
     dilation: float = setting(
         3.0,
         "Distance from the silhouette up to which edges count (Rymut 2016, 2.1).",
@@ -156,18 +147,6 @@ class FeatureConfig(Config):
         "Margin of the region of interest around the silhouette (Rymut 2016, 4.5).",
         unit="px of 640",
     )
-    cell: int = natural(
-        8,
-        "Side of the cells that the region consists of, in the pictures themselves.",
-        "by hand: small against a limb",
-        "px",
-    )
-    cell_pixels: int = natural(
-        16,
-        "Least number of silhouette pixels in a cell of the region; at most `cell` squared.",
-        "by hand: specks of noise are smaller",
-        "px",
-    )
     blobs: int = setting(
         0,
         "Number of largest connected parts of the silhouette that make up the region; four in "
@@ -177,19 +156,6 @@ class FeatureConfig(Config):
         most=100,
     )
     proximity: ProximityConfig = part(ProximityConfig)
-
-    @model_validator(mode="after")
-    def _fit(self) -> FeatureConfig:
-        if not self.canny_low <= self.canny_high:
-            raise InputError(
-                f"Canny's thresholds are {self.canny_low} and {self.canny_high}; "
-                "expected 0 < low <= high"
-            )
-        if self.cell_pixels > self.cell**2:
-            raise InputError(
-                f"cell_pixels is {self.cell_pixels}; expected a number from 1 to {self.cell**2}"
-            )
-        return self
 
     def pixels(self, length: float, rig: CameraRig) -> int:
         """Convert a length for pictures 640 wide to whole pixels of the rig's pictures."""

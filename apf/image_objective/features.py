@@ -26,6 +26,12 @@ if TYPE_CHECKING:
 _GROUP = 128
 #: Pixels of a row that one work-item of the costly kernels makes.
 _STRIP = 8
+#: Side, px, of the cells that the region of interest consists of, small against a limb, and the
+#: least silhouette pixels in one of them: specks of noise have fewer.
+CELL, CELL_PIXELS = 8, 16
+#: Canny's thresholds of Sobel's magnitude, grey levels, in the ratio of 2 to 3 that Canny 1986
+#: recommends.
+_CANNY = (40.0, 100.0)
 
 
 class Features:
@@ -68,7 +74,7 @@ class Features:
         if self._pictures is not None:
             images = edge_pictures(frame)
             canny = self.config.edges == "canny"
-            self._pictures.set(canny_edges(images, self.rig, self.config) if canny else images)
+            self._pictures.set(canny_edges(images, self.rig) if canny else images)
         self.maps.fill(0)
         for launch in self._launches:
             launch()
@@ -79,7 +85,7 @@ class Features:
         device, views, found = self.device, len(self.rig), {"evidence": self._evidence}
         name = "blob_region" if self.config.blobs else "region"
         if self.config.blobs:
-            cells = [-(-size // self.config.cell) for size in (self.rig.height, self.rig.width)]
+            cells = [-(-size // CELL) for size in (self.rig.height, self.rig.width)]
             found["blobs"] = device.empty((views, *cells), np.int32, "the silhouette's blobs")
             found["pixels"] = device.empty((views, 2, *cells), np.int32, "the blobs' pixels")
         size, margin = (views * _GROUP,), self.config.pixels(self.config.margin, self.rig)
@@ -131,9 +137,9 @@ class Features:
             **size_defines(self.device, self.rig.picture),
             GROUP=_GROUP,
             STRIP=_STRIP,
-            CELL=config.cell,
+            CELL=CELL,
             BLOBS=config.blobs,
-            FILLED=config.cell_pixels,
+            FILLED=CELL_PIXELS,
         )
 
 
@@ -184,7 +190,7 @@ def edge_pictures(frame: Frame) -> np.ndarray:
     return frame.images
 
 
-def canny_edges(images: np.ndarray, rig: CameraRig, config: FeatureConfig) -> np.ndarray:
+def canny_edges(images: np.ndarray, rig: CameraRig) -> np.ndarray:
     """Find Canny's edges (V, H, W) uint8 0 or 255 in pictures (V, H, W, 3) uint8, by OpenCV.
 
     This runs on the host: following weak edges from pixel to pixel does not suit a GPU, and OpenCV
@@ -195,7 +201,5 @@ def canny_edges(images: np.ndarray, rig: CameraRig, config: FeatureConfig) -> np
         width, height = camera.size
         picture = cv2.cvtColor(images[view, :height, :width], cv2.COLOR_BGR2GRAY)
         smooth = cv2.GaussianBlur(picture, (3, 3), 0)
-        edges[view, :height, :width] = cv2.Canny(
-            smooth, config.canny_low, config.canny_high, L2gradient=True
-        )
+        edges[view, :height, :width] = cv2.Canny(smooth, *_CANNY, L2gradient=True)
     return edges

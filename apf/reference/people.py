@@ -1,4 +1,4 @@
-"""The NumPy twin of `apf.tracking.places.Places`."""
+"""The NumPy twin of `apf.tracking.together.ExpectedBodies`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Trackers of several people on one reconstruction, whose searches do not wait for each other."""
+"""Trackers of several people on one reconstruction, whose searches do not wait for each other, and
+where the people are expected in the next frame (kernel: people.cl)."""
 
 from __future__ import annotations
 
@@ -8,18 +9,91 @@ from functools import partial
 import numpy as np
 
 from apf.backend import make_device_tracker
+from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
-from apf.body.spheres import count_spheres
+from apf.body.posing import CONE_DEFINES, body_defines, pack_body
+from apf.body.spheres import ALONG, count_spheres
 from apf.filters.base import DeviceTracker, Estimate, begin_searches
 from apf.filters.method import Method
 from apf.scene import Scene
-from apf.tracking.places import SLOTS, Places
-from cl import Device, InputError, Launch
+from cl import Array, Device, InputError, Launch
 from cl.batch import Batch
+from cl.parts import Parts
+from cl.workgroups import pack_defines
 from psfs.cameras.camera import CameraRig
+from psfs.common.cones import CONE_FLOATS
 from psfs.people.separation import with_hidden_maps
 from psfs.voxels.device_voxels import CarvedVoxels
 from psfs.voxels.division import Division
+
+#: Frames whose poses are held: the two that the next frame is predicted from, and the one that a
+#: search may be writing.
+SLOTS = 3
+
+
+class ExpectedBodies:
+    """The posed cones of several bodies in the latest frames, and the spheres expected of them.
+
+    All bodies have the same number of cones. `spheres` (P, K, 4) float32 receives the prediction,
+    see `expect`. Twin: reference/people.py.
+    """
+
+    def __init__(self, device: Device, bodies: Sequence[BodyModel], spheres: Array) -> None:
+        self._device, self.bodies, self._spheres = device, list(bodies), spheres
+        n_cones = len(bodies[0].cones)
+        self._cones = Parts(device, SLOTS * len(bodies), (n_cones, CONE_FLOATS), np.float32)
+        # By the newest slot and the frames ahead: to set an argument takes longer than a launch.
+        self._expect: dict[tuple[int, int], Launch] = {}
+
+    def start(self, person: int, pose: np.ndarray) -> None:
+        """Put a person at a pose (D,), at rest."""
+        cones = posed_cones(self.bodies[person], pose[None])[0].astype(np.float32)
+        for slot in range(SLOTS):
+            self._cones.arrays[slot * len(self.bodies) + person].set(cones)
+
+    def pose_launches(self, device: Device, person: int, poses: Array) -> list[Launch]:
+        """Return, for each slot, the launch on `device` that puts a person at the first of `poses`
+        in it."""
+        body = self.bodies[person]
+        table = device.to_device(pack_body(body), "the body model")
+        defines = body_defines(body) | pack_defines(device, 64)
+        return [
+            device.launch(
+                device.kernel("tracking/kinematics", "pose_cones", **defines, **CONE_DEFINES),
+                (defines["GROUP"],),
+                (defines["GROUP"],),
+                n_particles=1,
+                poses=poses,
+                table=table,
+                posed=self._cones.arrays[slot * len(self.bodies) + person],
+            )
+            for slot in range(SLOTS)
+        ]
+
+    def expect(self, newest: int, ahead: int) -> None:
+        """Enqueue the prediction `ahead` frames after frame `newest`, from it and the one before;
+        frames before the first are as it started."""
+        key = newest % SLOTS, ahead
+        if key not in self._expect:
+            self._expect[key] = self._expect_launch(*key)
+        self._expect[key]()
+
+    def _expect_launch(self, newest: int, ahead: int) -> Launch:
+        body = self.bodies[0]
+        defines = {
+            **{"PEOPLE": len(self.bodies), "N_CONES": len(body.cones), "CONE_FLOATS": CONE_FLOATS},
+            **{"STEP": self._cones.step, "ALONG": ALONG},
+        }
+        return self._device.launch(
+            self._device.kernel("tracking/people", "expect_spheres", **defines),
+            (len(self.bodies) * count_spheres(body),),
+            (64,),
+            newest=newest,
+            before=(newest - 1) % SLOTS,
+            ahead=float(ahead),
+            cones=self._cones.whole,
+            spheres=self._spheres,
+        )
 
 
 class PeopleTracker:
@@ -61,16 +135,16 @@ class PeopleTracker:
         # One queue for all searches: with a queue each a frame takes a tenth longer (H200).
         self._queue = device.new_queue() if device.is_gpu else device.queue
         self._division: Division | None = None
-        self._places: Places | None = None
+        self._expected: ExpectedBodies | None = None
         self._pose: list[list[Launch]] = []
         self._n_frames = 0
         if several:
             n_spheres = count_spheres(bodies[0])
             self._division = Division(device, rig, voxels, len(bodies), n_spheres)
-            self._places = Places(device, bodies, self._division.spheres)
+            self._expected = ExpectedBodies(device, bodies, self._division.spheres)
             self._pose = self._batch.run(
                 [
-                    partial(self._places.pose_launches, device, person, tracker.particles.result)
+                    partial(self._expected.pose_launches, device, person, tracker.particles.result)
                     for person, tracker in enumerate(self.trackers)
                 ]
             )
@@ -89,8 +163,8 @@ class PeopleTracker:
             )
         for person, (tracker, pose) in enumerate(zip(self.trackers, poses, strict=True)):
             tracker.start(pose)
-            if self._places is not None:
-                self._places.start(person, pose)
+            if self._expected is not None:
+                self._expected.start(person, pose)
         self._n_frames = 0
 
     def step(self, voxels: CarvedVoxels) -> list[Estimate]:
@@ -112,8 +186,8 @@ class PeopleTracker:
         """Enqueue the division and all searches of a frame that is `ahead` frames after the latest
         one whose searches the device's queue has waited for."""
         parts: Sequence[CarvedVoxels] = [voxels]
-        if self._division is not None and self._places is not None:
-            self._places.expect(self._n_frames - ahead, ahead)
+        if self._division is not None and self._expected is not None:
+            self._expected.expect(self._n_frames - ahead, ahead)
             parts = self._division()
         pairs = zip(self.trackers, parts, strict=True)
         shows = self._batch.run(

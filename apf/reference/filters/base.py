@@ -8,7 +8,7 @@ import numpy as np
 
 from apf.filters.base import Estimate, Tracker, check_pose
 from apf.filters.config import FilterConfig
-from apf.filters.layer_noise import layer_sigmas
+from apf.filters.particle_set import layer_sigmas
 from apf.likelihood.observations import Observation, PointObservations, with_points
 from apf.reference.filters.limb_search import LimbSearchResult, search_limbs
 from apf.reference.filters.noise import normals

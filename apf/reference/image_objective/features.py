@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from apf.image_objective.config import FeatureConfig
-from apf.image_objective.features import canny_edges, edge_pictures
+from apf.image_objective.features import CELL, CELL_PIXELS, canny_edges, edge_pictures
 from cl import NumpyDevice
 from psfs.cameras.camera import CameraRig
 from psfs.reference.edge_distance import proximity
@@ -27,21 +27,19 @@ _DERIVATIVE = np.array([-1, -2, 0, 2, 1]) / 4
 _SMOOTHING = np.array([1, 4, 6, 4, 1]) / 4
 
 
-def region(
-    silhouette: np.ndarray, margin: int, cell: int, cell_pixels: int, blobs: int = 0
-) -> np.ndarray:
+def region(silhouette: np.ndarray, margin: int, blobs: int = 0) -> np.ndarray:
     """Return (4,) x0, y0, x1, y1 of a silhouette (h, w) bool, the ends excluded, 0 where there is
     none.
 
-    Rymut 2016, 4.5: bounding box, `margin` px larger within the picture. Only cells of `cell` px
-    square with at least `cell_pixels` of silhouette count, so that no speck does; of these, where
+    Rymut 2016, 4.5: bounding box, `margin` px larger within the picture. Only cells of `CELL` px
+    square with at least `CELL_PIXELS` of silhouette count, so that no speck does; of these, where
     `blobs` is positive, those of so many largest connected parts (5.5).
     """
     height, width = silhouette.shape
     rows, columns = np.nonzero(silhouette)
-    counts = np.zeros((-(-height // cell), -(-width // cell)), int)
-    np.add.at(counts, (rows // cell, columns // cell), 1)
-    filled = counts >= cell_pixels
+    counts = np.zeros((-(-height // CELL), -(-width // CELL)), int)
+    np.add.at(counts, (rows // CELL, columns // CELL), 1)
+    filled = counts >= CELL_PIXELS
     if blobs:
         parts, n_parts = ndimage.label(filled, np.ones((3, 3)))
         pixels = ndimage.sum_labels(counts, parts, range(1, n_parts + 1))
@@ -50,8 +48,8 @@ def region(
     y, x = np.nonzero(filled)
     if not y.size:
         return np.zeros(4, np.int32)
-    low = np.array([x.min(), y.min()]) * cell
-    high = np.minimum((np.array([x.max(), y.max()]) + 1) * cell, (width, height))
+    low = np.array([x.min(), y.min()]) * CELL
+    high = np.minimum((np.array([x.max(), y.max()]) + 1) * CELL, (width, height))
     return np.concatenate(
         [np.maximum(low - margin, 0), np.minimum(high + margin, (width, height))]
     ).astype(np.int32)
@@ -96,8 +94,7 @@ class NumpyFeatures:
         self.maps = np.zeros_like(self.maps)
         for view, (width, height) in enumerate(camera.size for camera in self.rig):
             silhouette = silhouettes[view, :height, :width]
-            cells = (self.config.cell, self.config.cell_pixels, self.config.blobs)
-            self.roi[view] = region(silhouette, margin, *cells)
+            self.roi[view] = region(silhouette, margin, self.config.blobs)
             x0, y0, x1, y1 = self.roi[view]
             inside = (view, slice(y0, y1), slice(x0, x1))
             if x1 > x0:
@@ -119,7 +116,7 @@ class NumpyFeatures:
             return np.stack([boundary(silhouette, camera.size) for silhouette, camera in pairs])
         images, edges = edge_pictures(frame), np.zeros(silhouettes.shape, bool)
         if self.config.edges == "canny":
-            edges = canny_edges(images, self.rig, self.config) > 0
+            edges = canny_edges(images, self.rig) > 0
         else:
             for view, (width, height) in enumerate(camera.size for camera in self.rig):
                 picture = images[view, :height, :width]

@@ -7,8 +7,8 @@ import pytest
 from helpers import bodies
 
 from apf.body.model import BodyModel
-from apf.filters.config import FilterConfig
-from apf.filters.particle_set import ParticleSet
+from apf.filters.config import FilterConfig, SearchConfig
+from apf.filters.particle_set import ParticleSet, layer_sigmas
 from apf.reference.filters.annealing import (
     annealing_exponent,
     diffuse,
@@ -312,3 +312,19 @@ def test_one_run_is_started_again_alone(device: Device) -> None:
         first, second, third = np.split(array.get(), 3)
         np.testing.assert_allclose(second, np.broadcast_to(expected, second.shape), rtol=1e-6)
         assert np.all(first == 7) and np.all(third == 7)
+
+
+def test_without_trunk_layers_all_spread_alike() -> None:
+    sigmas = layer_sigmas(SONG, SearchConfig(trunk_layers=0))
+    assert sigmas.shape == (10, 31)
+    np.testing.assert_array_equal(sigmas, np.broadcast_to(SONG.sigma, sigmas.shape))
+
+
+def test_the_trunk_goes_first() -> None:
+    config = SearchConfig(trunk_layers=3, noise_decay=0.8)
+    noise = layer_sigmas(SONG, config) * config.layer_noise[:, None]
+    limb, trunk = SONG.dof_names.index("l_thigh.ry"), SONG.dof_names.index("pelvis.tx")
+    assert np.all(noise[:3, limb] == 0) and np.all(noise[:3, trunk] > 0)
+    plain = config.noise * SONG.sigma * 0.8 ** np.arange(10)[:, None]
+    np.testing.assert_allclose(noise[3:, limb], plain[:7, limb])
+    np.testing.assert_allclose(noise[:, trunk], plain[:, trunk])

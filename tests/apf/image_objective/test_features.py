@@ -95,10 +95,10 @@ def test_region_has_a_margin_and_no_specks() -> None:
     silhouette = np.zeros((100, 120), bool)
     silhouette[33:61, 42:70] = True
     silhouette[5:8, 100:103] = True  # nine pixels are a speck
-    assert region(silhouette, 10, 8, 16).tolist() == [30, 22, 82, 74]  # in cells of 8 px
-    assert region(silhouette, 50, 8, 16).tolist() == [0, 0, 120, 100]
+    assert region(silhouette, 10).tolist() == [30, 22, 82, 74]  # in cells of 8 px
+    assert region(silhouette, 50).tolist() == [0, 0, 120, 100]
     silhouette[33:61, 42:70] = False
-    assert region(silhouette, 10, 8, 16).tolist() == [0, 0, 0, 0]
+    assert region(silhouette, 10).tolist() == [0, 0, 0, 0]
 
 
 @pytest.mark.parity("image/features.blob_region")
@@ -110,7 +110,7 @@ def test_regions_of_the_largest_blobs_agree(device: Device, blobs: int) -> None:
     coarse = random.random(shape) < [[[0.2]], [[0.35]], [[0.0]]]  # crooked blobs, and none
     masks = np.kron(coarse, np.ones((1, 5, 5)))[:, : rig.height, : rig.width]
     masks = np.where(masks > 0, np.uint8(255), np.uint8(0))
-    config = FeatureConfig(edges="outline", cell=3, cell_pixels=4, margin=0, blobs=blobs)
+    config = FeatureConfig(edges="outline", margin=0, blobs=blobs)
     maps, roi, expected, expected_roi = both(device, rig, None, scenes.frame(masks=masks), config)
     np.testing.assert_array_equal(roi, expected_roi)
     np.testing.assert_array_equal(maps, expected)
@@ -122,8 +122,8 @@ def test_region_of_the_four_largest_blobs() -> None:
     silhouette = np.zeros((100, 120), bool)
     for k, side in enumerate((20, 16, 20, 16, 16)):  # of as many pixels the first ones count
         silhouette[16 * k + 8 : 16 * k + 16, 24 * k : 24 * k + side] = True
-    assert region(silhouette, 0, 8, 16, 4).tolist() == [0, 8, 88, 64]
-    assert region(silhouette, 0, 8, 16).tolist() == [0, 8, 112, 80]
+    assert region(silhouette, 0, 4).tolist() == [0, 8, 88, 64]
+    assert region(silhouette, 0).tolist() == [0, 8, 112, 80]
 
 
 def test_sobel_as_opencv_has_it() -> None:
@@ -185,10 +185,7 @@ def test_bad_settings_and_frames(device: Device) -> None:
     for wrong in (
         {"edges": "laplace"},
         {"threshold": 0},
-        {"canny_low": 50, "canny_high": 20},
         {"dilation": -1},
-        {"cell": 0},
-        {"cell": 2, "cell_pixels": 5},
     ):
         with pytest.raises(InputError, match="expected"):
             FeatureConfig(**wrong)  # type: ignore[arg-type]

@@ -12,8 +12,7 @@ from apf.body.spheres import count_spheres
 from apf.body.toml import load_body
 from apf.filters.method import Method
 from apf.reference.people import expect_spheres
-from apf.tracking.places import SLOTS, Places
-from apf.tracking.together import PeopleTracker
+from apf.tracking.together import SLOTS, ExpectedBodies, PeopleTracker
 from cl import Device, InputError
 
 
@@ -21,7 +20,7 @@ from cl import Device, InputError
 def test_expected_places_equal_the_twin(device: Device) -> None:
     body, random = load_body("song31"), np.random.default_rng(0)
     spheres = device.zeros((2, count_spheres(body), 4), np.float32)
-    places = Places(device, [body, body], spheres)
+    places = ExpectedBodies(device, [body, body], spheres)
     poses = body.rest_pose + 0.1 * random.normal(size=(2, 4, body.n_dof))
     for person in range(2):
         places.start(person, poses[person, 0])
