@@ -12,12 +12,10 @@ from psfs.calibration.config import CalibrationConfig
 from psfs.common.config import Config, part
 from psfs.diagnostics.config import (
     AlignmentConfig,
-    ConsistencyConfig,
     FaultConfig,
     InViewConfig,
     OccluderConfig,
 )
-from psfs.diagnostics.picture_config import PictureConfig
 from psfs.footage import settings as footage
 from psfs.self_calibration.config import PersonConfig
 from psfs.voxels.config import ReconstructionConfig
@@ -33,9 +31,7 @@ class BackgroundSettings(Config):
 class DiagnosticsSettings(Config):
     """Limits beyond which footage and cameras count as faulty."""
 
-    consistency: ConsistencyConfig = part(ConsistencyConfig)
     faults: FaultConfig = part(FaultConfig)
-    pictures: PictureConfig = part(PictureConfig)
     alignment: AlignmentConfig = part(AlignmentConfig)
     occluders: OccluderConfig = part(OccluderConfig)
     in_view: InViewConfig = part(InViewConfig)

@@ -12,7 +12,6 @@ import numpy as np
 from apf.studio.curves import draw_lags
 from apf.studio.opened import MakeDevice
 from cl import UserError
-from psfs.diagnostics.arrangement import Lags
 from psfs.diagnostics.config import InViewConfig
 from psfs.diagnostics.examination import Examination, examine
 from psfs.diagnostics.person_in_view import PersonInView, find_person_in_views
@@ -183,7 +182,7 @@ class FootageView(Watch):
         else:
             if self._closed.is_set():
                 return
-            known = any(fault.kind in ("unit", "far") for fault in examination.faults)
+            known = any(fault.kind in ("unit", "calibration") for fault in examination.faults)
             self._notes = _list_faults(self.opened.info, known)
             self._notes += [("warning", text) for text in warnings]
             self._notes += [("note", text) for text in faults]
@@ -206,9 +205,8 @@ class FootageView(Watch):
         self._person = find_person_in_views(views.rig, views.outlines, large / small)
         tangency = Tangency(views.rig, views.outlines)
         if np.isfinite(tangency.size):
-            lags = Lags(tangency, min(_MOST_LAG, len(views.frames) // 3))
-            costs = [lags.curve(view, [0] * len(views.rig)) for view in range(len(views.rig))]
-            figure = draw_lags(np.stack(costs), views.rig.names)
+            costs = tangency.measure_offset_costs(min(_MOST_LAG, len(views.frames) // 3))
+            figure = draw_lags(costs, views.rig.names)
             with self._beside:
                 self._parts.append(self._server.gui.add_plotly(figure, aspect=0.8))
         config = InViewConfig()

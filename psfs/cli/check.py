@@ -13,14 +13,11 @@ from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.files import write_json
 from psfs.common.numbers import json_number
 from psfs.common.outputs import output_folder
-from psfs.diagnostics.camera_consistency import (
-    InconsistentCamera,
-    find_inconsistent_cameras,
-)
 from psfs.diagnostics.cloud_scores import DEFINITION as CLOUD_DEFINITION
 from psfs.diagnostics.cloud_scores import CloudScore, mean_scores, score_cloud
 from psfs.diagnostics.definitions import DEFINITION
 from psfs.diagnostics.examination import Examination
+from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.reprojection_iou import Checker, describe_cut_silhouettes
 from psfs.diagnostics.silhouette_scores import true_masks
@@ -59,12 +56,12 @@ def _check(request: CheckRequest) -> None:
             if any(mask is not None for mask in truth):
                 clouds.append(score_cloud(sequence.rig, cloud, truth))
     diagnosis = diagnose(session)
-    bad = find_inconsistent_cameras(session, diagnosis.reasons)
+    bad = [fault for fault in diagnosis.faults if fault.spoils]
     names, found = sequence.rig.names, np.array(scores)
-    comments = Examination(session, diagnosis, tuple(bad)).warnings[len(bad) :]
+    comments = Examination(session, diagnosis, tuple(bad)).remaining
     cut = describe_cut_silhouettes(names, np.array(checker.beyond))
     comments += [cut] if cut else []
-    named = {suspect.camera for suspect in bad} | set(diagnosis.reasons)
+    named = {name for fault in diagnosis.faults if fault.serious for name in fault.cameras}
     if not comments:
         comments = low_agreement(names, found, named)
     _report(run, names, found, bad, comments, clouds)
@@ -86,7 +83,7 @@ def _report(
     run: ReconstructionFolder,
     names: list[str],
     scores: np.ndarray,
-    bad: list[InconsistentCamera],
+    bad: list[Fault],
     comments: list[str],
     clouds: list[CloudScore],
 ) -> None:
@@ -97,7 +94,7 @@ def _report(
     if clouds:
         stdout.print(_format_truth(clouds))
     left_out: dict[str, str] = run.summary["sequence"].get("left_out", {})
-    disagreeing = left_out | {suspect.camera: str(suspect) for suspect in bad}
+    disagreeing = left_out | {fault.cameras[0]: str(fault) for fault in bad}
     for text in (*disagreeing.values(), *comments):
         warn(text, stdout)
     report: dict[str, Any] = {

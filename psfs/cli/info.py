@@ -50,7 +50,7 @@ def _say_faults(session: Session, warnings: list[str]) -> None:
     if session.sequence.settings.sync == "auto":
         for note in found.session.sequence.timing_notes:
             remark("note", "cyan", note)
-    if any(fault.kind in ("unit", "far") for fault in found.faults):  # which know better
+    if any(fault.kind in ("unit", "calibration") for fault in found.faults):  # which know better
         warnings = [text for text in warnings if UNIT_ASKED not in text]
     for fault in found.faults:
         if not fault.serious:

@@ -199,7 +199,7 @@ class _Job:
     def _summary(self) -> dict[str, Any]:
         return {
             "sequence": reconstruction_folder.sequence_facts(
-                self.sequence, self.out, self.stated, {s.camera: str(s) for s in self.left_out}
+                self.sequence, self.out, self.stated, {s.cameras[0]: str(s) for s in self.left_out}
             ),
             "complete": len(self.done) == self.expected,
             "grid": reconstruction_folder.grid_facts(self.grid),

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from psfs.diagnostics.alignment import correct_rig
-from psfs.diagnostics.camera_consistency import InconsistentCamera, find_inconsistent_cameras
 from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.faults import Diagnosis, diagnose
 from psfs.diagnostics.occluders import find_hidden_pixels
 from psfs.session import Session
-from psfs.silhouettes.config import SilhouetteConfig
 
 log = logging.getLogger(__name__)
 
@@ -22,12 +20,12 @@ class Examination:
 
     session: the session to work in, without the cameras that were left out, with late cameras
     shifted and the rig corrected. diagnosis: the footage's faults; None if it was not examined.
-    left_out: the cameras that were left out.
+    left_out: the faults of the cameras that were left out, one each.
     """
 
     session: Session
     diagnosis: Diagnosis | None = None
-    left_out: tuple[InconsistentCamera, ...] = ()
+    left_out: tuple[Fault, ...] = ()
 
     @property
     def faults(self) -> list[Fault]:
@@ -37,42 +35,36 @@ class Examination:
     @property
     def warnings(self) -> list[str]:
         """The cameras left out and the other serious faults, one line each."""
-        return [*(f"left out: {camera}" for camera in self.left_out), *self.remaining]
+        return [*(f"left out: {fault}" for fault in self.left_out), *self.remaining]
 
     @property
     def remaining(self) -> list[str]:
         """The serious faults other than those of cameras that were left out."""
-        gone = {camera.camera for camera in self.left_out}
+        gone = {name for fault in self.left_out for name in fault.cameras}
         return [str(f) for f in self.faults if f.serious and not gone & set(f.cameras)]
 
 
 def examine(session: Session, all_cameras: bool = False) -> Examination:
-    """Diagnose the footage, shift late cameras, correct the rig and leave out inconsistent cameras.
+    """Diagnose the footage, shift late cameras, correct the rig and leave out faulty cameras.
 
-    Late cameras are shifted if the sequence's `sync` is "auto". Cameras that disagree with the
-    others (see `find_inconsistent_cameras`) are left out, unless `all_cameras` is true, the
-    sequence was opened with `cameras`, or the fault is not that of a single camera. The rig gets
-    the pixels where furniture hides people (see `find_hidden_pixels`), and its cameras are turned
-    if they are off (see `correct_rig`).
+    Late cameras are shifted if the sequence's `sync` is "auto". Cameras that show nothing or
+    disagree with the others are left out, unless `all_cameras` is true, the sequence was opened
+    with `cameras`, or the fault is not that of a single camera. The rig gets the pixels where
+    furniture hides people (see `find_hidden_pixels`), and its cameras are turned if they are off
+    (see `correct_rig`).
     """
+    session = synchronise(session)
     diagnosis = diagnose(session)
-    if session.sequence.settings.sync == "auto":
-        session = session.with_sequence(session.sequence.synchronise(diagnosis.late))
-        diagnosis = diagnosis.without("late")
     if diagnosis.concerns_all:
         return Examination(session, diagnosis)
-    corrected = _correct_rig(session, diagnosis)
+    left_out = diagnosis.left_out
     if all_cameras or session.sequence.settings.cameras is not None:
-        return Examination(corrected, diagnosis)
-    found = tuple(
-        find_inconsistent_cameras(_with_default_silhouettes(corrected), diagnosis.reasons)
-    )
-    if not found:
-        return Examination(corrected, diagnosis)
-    gone = {camera.camera for camera in found}
-    kept = [name for name in session.rig.names if name not in gone]
-    session = session.with_sequence(session.sequence.with_cameras(kept))
-    return Examination(_correct_rig(session, diagnosis), diagnosis, found)
+        left_out = ()
+    gone = {name for fault in left_out for name in fault.cameras}
+    if gone:
+        kept = [name for name in session.rig.names if name not in gone]
+        session = session.with_sequence(session.sequence.with_cameras(kept))
+    return Examination(_correct_rig(session, diagnosis), diagnosis, left_out)
 
 
 def _correct_rig(session: Session, diagnosis: Diagnosis) -> Session:
@@ -85,19 +77,6 @@ def _correct_rig(session: Session, diagnosis: Diagnosis) -> Session:
         return session
     log.info("%s: %s", session.sequence.name, found)
     return session.with_sequence(session.sequence.with_rig(found.rig))
-
-
-def _with_default_silhouettes(session: Session) -> Session:
-    """Return a session with the default silhouette settings, the same session if it has them.
-
-    Silhouettes of other settings, such as a paper's, may be too poor to judge a camera by.
-    """
-    usual = SilhouetteConfig()
-    if session.reconstruction.silhouette == usual:
-        return session
-    reconstruction = session.reconstruction.replace(silhouette=usual)
-    settings = replace(session.settings, reconstruction=reconstruction)
-    return Session(session.sequence, session.device, settings)
 
 
 def synchronise(session: Session) -> Session:

@@ -1,8 +1,24 @@
-"""A fault of footage."""
+"""Faults of footage: what each kind tests, and on which evidence."""
 
 from __future__ import annotations
 
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from scipy.stats import t as student
+
+from psfs.cameras.camera import CameraRig
+from psfs.diagnostics.agreement import HullAgreement
+from psfs.diagnostics.config import FaultConfig
+from psfs.diagnostics.small_views import Outline, SmallViews
+from psfs.diagnostics.tangency import PairSums, Tangency
+from psfs.footage.camera_times import CameraTimes
+from psfs.sequence import Sequence
 
 
 @dataclass(frozen=True)
@@ -10,15 +26,108 @@ class Fault:
     """A fault of the footage.
 
     kind: a word for programs. cameras: names of the faulty cameras; empty if the fault concerns
-    all. text: what is wrong and what to do, in one line. late: lag in frames, if the kind is
-    "late". serious: whether it is worth a warning, not only a note.
+    all. text: what was found, what was expected and what to do, in one line. offset: frames by
+    which the camera comes late, if the kind is "late". serious: whether it is worth a warning, not
+    only a note. spoils: whether the camera tells nothing about the person, so that it is left out.
     """
 
     kind: str
     cameras: tuple[str, ...]
     text: str
-    late: int = 0
+    offset: int = 0
     serious: bool = True
+    spoils: bool = False
 
     def __str__(self) -> str:
         return self.text
+
+
+class Evidence:
+    """What the tests of faults measure in a sequence, each once.
+
+    views: small pictures with silhouettes. known: the faults that were found before.
+    """
+
+    def __init__(self, sequence: Sequence, views: SmallViews, config: FaultConfig) -> None:
+        self.sequence, self.views, self.config = sequence, views, config
+        self.rig: CameraRig = views.rig
+        self.names = sequence.rig.names
+        self.known: list[Fault] = []
+
+    @property
+    def sound(self) -> list[int]:
+        """Numbers of the cameras whose pictures show something."""
+        spoilt = {name for fault in self.known if fault.spoils for name in fault.cameras}
+        return [view for view, name in enumerate(self.names) if name not in spoilt]
+
+    def is_named(self, name: str) -> bool:
+        """Return whether a serious fault of this camera is known."""
+        return any(name in fault.cameras for fault in self.known if fault.serious)
+
+    @cached_property
+    def tangency(self) -> Tangency:
+        """Differences between the cameras' extreme planes."""
+        gone = set(range(len(self.names))) - set(self.sound)
+        rows = [[None if v in gone else o for v, o in enumerate(r)] for r in self.views.outlines]
+        return Tangency(self.rig, rows)
+
+    @cached_property
+    def agreement(self) -> HullAgreement:
+        """Agreement of the silhouettes with their common hull."""
+        return HullAgreement(self.rig, self.views.silhouettes)
+
+    @cached_property
+    def times(self) -> CameraTimes:
+        """When the cameras took their pictures, by the silhouettes."""
+        views, tangency = self.views, self.tangency
+        most = min(round(self.config.longest_offset * self.sequence.fps), len(views.frames) // 3)
+        return tangency.measure_times(most)
+
+    @cached_property
+    def offsets(self) -> np.ndarray:
+        """Offsets (V,) in whole frames of the cameras that surely come late or early: beyond
+        chance and, with two standard deviations, by more than a frame, since less is a difference
+        of exposure."""
+        if len(self.sound) < 2 or not math.isfinite(self.tangency.size):
+            return np.zeros(len(self.names), int)
+        times = self.times
+        sure = times.chances < self.config.false_alarms
+        sure &= np.abs(times.offsets) - 2 * times.sigmas > 1
+        return np.where(sure, times.whole, 0)
+
+    @cached_property
+    def in_time(self) -> PairSums:
+        """Costs of the pairs of cameras after late ones were shifted."""
+        rows, n = self.tangency.outlines, len(self.tangency.outlines)
+        shifted: list[list[Outline | None]] = [
+            [
+                rows[frame + by][view] if 0 <= frame + by < n else None
+                for view, by in enumerate(self.offsets)
+            ]
+            for frame in range(n)
+        ]
+        return Tangency(self.rig, shifted).compare()
+
+
+class FaultKind(ABC):
+    """A kind of fault: how it is tested and what is said about it.
+
+    kind: its word. Tests accuse a camera only if footage without this fault would be accused with
+    a probability of at most `FaultConfig.false_alarms`.
+    """
+
+    kind: ClassVar[str]
+
+    @abstractmethod
+    def find(self, evidence: Evidence) -> Iterator[Fault]:
+        """Yield the faults of this kind."""
+
+
+def significant(samples: np.ndarray, least: float, rate: float) -> bool:
+    """Return whether the mean of samples (N,) of stretches of the take is above `least`: a t test
+    with a probability of `rate` for a false alarm."""
+    known = samples[np.isfinite(samples)]
+    if len(known) < 2:
+        return False
+    deviation = max(float(known.std(ddof=1)), 1e-9) / np.sqrt(len(known))
+    return bool(student.sf((known.mean() - least) / deviation, len(known) - 1) < rate)

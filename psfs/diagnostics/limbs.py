@@ -165,6 +165,8 @@ def _find_points(
     """Return indices (N,) of a camera's medial points and the points (N, 3) in space at whose depth
     most other cameras see an axis of the same width."""
     camera, own = cameras[view], axes[view]
+    if not np.isfinite(person.stature):  # nobody is seen wholly
+        return np.zeros(0, int), np.zeros((0, 3))
     chosen = np.arange(0, len(own.frames), max(1, len(own.frames) // config.per_camera))
     middle = (person.middle - camera.centre) @ camera.R[2]
     around, step = config.around * person.stature, config.step * person.stature

@@ -26,9 +26,11 @@ from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteCon
 SILHOUETTES = SilhouetteConfig(
     appearance=AppearanceConfig(learn=False), floor=FloorConfig(height=-1000.0)
 )
-#: Least share of silhouettes with two large, high parts that show several people: of takes of two
-#: and three 0.45 and more have such parts, of takes of one at most 0.18 (shadows, furniture).
-_SEVERAL = 0.3
+#: Least and most consecutive frames that are examined, most pixels of these, and most of the frames
+#: whose pictures are kept.
+_FRAMES, _PIXELS, _KEPT = (60, 200), 1.5e9, 24
+#: Largest change of a grey level by a codec.
+_CODEC = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +56,8 @@ class SmallViews:
 
     outlines: [frame][view], None without a silhouette. foreground: (F, V) share of the picture.
     gain: (F, V) brightness of the rest of the picture relative to the background's; NaN without a
-    background. backgrounds: (V, h, w) uint8 grey background images, or None. samples: numbers of
+    background. changes: (F, V) number of pixels that changed since the frame before. backgrounds:
+    (V, h, w) uint8 grey background images, or None. samples: numbers of
     the frames (S,) whose silhouettes (S, V, h, w) bool and grey pictures (S, V, h, w) uint8, or
     None, were kept.
     """
@@ -64,6 +67,7 @@ class SmallViews:
     outlines: list[list[Outline | None]]
     foreground: np.ndarray
     gain: np.ndarray
+    changes: np.ndarray
     backgrounds: np.ndarray | None
     samples: np.ndarray
     silhouettes: np.ndarray
@@ -84,10 +88,11 @@ def small_views(
     shrink = Shrink(sequence.rig, sequence.rig.factor_within(config.longest_side))
     background = shrink.background(sequence.background)
     begin = make_evidence_pipeline(device, shrink.small, background, SILHOUETTES)
-    frames = _select_frames(sequence, config)
-    kept = pick_evenly(len(frames), config.samples)
+    frames = _select_frames(sequence)
+    kept = pick_evenly(len(frames), _KEPT)
     backgrounds = None if background is None else _grey(background.mean.astype(np.uint8))
-    outlines, foreground, gains, masks, pictures = [], [], [], [], []
+    outlines, foreground, gains, changes, masks, pictures = [], [], [], [], [], []
+    before: np.ndarray | None = None
     shown = (shrink.frame(frame) for frame in sequence.frames(slice(frames.start, frames.stop)))
     for number, (small, evidence) in enumerate(_compute_ahead(shown, begin)):
         silhouettes = evidence > 0
@@ -96,12 +101,15 @@ def small_views(
         foreground.append([np.count_nonzero(mask) / np.prod(c.size) for c, mask in pairs])
         grey = None if small.images is None else _grey(small.images)
         gains.append(_gains(grey, backgrounds, silhouettes))
+        now = silhouettes.view(np.uint8) * np.uint8(255) if grey is None else grey
+        changes.append(_count_changes(now, now if before is None else before))
+        before = now
         if number in kept:
             masks.append(silhouettes)
             pictures.append(grey)
     return SmallViews(
-        shrink.small, frames, outlines, np.array(foreground), np.array(gains), backgrounds,
-        kept + frames.start, np.stack(masks),
+        shrink.small, frames, outlines, np.array(foreground), np.array(gains), np.array(changes),
+        backgrounds, kept + frames.start, np.stack(masks),
         None if pictures[0] is None else np.stack(pictures),  # type: ignore[arg-type]
     )  # fmt: skip
 
@@ -139,11 +147,10 @@ def draw_contact_sheet(views: SmallViews, columns: int = 6) -> np.ndarray:
     return np.vstack(rows)
 
 
-def _select_frames(sequence: Sequence, config: FaultConfig) -> range:
-    """Return the frames in the middle of `sequence`, as many as `config` allows pixels to
-    decode."""
+def _select_frames(sequence: Sequence) -> range:
+    """Return the frames in the middle of `sequence`, as many as `_PIXELS` allow."""
     pixels = sum(camera.size[0] * camera.size[1] for camera in sequence.rig)
-    count = int(np.clip(config.pixels / pixels, *config.window))
+    count = int(np.clip(_PIXELS / pixels, *_FRAMES))
     first = max(0, (len(sequence) - count) // 2)
     return range(first, min(first + count, len(sequence)))
 
@@ -175,19 +182,6 @@ def find_border_points(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray
     """Return which points (N, 2) px are at the border of a picture of `shape`."""
     last = np.array(shape[::-1]) - 2
     return np.asarray(((points <= 1) | (points >= last)).any(axis=1))
-
-
-def shows_several_people(silhouettes: np.ndarray) -> bool:
-    """Return whether many of the silhouettes (S, V, h, w) bool have two large, high parts."""
-    counts = []
-    for mask in silhouettes.reshape(-1, *silhouettes.shape[2:]):
-        smooth = cv2.medianBlur(mask.astype(np.uint8), 3)
-        facts = cv2.connectedComponentsWithStats(smooth, connectivity=8)[2][1:]
-        areas, heights = facts[:, cv2.CC_STAT_AREA], facts[:, cv2.CC_STAT_HEIGHT]
-        if len(areas):
-            high = heights >= 0.5 * heights[areas.argmax()]
-            counts.append(np.count_nonzero(high & (areas >= areas.max() / 3)))
-    return bool(np.mean(np.array(counts) > 1) > _SEVERAL) if counts else False
 
 
 class Shrink:
@@ -228,6 +222,14 @@ def _grey(pictures: np.ndarray) -> np.ndarray:
     for picture, into in zip(pictures, grey, strict=True):
         cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY, into)
     return grey
+
+
+def _count_changes(a: np.ndarray, b: np.ndarray) -> list[int]:
+    """Return the number of pixels of each view (V, h, w) that differ by more than a codec's
+    noise."""
+    return [
+        int(np.count_nonzero(cv2.absdiff(one, two) > _CODEC)) for one, two in zip(a, b, strict=True)
+    ]
 
 
 def _gains(

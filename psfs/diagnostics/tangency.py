@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -17,6 +18,13 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead, look_along_baseline
 from psfs.diagnostics.hulls import HullPoints
 from psfs.diagnostics.small_views import Outline
+from psfs.footage.camera_times import (
+    CameraTimes,
+    PairCosts,
+    compare_signals,
+    estimate_times,
+    mean_costs,
+)
 
 #: Cap of the differences between planes, as a share of the person's size: larger differences count
 #: no more.
@@ -27,13 +35,19 @@ _WIDEST = 2.5
 #: Pairs are left out if the line between the cameras passes the scene nearer than this share of the
 #: person's size.
 _NEAREST = 0.3
+#: Stretches of frames whose differences are told apart.
+_BLOCKS = 10
+#: Differences of planes up to this are noise, as a share of the person's size: silhouettes of
+#: somebody who keeps still agree at any offset.
+_NOISE = 0.003
 #: Signs of a picture's axes (x, y); -1 flips the axis.
-Way = tuple[int, int]
+AxisSigns = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
 class PairSums:
-    """Sums and counts, (V, V) symmetric, of the capped differences of all pairs of cameras.
+    """Sums and counts, (B, V, V) symmetric, of the capped differences of all pairs of cameras in B
+    stretches of frames.
 
     `cost` is the mean: 0 is perfect, `CAP` the worst; NaN without any pair.
     """
@@ -43,17 +57,41 @@ class PairSums:
 
     @property
     def cost(self) -> float:
-        return _mean(self.sums, self.counts)
+        return float(_divide(self.sums.sum(), self.counts.sum()))
+
+    @property
+    def blocks(self) -> np.ndarray:
+        """Mean (B,) of each stretch of frames; NaN without any pair."""
+        return _divide(self.sums.sum((1, 2)), self.counts.sum((1, 2)))
 
     @property
     def cameras(self) -> np.ndarray:
         """Mean (V,) of each camera's pairs."""
-        return np.array([_mean(*of) for of in zip(self.sums, self.counts, strict=True)])
+        return _divide(self.sums.sum((0, 1)), self.counts.sum((0, 1)))
 
-    def without(self, view: int) -> float:
-        """Return the mean of all pairs but one camera's."""
-        kept = np.delete(np.arange(len(self.sums)), view)
-        return _mean(self.sums[np.ix_(kept, kept)], self.counts[np.ix_(kept, kept)])
+    def measure_gain(self, after: PairSums, views: Sequence[int]) -> np.ndarray:
+        """Return by which share the cost of the pairs of `views` is less after a change.
+
+        One value (B,) for each stretch of frames: the jackknife's pseudo-values, whose mean is the
+        gain and whose spread tells its deviation.
+        """
+        rows = np.zeros(self.sums.shape[1], bool)
+        rows[list(views)] = True
+        pairs = np.triu(rows[:, None] | rows[None], 1)
+        both = np.stack([self.sums, self.counts, after.sums, after.counts])[..., pairs].sum(-1)
+        both = both[:, both[1] > 0]
+        every, count = both.sum(1), both.shape[1]
+        rest = every[:, None] - both if count > 1 else both
+
+        def gain(of: np.ndarray) -> np.ndarray:
+            return 1 - _divide(_divide(of[2], of[3]), _divide(of[0], of[1]))
+
+        return np.asarray(count * gain(every) - (count - 1) * gain(rest))
+
+
+def _divide(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(a / b)
 
 
 class Tangency:
@@ -64,11 +102,11 @@ class Tangency:
     """
 
     def __init__(self, rig: CameraRig, outlines: list[list[Outline | None]]) -> None:
-        self.rig, self.n_frames = rig, len(outlines)
+        self.rig, self.outlines, self.n_frames = rig, outlines, len(outlines)
         self._images = [HullPoints([row[v] for row in outlines]) for v in range(len(rig))]
         self._target = intersect_axes_ahead(rig)
-        self._planes: dict[tuple[int, int, int, Way], np.ndarray] = {}
-        self._rays: dict[tuple[int, int, Way], np.ndarray] = {}
+        self._planes: dict[tuple[int, int, int, AxisSigns], np.ndarray] = {}
+        self._rays: dict[tuple[int, int, AxisSigns], np.ndarray] = {}
         self._axes: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, float]] = {}
         spans = [
             np.nanmedian(np.diff(planes))
@@ -78,7 +116,7 @@ class Tangency:
         ]
         self.size = float(np.median(spans)) if spans else float("nan")
 
-    def planes(self, camera: int, image: int, other: int, way: Way = (1, 1)) -> np.ndarray:
+    def planes(self, camera: int, image: int, other: int, way: AxisSigns = (1, 1)) -> np.ndarray:
         """Return the positions (F, 2) of the extreme planes through the line from `camera` to
         `other` that touch the outlines of `image`.
 
@@ -91,7 +129,7 @@ class Tangency:
             self._planes[key] = self._extreme_planes(image, rays, camera, other)
         return self._planes[key]
 
-    def rays(self, camera: int, image: int, way: Way = (1, 1)) -> np.ndarray:
+    def rays(self, camera: int, image: int, way: AxisSigns = (1, 1)) -> np.ndarray:
         """Return the directions (N, 3) of all points of an image's outlines."""
         key = camera, image, way
         if key not in self._rays:
@@ -103,19 +141,18 @@ class Tangency:
     def compare(
         self,
         order: Sequence[int] | None = None,
-        shifts: Sequence[int] | None = None,
         mirrored: Sequence[int] = (),
         turned: Sequence[int] = (),
         base: PairSums | None = None,
     ) -> PairSums:
         """Compare all pairs under an assumption: camera v has the pictures of camera order[v],
-        shifts[v] frames later than the others, those of `mirrored` cameras flipped left to right,
-        those of `turned` ones upside down. base: of the same order and shifts without flips; only
+        those of `mirrored` cameras flipped left to right,
+        those of `turned` ones upside down. base: of the same order without flips; only
         pairs of flipped cameras are compared again."""
         n = len(self.rig)
-        order, shifts = order or range(n), shifts or [0] * n
+        order = order or range(n)
         ways = {**dict.fromkeys(mirrored, (-1, 1)), **dict.fromkeys(turned, (-1, -1))}
-        sums, counts = np.zeros((n, n)), np.zeros((n, n))
+        sums, counts = np.zeros((_BLOCKS, n, n)), np.zeros((_BLOCKS, n, n))
         if base is not None:
             sums, counts = base.sums.copy(), base.counts.copy()
         for a in range(n):
@@ -125,68 +162,62 @@ class Tangency:
                     continue
                 first = self.planes(a, order[a], b, ways.get(a, (1, 1)))
                 second = self.planes(b, order[b], a, ways.get(b, (1, 1)))
-                pair = self.difference(first, second, shifts[b] - shifts[a])
-                sums[a, b], counts[a, b] = pair
-                sums[b, a], counts[b, a] = pair
+                apart, there = self._difference(first, second)
+                sums[:, a, b] = sums[:, b, a] = apart
+                counts[:, a, b] = counts[:, b, a] = there
         return PairSums(sums, counts)
-
-    def foreign_motion(self, view: int) -> tuple[float, float]:
-        """Return the share of the motion that a camera does not have in common with the others, and
-        that share among the others.
-
-        It is the sum over frames and pairs of what their planes differ by beyond the median, which
-        a wrong calibration explains, as a share of the planes' own motion: about 1 for cameras that
-        film different things, however they are placed. NaN if nothing moves.
-        """
-        sums = np.zeros((2, 2))  # of this camera's pairs, and of the others'; differing, moving
-        for a in range(len(self.rig)):
-            for b in range(a):
-                if self.comparable(a, b):
-                    own = self.planes(a, a, b), self.planes(b, b, a)
-                    sums[int(view not in (a, b))] += _differing_motion(*own)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            own, others = sums[:, 0] / sums[:, 1]
-        return float(own), float(others)
 
     def comparable(self, a: int, b: int) -> bool:
         """Return whether the line between two cameras passes far enough from the scene."""
         return self._axis(a, b)[2] >= _NEAREST * self.size
 
-    def difference(self, a: np.ndarray, b: np.ndarray, lag: int = 0) -> tuple[float, int]:
-        """Return sum and number of the differences of planes (F, 2), each at most `CAP`, as shares
-        of the person's size. Frame t of a is compared with frame t + lag of b."""
-        first, end = max(0, -lag), min(len(a), len(b) - lag)
-        if end <= first:
-            return 0.0, 0
-        apart = (a[first:end] - b[first + lag : end + lag]) / max(self.size, 1e-12)
+    def measure_times(self, most: int) -> CameraTimes:
+        """Estimate the cameras' offsets of up to `most` frames from the motion of their planes."""
+        costs = self._compare_motions(2 * most) if most > 1 else {}
+        return estimate_times(len(self.rig), costs, noise=_NOISE)
+
+    def measure_offset_costs(self, most: int) -> np.ndarray:
+        """Return (V, 2 most + 1) the mean difference of each camera's planes from the others' if
+        its pictures came later by -most to most frames."""
+        sums = np.zeros((len(self.rig), 2 * most + 1, 2))
+        for (a, b), table in self._compare_motions(most).items():
+            sums[b] += table.sum(axis=1)
+            sums[a] += table.sum(axis=1)[::-1]
+        return np.stack([mean_costs(own[:, None]) for own in sums])
+
+    def _compare_motions(self, most: int) -> PairCosts:
+        """Return the costs of the pairs of cameras at offsets of up to `most` frames."""
+        costs: dict[tuple[int, int], np.ndarray] = {}
+        for a, b in combinations(range(len(self.rig)), 2):
+            if self.comparable(a, b):
+                pair = self.planes(a, a, b) / self.size, self.planes(b, b, a) / self.size
+                table = compare_signals(*pair, most, CAP)
+                if table[..., 1].any():
+                    costs[a, b] = table
+        return costs
+
+    def _difference(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return sums and numbers (B,) of the differences of planes (F, 2), each at most `CAP`, as
+        shares of the person's size, in stretches of frames."""
+        apart = np.abs(a - b) / max(self.size, 1e-12)
         known = np.isfinite(apart)
-        return float(np.minimum(np.abs(apart[known]), CAP).sum()), int(known.sum())
+        starts = np.linspace(0, len(a), min(_BLOCKS, len(a)) + 1).astype(int)[:-1]
+        parts = np.where(known, np.minimum(apart, CAP), 0).sum(1), known.sum(1)
+        sums, counts = np.zeros(_BLOCKS), np.zeros(_BLOCKS)
+        sums[: len(starts)], counts[: len(starts)] = (np.add.reduceat(x, starts) for x in parts)
+        return sums, counts
 
-    def differences(
-        self, a: np.ndarray, b: np.ndarray, most: int, steady: bool, cap: float
-    ) -> np.ndarray:
-        """Return (2 most + 1, 2) sums and numbers at all lags from -most to most, each difference
-        at most `cap`. Without `steady`, the part that is the same in all frames is subtracted: it
-        comes from a wrong calibration, not from a lag."""
-        around = np.pad(b.T, ((0, 0), (most, most)), constant_values=np.nan)
-        shifted = np.lib.stride_tricks.sliding_window_view(around, len(a), axis=1)
-        apart = (a.T[:, None] - shifted) / max(self.size, 1e-12)  # (2, lags, F)
-        counts = np.isfinite(apart).sum(-1)
-        if not steady:
-            apart -= _medians(apart, counts)[..., None]
-        sums = np.nansum(np.minimum(np.abs(apart), cap), axis=-1)
-        return np.column_stack([sums.sum(0), counts.sum(0)])
-
-    def measure_turned(self, camera: int, rotation: np.ndarray) -> float:
-        """Return the cost of one camera's pairs after its rays were turned by `rotation` (3, 3)."""
-        rays, total, count = self.rays(camera, camera) @ rotation.T, 0.0, 0
-        for other in range(len(self.rig)):
-            if other == camera or not self.comparable(camera, other):
-                continue
-            mine = self._extreme_planes(camera, rays, camera, other)
-            pair = self.difference(mine, self.planes(other, other, camera))
-            total, count = total + pair[0], count + pair[1]
-        return total / count if count else float("nan")
+    def turn(self, camera: int, rotation: np.ndarray) -> PairSums:
+        """Compare the pairs of one camera after its rays were turned by `rotation` (3, 3)."""
+        n, rays = len(self.rig), self.rays(camera, camera) @ rotation.T
+        sums, counts = np.zeros((_BLOCKS, n, n)), np.zeros((_BLOCKS, n, n))
+        for other in range(n):
+            if other != camera and self.comparable(camera, other):
+                turned = self._extreme_planes(camera, rays, camera, other)
+                apart, there = self._difference(turned, self.planes(other, other, camera))
+                sums[:, camera, other] = sums[:, other, camera] = apart
+                counts[:, camera, other] = counts[:, other, camera] = there
+        return PairSums(sums, counts)
 
     def _axis(self, a: int, b: int) -> tuple[np.ndarray, np.ndarray, float]:
         """Return two directions perpendicular to the line between two cameras, the first towards
@@ -202,27 +233,3 @@ class Tangency:
         first, second, distance = self._axis(camera, other)
         angles = np.arctan2(rays @ second, rays @ first)
         return distance * self._images[image].extremes(angles, _WIDEST)
-
-
-def _medians(values: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Return the medians (...) of values (..., n), of which `counts` (...) are not NaN."""
-    ordered, counts = np.sort(values), np.maximum(counts, 1)[..., None]
-    low, high = (np.take_along_axis(ordered, k, -1) for k in ((counts - 1) // 2, counts // 2))
-    return 0.5 * (low + high)[..., 0]
-
-
-def _differing_motion(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
-    """Return by how much the motions of planes (F, 2) differ, and how much they move."""
-    known = np.isfinite(a) & np.isfinite(b)
-    total = np.zeros(2)
-    for column, there in enumerate(known.T):
-        if there.any():
-            one, other = (of[there, column] - np.median(of[there, column]) for of in (a, b))
-            apart = (a - b)[there, column]
-            moving = np.maximum(np.abs(one), np.abs(other)).sum()
-            total += np.abs(apart - np.median(apart)).sum(), moving
-    return float(total[0]), float(total[1])
-
-
-def _mean(sums: np.ndarray, counts: np.ndarray) -> float:
-    return float(sums.sum() / counts.sum()) if counts.sum() else float("nan")

@@ -23,7 +23,6 @@ from psfs.cameras.camera import CameraRig
 from psfs.cli import check, info
 from psfs.diagnostics import examination
 from psfs.diagnostics.alignment import correct_rig
-from psfs.diagnostics.camera_consistency import find_inconsistent_cameras
 from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.occluders import find_hidden_pixels
 from psfs.people import people, volume
@@ -69,10 +68,9 @@ def remembered() -> Iterator[None]:
         return fitted, pose.copy(), error
 
     with pytest.MonkeyPatch.context() as patch:
-        for stage in (diagnose, find_hidden_pixels, correct_rig, find_inconsistent_cameras):
+        for stage in (diagnose, find_hidden_pixels, correct_rig):
             patch.setattr(examination, stage.__name__, find_once(stage))
-        for stage in (diagnose, find_inconsistent_cameras):
-            patch.setattr(check, stage.__name__, find_once(stage))
+        patch.setattr(check, diagnose.__name__, find_once(diagnose))
         for module in (people, people_of_takes, info, volume):
             patch.setattr(module, "count_people", count_once)
         patch.setattr(BoxSearch, "run", search_once)

@@ -16,11 +16,10 @@ from cl import InputError, NumpyDevice
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cli import main
+from psfs.diagnostics.calibration_faults import find_rig_faults
 from psfs.diagnostics.fault import Fault
 from psfs.diagnostics.faults import diagnose
-from psfs.diagnostics.rig_faults import find_rig_faults
 from psfs.diagnostics.sequence_info import rig_warnings
-from psfs.diagnostics.small_views import shows_several_people
 from psfs.sequence import Sequence
 from psfs.session import Session
 from psfs.volume import find_volume
@@ -82,7 +81,6 @@ def faults(folder: Path, **settings) -> list[Fault]:
 def test_sound_footage_has_no_faults(tmp_path: Path, masks: np.ndarray) -> None:
     diagnosis = diagnose(Session(Sequence.open(write(tmp_path / "a", masks)), NumpyDevice()))
     assert diagnosis.faults == []
-    assert diagnosis.disagreement < 0.01 and 1.2 < diagnosis.size < 1.9
 
 
 def with_k1(k1: list[float]) -> CameraRig:
@@ -179,14 +177,14 @@ def test_a_camera_that_hangs(tmp_path: Path, masks: np.ndarray) -> None:
     spoilt = masks.copy()
     spoilt[:, 2] = masks[FRAMES // 2, 2]
     (fault,) = faults(write(tmp_path / "a", spoilt))
-    assert fault.kind == "frozen" and fault.cameras == ("c2",)
+    assert fault.kind == "repeats" and fault.cameras == ("c2",)
 
 
 def test_a_camera_that_hangs_for_a_while(tmp_path: Path, masks: np.ndarray) -> None:
     spoilt = masks.copy()
     spoilt[FRAMES // 2 :, 2] = masks[FRAMES // 2, 2]
     (fault,) = faults(write(tmp_path / "a", spoilt))
-    assert fault.kind == "frozen" and fault.cameras == ("c2",)
+    assert fault.kind == "repeats" and fault.cameras == ("c2",)
     assert f"in frames 18 to {FRAMES - 1}" in str(fault)
 
 
@@ -196,7 +194,7 @@ def test_a_camera_of_another_take(tmp_path: Path, masks: np.ndarray) -> None:
     jumps = 7 * np.arange(FRAMES) % FRAMES
     spoilt[:, 2] = masks[jumps, 4][:, ::-1]
     (fault,) = faults(write(tmp_path / "a", spoilt))
-    assert fault.kind == "foreign" and fault.cameras == ("c2",)
+    assert fault.kind == "disagrees" and fault.cameras == ("c2",)
     assert "another take" in str(fault) and "--sync" not in str(fault)
 
 
@@ -204,8 +202,7 @@ def test_cameras_that_outline_different_people_are_of_one_take(tmp_path: Path) -
     """Two blocks: each camera outlines the one that it shows larger."""
     alone = film(rig(), beside=-0.5)
     both = alone | film(rig(), first=40, beside=0.8)
-    assert not shows_several_people(alone > 0) and shows_several_people(both > 0)
-    assert all(fault.kind != "foreign" for fault in faults(write(tmp_path / "a", both)))
+    assert all(not fault.spoils for fault in faults(write(tmp_path / "a", both)))
 
 
 @pytest.mark.parametrize("view", [0, 3])
@@ -213,19 +210,19 @@ def test_one_mirrored_camera(tmp_path: Path, masks: np.ndarray, view: int) -> No
     spoilt = masks.copy()
     spoilt[:, view] = masks[:, view, :, ::-1]
     (fault,) = faults(write(tmp_path / "a", spoilt))
-    assert fault.kind == "mirrored" and fault.cameras == (f"c{view}",)
+    assert fault.kind == "flipped" and fault.cameras == (f"c{view}",)
     assert f"the pictures of camera c{view} are mirrored" in str(fault)
 
 
 def test_an_empty_room(tmp_path: Path, masks: np.ndarray) -> None:
     (fault,) = faults(write(tmp_path / "a", np.zeros_like(masks)))
-    assert fault.kind == "nobody" and fault.cameras == ()
+    assert fault.kind == "empty" and fault.cameras == ()
 
 
 def test_masks_of_other_values(tmp_path: Path, masks: np.ndarray) -> None:
     of_bits = write(tmp_path / "bits", masks[:4] // 255)
     (fault,) = faults(of_bits)
-    assert fault.kind == "nobody" and "(the greatest value in them is 1)" in fault.text
+    assert fault.kind == "empty" and "(the greatest value in them is 1)" in fault.text
     with pytest.raises(InputError, match="the greatest value in them is 1"):
         find_volume(Session(Sequence.open(of_bits), NumpyDevice()))
     inverted = [f for f in faults(write(tmp_path / "inverted", 255 - masks[:4])) if f.serious]
@@ -236,7 +233,7 @@ def test_masks_of_other_values(tmp_path: Path, masks: np.ndarray) -> None:
 def test_a_camera_that_shows_nothing(tmp_path: Path) -> None:
     """All pictures of these videos are of one brightness."""
     found = faults(footage.native(tmp_path / "walk"))
-    assert {fault.kind for fault in found if fault.serious} == {"blank"}
+    assert {fault.kind for fault in found if fault.serious} == {"empty"}
 
 
 def test_another_up_axis(tmp_path: Path, masks: np.ndarray) -> None:
@@ -249,24 +246,24 @@ def test_another_up_axis(tmp_path: Path, masks: np.ndarray) -> None:
 
 def test_mirrored_pictures(tmp_path: Path, masks: np.ndarray) -> None:
     (fault,) = faults(write(tmp_path / "a", masks[..., ::-1]))
-    assert fault.kind == "mirrored" and "all cameras" in str(fault)
+    assert fault.kind == "flipped" and "all cameras" in str(fault)
 
 
 def test_a_camera_upside_down(tmp_path: Path, masks: np.ndarray) -> None:
     spoilt = masks.copy()
     spoilt[:, 3] = masks[:, 3, ::-1, ::-1]
     (fault,) = faults(write(tmp_path / "a", spoilt))
-    assert fault.kind == "turned" and fault.cameras == ("c3",) and "180 degrees" in str(fault)
+    assert fault.kind == "flipped" and fault.cameras == ("c3",) and "180 degrees" in str(fault)
 
 
 def test_a_camera_in_another_unit(tmp_path: Path, masks: np.ndarray) -> None:
     cameras = list(rig())
     cameras[2] = replace(cameras[2], t=1000 * cameras[2].t)
     (fault,) = faults(write(tmp_path / "a", masks, CameraRig(tuple(cameras))))
-    assert fault.kind == "far" and "camera c2 stands" in str(fault)
+    assert fault.kind == "calibration" and "camera c2 stands" in str(fault)
     cameras[2] = replace(rig()[2], K=np.array([[6.0, 0, 80], [0, 6, 60], [0, 0, 1]]))
     (fault,) = faults(write(tmp_path / "b", masks, CameraRig(tuple(cameras))))
-    assert fault.kind == "focal" and "expected pixels, not mm" in str(fault)
+    assert fault.kind == "calibration" and "expected pixels, not mm" in str(fault)
 
 
 def test_lenses_that_form_no_picture() -> None:
@@ -276,14 +273,14 @@ def test_lenses_that_form_no_picture() -> None:
     usual = np.array([-0.3, 0.1, 1e-3, -1e-3, 0.02])  # a wide lens
     for distortion, expected in (
         (usual, []),
-        (-5 * np.eye(5)[0], ["lens"]),
-        (1e5 * np.eye(5)[0], ["lens"]),
+        (-5 * np.eye(5)[0], ["calibration"]),
+        (1e5 * np.eye(5)[0], ["calibration"]),
     ):
         cameras = (replace(whole[0], distortion=distortion), *list(whole)[1:])
         assert [fault.kind for fault in find_rig_faults(CameraRig(cameras))] == expected
     strips = whole[0].K * np.array([[1.0], [10.0], [1.0]])
     (fault,) = find_rig_faults(CameraRig((replace(whole[0], K=strips), *list(whole)[1:])))
-    assert fault.kind == "focal" and "about the same along both sides" in str(fault)
+    assert fault.kind == "calibration" and "about the same along both sides" in str(fault)
 
 
 def test_a_calibration_of_camera_to_world(tmp_path: Path, masks: np.ndarray) -> None:
@@ -299,7 +296,7 @@ def test_poor_silhouettes_are_told_from_a_calibration(
     noise = np.random.default_rng(0).random((FRAMES, 5, 12, 16)) < 0.3
     speckled[:] = 255 * noise.repeat(10, 2).repeat(10, 3)
     fault = faults(write(tmp_path / "a", speckled))[0]
-    assert fault.kind == "disagree" and "silhouettes are poor" in str(fault)
+    assert fault.kind == "disagrees" and "silhouettes are poor" in str(fault)
     elsewhere = CameraRig(
         tuple(
             replace(c, K=np.add(c.K, [[0, 0, 55 * (-1) ** k], [0, 0, 40], [0, 0, 0]]))
@@ -318,7 +315,7 @@ def test_a_turned_camera(tmp_path: Path, masks: np.ndarray) -> None:
     cameras = list(rig())
     cameras[3] = replace(cameras[3], R=turn @ cameras[3].R, t=turn @ cameras[3].t)
     (fault,) = faults(write(tmp_path / "a", masks, CameraRig(tuple(cameras))))
-    assert fault.kind == "moved" and fault.cameras == ("c3",)
+    assert fault.kind == "disagrees" and fault.cameras == ("c3",)
     assert "3.6 degrees" in str(fault)
 
 

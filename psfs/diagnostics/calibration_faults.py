@@ -1,12 +1,16 @@
-"""Faults that a calibration shows by itself: a camera in another unit than the others."""
+"""Faults of a calibration: cameras that cannot be, and a person of a size that cannot be."""
 
 from __future__ import annotations
+
+import math
+from collections.abc import Iterator
 
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.distortion import undistort
-from psfs.diagnostics.fault import Fault
+from psfs.cameras.units import metres_per_unit
+from psfs.diagnostics.fault import Evidence, Fault, FaultKind
 
 #: A camera has another unit, or another world, if it is this many times as far from the others as
 #: they are from each other.
@@ -18,11 +22,32 @@ _FOCAL = (0.125, 100.0)
 _OBLONG = 2.0
 #: Largest factor by which a lens moves the middle of a picture's side.
 _DISTORTED = 3.0
+#: Range of a person's size, m. Outside it, the unit is wrong by a power of ten.
+PERSON = (0.25, 4.0)
+#: Height of people who stand or walk, m, and units that are no powers of ten, in metres.
+_STANDING = (1.1, 2.1)
+_IMPERIAL = {0.0254: "inches", 0.3048: "feet"}
+
+
+class Calibration(FaultKind):
+    """A camera that cannot be: a focal length in mm instead of pixels, a lens that forms no
+    picture, or a place in another unit than the others'. No statistic: the limits are of optics."""
+
+    kind = "calibration"
+
+    def find(self, evidence: Evidence) -> Iterator[Fault]:
+        names = evidence.names
+        if len(names) == 1:
+            text = (
+                f"camera {names[0]} is the only one, which gives no depth: its silhouette extends "
+                "to the end of the volume; expected two or more"
+            )
+            yield Fault("calibration", (names[0],), text)
+        yield from find_rig_faults(evidence.sequence.rig)
 
 
 def find_rig_faults(rig: CameraRig) -> list[Fault]:
-    """Return the cameras whose calibration has another unit than the others', a focal length in mm
-    instead of pixels, or a lens that forms no picture."""
+    """Return the faults that the cameras show without pictures."""
     return [*_check_focal_lengths(rig), *_check_lenses(rig), *_find_far_camera(rig)]
 
 
@@ -36,14 +61,14 @@ def _check_focal_lengths(rig: CameraRig) -> list[Fault]:
                 f"camera {camera.name}: focal lengths of {focal:.3g} and {camera.K[1, 1]:.3g} px; "
                 "expected about the same along both sides"
             )
-            faults.append(Fault("focal", (camera.name,), text))
+            faults.append(Fault("calibration", (camera.name,), text))
         elif not _FOCAL[0] <= focal / longest <= _FOCAL[1]:
             width, height = camera.size
             text = (
                 f"camera {camera.name}: a focal length of {focal:.3g} px for pictures of {width} x "
                 f"{height} px; expected pixels, not mm"
             )
-            faults.append(Fault("focal", (camera.name,), text))
+            faults.append(Fault("calibration", (camera.name,), text))
     return faults
 
 
@@ -63,7 +88,7 @@ def _check_lenses(rig: CameraRig) -> list[Fault]:
                 f"{side:g} px from the middle; expected coefficients k1, k2, p1, p2, k3 of focal "
                 "lengths, not of pixels"
             )
-            faults.append(Fault("lens", (camera.name,), text))
+            faults.append(Fault("calibration", (camera.name,), text))
     return faults
 
 
@@ -81,4 +106,34 @@ def _find_far_camera(rig: CameraRig) -> list[Fault]:
         f"camera {rig.names[view]} stands {far:,.4g} m from the others, which stand within "
         f"{near:.3g} m: its translation is in another unit, or its calibration of another world"
     )
-    return [Fault("far", (rig.names[view],), text)]
+    return [Fault("calibration", (rig.names[view],), text)]
+
+
+class Unit(FaultKind):
+    """A unit that is wrong by a power of ten. Statistic: the person's size, which is that of
+    people."""
+
+    kind = "unit"
+
+    def find(self, evidence: Evidence) -> Iterator[Fault]:
+        sequence, size = evidence.sequence, evidence.tangency.size
+        disagree = any(f.kind in ("calibration", "disagrees", "convention") for f in evidence.known)
+        sound = not size > 0 or PERSON[0] <= size <= PERSON[1]
+        if sequence.settings.subject == "object" or sound or disagree:
+            return
+        power = round(math.log10(1.3 / size))
+        now = metres_per_unit(sequence.unit)
+        names = {1.0: "m", 0.01: "cm", 0.001: "mm"}
+        likely = names.get(float(f"{now * 10.0**power:.6g}"), f"{now * 10.0**power:.3g}")
+        wrong, unit = f"wrong by {10 ** abs(power):,}", likely
+        for metres, name in _IMPERIAL.items():
+            imperial, decimal = size * metres / now, size * 10.0**power
+            if _STANDING[0] < imperial < _STANDING[1] and not (
+                _STANDING[0] < decimal < _STANDING[1]
+            ):
+                wrong, unit, likely = "wrong", name, f"{metres:g}"
+        text = (
+            f"a person would be about {size:.3g} m tall: the unit is {wrong}; it looks like {unit}:"
+            f" --unit {likely} (or --subject object, if it is no person)"
+        )
+        yield Fault(self.kind, (), text)

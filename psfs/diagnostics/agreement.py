@@ -1,0 +1,155 @@
+"""Agreement of silhouettes with their common visual hull, with and without each camera.
+
+A hull contains what it was carved from, so the hull of sound cameras covers the silhouettes of
+all. A camera that was moved, is late or films something else cuts into the hull of the others, and
+lies beside it. Without this camera the others agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import cv2
+import numpy as np
+
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.rig_geometry import find_seen_box, required_cameras
+from psfs.common.numbers import pick_evenly
+from psfs.voxels.grid import VoxelGrid
+
+#: Most voxels of the grid around the person, and frames in which it is carved.
+_VOXELS, _FRAMES = 150_000, 12
+#: Distance from the common hull within which foreground is the person's, as a share of the hull's
+#: height: what lies farther away is clutter.
+_NEAR = 0.15
+#: Share of the silhouettes by which sound ones differ at their rims, in pictures of this size.
+RIM = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class CameraAgreement:
+    """The agreement of V cameras in S frames.
+
+    outside: (S, V, V) share of the silhouettes of camera u (second axis) outside the hull of all
+    the others, w (third axis) left out, too; NaN without a silhouette. Where u = w, only u itself
+    is left out.
+    """
+
+    outside: np.ndarray
+
+    @property
+    def own(self) -> np.ndarray:
+        """Share (S, V) of each camera's silhouette outside the hull of all others."""
+        return np.diagonal(self.outside, axis1=1, axis2=2)
+
+    def with_others(self, view: int) -> np.ndarray:
+        """Return the mean share (S,) outside of the other cameras' silhouettes, with this one."""
+        return _mean(np.delete(self.own, view, axis=1))
+
+    def without(self, view: int) -> np.ndarray:
+        """Return the same share (S,) after this camera was left out."""
+        return _mean(np.delete(self.outside[:, :, view], view, axis=1))
+
+
+class HullAgreement:
+    """Hulls of silhouettes (S, V, h, w) bool in a coarse grid around the person."""
+
+    def __init__(self, rig: CameraRig, silhouettes: np.ndarray) -> None:
+        self.rig = rig
+        self.samples = pick_evenly(len(silhouettes), _FRAMES)
+        self.masks = silhouettes[self.samples].view(np.uint8)
+        square = np.ones((3, 3), np.uint8)
+        self._wide = np.stack([[cv2.dilate(mask, square) for mask in row] for row in self.masks])
+        box = find_seen_box(rig, required_cameras(len(rig), 0.5)) or find_seen_box(rig, 2)
+        low, high = box or (np.full(3, -1.0), np.full(3, 1.0))
+        self._set_grid(low, high)
+        occupied = self._find_common(np.arange(len(rig)))
+        if occupied.any():
+            centres, edge = self.grid.centres(np.flatnonzero(occupied)), self.grid.voxel_size
+            self._set_grid(centres.min(0) - edge, centres.max(0) + edge)
+
+    def measure(self, views: Sequence[int]) -> CameraAgreement:
+        """Measure how the silhouettes of some cameras agree."""
+        chosen = np.asarray(views)
+        outside = np.full((len(self.masks), len(chosen), len(chosen)), np.nan)
+        for frame in range(len(self.masks)):
+            voxels, missing = self._find_candidates(frame, chosen)
+            common = voxels[missing.sum(0) <= 1]
+            persons = [self._select_person(frame, int(view), common) for view in views]
+            for a, b in combinations_with_replacement(range(len(chosen)), 2):
+                hull = voxels[np.delete(missing, [a, b], axis=0).sum(0) == 0]
+                for own, other in ((a, b), (b, a)) if a != b else ((a, a),):
+                    area = np.count_nonzero(persons[own])
+                    if area:
+                        covered = self.project(int(chosen[own]), hull)
+                        inside = np.count_nonzero(persons[own] & covered)
+                        outside[frame, own, other] = 1 - inside / area
+        return CameraAgreement(outside)
+
+    def expect(self, frame: int, view: int, views: Sequence[int]) -> np.ndarray:
+        """Return the pixels (h, w) bool of a camera that the hull of all others of `views` covers,
+        in the picture of sample `frame`."""
+        others = np.array([other for other in views if other != view])
+        voxels, missing = self._find_candidates(frame, others)
+        return self.project(view, voxels[missing.sum(0) == 0])
+
+    def project(self, view: int, voxels: np.ndarray) -> np.ndarray:
+        """Return the pixels (h, w) bool of a camera that the voxels (N,) cover."""
+        height, width = self.masks.shape[2:]
+        covered = np.zeros(height * width + 1, np.uint8)
+        covered[self._pixels[view, voxels]] = 1
+        square = np.ones((self._widths[view],) * 2, np.uint8)
+        return cv2.dilate(covered[:-1].reshape(height, width), square) > 0
+
+    def _set_grid(self, low: np.ndarray, high: np.ndarray) -> None:
+        self.grid = VoxelGrid.covering(low, high, float(np.cbrt(np.prod(high - low) / _VOXELS)))
+        centres, edge = self.grid.centres(), self.grid.voxel_size
+        height, width = self.masks.shape[2:]
+        self._pixels = np.full((len(self.rig), len(centres)), height * width, np.int32)
+        for pixels, camera in zip(self._pixels, self.rig, strict=True):
+            inside, row, column, _ = camera.look_up(centres)
+            pixels[inside] = row * width + column
+        self._seen = self._pixels < height * width
+        depths = [(centres.mean(0) - c.centre) @ c.R[2] for c in self.rig]
+        self._widths = [
+            2 + int(np.clip(np.ceil(edge * c.K[0, 0] / max(z, edge)), 1, width))
+            for c, z in zip(self.rig, depths, strict=True)
+        ]
+
+    def _find_common(self, views: np.ndarray) -> np.ndarray:
+        """Return the voxels (N,) bool that in a frame all cameras but one show."""
+        found = np.zeros(self.grid.size, bool)
+        for frame in range(len(self.masks)):
+            voxels, missing = self._find_candidates(frame, views)
+            found[voxels[missing.sum(0) <= 1]] = True
+        return found
+
+    def _find_candidates(self, frame: int, views: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the voxels (N,) that enough cameras see and of these all but two show, and which
+        cameras (len(views), N) see them and show none."""
+        shown = np.stack([np.append(self._wide[frame, v], 0)[self._pixels[v]] > 0 for v in views])
+        missing = self._seen[views] & ~shown
+        needed = max(1, min(2, len(views) - 1))
+        voxels = np.flatnonzero((missing.sum(0) <= 2) & (shown.sum(0) >= needed))
+        return voxels, missing[:, voxels]
+
+    def _select_person(self, frame: int, view: int, common: np.ndarray) -> np.ndarray:
+        """Return the parts (h, w) bool of a silhouette that meet the common hull, near it; the
+        whole silhouette if none does."""
+        own, expected = self.masks[frame, view], self.project(view, common)
+        _, labels = cv2.connectedComponents(own, connectivity=8)
+        met = np.unique(labels[expected & (own > 0)])
+        if not len(met):
+            return own > 0
+        reach = max(1, round(_NEAR * np.ptp(np.flatnonzero(expected.any(axis=1)))))
+        near = cv2.dilate(expected.view(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) > 0
+        return np.isin(labels, met) & near
+
+
+def _mean(shares: np.ndarray) -> np.ndarray:
+    """Return the means (S,) of shares (S, N); NaN where all are."""
+    known = np.isfinite(shares)
+    counts = known.sum(axis=1)
+    return np.where(counts, np.where(known, shares, 0).sum(1) / np.maximum(counts, 1), np.nan)

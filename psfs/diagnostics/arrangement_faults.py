@@ -1,0 +1,342 @@
+"""Faults of what belongs together: exchanged, flipped and late pictures, cameras that disagree, and
+calibrations of another convention. Each explanation is tried and measured by the silhouettes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import cv2
+import numpy as np
+from scipy.optimize import minimize
+
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.names import join_names
+from psfs.diagnostics.agreement import RIM, CameraAgreement
+from psfs.diagnostics.fault import Evidence, Fault, FaultKind, significant
+from psfs.diagnostics.tangency import CAP, PairSums, Tangency
+
+#: Conventions of other programs' calibrations: camera to world instead of world to camera; the
+#: camera's centre instead of the translation; OpenGL's camera axes.
+CONVENTIONS: dict[str, Callable[[Camera], Camera]] = {
+    "R and t lead from the camera to the world": lambda c: replace(c, R=c.R.T, t=-c.R.T @ c.t),
+    "t is the camera's centre": lambda c: replace(c, t=-c.R @ c.t),
+    "the camera's axes are OpenGL's, y up and -z forward": lambda c: replace(
+        c, R=np.diag([1.0, -1, -1]) @ c.R, t=np.diag([1.0, -1, -1]) @ c.t
+    ),
+}
+#: Radial distortions k1 of wide lenses that are tried, and errors of the focal length that would
+#: look alike.
+_DISTORTIONS, _FOCAL_FACTORS = (-0.1, -0.2, -0.3, -0.4), (0.85, 0.9, 0.95, 1.05, 1.1)
+#: Share of the misfit that an explanation must remove for certain: less is the silhouettes' noise.
+_LEAST_GAIN = 0.15
+#: Cameras, those that fit worst, of which any two may be exchanged.
+_MOST_EXCHANGED = 8
+#: Share of the silhouettes outside the hull of the others above which no cameras agree.
+_BESIDE = 0.5
+#: Share of the largest misfit of the extreme planes above which no cameras agree.
+_MISFIT = 0.8
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """An explanation of the misfit: the cameras that it changes, and the costs with it."""
+
+    fault: Fault
+    views: list[int]
+    after: PairSums
+
+
+class Rearranged(FaultKind):
+    """Pictures that fit the cameras only exchanged or flipped, and calibrations that fit only in
+    another convention or with another lens: the explanation that leaves the least misfit.
+
+    Statistic: the share of the misfit of the changed cameras that the explanation removes, by
+    stretches of frames; it must be above `_LEAST_GAIN` by a t test, and explain more than late
+    cameras do.
+    """
+
+    kind = "exchange"
+
+    def find(self, evidence: Evidence) -> Iterator[Fault]:
+        tangency = evidence.tangency
+        before = tangency.compare()
+        if len(evidence.sound) < 2 or not math.isfinite(before.cost):
+            return
+        tried = [*_try_flips(evidence, before), *_try_conventions(evidence)]
+        order = _find_order(evidence, before)
+        if order != list(range(len(order))):
+            tried.append(_describe_exchange(evidence.names, order, tangency.compare(order)))
+        rate = evidence.config.false_alarms / max(len(tried), 1)
+        fitting = [
+            trial
+            for trial in tried
+            if significant(before.measure_gain(trial.after, trial.views), _LEAST_GAIN, rate)
+        ]
+        in_time = (1 - _LEAST_GAIN) * evidence.in_time.cost if evidence.offsets.any() else np.inf
+        fitting = [trial for trial in fitting if trial.after.cost < in_time]
+        if fitting:
+            yield min(fitting, key=lambda trial: trial.after.cost).fault
+        elif not evidence.offsets.any():
+            yield from _find_dropped_distortion(evidence, before)
+
+
+def _find_order(evidence: Evidence, before: PairSums) -> list[int]:
+    """Return (V,) the camera whose pictures each camera should have: two cameras at a time are
+    exchanged, the best pair first, as long as that surely helps."""
+    tangency, order = evidence.tangency, list(range(len(evidence.names)))
+    worst = np.argsort(-np.nan_to_num(before.cameras))[:_MOST_EXCHANGED]
+    sizes = [camera.size for camera in evidence.rig]
+    pairs = [(int(a), int(b)) for a, b in combinations(worst, 2) if sizes[a] == sizes[b]]
+    for _ in range(len(order) - 1):
+        best: tuple[list[int], PairSums] | None = None
+        for a, b in pairs:
+            swapped = list(order)
+            swapped[a], swapped[b] = order[b], order[a]
+            after = tangency.compare(swapped)
+            gain = before.measure_gain(after, (a, b))
+            rate = evidence.config.false_alarms / len(pairs)
+            if significant(gain, _LEAST_GAIN, rate) and (best is None or after.cost < best[1].cost):
+                best = swapped, after
+        if best is None or not best[1].cost < before.cost:
+            break
+        order, before = best
+    return order
+
+
+def _describe_exchange(names: list[str], order: list[int], after: PairSums) -> _Trial:
+    wrong = [view for view, image in enumerate(order) if view != image]
+    if len(wrong) == 2:
+        a, b = (names[view] for view in wrong)
+        text = f"cameras {a} and {b} look exchanged: each one's pictures fit the other's place"
+    else:
+        moves = [f"those of {names[order[view]]} to {names[view]}" for view in wrong]
+        text = f"cameras look exchanged; the pictures would fit so: {join_names(moves)}"
+    cameras = tuple(names[view] for view in wrong)
+    text = f"{text}; rename the files, or the calibration's cameras"
+    return _Trial(Fault("exchange", cameras, text), wrong, after)
+
+
+def _try_flips(evidence: Evidence, before: PairSums) -> Iterator[_Trial]:
+    """Yield the flips of all pictures or of one camera's. The flips of a symmetric body look alike,
+    so they change no cost."""
+    mends = {
+        "mirrored": "mirrored, left to right; flip them back",
+        "upside down": "upside down; turn them, and the background, by 180 degrees",
+    }
+    views, tangency, names = evidence.sound, evidence.tangency, evidence.names
+    every = tuple(names[view] for view in views)
+    text = f"the pictures of all cameras are {mends['mirrored']}"
+    yield _Trial(Fault("flipped", every, text), views, tangency.compare(mirrored=views))
+    for view in views if len(views) > 2 else ():
+        for flip, text in mends.items():
+            keys = {"mirrored": [view]} if flip == "mirrored" else {"turned": [view]}
+            text = f"the pictures of camera {names[view]} are {text}"
+            after = tangency.compare(base=before, **keys)
+            yield _Trial(Fault("flipped", (names[view],), text), [view], after)
+
+
+def _try_conventions(evidence: Evidence) -> Iterator[_Trial]:
+    for meaning, mend in CONVENTIONS.items():
+        cameras = tuple(mend(camera) for camera in evidence.rig)
+        after = Tangency(CameraRig(cameras), evidence.tangency.outlines).compare()
+        if math.isfinite(after.cost):
+            text = (
+                f"the calibration fits only if {meaning}; write it as world to camera, x_cam = R x "
+                "+ t"
+            )
+            yield _Trial(Fault("convention", (), text), evidence.sound, after)
+
+
+def _find_dropped_distortion(evidence: Evidence, before: PairSums) -> Iterator[Fault]:
+    """Find the cameras whose distortion the calibration lacks, all or one.
+
+    If no camera has a distortion, those of wide lenses are tried for all at once; they must fit
+    better than other focal lengths, which move silhouettes alike. If only some have none, the
+    median of the others' is tried for each.
+    """
+    rig, rate = evidence.rig, evidence.config.false_alarms
+    plain = [view for view, camera in enumerate(rig) if not camera.lens.any()]
+
+    def compare(cameras: Iterable[Camera]) -> PairSums:
+        return Tangency(CameraRig(tuple(cameras)), evidence.tangency.outlines).compare()
+
+    if len(plain) == len(rig):
+        others = [before, *(compare(_scale(c, factor) for c in rig) for factor in _FOCAL_FACTORS)]
+        wide = {k1: compare(_bend(c, [k1, 0, 0, 0, 0]) for c in rig) for k1 in _DISTORTIONS}
+        k1 = min(wide, key=lambda value: wide[value].cost)
+        gains = [other.measure_gain(wide[k1], evidence.sound) for other in others]
+        if all(significant(gain, _LEAST_GAIN, rate / len(_DISTORTIONS)) for gain in gains):
+            text = (
+                f"the calibration states no lens distortion, but silhouettes fit with k1 = {k1:g}; "
+                "write the lenses' distortion into the calibration"
+            )
+            yield Fault("lens", (), text)
+        return
+    usual = np.median([camera.distortion for camera in rig if camera.lens.any()], axis=0)
+    for view in plain if 2 * len(plain) < len(rig) else ():
+        after = compare(_bend(c, usual) if v == view else c for v, c in enumerate(rig))
+        if significant(before.measure_gain(after, [view]), _LEAST_GAIN, rate / len(plain)):
+            name = evidence.names[view]
+            text = (
+                f"camera {name} has no lens distortion, and its silhouettes fit with that of the "
+                f"other cameras (k1 = {usual[0]:.2g}); write its own into the calibration"
+            )
+            yield Fault("lens", (name,), text)
+
+
+def _bend(camera: Camera, distortion: object) -> Camera:
+    return replace(camera, distortion=np.asarray(distortion, float))
+
+
+def _scale(camera: Camera, factor: float) -> Camera:
+    K = camera.K.copy()
+    K[[0, 0, 1], [0, 1, 1]] *= factor
+    return replace(camera, K=K)
+
+
+class Late(FaultKind):
+    """A camera whose pictures come late or early.
+
+    Statistic: the offset by `psfs.footage.camera_times`, see `Evidence.offsets`.
+    """
+
+    kind = "late"
+
+    def find(self, evidence: Evidence) -> Iterator[Fault]:
+        for view in np.flatnonzero(evidence.offsets):
+            name, by = evidence.names[view], int(evidence.offsets[view])
+            text = (
+                f"camera {name} comes about {abs(by)} frames {'late' if by > 0 else 'early'} "
+                f"({abs(by) / evidence.sequence.fps:.2g} s, to "
+                f"{evidence.times.sigmas[view]:.1f} frames); --sync auto shifts it"
+            )
+            yield Fault("late", (name,), text, by)
+
+
+class Disagreeing(FaultKind):
+    """Cameras whose silhouettes do not fit those of the others.
+
+    Statistic: by how much the share of the others' silhouettes that lies outside their common hull
+    falls if the camera is left out, by frames. It must surely fall to less than half. Needs four
+    cameras; at most a third of them are accused. If no camera explains it and less than half of the
+    silhouettes lies within the hull, or the extreme planes differ as those of strangers do, none
+    agree.
+    """
+
+    kind = "disagrees"
+
+    def find(self, evidence: Evidence) -> Iterator[Fault]:
+        views = evidence.sound
+        while len(views) >= 2:
+            agreement = evidence.agreement.measure(views)
+            number, gains = find_outlier(agreement)
+            most = len(evidence.names) // 3
+            accused = len(evidence.sound) - len(views)
+            if (
+                len(views) < 4
+                or accused >= most
+                or not significant(gains, math.log(2), evidence.config.false_alarms)
+            ):
+                break
+            yield _accuse(evidence, views[number], agreement, number)
+            views = [view for view in views if view != views[number]]
+        else:
+            return
+        rows = agreement.own[np.isfinite(agreement.own).any(axis=1)]
+        beside = np.nanmedian(rows, axis=1)
+        misfits = evidence.tangency.compare().blocks / CAP
+        rate = evidence.config.false_alarms
+        if significant(beside, _BESIDE, rate) or significant(misfits, _MISFIT, rate):
+            yield _explain_disagreement(evidence, float(np.mean(beside)) if len(beside) else 1.0)
+
+
+def find_outlier(agreement: CameraAgreement) -> tuple[int, np.ndarray]:
+    """Return the camera without which the others agree best, and the logarithms by how much better
+    than without another one: pseudo-values (S,) of the jackknife over frames."""
+    n = agreement.outside.shape[1]
+    without = np.stack([agreement.without(view) for view in range(n)], -1)
+    without = without[np.isfinite(without).all(axis=1)]
+    if not len(without):
+        return 0, np.zeros(0)
+    view = int(without.mean(0).argmin())
+
+    def gain(shares: np.ndarray) -> float:
+        return math.log((np.median(np.delete(shares, view)) + RIM) / (shares[view] + RIM))
+
+    count, total = len(without), without.sum(0)
+    every = gain(total / count)
+    parts = [gain((total - row) / max(count - 1, 1)) for row in without]
+    return view, count * every - (count - 1) * np.array(parts)
+
+
+def _accuse(evidence: Evidence, view: int, agreement: CameraAgreement, number: int) -> Fault:
+    name = evidence.names[view]
+    before = float(np.nanmean(agreement.with_others(number)))
+    after = float(np.nanmean(agreement.without(number)))
+    reasons = [f.text for f in evidence.known if f.serious and f.cameras == (name,)]
+    why = reasons[0] if reasons else _explain_outlier(evidence, view)
+    text = (
+        f"camera {name} disagrees with the others: with it {before:.0%} of their silhouettes lie "
+        f"outside the common hull, without it {after:.0%}; {why}"
+    )
+    return Fault("disagrees", (name,), text, spoils=True)
+
+
+def _explain_outlier(evidence: Evidence, view: int) -> str:
+    """Return why a camera may disagree: the turn that makes it fit, if there is one."""
+    tangency = evidence.tangency
+    before = tangency.turn(view, np.eye(3))
+    if math.isfinite(before.cost):
+        simplex = np.vstack([np.zeros(3), 0.05 * np.eye(3)])
+        found = minimize(
+            lambda vector: tangency.turn(view, cv2.Rodrigues(vector)[0]).cost,
+            np.zeros(3),
+            method="Nelder-Mead",
+            options={"initial_simplex": simplex, "maxfev": 200, "xatol": 1e-3, "fatol": 1e-4},
+        )
+        angle, after = (
+            float(np.linalg.norm(found.x)),
+            tangency.turn(view, cv2.Rodrigues(found.x)[0]),
+        )
+        gain = before.measure_gain(after, [view])
+        if angle < 0.5 and significant(gain, 0.5, evidence.config.false_alarms):
+            return (
+                f"it was turned by about {math.degrees(angle):.1f} degrees since its calibration, "
+                "or that is wrong; calibrate it again"
+            )
+    return (
+        "it was moved, its video is of another take or another person, or its silhouettes are "
+        f"wrong; look: psfs silhouettes {evidence.sequence.folder} -o SIL"
+    )
+
+
+def _explain_disagreement(evidence: Evidence, beside: float) -> Fault:
+    poor = _describe_poor_silhouettes(evidence)
+    if poor:
+        text = f"the cameras do not agree, and silhouettes are poor: {poor}"
+    else:
+        text = (
+            f"the cameras do not agree: {beside:.0%} of their silhouettes lie outside the others' "
+            f"hull, expected less than {_BESIDE:.0%}, though each looks sound: the calibration is "
+            "not of these pictures, or they are not of one time"
+        )
+    text = f"{text}; look at them: psfs info {evidence.sequence.folder} --masks FILE.png"
+    return Fault("disagrees", (), text)
+
+
+def _describe_poor_silhouettes(evidence: Evidence) -> str:
+    """Return a text that names the cameras whose silhouettes are no single shape of steady size."""
+    poor = []
+    for view, camera in enumerate(evidence.rig):
+        pixels = camera.size[0] * camera.size[1]
+        outlines = [row[view] for row in evidence.views.outlines]
+        areas = np.array([0 if outline is None else outline.area for outline in outlines])
+        shares = areas / np.maximum(evidence.views.foreground[:, view] * pixels, 1)
+        if (areas > 0).mean() < 0.5:
+            poor.append(f"{camera.name} often shows no person")
+        elif np.median(shares) < 0.5:
+            poor.append(f"{camera.name}'s are in pieces")
+    return join_names(poor) if poor else ""
