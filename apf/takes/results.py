@@ -142,7 +142,7 @@ def finish_take(
             line.begin("overlay")
             report = partial(line, "overlay")
             write_overlay(folder / OVERLAY, take.sequence, track, report)
-    reasons = {camera.camera: str(camera) for camera in examination.left_out}
+    reasons = {fault.cameras[0]: str(fault) for fault in examination.left_out}
     of_start = take.start.doubts if take.start is not None else []
     warnings = [*job.remarks, *opened.doubts, *of_start]
     doubts = (*examination.remaining, *opened.doubts, *of_start)

@@ -37,7 +37,7 @@ _MOST_EXCHANGED = 8
 #: Share of the silhouettes outside the hull of the others above which no cameras agree.
 _BESIDE = 0.5
 #: Share of the largest misfit of the extreme planes above which no cameras agree.
-_MISFIT = 0.8
+_MISFIT = 0.7
 
 
 @dataclass(frozen=True)
