@@ -54,8 +54,8 @@ class Rearranged(FaultKind):
     another convention or with another lens: the explanation that leaves the least misfit.
 
     Statistic: the share of the misfit of the changed cameras that the explanation removes, by
-    stretches of frames; it must be above `_LEAST_GAIN` by a t test, and explain more than late
-    cameras do.
+    stretches of frames; it must be above `_LEAST_GAIN` by a t test. It must explain more than
+    late cameras do and, if it changes all cameras, more than a single one that is wrong.
     """
 
     kind = "exchange"
@@ -75,8 +75,14 @@ class Rearranged(FaultKind):
             for trial in tried
             if significant(before.measure_gain(trial.after, trial.views), _LEAST_GAIN, rate)
         ]
-        in_time = (1 - _LEAST_GAIN) * evidence.in_time.cost if evidence.offsets.any() else np.inf
-        fitting = [trial for trial in fitting if trial.after.cost < in_time]
+        alone = min((before.without(v) for v in evidence.sound), default=np.inf)
+        in_time = evidence.in_time.cost if evidence.offsets.any() else np.inf
+        fitting = [
+            trial
+            for trial in fitting
+            if trial.after.cost < (1 - _LEAST_GAIN) * in_time
+            and not (len(trial.views) > 2 and trial.after.cost > (1 - _LEAST_GAIN) * alone)
+        ]
         if fitting:
             yield min(fitting, key=lambda trial: trial.after.cost).fault
         elif not evidence.offsets.any():
@@ -220,7 +226,7 @@ class Disagreeing(FaultKind):
     """Cameras whose silhouettes do not fit those of the others.
 
     Statistic: by how much the share of the others' silhouettes that lies outside their common hull
-    falls if the camera is left out, by frames. It must surely fall to less than half. Needs four
+    falls if the camera is left out, by frames; it must surely fall to less than half. Needs four
     cameras; at most a third of them are accused. If no camera explains it and less than half of the
     silhouettes lies within the hull, or the extreme planes differ as those of strangers do, none
     agree.
@@ -255,21 +261,26 @@ class Disagreeing(FaultKind):
 
 def find_outlier(agreement: CameraAgreement) -> tuple[int, np.ndarray]:
     """Return the camera without which the others agree best, and the logarithms by how much better
-    than without another one: pseudo-values (S,) of the jackknife over frames."""
+    than with it: pseudo-values (S,) of the jackknife over frames.
+
+    What the camera itself shows outside the hull of the others counts, if it is less: a camera
+    before which furniture stands only lacks what the others show.
+    """
     n = agreement.outside.shape[1]
     without = np.stack([agreement.without(view) for view in range(n)], -1)
-    without = without[np.isfinite(without).all(axis=1)]
-    if not len(without):
+    known = np.isfinite(without).all(axis=1)
+    if not known.any():
         return 0, np.zeros(0)
-    view = int(without.mean(0).argmin())
+    view = int(without[known].mean(0).argmin())
+    beside = np.nan_to_num(agreement.own[:, view], nan=1.0)
+    rows = np.column_stack([agreement.with_others(view), beside, without[:, view]])[known]
 
     def gain(shares: np.ndarray) -> float:
-        return math.log((np.median(np.delete(shares, view)) + RIM) / (shares[view] + RIM))
+        return math.log((min(shares[0], shares[1]) + RIM) / (shares[2] + RIM))
 
-    count, total = len(without), without.sum(0)
-    every = gain(total / count)
-    parts = [gain((total - row) / max(count - 1, 1)) for row in without]
-    return view, count * every - (count - 1) * np.array(parts)
+    count, total = len(rows), rows.sum(0)
+    parts = [gain((total - row) / max(count - 1, 1)) for row in rows]
+    return view, count * gain(total / count) - (count - 1) * np.array(parts)
 
 
 def _accuse(evidence: Evidence, view: int, agreement: CameraAgreement, number: int) -> Fault:

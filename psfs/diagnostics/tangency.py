@@ -69,6 +69,12 @@ class PairSums:
         """Mean (V,) of each camera's pairs."""
         return _divide(self.sums.sum((0, 1)), self.counts.sum((0, 1)))
 
+    def without(self, view: int) -> float:
+        """Return the mean of all pairs but one camera's; NaN without any."""
+        kept = np.delete(np.arange(self.sums.shape[1]), view)
+        rest = np.ix_(np.arange(len(self.sums)), kept, kept)
+        return float(_divide(self.sums[rest].sum(), self.counts[rest].sum()))
+
     def measure_gain(self, after: PairSums, views: Sequence[int]) -> np.ndarray:
         """Return by which share the cost of the pairs of `views` is less after a change.
 

@@ -93,5 +93,5 @@ def _views(seen: Keypoints, rig: CameraRig) -> SmallViews:
     unknown = np.zeros((FRAMES, len(rig)))
     masks = np.zeros((1, len(rig), 120, 160), bool)
     return SmallViews(
-        small, range(FRAMES), outlines, unknown, unknown, None, np.arange(1), masks, None
+        small, range(FRAMES), outlines, unknown, unknown, unknown, None, np.arange(1), masks, None
     )

@@ -27,7 +27,7 @@ def make_views() -> SmallViews:
     share = np.ones((10, 3))
     empty = np.zeros((0, 3, 120, 160))
     return SmallViews(
-        scenes.ring(3, (160, 120)), range(10), outlines, share, share, None,
+        scenes.ring(3, (160, 120)), range(10), outlines, share, share, share, None,
         np.zeros(0, int), empty > 0, None,
     )  # fmt: skip
 

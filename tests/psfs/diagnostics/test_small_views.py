@@ -10,7 +10,6 @@ from helpers import scenes
 from cl import Device
 from psfs.backend import make_evidence_function, make_evidence_pipeline
 from psfs.diagnostics.small_views import extract_outline
-from psfs.diagnostics.tangency import CAP, Tangency
 from psfs.sequence import Frame
 from psfs.silhouettes.config import SilhouetteConfig
 
@@ -47,25 +46,6 @@ def test_nobody_has_no_outline() -> None:
     assert extract_outline(mask) is None
     mask[3:8, 3:8] = True  # fewer pixels than count
     assert extract_outline(mask) is None
-
-
-def test_lags_of_planes_at_once() -> None:
-    random = np.random.default_rng(4)
-    a, b = random.normal(0, 0.1, (2, 30, 2))
-    a[3:9, 0] = b[20:, 1] = np.nan
-    rig = scenes.ring(3, (64, 48))
-    tangency = Tangency(rig, [[None] * 3] * 30)
-    tangency.size = 1.7
-    at_once = tangency.differences(a, b, 40, steady=True, cap=CAP)
-    one_by_one = [tangency.difference(a, b, lag) for lag in range(-40, 41)]
-    np.testing.assert_allclose(at_once, one_by_one, atol=1e-12)
-    # What is the same in all frames is no lag.
-    aside = tangency.differences(a + np.array([0.3, -0.2]), b, 5, steady=False, cap=1.0)
-    expected = tangency.differences(a, b, 5, steady=False, cap=1.0)
-    np.testing.assert_allclose(aside, expected, atol=1e-12)
-    apart = (a[2:] - b[:-2]) / 1.7
-    rest = np.abs(apart - np.nanmedian(apart, axis=0))
-    np.testing.assert_allclose(expected[3], [np.nansum(rest), np.isfinite(rest).sum()], atol=1e-12)
 
 
 def test_evidence_of_one_frame_ahead(device: Device) -> None:
