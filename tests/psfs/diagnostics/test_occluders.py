@@ -6,7 +6,6 @@ import numpy as np
 from helpers import scenes
 
 from psfs.cameras.camera import CameraRig
-from psfs.diagnostics.camera_consistency import select_person
 from psfs.diagnostics.config import OccluderConfig
 from psfs.diagnostics.occluders import find_hidden_in_box
 
@@ -73,12 +72,3 @@ def test_a_camera_that_shows_nobody_is_not_hidden_behind_furniture() -> None:
     frames = walking(RIG)
     everything = np.ones((RIG.height, RIG.width), bool)
     assert find_hidden_in_box(RIG, behind(frames, everything, 1), LOW, HIGH, CONFIG) is None
-
-
-def test_clutter_beside_the_person_is_not_his() -> None:
-    shown, expected = np.zeros((40, 40), bool), np.zeros((40, 40), bool)
-    expected[10:30, 10:20] = shown[12:30, 10:20] = True
-    person = shown.copy()
-    shown[0:6, 25:40] = True
-    np.testing.assert_array_equal(select_person(shown, expected, 0.15), person)
-    np.testing.assert_array_equal(select_person(shown & ~person, expected, 0.15), shown & ~person)
