@@ -9,7 +9,6 @@ from .api import reconstruct as reconstruct
 from .api import select_device as select_device
 from .background.config import AdaptationConfig as AdaptationConfig
 from .background.config import BackgroundConfig as BackgroundConfig
-from .background.config import ChromaKeyConfig as ChromaKeyConfig
 from .background.config import EvidenceConfig as EvidenceConfig
 from .background.config import LightConfig as LightConfig
 from .cameras.camera import Camera as Camera

@@ -6,7 +6,6 @@ flags of single settings.
 
 from __future__ import annotations
 
-from psfs.background.config import ScreenConfig
 from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.calibration.config import CalibrationConfig
 from psfs.common.config import Config, part
@@ -25,7 +24,6 @@ class BackgroundSettings(Config):
     """The estimation of the background from pictures of the empty scene."""
 
     model: BackgroundModelConfig = part(BackgroundModelConfig)
-    screen: ScreenConfig = part(ScreenConfig)
 
 
 class DiagnosticsSettings(Config):

@@ -10,7 +10,7 @@ import numpy as np
 
 from cl import Array, Device, InputError, Launch
 from cl.workgroups import row_group
-from psfs.background.config import ChromaKeyConfig, EvidenceConfig, ScreenConfig
+from psfs.background.config import EvidenceConfig
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.common.colours import chromaticity, parse_colour
@@ -19,7 +19,24 @@ from psfs.footage.media import Media
 #: Area of all chromaticities (a triangle), over which the foreground is uniform.
 AREA = float(np.sqrt(3) / 2)
 _CELLS = 64  # of the chromaticities' histogram, along each axis
-_DEFAULT = ScreenConfig()
+#: Frames of every camera from which the screen's colour is estimated, and the stride, px, of the
+#: pixels in them.
+_SAMPLES, _STRIDE = 12, 2
+#: Brightest channel, grey levels, below which a pixel's chromaticity is noise.
+_BRIGHTEST = 30.0
+#: Least saturation of a screen, see `psfs.common.colours.chromaticity`, and the distance of
+#: chromaticities within which a pixel is of its colour.
+_SATURATION, _NEAR = 0.12, 0.12
+#: Least share of the pictures that a screen fills, and the edge, px, of gaps that are closed in it.
+_LEAST_SHARE, _CLOSING = 0.1, 9
+#: Standard deviation of the screen's colour where that is stated, not measured, grey levels.
+_STATED_STD = 2.0
+#: Least standard deviation of the screen's chromaticity, and a channel's noise, grey levels: dark
+#: pixels have no sure chromaticity.
+LEAST_SPREAD, NOISE = 0.03, 3.0
+#: Least and greatest light of the screen, as shares of its usual one (darker is black clothes,
+#: brighter a lamp), and the standard deviation of the light beyond that range.
+DARK, BRIGHT, LIGHT_STD = 0.3, 2.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +54,10 @@ class ChromaKey(Background):
     light: np.ndarray
     screen: np.ndarray
 
-    def packed(self, config: ChromaKeyConfig) -> np.ndarray:
+    def packed(self) -> np.ndarray:
         """Return the parameters (V, 8) float32 in the layout of chroma_key.cl."""
         saturation = np.linalg.norm(self.key, axis=1)
-        spread = np.maximum(self.spread, config.spread)
+        spread = np.maximum(self.spread, LEAST_SPREAD)
         packed = np.zeros((len(self.key), 8))
         packed[:, :2] = self.key / saturation[:, None]
         packed[:, 2], packed[:, 3:5], packed[:, 5] = saturation, spread**2, self.light
@@ -52,7 +69,6 @@ def key_from_media(
     media: Sequence[Media],
     empty: bool,
     colour: str | None = None,
-    config: ScreenConfig = _DEFAULT,
 ) -> ChromaKey:
     """Find the screen's colour in each camera's pictures: near the stated `colour` (#rrggbb) or,
     without one, the saturated colour that fills most of them.
@@ -60,29 +76,29 @@ def key_from_media(
     `empty`: the pictures show the screen without a person; then pixels beside the screen give no
     evidence. Raises InputError for a camera that sees no screen.
     """
-    stated = None if colour is None else _parse_key(colour, config)
+    stated = None if colour is None else _parse_key(colour)
     shape = (len(rig), rig.height, rig.width)
     screen = np.zeros(shape, np.uint8)
     means, keys, spreads, lights = [], [], [], []
     for view, item in enumerate(media):
-        frames = np.stack(list(item.frames(item.spread(config.samples))))
-        seen = frames[:, :: config.stride, :: config.stride]
-        key, spread, mean = _estimate_screen(seen, stated, item, colour, config)
+        frames = np.stack(list(item.frames(item.spread(_SAMPLES))))
+        seen = frames[:, ::_STRIDE, ::_STRIDE]
+        key, spread, mean = _estimate_screen(seen, stated, item, colour)
         rows, columns = frames.shape[1:3]
-        screen[view, :rows, :columns] = _find_screen(frames, key, config) if empty else 1
+        screen[view, :rows, :columns] = _find_screen(frames, key) if empty else 1
         keys.append(key)
         spreads.append(spread)
         means.append(mean)
         lights.append(mean.sum() + 1)
     mean = np.broadcast_to(np.array(means, np.float32)[:, None, None], (*shape, 3))
-    std = np.broadcast_to(np.float32(config.std), (*shape, 3))
+    std = np.broadcast_to(np.float32(_STATED_STD), (*shape, 3))
     return ChromaKey(mean, std, np.array(keys), np.array(spreads), np.array(lights), screen)
 
 
-def _parse_key(colour: str, config: ScreenConfig) -> np.ndarray:
+def _parse_key(colour: str) -> np.ndarray:
     """Return the chromaticity (2,) of `#rrggbb`. Raises InputError for what is nearly grey."""
     stated = chromaticity(parse_colour(colour))
-    if np.linalg.norm(stated) < config.saturation:
+    if np.linalg.norm(stated) < _SATURATION:
         raise InputError(f"key = {colour!r} is nearly grey; expected the colour of a screen")
     return stated
 
@@ -92,23 +108,22 @@ def _estimate_screen(
     stated: np.ndarray | None,
     media: Media,
     colour: str | None,
-    config: ScreenConfig,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the screen's chromaticity (2,), its spread along and across (2,), and its median
     colour (3,). Raises InputError if too little of the pictures is of one saturated colour."""
     pixels = frames.reshape(-1, 3)
-    pixels = pixels[pixels.max(1) > config.brightest]
+    pixels = pixels[pixels.max(1) > _BRIGHTEST]
     shown = chromaticity(pixels)
-    saturated = np.linalg.norm(shown, axis=1) > config.saturation
+    saturated = np.linalg.norm(shown, axis=1) > _SATURATION
     pixels, shown = pixels[saturated], shown[saturated]
     key = _find_mode(shown) if stated is None else stated
     near = np.zeros(0, bool)
     for _ in range(4):
-        near = np.linalg.norm(shown - key, axis=1) < config.near
-        if near.sum() < config.least_share * frames[..., 0].size:
+        near = np.linalg.norm(shown - key, axis=1) < _NEAR
+        if near.sum() < _LEAST_SHARE * frames[..., 0].size:
             what = "colour fills" if colour is None else f"colour near {colour} fills"
             raise InputError(
-                f"{media.where}: no saturated {what} {config.least_share:.0%} of the pictures; "
+                f"{media.where}: no saturated {what} {_LEAST_SHARE:.0%} of the pictures; "
                 "expected a screen of one colour"
             )
         key = np.median(shown[near], axis=0)
@@ -131,11 +146,11 @@ def _find_mode(shown: np.ndarray) -> np.ndarray:
     return (edges[[row, column]] + edges[[row + 1, column + 1]]) / 2
 
 
-def _find_screen(frames: np.ndarray, key: np.ndarray, config: ScreenConfig) -> np.ndarray:
+def _find_screen(frames: np.ndarray, key: np.ndarray) -> np.ndarray:
     """Return (h, w) uint8: 1 where the empty pictures show the screen, small gaps closed."""
     typical = np.median(frames, axis=0)
-    shown = np.linalg.norm(chromaticity(typical) - key, axis=-1) < config.near
-    gap = np.ones((config.closing, config.closing), np.uint8)
+    shown = np.linalg.norm(chromaticity(typical) - key, axis=-1) < _NEAR
+    gap = np.ones((_CLOSING, _CLOSING), np.uint8)
     closed = cv2.morphologyEx(shown.astype(np.uint8), cv2.MORPH_CLOSE, gap)
     return np.asarray(closed, np.uint8)
 
@@ -143,7 +158,6 @@ def _find_screen(frames: np.ndarray, key: np.ndarray, config: ScreenConfig) -> n
 def key_launch(
     device: Device,
     background: ChromaKey,
-    config: ChromaKeyConfig,
     evidence: EvidenceConfig,
     pictures: Array,
     ratios: Array,
@@ -151,7 +165,7 @@ def key_launch(
     """Return the launch from pictures to log ratios of screen over foreground; the arrays are those
     of `Silhouette`."""
     views, height, width = background.screen.shape
-    keys = device.to_device(background.packed(config), "the screens' colours")
+    keys = device.to_device(background.packed(), "the screens' colours")
     screen = device.to_device(background.screen, "the screens")
     kernel = device.kernel(
         "reconstruction/chroma_key",
@@ -160,11 +174,11 @@ def key_launch(
         **{"LOWEST": evidence.ratio_range[0], "HIGHEST": evidence.ratio_range[1]},
         **{
             "AREA": AREA,
-            "NOISE": float(config.noise),
-            "DARK": float(config.dark),
-            "BRIGHT": float(config.bright),
+            "NOISE": NOISE,
+            "DARK": DARK,
+            "BRIGHT": BRIGHT,
         },
-        LIGHT_WEIGHT=float(config.light_width**-2),
+        LIGHT_WEIGHT=LIGHT_STD**-2,
     )
     arrays = {"images": pictures, "keys": keys, "screen": screen, "ratios": ratios}
     size, group = (width, height), row_group(device)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
-from psfs.common.config import Config, fraction, natural, nonnegative, positive, setting
+from psfs.common.config import Config, natural, positive, setting
 
 if TYPE_CHECKING:
     import numpy as np
@@ -67,42 +67,6 @@ class LightConfig(Config):
     follow: bool = setting(
         True, "Estimate every picture's light; else it is that of the background."
     )
-    widest: float = positive(
-        16.0,
-        "Scale of the residuals in the first step of the robust fit: wide enough for a change of "
-        "light by half.",
-        unit="standard deviations",
-    )
-    narrowest: float = positive(
-        3.0,
-        "The same scale in the last steps; residuals beyond a few of these belong to a person.",
-        unit="standard deviations",
-    )
-    steps: int = natural(
-        6,
-        "Number of steps of iteratively reweighted least squares. The scale halves in each, down "
-        "to `narrowest`.",
-    )
-    independent: float = setting(
-        0.02,
-        "Share of the samples that count as independent measurements; the rest repeats its "
-        "neighbours, so that the priors below keep their weight.",
-        above=0,
-        most=1,
-    )
-    gain_width: float = positive(0.3, "Standard deviation of a channel's gain around 1.")
-    offset_width: float = positive(
-        4.0, "Standard deviation of a channel's offset.", unit="grey levels"
-    )
-    field_width: float = positive(
-        0.1,
-        "Standard deviation of the share by which the light grows from the middle of a picture to "
-        "its border, along each axis.",
-    )
-
-    def scales(self) -> list[float]:
-        """Return the scale of the residuals in each step."""
-        return [max(self.narrowest, self.widest / 2**step) for step in range(self.steps)]
 
 
 class AdaptationConfig(Config):
@@ -142,54 +106,6 @@ class AdaptationConfig(Config):
             for rate in (self.rate, self.rate / self.variance_slowdown)
         )
         return mean, variance
-
-
-class ScreenConfig(Config):
-    """Settings of the search for the screen of one colour in pictures, see
-    `psfs.background.chroma_key`."""
-
-    SOURCE: ClassVar = "by hand; the tests hold it on synthetic screens under uneven light"
-
-    samples: int = natural(
-        12,
-        "Number of frames of every camera from which the screen's colour is estimated.",
-        unit="frames",
-    )
-    stride: int = natural(2, "Stride, along both axes, of the sampled pixels.", unit="px")
-    brightest: float = nonnegative(
-        30.0, "Brightest channel below which a pixel's chromaticity is noise.", unit="grey levels"
-    )
-    saturation: float = fraction(
-        0.12, "Least saturation of a screen, see `psfs.common.colours.chromaticity`."
-    )
-    near: float = positive(
-        0.12, "Distance of chromaticities within which a pixel is of the screen's colour."
-    )
-    least_share: float = fraction(0.1, "Least share of the pictures that a screen fills.")
-    closing: int = natural(9, "Edge of gaps in the screen that are closed.", unit="px")
-    std: float = positive(
-        2.0,
-        "Standard deviation of the screen's colour where that is stated, not measured.",
-        unit="grey levels",
-    )
-
-
-class ChromaKeyConfig(Config):
-    """Settings of the density of a screen's pixel, see `psfs.reference.chroma_key`."""
-
-    SOURCE: ClassVar = "by hand; the tests hold it on synthetic screens with shade and spill"
-
-    spread: float = positive(0.03, "Least standard deviation of the screen's chromaticity.")
-    noise: float = nonnegative(
-        3.0, "Noise of a channel: dark pixels have no sure chromaticity.", unit="grey levels"
-    )
-    dark: float = nonnegative(
-        0.3, "Least light of the screen, as a share of its usual one: darker is black clothes."
-    )
-    bright: float = nonnegative(
-        2.0, "Greatest light of the screen, as a share of its usual one: brighter is a lamp."
-    )
-    light_width: float = positive(0.05, "Standard deviation of the light beyond that range.")
 
 
 class EvidenceConfig(Config):

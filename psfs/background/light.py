@@ -6,7 +6,7 @@ import numpy as np
 
 from cl import Array, Device, Launch
 from cl.workgroups import pack_defines, size_defines
-from psfs.background.config import BackgroundConfig, LightConfig
+from psfs.background.config import BackgroundConfig
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 
@@ -17,6 +17,16 @@ GRID = (64, 32)
 LIGHT_FLOATS = 12
 #: Expected spread^2 if the noise is the background's, given the weights of the robust fit.
 EXPECTED_SPREAD2 = 0.886
+#: Scale of the residuals, in standard deviations, in the first step of the robust fit, wide enough
+#: for a change of light by half, and in the last steps; it halves in each of the steps. Residuals
+#: beyond a few of the narrowest belong to a person.
+_WIDEST, _NARROWEST, _STEPS = 16.0, 3.0, 6
+#: Share of the samples that count as independent measurements; the rest repeats its neighbours, so
+#: that the priors keep their weight.
+_INDEPENDENT = 0.02
+#: Prior standard deviations: of a channel's gain around 1, of its offset in grey levels, and of the
+#: share by which the light grows from the middle of a picture to its border, along each axis.
+_GAIN_STD, _OFFSET_STD, _FIELD_STD = 0.3, 4.0, 0.1
 #: Least and greatest gain of a channel.
 GAINS = (0.3, 3.0)
 _GROUP = 256  # work-items per view on a GPU
@@ -52,9 +62,7 @@ def sampled_scene(
     return (pixels[..., 1] * rig.width + pixels[..., 0]).astype(np.int32), scene
 
 
-def fit_light(
-    shown: np.ndarray, scene: np.ndarray, size: tuple[int, int], config: LightConfig
-) -> np.ndarray:
+def fit_light(shown: np.ndarray, scene: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Estimate the light (LIGHT_FLOATS,) of a picture of `size` by iteratively reweighted least
     squares (Geman and McClure).
 
@@ -66,18 +74,19 @@ def fit_light(
     """
     mean, weight, place = scene[:3].T, scene[3:6].T, scene[6:].T
     gain, offset, slope, spread = np.ones(3), np.zeros(3), np.zeros(2), 1.0
-    for step, scale in enumerate(config.scales()):
+    for step in range(_STEPS):
+        scale = max(_NARROWEST, _WIDEST / 2**step)
         lit = mean * (1 + place @ slope)[:, None]
         rest = shown - (gain * lit + offset)
         distance = (weight * rest**2).sum(1)
         trust = (1 + distance / (3 * scale**2)) ** -2
         spread = float((trust * distance).sum() / (3 * EXPECTED_SPREAD2 * trust.sum() + 1e-6))
-        weights = config.independent * trust[:, None] * weight
-        change = _slope_change(weights, gain * mean, rest, place, slope, config)
-        aa = (weights * lit * lit).sum(0) + config.gain_width**-2
-        bb = weights.sum(0) + config.offset_width**-2
+        weights = _INDEPENDENT * trust[:, None] * weight
+        change = _slope_change(weights, gain * mean, rest, place, slope)
+        aa = (weights * lit * lit).sum(0) + _GAIN_STD**-2
+        bb = weights.sum(0) + _OFFSET_STD**-2
         ab, b = (weights * lit).sum(0), (weights * shown).sum(0)
-        a = (weights * lit * shown).sum(0) + config.gain_width**-2
+        a = (weights * lit * shown).sum(0) + _GAIN_STD**-2
         determinant = aa * bb - ab * ab
         gain = np.clip((a * bb - b * ab) / determinant, *GAINS)
         offset = (aa * b - ab * a) / determinant
@@ -93,12 +102,11 @@ def _slope_change(
     rest: np.ndarray,
     place: np.ndarray,
     slope: np.ndarray,
-    config: LightConfig,
 ) -> np.ndarray:
     """Return the change (2,) of the field's slope."""
     square, product = (weights * lit * lit).sum(1), (weights * lit * rest).sum(1)
-    matrix = np.einsum("n,ni,nj->ij", square, place, place) + np.eye(2) * config.field_width**-2
-    return np.linalg.solve(matrix, product @ place - slope * config.field_width**-2)
+    matrix = np.einsum("n,ni,nj->ij", square, place, place) + np.eye(2) * _FIELD_STD**-2
+    return np.linalg.solve(matrix, product @ place - slope * _FIELD_STD**-2)
 
 
 def relight_picture(image: np.ndarray, light: np.ndarray) -> np.ndarray:
@@ -115,7 +123,6 @@ def light_launch(
     device: Device,
     rig: CameraRig,
     samples: tuple[np.ndarray, np.ndarray],
-    config: LightConfig,
     pictures: Array,
     light: Array,
 ) -> Launch:
@@ -137,11 +144,11 @@ def light_launch(
         **size_defines(device, rig.picture),
         SAMPLES=places.shape[1],
         **packs,
-        STEPS=config.steps,
-        **{"WIDEST": float(config.widest), "NARROWEST": float(config.narrowest)},
-        **{"INDEPENDENT": float(config.independent), "GAIN_PRIOR": float(config.gain_width**-2)},
-        **{"OFFSET_PRIOR": float(config.offset_width**-2)},
-        **{"FIELD_PRIOR": float(config.field_width**-2), "EXPECTED": EXPECTED_SPREAD2},
+        STEPS=_STEPS,
+        **{"WIDEST": _WIDEST, "NARROWEST": _NARROWEST},
+        **{"INDEPENDENT": _INDEPENDENT, "GAIN_PRIOR": _GAIN_STD**-2},
+        **{"OFFSET_PRIOR": _OFFSET_STD**-2},
+        **{"FIELD_PRIOR": _FIELD_STD**-2, "EXPECTED": EXPECTED_SPREAD2},
         **{"LEAST_GAIN": GAINS[0], "MOST_GAIN": GAINS[1], "LIGHT_FLOATS": LIGHT_FLOATS},
     )
     sizes = device.to_device(np.array([camera.size for camera in rig], np.int32), "picture sizes")

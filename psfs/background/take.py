@@ -18,7 +18,7 @@ from functools import partial
 import cv2
 import numpy as np
 
-from psfs.background.config import BackgroundConfig, LightConfig
+from psfs.background.config import BackgroundConfig
 from psfs.background.coverage import Coverage, Rays
 from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.background.gaussian import (
@@ -154,7 +154,7 @@ def _estimate_frame_light(frame: np.ndarray, median: np.ndarray) -> np.ndarray:
     weight = np.full(mean.shape, BackgroundConfig().sigma_floor ** -2)
     scene = np.concatenate([mean, weight, place]).reshape(8, -1).astype(np.float64)
     shown = frame[at].reshape(-1, 3).astype(np.float64)
-    return fit_light(shown, scene, (width, height), LightConfig())
+    return fit_light(shown, scene, (width, height))
 
 
 def _stack(pictures: list[np.ndarray], rig: CameraRig) -> np.ndarray:

@@ -13,7 +13,22 @@ from psfs.cameras.cells import CELL
 from psfs.reference.chroma_key import chroma_ratio
 from psfs.reference.light import apply_light, estimate_light
 from psfs.silhouettes.appearance import BINS
-from psfs.silhouettes.config import SPAN, SilhouetteConfig
+from psfs.silhouettes.config import (
+    FLOOR_ENOUGH,
+    FLOOR_FULLY_LIT,
+    FLOOR_LIT,
+    FLOOR_LIT_STD,
+    FLOOR_NEAREST,
+    FLOOR_SHADOW_DEPTH,
+    FLOOR_SHADOW_LOW,
+    FLOOR_SHADOW_STD,
+    RIM_CHROMA_NOISE,
+    RIM_COST,
+    RIM_SHARE,
+    SMOOTHING_CONTRAST,
+    SPAN,
+    SilhouetteConfig,
+)
 from psfs.silhouettes.floor_shadow import floor_points
 
 if TYPE_CHECKING:
@@ -116,7 +131,7 @@ def smooth_evidence(image: np.ndarray, counts: np.ndarray, config: SilhouetteCon
     for y, x in np.ndindex(2 * reach + 1, 2 * reach + 1):
         part = slice(y, y + height), slice(x, x + width)
         # Not to the power of -2, which NumPy takes ten times as long for.
-        weight = 1 / (1 + ((lumas[part] - luma) / config.smoothing.contrast) ** 2) ** 2
+        weight = 1 / (1 + ((lumas[part] - luma) / SMOOTHING_CONTRAST) ** 2) ** 2
         total += weight * ratios[part]
         weights += weight
     place = 9 * total / weights - 9 * config.evidence.ratio_range[0]
@@ -133,8 +148,8 @@ def mixed_ratio(
     """Return (H, W) log ratio of the pixels of the rim under the mixture of background and person
     that fits best; -inf elsewhere.
 
-    The luma y of I - mu is a share a <= rim.share of that of I_p - mu_p, and its chroma (b - y,
-    r - y) any share up to 1, but for noise: that of the green channel, times rim.chroma_noise for
+    The luma y of I - mu is a share a <= `RIM_SHARE` of that of I_p - mu_p, and its chroma (b - y,
+    r - y) any share up to 1, but for noise: that of the green channel, times `RIM_CHROMA_NOISE` for
     the chroma. A pixel of the rim has positive evidence, and so has p, two pixels away in one of
     eight directions (the best one counts); two pixels in the opposite direction it is negative.
     """
@@ -145,11 +160,11 @@ def mixed_ratio(
     for dy, dx in ((dy, dx) for dy in (-2, 0, 2) for dx in (-2, 0, 2)):
         on_rim = (evidence[y + dy, x + dx] > 0) & (evidence[y - dy, x - dx] < 0)
         here, ahead = (y[on_rim], x[on_rim]), (y[on_rim] + dy, x[on_rim] + dx)
-        left = _rest(luma[here], luma[ahead], config.rim.share)
-        left += _rest(chroma[here], chroma[ahead], 1) / config.rim.chroma_noise**2
+        left = _rest(luma[here], luma[ahead], RIM_SHARE)
+        left += _rest(chroma[here], chroma[ahead], 1) / RIM_CHROMA_NOISE**2
         least[here] = np.minimum(least[here], weight[here][:, 1] * left)
     peak = np.log(256 * np.sqrt(weight / (2 * np.pi))).sum(-1)
-    return peak - config.rim.cost - 0.5 * least
+    return peak - RIM_COST - 0.5 * least
 
 
 def _luma_chroma(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -176,9 +191,7 @@ def _log_ratios(
     """Return, for every view, (H, W) log of the background's density over the uniform foreground's;
     `lit` is the background relit by the pictures' light."""
     if isinstance(background, ChromaKey):
-        return [
-            chroma_ratio(image, background, v, config.chroma_key) for v, image in enumerate(images)
-        ]
+        return [chroma_ratio(image, background, v) for v, image in enumerate(images)]
     floor = floor_light(images, rig, lit, config)
     widths = config.background.shadow_width(background.mean.astype(np.float64))
     views = zip(images, lit.mean, lit.std, floor, widths, strict=True)
@@ -206,7 +219,7 @@ def floor_light(
 
     The light is computed in the middle of every cell of CELL x CELL pixels and interpolated
     linearly. Of the light factors that the other cameras see at that point of the floor, it is the
-    second nearest to the cell's own factor, or the nearest if fewer than floor.enough cameras have
+    second nearest to the cell's own factor, or the nearest if fewer than FLOOR_ENOUGH cameras have
     a factor; at most 1. A camera has no factor there if its pixel cannot be floor, shaded or not.
     The light is 1 if no other camera has a factor, or if the cell's own pixel shows the floor fully
     lit. It is rounded to steps of 1 / 127.
@@ -220,7 +233,7 @@ def floor_light(
     light = np.empty(images.shape[:3])
     for view, shown in enumerate(points):
         on_floor = np.isfinite(shown[..., 0])
-        lit = (factors[view] > config.floor.lit) & (left[view] < config.floor.nearest)
+        lit = (factors[view] > FLOOR_LIT) & (left[view] < FLOOR_NEAREST)
         where = np.column_stack([shown[on_floor], np.full(on_floor.sum(), config.floor.height)])
         own = _sample_cells(factors[view])[on_floor]
         others = np.full((len(rig), len(where)), np.inf)
@@ -229,9 +242,9 @@ def floor_light(
                 continue
             seen, row, column, _ = camera.look_up(where)
             alpha, distance = factors[other][row, column], left[other][row, column]
-            is_floor = (distance < config.floor.nearest) & (alpha < config.background.shadow_high)
+            is_floor = (distance < FLOOR_NEAREST) & (alpha < config.background.shadow_high)
             others[other, seen] = np.where(is_floor, alpha, np.inf)
-        agreed = _agreed_factor(others, own, config.floor.enough)
+        agreed = _agreed_factor(others, own, FLOOR_ENOUGH)
         cells = np.ones(on_floor.shape)
         agreed[_sample_cells(lit)[on_floor]] = 1
         cells[on_floor] = np.floor(127 * agreed + 0.5) / 127
@@ -315,9 +328,9 @@ def background_ratio(
     The background is N(I; alpha mu, sigma) with the better of two alphas: 1, and the best fitting
     light factor within a range. Usually that is the shadow range, with a penalty of ((1 - alpha) /
     shadow_width)^2 / 2; shadow_width is by default that of `mean`. On the floor, where `light` (H,
-    W) is not NaN, alpha may be lower, with penalties of ((1 - alpha) / floor.shadow_depth)^2 / 2
-    and of ((light - alpha) / width)^2 / 2. There the width is floor.lit_width where the floor is
-    lit; where it is shaded, it is floor.shadow_width plus the noise.
+    W) is not NaN, alpha may be lower, with penalties of ((1 - alpha) / FLOOR_SHADOW_DEPTH)^2 / 2
+    and of ((light - alpha) / width)^2 / 2. There the width is `FLOOR_LIT_STD` where the floor is
+    lit; where it is shaded, it is `FLOOR_SHADOW_STD` plus the noise.
     """
     image, mean = image.astype(np.float64), mean.astype(np.float64)
     weight = _weight(std, config)
@@ -331,12 +344,12 @@ def background_ratio(
         shadow_width = config.background.shadow_width(mean)
     dimmed = distance(alpha) + ((1 - alpha) / shadow_width) ** 2
     if light is not None:
-        alpha = np.clip(factor, config.floor.shadow_low, config.background.shadow_high)
-        lit = light > config.floor.fully_lit
-        width = np.where(lit, config.floor.lit_width, config.floor.shadow_width)
+        alpha = np.clip(factor, FLOOR_SHADOW_LOW, config.background.shadow_high)
+        lit = light > FLOOR_FULLY_LIT
+        width = np.where(lit, FLOOR_LIT_STD, FLOOR_SHADOW_STD)
         noise = np.where(lit, 0, 1 / (_weighted_product(weight, mean, mean) + 1e-6))
         price = (light - alpha) ** 2 / (width**2 + noise)
-        on_floor = distance(alpha) + price + ((1 - alpha) / config.floor.shadow_depth) ** 2
+        on_floor = distance(alpha) + price + ((1 - alpha) / FLOOR_SHADOW_DEPTH) ** 2
         dimmed = np.where(np.isnan(light), dimmed, on_floor)
     least = np.minimum(distance(np.ones(factor.shape)), dimmed)
     peak = np.log(256 * np.sqrt(weight / (2 * np.pi))).sum(-1)

@@ -7,14 +7,29 @@ from typing import ClassVar
 from psfs.background.config import (
     AdaptationConfig,
     BackgroundConfig,
-    ChromaKeyConfig,
     EvidenceConfig,
     LightConfig,
 )
-from psfs.common.config import Config, fraction, natural, nonnegative, part, positive, setting
+from psfs.common.config import Config, fraction, natural, nonnegative, part, setting
 
 #: Provenance of the defaults that were tuned with true masks and with a real person.
 _TUNED = "tuned on synthetic walks with true masks and on a real person on a green carpet"
+
+#: Least light factor of a shadow on the floor; its standard deviation between cameras that see the
+#: same shadow, where the others see the floor lit, and around 1: shoes are darker than shadows.
+FLOOR_SHADOW_LOW, FLOOR_SHADOW_STD, FLOOR_LIT_STD, FLOOR_SHADOW_DEPTH = 0.15, 0.03, 0.025, 0.45
+#: Number of other cameras that see the floor from which on two must agree on a shadow.
+FLOOR_ENOUGH = 4
+#: Light factor above which the floor passes for lit, whatever the others see, and that above which
+#: it is not shaded at all: light has steps of 1/127.
+FLOOR_LIT, FLOOR_FULLY_LIT = 0.9, 0.997
+#: Squared distance, in squared standard deviations, of what may still be floor in shadow: 3 sigma.
+FLOOR_NEAREST = 9.0
+#: Share of the person's luma up to which a pixel of the rim may be background, the cost in nats of
+#: taking it for that, and the chroma's noise as a share of the luma's, the green channel's.
+RIM_SHARE, RIM_COST, RIM_CHROMA_NOISE = 0.4, 4.0, 0.67
+#: Difference of luma, grey levels, that takes three quarters of a pixel's weight in the smoothing.
+SMOOTHING_CONTRAST = 20.0
 
 
 class FloorConfig(Config):
@@ -27,39 +42,6 @@ class FloorConfig(Config):
     height: float = setting(
         0.0, "Height of the floor in the world of the calibration.", "by definition", "m"
     )
-    shadow_low: float = fraction(0.15, "Least light factor of a shadow that falls on the floor.")
-    shadow_width: float = positive(
-        0.03, "Standard deviation of the light factor between cameras that see the same shadow."
-    )
-    lit_width: float = positive(
-        0.025,
-        "Standard deviation of the light factor where the other cameras see the floor lit: it is "
-        "lit for all.",
-    )
-    enough: int = setting(
-        4,
-        "Number of other cameras that see the floor from which on two must agree on a shadow; "
-        "with fewer, one is enough.",
-        least=2,
-    )
-    lit: float = nonnegative(
-        0.9, "Light factor above which the floor passes for lit, whatever the others see."
-    )
-    shadow_depth: float = positive(
-        0.45,
-        "Standard deviation of a shadow's light factor around 1: shoes are darker than shadows.",
-    )
-    nearest: float = nonnegative(
-        9.0,
-        "Squared distance of what may still be floor in shadow.",
-        "the usual 3 sigma",
-        "squared standard deviations of the noise",
-    )
-    fully_lit: float = fraction(
-        0.997,
-        "Light on the floor above which it is not shaded at all.",
-        "light has steps of 1 / 127",
-    )
 
 
 class RimConfig(Config):
@@ -70,18 +52,6 @@ class RimConfig(Config):
     SOURCE: ClassVar = "tuned on synthetic people with true masks"
 
     on: bool = setting(True, "Whether to model mixed pixels at the rim; Song et al. do not.")
-    share: float = setting(
-        0.4,
-        "Share of the person's luma up to which a pixel of the rim may be background.",
-        above=0,
-        below=1,
-    )
-    cost: float = positive(4.0, "Cost of taking a pixel of the rim for background.", unit="nats")
-    chroma_noise: float = positive(
-        0.67,
-        "Standard deviation of the chroma's noise as a share of the luma's, which is the green "
-        "channel's.",
-    )
 
 
 #: Width, px, of a span, as high as a cell: evidence is smoothed only in spans with foreground in
@@ -91,8 +61,7 @@ SPAN = 16
 
 class EvidenceSmoothingConfig(Config):
     """Contrast-sensitive smoothing: near foreground a pixel's evidence is the mean over the pixels
-    around it of similar luma, so that silhouettes end at edges of the picture. A reach of 1 and a
-    contrast of 1000 give the plain mean over 3x3 pixels."""
+    around it of similar luma, so that silhouettes end at edges of the picture."""
 
     SOURCE: ClassVar = "tuned on synthetic people with true masks"
 
@@ -104,11 +73,6 @@ class EvidenceSmoothingConfig(Config):
         unit="px",
         least=0,
         most=2,
-    )
-    contrast: float = positive(
-        20.0,
-        "Difference of luma that takes three quarters of a pixel's weight.",
-        unit="grey levels",
     )
 
     @property
@@ -192,7 +156,6 @@ class SilhouetteConfig(Config):
     evidence: EvidenceConfig = part(EvidenceConfig)
     appearance: AppearanceConfig = part(AppearanceConfig)
     adaptation: AdaptationConfig = part(AdaptationConfig)
-    chroma_key: ChromaKeyConfig = part(ChromaKeyConfig)
 
     def without_memory(self) -> SilhouetteConfig:
         """Return these settings with everything off that carries over from one frame to the

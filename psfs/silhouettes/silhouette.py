@@ -17,7 +17,22 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
 from psfs.common.picture_size import check_stack
 from psfs.silhouettes.appearance import BINS, Foreground, ForegroundPrior
-from psfs.silhouettes.config import SPAN, SilhouetteConfig
+from psfs.silhouettes.config import (
+    FLOOR_ENOUGH,
+    FLOOR_FULLY_LIT,
+    FLOOR_LIT,
+    FLOOR_LIT_STD,
+    FLOOR_NEAREST,
+    FLOOR_SHADOW_DEPTH,
+    FLOOR_SHADOW_LOW,
+    FLOOR_SHADOW_STD,
+    RIM_CHROMA_NOISE,
+    RIM_COST,
+    RIM_SHARE,
+    SMOOTHING_CONTRAST,
+    SPAN,
+    SilhouetteConfig,
+)
 from psfs.silhouettes.floor_shadow import floor_points
 from psfs.silhouettes.hidden import hide_launch
 
@@ -105,8 +120,7 @@ class Silhouette:
         ratios = device.zeros(bordered, np.int8, "the likelihood ratios")
         scene: dict[str, Array] = {}
         if isinstance(background, ChromaKey):
-            settings = (config.chroma_key, config.evidence)
-            before = [key_launch(device, background, *settings, self.input, ratios)]
+            before = [key_launch(device, background, config.evidence, self.input, ratios)]
         else:
             before, scene = self._before_scene(background, ratios)
         table = device.to_device(config.evidence.ratio_counts(), "the evidence table")
@@ -155,7 +169,7 @@ class Silhouette:
         launches = []
         if config.light.follow:
             samples = sampled_scene(rig, background, config.background)
-            launches.append(light_launch(device, rig, samples, config.light, self.input, light))
+            launches.append(light_launch(device, rig, samples, self.input, light))
         launches += [
             self._launch(
                 "floor_light",
@@ -219,16 +233,16 @@ class Silhouette:
 
     def _defines(self, stage: str) -> dict[str, int | float]:
         config = self._config
-        floor, evidence, light = config.floor, config.evidence, config.background
+        evidence, light = config.evidence, config.background
         sizes = size_defines(self.device, self.rig.picture)
         if stage == "floor_light":
             return {
                 **sizes,
                 **self.rig.defines,
                 "SHADOW_HIGH": float(light.shadow_high),
-                "FLOOR_LIT": float(floor.lit),
-                "FLOOR_ENOUGH": floor.enough,
-                "FLOOR_LEFT": float(floor.nearest),
+                "FLOOR_LIT": FLOOR_LIT,
+                "FLOOR_ENOUGH": FLOOR_ENOUGH,
+                "FLOOR_LEFT": FLOOR_NEAREST,
                 "CELL": CELL,
             }
         return {
@@ -236,18 +250,18 @@ class Silhouette:
             "PACK": pixel_pack(self.device, self.rig.width),
             "SHADOW_LOW": float(light.shadow_low),
             "SHADOW_HIGH": float(light.shadow_high),
-            "FLOOR_LOW": float(floor.shadow_low),
-            "FLOOR_VARIANCE": float(floor.shadow_width**2),
-            "FLOOR_DEPTH": float(floor.shadow_depth**-2),
-            "LIT_VARIANCE": float(floor.lit_width**2),
-            "FULLY_LIT": float(floor.fully_lit),
+            "FLOOR_LOW": FLOOR_SHADOW_LOW,
+            "FLOOR_VARIANCE": FLOOR_SHADOW_STD**2,
+            "FLOOR_DEPTH": FLOOR_SHADOW_DEPTH**-2,
+            "LIT_VARIANCE": FLOOR_LIT_STD**2,
+            "FULLY_LIT": FLOOR_FULLY_LIT,
             "RIM": int(config.rim.on),
-            "RIM_SHARE": float(config.rim.share),
-            "RIM_CHROMA": float(config.rim.chroma_noise**-2),
-            "RIM_COST": float(config.rim.cost),
+            "RIM_SHARE": RIM_SHARE,
+            "RIM_CHROMA": RIM_CHROMA_NOISE**-2,
+            "RIM_COST": RIM_COST,
             **{"SMOOTH_REACH": config.smoothing.reach, "SPAN": SPAN},
             "SUM_REACH": config.smoothing.sum_reach,
-            "CONTRAST": float(config.smoothing.contrast**-2),
+            "CONTRAST": SMOOTHING_CONTRAST**-2,
             "STEPS": float(evidence.ratio_steps),
             "LOWEST": evidence.ratio_range[0],
             "HIGHEST": evidence.ratio_range[1],

@@ -12,7 +12,6 @@ from helpers.parity import traced
 
 from cl import Device, InputError
 from psfs.background.chroma_key import ChromaKey, key_from_media
-from psfs.background.config import ChromaKeyConfig
 from psfs.cameras.camera import CameraRig
 from psfs.cli import main
 from psfs.common.colours import chromaticity, parse_colour
@@ -64,7 +63,7 @@ def test_ratios_agree_with_the_twin(device: Device, views: int, size: tuple[int,
     found = launches[0].after["ratios"][:, 1:-1, 1:-1]
     evidence = config.evidence
     for view, image in enumerate(images):
-        nats = evidence.ratio_steps * chroma_ratio(image, background, view, config.chroma_key)
+        nats = evidence.ratio_steps * chroma_ratio(image, background, view)
         expected = np.floor(np.clip(nats, *evidence.ratio_range) + 0.5).astype(int)
         wrong = np.abs(found[view] - np.where(background.screen[view] > 0, expected, 0))
         assert wrong.max() <= 1 and (wrong > 0).mean() < 5e-3  # half a count
@@ -85,10 +84,10 @@ def test_maps_agree_with_the_twin(device: Device, views: int) -> None:
 
 
 def test_shadow_is_screen_and_spill_is_person() -> None:
-    background, config = key_of(scenes.ring(1)), ChromaKeyConfig()
+    background = key_of(scenes.ring(1))
 
     def ratio(*colour: float) -> float:
-        return float(chroma_ratio(np.array([[colour]]), background, 0, config)[0, 0])
+        return float(chroma_ratio(np.array([[colour]]), background, 0)[0, 0])
 
     b, g, r = GREEN
     assert ratio(b, g, r) > 4 and ratio(0.4 * b, 0.4 * g, 0.4 * r) > 2  # lit, shaded

@@ -7,7 +7,7 @@ import pytest
 from helpers import scenes
 from helpers.parity import traced
 
-from cl import Device, InputError
+from cl import Device
 from psfs.background.config import LightConfig
 from psfs.background.gaussian import Background
 from psfs.background.light import relight_picture, steady_light
@@ -111,8 +111,3 @@ def test_silhouettes_stay_when_the_light_steps(device: Device) -> None:
             reconstruct(scenes.frame(index, images))
         shown = reconstruct.evidence() > 0
         assert least <= (shown & true).sum() / (shown | true).sum() <= most
-
-
-def test_settings_are_checked() -> None:
-    with pytest.raises(InputError, match="widest"):
-        LightConfig(widest=-1.0)

@@ -32,7 +32,7 @@ class Outer(Config):
 
 def test_a_config_survives_json_and_pickle() -> None:
     config = ReconstructionConfig()
-    config = config.replace(silhouette=config.silhouette.replace(rim=RimConfig(cost=5.0)))
+    config = config.replace(silhouette=config.silhouette.replace(rim=RimConfig(on=False)))
     plain = json.loads(json.dumps(config.to_dict()))
     assert ReconstructionConfig.from_dict(plain) == config
     assert ReconstructionConfig.from_dict({}) == ReconstructionConfig() != config

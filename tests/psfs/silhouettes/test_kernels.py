@@ -139,9 +139,7 @@ def test_ratios_of_mixed_pixels(device: Device, views: int, size: tuple[int, int
 
 
 @pytest.mark.parity("reconstruction/silhouette.smoothed_evidence")
-@pytest.mark.parametrize(
-    "smoothing", [EvidenceSmoothingConfig(), EvidenceSmoothingConfig(reach=1, contrast=3.0)]
-)
+@pytest.mark.parametrize("smoothing", [EvidenceSmoothingConfig(), EvidenceSmoothingConfig(reach=1)])
 @pytest.mark.parametrize(("views", "size"), SIZES)
 def test_smoothed_evidence(
     device: Device, views: int, size: tuple[int, int], smoothing: EvidenceSmoothingConfig
