@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,7 +35,6 @@ from psfs.voxels.grid import VoxelGrid
 if TYPE_CHECKING:
     import viser
 
-_INTERVAL = 0.5  # s, between two looks at a calibration that goes on
 _FLOOR = VoxelGrid.covering(np.array([-2.0, -2.0, 0.0]), np.array([2.0, 2.0, 2.0]), 0.05)
 _NONE = "(none)"
 
@@ -195,9 +193,9 @@ class CalibrateView:
 
     def _follow(self, work: Work) -> None:
         """Follow a calibration to its end."""
-        while not work.ended:
-            self._tell("calibrating ...")
-            time.sleep(_INTERVAL)
+        self._tell("calibrating ...")
+        while work.wait_for_news():
+            pass
         kind = "good" if work.succeeded else "warning"
         self._notes = [(kind, line) for line in work.words]
         if work.succeeded:

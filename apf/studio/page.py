@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +37,6 @@ _KINDS = {
     "voxels": "voxels",
 }
 _NOTHING, _LIVE = "(choose)", "the cameras, live"
-_INTERVAL = 0.3  # s, between two looks at a walk that is made
 
 
 class Page(BrowserPage):
@@ -202,8 +200,8 @@ class Page(BrowserPage):
         self._message.content = make_text("Making a walk ...")
 
         def follow() -> None:
-            while not work.ended:
-                time.sleep(_INTERVAL)
+            while work.wait_for_news():
+                pass
             if work.succeeded:
                 self._show_run(output)
             else:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,9 +28,8 @@ if TYPE_CHECKING:
     import viser
 
 _OURS = "default"
-#: Time between two checks of a run, s; and the factor by which its track must have grown to be
-#: shown again.
-_INTERVAL, _LONGER = 1.0, 1.5
+#: Factor by which the track of a run must have grown to be shown again.
+_LONGER = 1.5
 
 
 class RunPanel:
@@ -167,13 +165,12 @@ class RunPanel:
     def _follow(self, work: Work) -> None:
         """Follow a run to its end: its words, its progress, and its track so far."""
         shown = 0
-        while not work.ended:
+        while work.wait_for_news():
             self._tell(work)
             done = work.count_frames()
             if done > _LONGER * shown + 1:
                 shown = done
                 self._show(work.output)
-            time.sleep(_INTERVAL)
         self._tell(work)
         if (work.output / "track.npz").exists() or shown:
             self._show(work.output)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 import signal
 import subprocess
 import sys
 import threading
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import tomli_w
@@ -18,6 +17,7 @@ from apf.tracking.track import PARTS, Track
 from cl import InputError, UserError
 from psfs.common.requests import Request, list_options
 from psfs.common.scratch import temporary_folder
+from psfs.page.words import REFRESH
 
 #: Characters of progress bars and tables, which the page has in its own way.
 _DRAWN = frozenset("━┃│└╇┡")
@@ -108,11 +108,17 @@ class Work:
         """The last lines that it has printed."""
         return self._lines[-12:]
 
+    def wait_for_news(self) -> bool:
+        """Wait until the page is to be told again; return whether the command goes on."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(REFRESH)
+        return not self.ended
+
     def count_frames(self) -> int:
         """Return how many frames are tracked so far."""
         for part in sorted(self.output.glob(PARTS)):
             if part not in self._counts:
-                with contextlib.suppress(UserError):  # it may just have been removed
+                with suppress(UserError):  # it may just have been removed
                     self._counts[part] = len(Track.open(part))
         return sum(self._counts.values())
 

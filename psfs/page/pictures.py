@@ -12,13 +12,13 @@ import numpy as np
 from cl import UserError
 from psfs.cameras.camera import CameraRig
 from psfs.output.preview import crop_view
+from psfs.page.words import REFRESH
 from psfs.sequence import Frame, Sequence
 
 if TYPE_CHECKING:
     import viser
 
-#: Least time between two pictures while playing, s, and widths of pictures on the page, px.
-_PAUSE = 0.2
+#: Widths of pictures on the page, px.
 _FRUSTUM_WIDTH, _WIDTH = 320, 720
 #: RGB of the silhouettes, a colour that is rare in rooms.
 _SILHOUETTE = np.array([255, 0, 200])
@@ -59,7 +59,7 @@ class PictureReader:
                         return
                     if self._wanted is not None:
                         self._show(read(self._wanted))
-                    self._ended.wait(_PAUSE)
+                    self._ended.wait(REFRESH)
         except UserError as error:
             self._fail(f"no pictures: {error}")
 

@@ -17,15 +17,13 @@ from psfs.page.nodes import CameraNodes, VoxelNode, add_floor
 from psfs.page.pictures import PictureReader, draw_views, small_pictures
 from psfs.page.server import BrowserPage
 from psfs.page.timeline import TimeLine, add_key
-from psfs.page.words import make_lines, make_scale, make_text
+from psfs.page.words import REFRESH, make_lines, make_scale, make_text
 from psfs.sequence import Frame
 
 if TYPE_CHECKING:
     import viser
 
 _ALL, _FREE = "all cameras", "(none)"
-#: Least time between two changes of the words while playing, s: browsers draw whole panels again.
-_PAUSE = 0.2
 #: Position of the viewer relative to the grid's centre, times the grid's diagonal.
 _VIEWER = np.array([0.75, -1.0, 0.35])
 #: Of a picture that a browser is asked for: its height and width, px, and the longest wait for it
@@ -255,7 +253,7 @@ class Watch:
         with self._server.atomic():
             self._show_frame(int(self.opened.frames[position]))
         now, playing = time.monotonic(), self.time_line.playing
-        if not playing or (self._position != position and now - self._status_time > _PAUSE):
+        if not playing or (self._position != position and now - self._status_time > REFRESH):
             self._position, self._status_time = position, now
             self._say_status(position)
             self._ask_pictures()

@@ -8,6 +8,8 @@ from collections.abc import Iterable, Sequence
 from psfs.common.names import escape_unprintable
 
 _CELL = "padding:1px 8px 1px 0;vertical-align:top;white-space:nowrap"
+#: Least time between two changes of a page, s: browsers draw whole panels again.
+REFRESH = 0.2
 #: Signs before a line, so that its kind does not depend on a colour.
 _SIGNS = {"warning": "⚠", "note": "•", "good": "✓"}
 
