@@ -22,6 +22,7 @@ from apf.initialisation.shape_model import (
     inner_axes,
     nearest_coordinates,
     place_points,
+    surface_displacements,
     surface_samples,
 )
 from psfs.common.cones import cone_distances, dot
@@ -266,7 +267,8 @@ class _ShapeFit:
         here = place_points(cones[found.cone], found.coordinates)
         gap = dot(found.normal, here - found.target)
         by_pose = point_jacobian(body, pose, found.cone, here, found.normal)
-        rows = np.concatenate([by_pose, _displacements(cones, growth, found, here)])
+        by_shape = surface_displacements(cones, growth, found.cone, found.coordinates, found.normal)
+        rows = np.concatenate([by_pose, by_shape])
         config = self._config
         weighted = rows * (found.weight * config.n_distances / len(self._clouds) / config.noise**2)
         return weighted @ rows.T, weighted @ gap
@@ -281,20 +283,3 @@ class _ShapeFit:
         own = normal[:n, :n] + np.diag(prior + damping + 1.0)
         right = np.concatenate([normal[:n, n:], (gradient[:n] + prior * away)[:, None]], 1)
         return np.linalg.solve(own, right)
-
-
-def _displacements(
-    cones: np.ndarray, growth: np.ndarray, found: Contacts, here: np.ndarray
-) -> np.ndarray:
-    """Return the displacement (S', K) of the contacts at `here` (K, 3) along their normals per unit
-    of each scale.
-
-    Scales change the ends and radii of cones (C, 16) by `growth` (S', C, 8), not their directions.
-    """
-    ends = cones[found.cone]
-    t, n = found.coordinates[:, 0:1], found.normal
-    outward = here - (1 - t) * ends[:, 0:3] - t * ends[:, 4:7]
-    radius = (1 - t) * ends[:, 3:4] + t * ends[:, 7:8]
-    along = np.concatenate([n, dot(n, outward)[:, None] / radius], 1)
-    per_end = np.concatenate([(1 - t) * along, t * along], 1)
-    return np.einsum("skj,kj->sk", growth[:, found.cone], per_end)

@@ -112,6 +112,28 @@ def place_points(cones: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
     return a + t * axis + radius * offset
 
 
+def surface_displacements(
+    cones: np.ndarray,
+    growths: np.ndarray,
+    cone: np.ndarray,
+    coordinates: np.ndarray,
+    normal: np.ndarray,
+) -> np.ndarray:
+    """Return the displacements (S, K) along `normal` (K, 3) of points on cones (C, 16) per unit of
+    each of S scales.
+
+    cone: (K,) and coordinates: (K, 4) of the points, see `place_points`. growths: (S, C, 8), what
+    the scales do to ends and radii; they do not turn the cones' sections.
+    """
+    ends = cones[cone]
+    t = coordinates[:, 0:1]
+    outward = place_points(ends, coordinates) - (1 - t) * ends[:, 0:3] - t * ends[:, 4:7]
+    radius = (1 - t) * ends[:, 3:4] + t * ends[:, 7:8]
+    along = np.concatenate([normal, dot(normal, outward)[:, None] / radius], 1)
+    per_end = np.concatenate([(1 - t) * along, t * along], 1)
+    return np.einsum("skj,kj->sk", growths[:, cone], per_end)
+
+
 def nearest_coordinates(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
     """Return the cone coordinates (K, 4) of the surface points nearest to points (K, 3), each on
     its own cone (K, 16)."""

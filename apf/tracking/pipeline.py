@@ -19,8 +19,15 @@ from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.filters.method import Method
+from apf.initialisation.personal import Outlines, find_outlines
 from apf.initialisation.sequence import check_rate
-from apf.likelihood.observations import Observation, Observed, PointObservations, Shown
+from apf.likelihood.observations import (
+    Observation,
+    Observed,
+    PointObservations,
+    Shown,
+    split_observation,
+)
 from apf.scene import Scene
 from apf.tracking.limb_confidence import limb_margins
 from apf.tracking.track import Track, concatenate_tracks
@@ -31,6 +38,7 @@ from cl import InputError, UserError
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame
 from psfs.session import Session
+from psfs.silhouettes.hidden import UNKNOWN
 from psfs.volume import automatic_grid
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
@@ -86,6 +94,7 @@ def track_frames(
     task: TrackingTask,
     progress: Callable[[str], object] | None = None,
     keep: KeepParts | None = None,
+    outlines: dict[int, Outlines] | None = None,
 ) -> Tracked:
     """Track a body through the session's frames, all seeds from one reconstruction.
 
@@ -94,7 +103,8 @@ def track_frames(
     backward pass, see `track_both_ways`. keep: called about once per second with the tracks of the
     frames since its last call, which it may store; stored files are read again at the end. A
     KeyboardInterrupt ends the tracks after the last complete frame, and is raised again if there is
-    none. Any other error ends them likewise and is returned.
+    none. Any other error ends them likewise and is returned. outlines: receives those of every
+    frame's silhouettes, by its number.
     """
     sequence, method = session.sequence, task.method
     check_rate(sequence, session.frames.step)
@@ -109,6 +119,8 @@ def track_frames(
         tracker = make_recovering_runs(scene, scaled, every_seed)
         tracker.start(task.pose)
         seen = observations(session, task, frames)
+        if outlines is not None:
+            seen = _record_outlines(session, seen, outlines)
         if not method.goes_back:
             return track_forward(tracker, seen, report)
         back = [make_recovering_runs(scene, scaled, own) for own in runs]
@@ -165,6 +177,18 @@ def _keep_in_session(
     for index, voxels in seen:
         session.record_carved(index, cast("Voxels | HostVoxels", voxels))
         yield index, voxels
+
+
+def _record_outlines(
+    session: Session, seen: Iterable[tuple[int, Observation]], outlines: dict[int, Outlines]
+) -> Iterator[tuple[int, Observation]]:
+    """Yield the items of `seen`, after their outlines are added to `outlines`."""
+    for index, shown in seen:
+        evidence = cast("Voxels | HostVoxels", split_observation(shown)[0]).evidence
+        if evidence is not None:
+            counts = evidence if isinstance(evidence, np.ndarray) else evidence.get()
+            outlines[index] = find_outlines(session.rig, counts > 0, counts != UNKNOWN)
+        yield index, shown
 
 
 def _provenance(

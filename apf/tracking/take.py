@@ -20,9 +20,11 @@ from apf.filters.term_weights import list_comparing_weights
 from apf.initialisation.config import StartConfig
 from apf.initialisation.from_keypoints import KeypointStart, start_from_keypoints
 from apf.initialisation.kept_voxels import select_person_points
+from apf.initialisation.personal import Outlines
 from apf.initialisation.sequence import initialise
 from apf.initialisation.start import Start, StartError, check_startable
 from apf.scene import Scene
+from apf.tracking.personal_pass import fit_personal_body
 from apf.tracking.pipeline import TrackingTask, track_frames
 from apf.tracking.settings import TakeSettings
 from apf.tracking.track import Track
@@ -111,10 +113,15 @@ def track_take(
     points = None if keypoint_fit is None else keypoint_fit.observations
     task = TrackingTask(body, pose, method, settings.run_seeds, points, frame)
     store = None if keep is None else lambda parts: keep(body, pose, parts)
-    tracked = track_frames(session, task, report, store)
+    outlines = dict[int, Outlines]()
+    personal = start is not None and method.goes_back and not settings.keep_shape
+    tracked = track_frames(session, task, report, store, outlines if personal else None)
+    tracks = tracked.tracks
+    if outlines:
+        tracks = fit_personal_body(tracks, outlines, session.rate)
+        body, pose = tracks[0].body or body, tracks[0].poses[list(tracks[0].frames).index(frame)]
     seconds = time.perf_counter() - began
-    tracks, error = tracked.tracks, tracked.error
-    return Take(session.sequence, body, pose, start, tracks, seconds, error, frame)
+    return Take(session.sequence, body, pose, start, tracks, seconds, tracked.error, frame)
 
 
 def _find_start(

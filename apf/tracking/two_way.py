@@ -47,7 +47,7 @@ from psfs.voxels.host_voxels import HostVoxels
 _JUMP_PER_ERROR = 0.6
 #: Time, s, of the Savitzky-Golay window that smooths the poses; longer ones flatten fast motion.
 #: Largest distance, m, of a limb's joints from their smoothed positions.
-_SMOOTHED_SECONDS, _SMOOTHED_WITHIN = 0.15, 0.01
+SMOOTHED_SECONDS, _SMOOTHED_WITHIN = 0.15, 0.01
 #: Frames at a window's end that are tracked again in the next window, so that the backward pass has
 #: converged where poses become final; at most a third of the window.
 OVERLAP = 30
@@ -240,7 +240,7 @@ def fuse_passes(
         pose[:, dofs] = reached(*mean, limb)[:, dofs]
         deviation[:, dofs] = average_deviations(passes.deviations, agreed)[:, dofs]
     known = np.any(~passes.lost, axis=0)
-    n_smoothed = round(_SMOOTHED_SECONDS * fps) | 1  # odd, as a parabola's window is
+    n_smoothed = round(SMOOTHED_SECONDS * fps) | 1  # odd, as a parabola's window is
     pose = smooth_poses(body, pose, known, n_smoothed)
     apart = passes.measure_disagreement(pose)
     return [

@@ -1,0 +1,112 @@
+"""A person's own body from outlines: what the take shows is found, the rest stays where it was."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers import bodies, scenes
+
+from apf.body.kinematics import posed_cones, posed_joints
+from apf.initialisation.personal import (
+    Outlines,
+    PersonalFit,
+    PersonalShape,
+    find_outlines,
+    nearest_outline,
+)
+from apf.initialisation.shape_model import place_points
+from psfs.cameras.camera import CameraRig
+from psfs.common.cones import ray_cone_distances
+
+SONG = bodies.named("song32")
+RIG = scenes.ring(4, (240, 320))
+
+
+def masks(rig: CameraRig, cones: np.ndarray) -> np.ndarray:
+    """Return exact silhouettes (V, H, W) of cones (C, 16)."""
+    x, y = np.meshgrid(np.arange(rig.width), np.arange(rig.height))
+    pixels = np.stack([x, y], -1).reshape(-1, 2).astype(float)
+    inside = [ray_cone_distances(c.centre, c.rays(pixels), cones).min(1) < 0 for c in rig]
+    return np.stack(inside).reshape(len(rig), rig.height, rig.width)
+
+
+def outlines_of(cones: np.ndarray) -> Outlines:
+    shown = masks(RIG, cones)
+    return find_outlines(RIG, shown, np.ones_like(shown))
+
+
+@pytest.fixture(scope="module")
+def taken() -> tuple[PersonalFit, np.ndarray, np.ndarray, list[Outlines]]:
+    """Outlines of a person with longer thighs and shorter forearms than the template."""
+    fit = PersonalFit(SONG)
+    true = np.zeros(len(fit.shape.spread))
+    true[fit.shape.index["length", "thigh", 0, 0]] = 0.06
+    true[fit.shape.index["length", "forearm", 0, 0]] = -0.06
+    poses = SONG.rest_pose + np.random.default_rng(1).normal(0, 0.4, (10, SONG.n_dof))
+    poses[:, :3] = SONG.rest_pose[:3]
+    poses = np.clip(poses, SONG.lower, SONG.upper)
+    cones = posed_cones(fit.shape.body(true), poses)
+    return fit, true, poses, [outlines_of(of) for of in cones]
+
+
+def test_rays_touch_the_body(
+    taken: tuple[PersonalFit, np.ndarray, np.ndarray, list[Outlines]],
+) -> None:
+    fit, true, poses, outlines = taken
+    cones = posed_cones(fit.shape.body(true), poses[:1])[0]
+    cone, coordinates, normal, gap = nearest_outline(outlines[0], cones)
+    assert len(outlines[0]) > 200
+    assert abs(np.median(gap)) < 0.01  # a pixel is 14 mm
+    centres = outlines[0].centres[outlines[0].views]
+    here = place_points(cones[cone], coordinates) + gap[:, None] * normal
+    off = np.cross(here - centres, outlines[0].rays)
+    assert np.linalg.norm(off, axis=1).max() < 2e-3  # from its point the ray is `gap` away
+
+
+def test_measures_and_poses_are_found(
+    taken: tuple[PersonalFit, np.ndarray, np.ndarray, list[Outlines]],
+) -> None:
+    fit, true, poses, outlines = taken
+    tracked = poses + np.random.default_rng(0).normal(0, 0.03, poses.shape)
+    measures, spread = fit.measure(outlines, tracked)
+    fitted = fit.pose(measures, outlines, tracked)
+    joints = posed_joints(fit.shape.body(true), poses)
+
+    def error(measures: np.ndarray, poses: np.ndarray) -> float:
+        found = posed_joints(fit.shape.body(measures), poses)
+        return float(np.linalg.norm(found - joints, axis=-1).mean())
+
+    assert error(measures, fitted) < 0.5 * error(0 * measures, tracked)
+    assert np.all(spread <= fit.shape.spread + 1e-9)
+    lengths = [fit.shape.index["length", name, 0, 0] for name in ("thigh", "forearm")]
+    assert measures[lengths[0]] > 0 > measures[lengths[1]]
+    assert np.all(spread[lengths] < fit.shape.spread[lengths])
+
+
+def test_without_outlines_nothing_changes() -> None:
+    fit, poses = PersonalFit(SONG), SONG.rest_pose[None]
+    nothing = [find_outlines(RIG, *np.zeros((2, 4, RIG.height, RIG.width), bool))]
+    measures, spread = fit.measure(nothing, poses)
+    assert not measures.any() and np.array_equal(spread, fit.shape.spread)
+    assert np.array_equal(fit.pose(measures, nothing, poses), poses)
+
+
+def test_what_is_unknown_or_at_the_border_is_no_outline() -> None:
+    shown = np.zeros((4, RIG.height, RIG.width), bool)
+    shown[:, :, :40] = True
+    known = np.ones_like(shown)
+    assert len(find_outlines(RIG, shown, known)) > 100
+    known[:, :, 40:] = False
+    assert len(find_outlines(RIG, shown, known)) == 0
+
+
+def test_growths_are_derivatives_of_the_cones() -> None:
+    shape, random = PersonalShape(SONG), np.random.default_rng(2)
+    measures = random.normal(0, shape.spread)
+    poses, step = bodies.random_poses(SONG, 2), 1e-5
+    found = shape.growths(measures, poses)
+    for number in range(0, len(measures), 7):
+        move = step * np.eye(len(measures))[number]
+        after, before = (posed_cones(shape.body(measures + s * move), poses) for s in (1, -1))
+        expected = (after - before)[..., :8] / (2 * step)
+        np.testing.assert_allclose(found[:, number], expected, atol=1e-4)
