@@ -11,7 +11,6 @@ from apf.cli.batch_take import TakeDone
 from apf.cluster.page import write_index
 from apf.cluster.record import TakeRecord
 from apf.cluster.take_row import TakeRow
-from apf.cluster.task_side import TaskProgress
 
 
 class Cells(HTMLParser):
@@ -73,12 +72,3 @@ def test_people_of_a_take_are_rows_of_one_take(tmp_path: Path) -> None:
     links = Cells(text).links
     assert links.count("duo/report.html") == 2 and "duo/person2/report.html" in links
     assert describe_done(TakeDone(rows, kept=False)) == "2 people, 7 frames tracked in 1.5 s"
-
-
-def test_frames_of_each_person_are_counted_from_the_first() -> None:
-    progress = TaskProgress()
-    for n_frames in (3, 2):
-        progress.n_frames = n_frames
-        for k in range(n_frames):
-            progress("tracking")
-            assert progress.done == k + 1
