@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
+from apf.body.jacobian import bone_point_jacobian
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.body.toml import TALLEST
@@ -16,8 +15,9 @@ from apf.formats.pose import FARTHEST
 from apf.initialisation.fit_config import JointFitConfig
 from cl import InputError
 from psfs.cameras.names import join_names
+from psfs.common.least_squares import Parameters, Residuals, Slope, prior, solve
 
-#: Step of the forward differences, rad, m or log of a scale: about the square root of float64's
+#: Step of the forward differences of the log of a scale: about the square root of float64's
 #: resolution.
 _STEP = 1e-7
 #: Least extent, m, of the joints of a person to start from.
@@ -44,8 +44,7 @@ def fit_to_joints(
             f"origin; expected a person in metres, {LEAST_EXTENT:g} to {TALLEST:g} m"
         )
     fit = _JointFit(body, [body.joint_names.index(name) for name in names], target, config)
-    best = fit.solve()
-    scales, pose = fit.split(best)
+    scales, pose = fit.solve()
     scaled = body.scaled(scales)
     offset = posed_joints(scaled, pose[None])[0, fit.chosen] - target
     error = float(np.sqrt(np.mean(np.sum(offset**2, -1))))
@@ -54,73 +53,68 @@ def fit_to_joints(
 
 
 class _JointFit:
-    """The least-squares problem of `fit_to_joints`. The unknowns x are the pose (D,), then the log
-    of a scale for each group of bones. chosen: indices of the joints at `target` (J, 3) m."""
+    """The least-squares problem of `fit_to_joints`: a pose, and the log of a scale for each group
+    of bones. chosen: indices of the joints at `target` (J, 3) m."""
 
     def __init__(
         self, body: BodyModel, chosen: list[int], target: np.ndarray, config: JointFitConfig
     ) -> None:
         self.body, self.chosen, self.target, self.config = body, chosen, target, config
-        self.groups = body.scale_groups
         self._bones = replace(body, cones=())  # joints do not depend on the cones
-        self.n = body.n_dof + len(self.groups)
-        # Derivatives of the residuals that do not depend on the joints.
-        identity = np.eye(self.n)
-        self._priors = [
-            identity[body.n_dof :] / config.scale,
-            identity[body.angles] / config.angle,
-        ]
+        self._on = np.array([body.joints[index].bone for index in chosen])
+        self._spread = np.full(body.n_dof, np.inf)
+        self._spread[body.angles] = config.angle
 
-    def split(self, x: np.ndarray) -> tuple[dict[str, float], np.ndarray]:
-        """Return the scale of each group and the pose (D,)."""
-        scales = np.exp(x[self.body.n_dof :])
-        return dict(zip(self.groups, scales, strict=True)), x[: self.body.n_dof]
+    def scales(self, sizes: np.ndarray) -> dict[str, float]:
+        """Return the scale of each group, of their logs (G,)."""
+        return dict(zip(self.body.scale_groups, np.exp(sizes), strict=True))
 
-    def residuals(self, x: np.ndarray) -> np.ndarray:
-        """Return all residuals, divided by their standard deviations."""
-        body, config = self.body, self.config
-        scales, pose = self.split(x)
-        reached = posed_joints(self._bones.scaled(scales), pose[None])[0, self.chosen]
-        return np.concatenate(
-            [
-                ((reached - self.target) / config.joint).ravel(),
-                x[body.n_dof :] / config.scale,
-                (pose - body.rest_pose)[body.angles] / config.angle,
-            ]
-        )
+    def joints(self, sizes: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """Return the chosen joints (J, 3) m of a pose (D,)."""
+        scaled = self._bones.scaled(self.scales(sizes))
+        return posed_joints(scaled, pose[None])[0, self.chosen]
 
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Return the derivatives by finite differences, those of the pose in one batch."""
-        body, n = self.body, self.n
-        scales, pose = self.split(x)
-        poses = np.vstack([pose, pose + _STEP * np.eye(body.n_dof)])
-        reached = posed_joints(self._bones.scaled(scales), poses)
-        stretched = [
-            self._bones.scaled(self.split(x + _STEP * unit)[0]) for unit in np.eye(n)[body.n_dof :]
-        ]
-        reached = np.concatenate([reached, *(posed_joints(s, pose[None]) for s in stretched)])
-        moves = (reached[1:, self.chosen] - reached[0, self.chosen]) / _STEP
-        return np.concatenate([moves.reshape(n, -1).T / self.config.joint, *self._priors])
-
-    def solve(self) -> np.ndarray:
-        """Return the best unknowns over several initial headings."""
+    def solve(self) -> tuple[dict[str, float], np.ndarray]:
+        """Return the scales and the pose (D,) that fit best over several initial headings."""
         body, config = self.body, self.config
         free = np.clip(body.rest_pose, body.lower, body.upper)
         angles = [k * 2 * np.pi / config.n_headings for k in range(config.n_headings)]
-        poses = [_place_root(body, free, self.target.mean(0), angle) for angle in angles]
-        zeros = np.zeros(len(self.groups))
-        tried = [self._solution(np.concatenate([p, zeros]), config.n_trial) for p in poses]
-        best = min(tried, key=lambda solution: solution.cost)
-        return self._solution(best.x, None).x
+        starts = [
+            {
+                "pose": _place_root(body, free, self.target.mean(0), angle)[None],
+                "sizes": np.zeros((1, len(body.scale_groups))),
+            }
+            for angle in angles
+        ]
+        tried = [
+            solve(self._evaluate, at, steps=config.n_trial, update=self._move) for at in starts
+        ]
+        best = min(tried, key=lambda solution: solution.cost).parameters
+        found = solve(self._evaluate, best, update=self._move).parameters
+        return self.scales(found["sizes"][0]), found["pose"][0]
 
-    def _solution(self, start: np.ndarray, max_evaluations: int | None) -> Any:
-        size = np.full(len(self.groups), self.config.max_log_scale)
-        lower = np.concatenate([self.body.lower, -size])
-        upper = np.concatenate([self.body.upper, size])
-        inside = np.clip(start, lower + 1e-9, upper - 1e-9)
-        return least_squares(
-            self.residuals, inside, self.jacobian, bounds=(lower, upper), max_nfev=max_evaluations
-        )
+    def _evaluate(self, at: Parameters) -> list[Residuals]:
+        config, first = self.config, np.zeros(len(self.chosen), int)
+        sizes, pose = at["sizes"][0], at["pose"][0]
+        joints = self.joints(sizes, pose)
+        scaled = self._bones.scaled(self.scales(sizes))
+        by_pose = bone_point_jacobian(scaled, pose[None], self._on, joints[None])[0]
+        moved = [self.joints(sizes + step, pose) for step in _STEP * np.eye(len(sizes))]
+        by_size = (np.stack(moved, -1) - joints[..., None]) / _STEP
+        slopes = [Slope("pose", first, by_pose.swapaxes(1, 2)), Slope("sizes", first, by_size)]
+        return [
+            Residuals(joints - self.target, slopes, sigma=config.joint, robust=False),
+            prior("sizes", at["sizes"], config.scale),
+            prior("pose", at["pose"], self._spread, self.body.rest_pose),
+        ]
+
+    def _move(self, at: Parameters, step: Parameters) -> Parameters:
+        """Return the parameters after a step, within the limits of the body and of its scales."""
+        most = self.config.max_log_scale
+        return {
+            "pose": np.clip(at["pose"] + step["pose"], self.body.lower, self.body.upper),
+            "sizes": np.clip(at["sizes"] + step["sizes"], -most, most),
+        }
 
 
 def _select_given_joints(
