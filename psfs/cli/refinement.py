@@ -38,13 +38,13 @@ def refine(request: CalibrateRequest) -> None:
     hidden = find_hidden_pixels(session)
     rig = session.rig if hidden is None else session.rig.with_hidden(hidden)
     config = AlignmentConfig()
-    found = align_views(rig, larger_views(session, config), config)
+    found = align_views(rig, larger_views(session), config)
     if found is None:
         raise InputError(
             f"{request.folder}: too few tips of limbs are seen by two cameras at once; expected "
             "somebody who moves arms and legs, in pictures that show the whole person"
         )
-    accepted = found.is_accepted(config)
+    accepted = found.is_accepted()
     cameras = found.rig if accepted else session.rig
     _write(request, CameraRig(tuple(cameras)), found, accepted)
 

@@ -20,8 +20,20 @@ from psfs.diagnostics.config import AlignmentConfig, FaultConfig
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.limbs import LimbViews
 from psfs.diagnostics.refinement import N_PARAMETERS, RigCorrections, RigFit
-from psfs.diagnostics.small_views import Outline, SmallViews, small_views
+from psfs.diagnostics.small_views import LARGE_SIDE, Outline, SmallViews, small_views
 from psfs.session import Session
+
+#: Residual in small pictures below which a rig counts as sound, px: exact rigs have up to 0.36.
+_SOUND = 0.45
+#: Least correction, as a share of the picture's longer side: exact rigs seem off by 1.4 of 640 px,
+#: for silhouettes lose hair and gain shadows.
+_LEAST_MOVED = 1.6 / 640
+#: Share to which the residuals of held-out frames must shrink, and in the small pictures.
+_SHARE, _COARSE_SHARE = 0.5, 0.75
+#: Length of the stretches that are alternately fitted and held out, frames.
+_BLOCK = 10
+#: Most last matchings of all frames, which end when the times change by less, frames.
+_LAST, _SETTLED = 5, 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,18 +60,12 @@ class Alignment:
             f"{self.before:.2f}, in pictures of {self.side} px"
         )
 
-    def is_accepted(self, config: AlignmentConfig) -> bool:
-        """Return whether the rig was measurably off and fits now."""
-        return self.is_significant(config, config.share)
-
-    def is_significant(self, config: AlignmentConfig, share: float) -> bool:
+    def is_accepted(self, share: float = _SHARE) -> bool:
         """Return whether the rig was measurably off, and at most this share of the held-out
         residuals is left."""
         size = max(self.rig.width, self.rig.height)
-        return bool(
-            self.after <= share * self.before
-            and np.sqrt(np.mean(self.moved**2)) >= config.least_moved * size
-        )
+        moved = float(np.sqrt(np.mean(self.moved**2)))
+        return bool(self.after <= share * self.before and moved >= _LEAST_MOVED * size)
 
 
 def correct_rig(
@@ -67,22 +73,22 @@ def correct_rig(
 ) -> Alignment | None:
     """Return the corrected rig of a session; None if the rig fits as it is or cannot be judged.
 
-    views: small pictures of these cameras or more. If they show that the rig is off, the correction
-    is estimated from larger ones.
+    views: small pictures of these cameras or more. Coarse to fine: only if they show that the rig
+    is off, the correction is estimated from larger ones.
     """
     config = config or AlignmentConfig()
     if not config.on or len(session.rig) < 3:
         return None
-    first = align_views(session.rig, views, config, config.sound)
-    if first is None or not first.is_significant(config, config.first_share):
+    coarse = align_views(session.rig, views, config, _SOUND)
+    if coarse is None or not coarse.is_accepted(_COARSE_SHARE):
         return None
-    found = align_views(session.rig, larger_views(session, config), config)
-    return found if found is not None and found.is_accepted(config) else None
+    found = align_views(session.rig, larger_views(session), config)
+    return found if found is not None and found.is_accepted() else None
 
 
-def larger_views(session: Session, config: AlignmentConfig) -> SmallViews:
+def larger_views(session: Session) -> SmallViews:
     """Return the pictures in which corrections are estimated."""
-    larger = FaultConfig().replace(longest_side=config.longest_side)
+    larger = FaultConfig().replace(longest_side=LARGE_SIDE)
     return small_views(session.sequence, session.device, larger)
 
 
@@ -126,7 +132,7 @@ def estimate_alignment(
     if not config.on or len(rig) < 3:
         return None
     fit = RigFit(small, outlines, config)
-    fitted = (np.arange(len(outlines)) // config.block) % 2 == 0
+    fitted = (np.arange(len(outlines)) // _BLOCK) % 2 == 0
     before = fit.measure(np.zeros((len(rig), N_PARAMETERS)), ~fitted)
     half = fit.solve(fitted) if before > sound else None
     if half is None:
@@ -144,13 +150,13 @@ def estimate_alignment(
 def _settle(fit: RigFit, found: RigCorrections | None, views: LimbViews) -> RigCorrections | None:
     """Return the corrections fitted to all frames, and to points on limbs' axes: points are matched
     and corrections estimated in turn until the times stay. None if there are too few points."""
-    for _ in range(fit.config.n_last):
+    for _ in range(_LAST):
         if found is None:
             return None
         limbs = views.find_points(found.apply(fit.rig).cameras, -found.offsets)
         further = limbs.bind(np.zeros(len(fit.rig)))
         before, found = found, fit.solve(start=found.values, rounds=1, further=further)
-        if found is not None and np.abs(found.offsets - before.offsets).max() < fit.config.settled:
+        if found is not None and np.abs(found.offsets - before.offsets).max() < _SETTLED:
             break
     return found
 

@@ -19,12 +19,23 @@ from psfs.common.progress import map_in_threads
 from psfs.diagnostics.config import LimbConfig
 from psfs.diagnostics.frontier import SilhouetteContours
 from psfs.diagnostics.hulls import HullRays
-from psfs.diagnostics.medial_axes import MedialAxes
+from psfs.diagnostics.medial_axes import OPPOSITE, MedialAxes
 from psfs.diagnostics.refinement import N_PARAMETERS, Measure
 from psfs.diagnostics.sights import PersonPlace, Sight, find_person
+from psfs.footage.camera_times import INDEPENDENT_SHARE
 
 #: Widths of Geman & McClure's weights, in standard deviations of the residuals.
 _REACH = 2.5
+#: Widths of limbs, statures, and the greatest ratio of a limb's widths in two cameras.
+_THINNEST, _WIDEST, _ALIKE = 0.018, 0.13, 1.4
+#: Depths that are searched around the person's middle, their step, and the distance of another
+#: depth from the best, statures.
+_AROUND, _STEP, _APART = 0.75, 0.011, 0.07
+#: Fewest cameras that see a point, and how many more must see it at the best depth than at another.
+_VIEWS, _LEAD = 3, 0.5
+#: Distance of a point from an axis up to which they agree, px, and greatest angle between a limb's
+#: direction and the plane in which a camera sees it, rad.
+_GATE, _STRAIGHT = 5.0, 0.35
 #: Information of the place along the axis: it fixes the point and tells no camera anything.
 _ALONG = 1e-2
 
@@ -65,7 +76,7 @@ class LimbViews:
     ) -> LimbViews:
         """Measure the axes in the contours of each view."""
         pairs = list(zip(hulls, contours, strict=True))
-        axes = map_in_threads(lambda of: MedialAxes.create(of[0].camera, of[1], config), pairs)
+        axes = map_in_threads(lambda of: MedialAxes.create(of[0].camera, of[1]), pairs)
         return cls(list(axes), [Sight.create(own) for own in hulls], config)
 
     def find_points(self, cameras: Sequence[Camera], lags: np.ndarray) -> LimbPoints:
@@ -85,7 +96,7 @@ class LimbPoints:
         found = [
             _find_points(view, cameras, lags, axes, person, config) for view in range(len(cameras))
         ]
-        self._traced = _trace(cameras, lags, axes, found, config)
+        self._traced = _trace(cameras, lags, axes, found)
 
     def __len__(self) -> int:
         return len(self._traced.times)
@@ -105,7 +116,7 @@ class LimbPoints:
         typical = float(np.median(np.abs(residuals[..., 0][self._traced.known])))
         noise = max(self.config.noise, 1.4826 * typical)
         robust = 1 + (residuals[..., :1] / (_REACH * noise)) ** 2
-        roots = np.sqrt(self.config.information * known) / (noise * robust)
+        roots = np.sqrt(INDEPENDENT_SHARE * known) / (noise * robust)
         n, views = residuals.shape[:2]
         rows = np.zeros((n, views, 2, views, N_PARAMETERS))
         for view in range(views):
@@ -169,14 +180,14 @@ def _find_points(
         return np.zeros(0, int), np.zeros((0, 3))
     chosen = np.arange(0, len(own.frames), max(1, len(own.frames) // config.per_camera))
     middle = (person.middle - camera.centre) @ camera.R[2]
-    around, step = config.around * person.stature, config.step * person.stature
+    around, step = _AROUND * person.stature, _STEP * person.stature
     depths = np.arange(max(step, middle - around), middle + around, step)
     if not len(chosen) or not len(depths):
         return np.zeros(0, int), np.zeros((0, 3))
     focal = camera.K[0, 0]
     rays = np.column_stack([own.places[chosen] / focal, np.ones(len(chosen))]) @ camera.R
     widths = own.widths[chosen][:, None] * depths / focal
-    sound = (widths > config.thinnest * person.stature) & (widths < config.widest * person.stature)
+    sound = (widths > _THINNEST * person.stature) & (widths < _WIDEST * person.stature)
     tried, widths = np.flatnonzero(sound), widths[sound]
     of_ray, of_depth = np.divmod(tried, len(depths))
     points = camera.centre + rays[of_ray] * depths[of_depth, None]
@@ -190,16 +201,16 @@ def _find_points(
         nearest = seen.find_nearest(frames[of_ray], places)
         met = nearest >= 0
         nearest, places, z = nearest[met], places[met], z[met]
-        away = ((places - seen.places[nearest]) * seen.across[nearest]).sum(-1) / config.gate
+        away = ((places - seen.places[nearest]) * seen.across[nearest]).sum(-1) / _GATE
         agree = np.abs(away) < 1
-        agree &= _are_alike(seen.widths[nearest] * z / other.K[0, 0], widths[met], config)
+        agree &= _are_alike(seen.widths[nearest] * z / other.K[0, 0], widths[met])
         costs.flat[tried[met]] -= np.where(agree, 1 - away**2, 0)
         votes.flat[tried[met]] += agree
     best, rows = costs.argmin(axis=1), np.arange(len(chosen))
-    another = np.abs(depths - depths[best][:, None]) > config.apart * person.stature
+    another = np.abs(depths - depths[best][:, None]) > _APART * person.stature
     lead = np.where(another, costs, 0).min(axis=1) - costs[rows, best]
-    kept = np.isfinite(costs[rows, best]) & (votes[rows, best] >= config.views)
-    kept &= lead > config.lead
+    kept = np.isfinite(costs[rows, best]) & (votes[rows, best] >= _VIEWS)
+    kept &= lead > _LEAD
     return chosen[kept], camera.centre + rays[kept] * depths[best[kept], None]
 
 
@@ -211,13 +222,13 @@ def _project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray
         return camera.K[0, 0] * local[..., :2] / local[..., 2:], local[..., 2]
 
 
-def _are_alike(first: np.ndarray, second: np.ndarray, config: LimbConfig) -> np.ndarray:
-    return (first < config.alike * second) & (second < config.alike * first)
+def _are_alike(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return (first < _ALIKE * second) & (second < _ALIKE * first)
 
 
 def _trace(
     cameras: Sequence[Camera], lags: np.ndarray, axes: Sequence[MedialAxes],
-    found: Sequence[tuple[np.ndarray, np.ndarray]], config: LimbConfig,
+    found: Sequence[tuple[np.ndarray, np.ndarray]],
 ) -> _Traced:  # fmt: skip
     """Return what all cameras measure of the points that were found from each of them."""
     firsts = np.repeat(np.arange(len(found)), [len(own) for own, _ in found])
@@ -243,13 +254,13 @@ def _trace(
         normals = [own.across[nearest] for nearest in pair]
         cosines = (normals[0] * normals[1]).sum(1)
         normals[1] = normals[1] * np.sign(cosines)[:, None]
-        sound = np.abs(cosines) > config.opposite
+        sound = np.abs(cosines) > OPPOSITE
         mean = normals[0] + normals[1]
         mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
         for later, (nearest, normal) in enumerate(zip(pair, normals, strict=True)):
             away = ((seen - own.places[nearest]) * normal).sum(1)
-            sound &= (nearest >= 0) & (np.abs(away) < (2 + later) * config.gate)
-            sound &= _are_alike(own.widths[nearest] * z / camera.K[0, 0], widths, config)
+            sound &= (nearest >= 0) & (np.abs(away) < (2 + later) * _GATE)
+            sound &= _are_alike(own.widths[nearest] * z / camera.K[0, 0], widths)
             places[:, view, later] = seen - away[:, None] * mean
         known[:, view], across[:, view] = sound, mean
         plane = np.column_stack([camera.K[0, 0] * mean, -(mean * seen).sum(1)]) @ camera.R
@@ -257,6 +268,6 @@ def _trace(
     # The limb lies in the plane in which each camera sees it.
     spread = np.einsum("nvi,nvj,nv->nij", planes, planes, known)
     directions = np.linalg.eigh(spread)[1][:, :, 0]
-    known &= np.abs(np.einsum("nvi,ni->nv", planes, directions)) < np.sin(config.straight)
-    kept = (known.sum(axis=1) >= config.views) & known[np.arange(n), firsts]
+    known &= np.abs(np.einsum("nvi,ni->nv", planes, directions)) < np.sin(_STRAIGHT)
+    kept = (known.sum(axis=1) >= _VIEWS) & known[np.arange(n), firsts]
     return _Traced(times, firsts, points, known, frames, across, places).select(kept)

@@ -15,9 +15,11 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from psfs.cameras.camera import Camera
-from psfs.diagnostics.config import LimbConfig
 from psfs.diagnostics.frontier import SilhouetteContours
 
+#: Standard deviation of the contours' smoothing and least width of a limb, px; least cosine between
+#: the edges of a limb.
+_SMOOTH, _NARROWEST, OPPOSITE = 2.0, 5.0, 0.9
 #: Points of a contour on either side by which its direction is measured.
 _SIDE = 3
 #: Farthest way of a facing point aside, px, and its least distance: nearer ones are neighbours.
@@ -44,13 +46,13 @@ class MedialAxes:
     nearest: np.ndarray
 
     @classmethod
-    def create(cls, camera: Camera, contours: SilhouetteContours, config: LimbConfig) -> MedialAxes:
+    def create(cls, camera: Camera, contours: SilhouetteContours) -> MedialAxes:
         """Measure the medial axes of a camera's contours."""
         count = int(contours.frames.max(initial=-1)) + 1
         pixels = camera.K[0, 0] * camera.normalise(contours.points)
         begins = np.searchsorted(contours.frames, np.arange(count + 1))
         found = [
-            _find_middles(pixels[begin:end], contours.at_border[begin:end] > 0, config)
+            _find_middles(pixels[begin:end], contours.at_border[begin:end] > 0)
             for begin, end in pairwise(begins)
         ]
         frames = np.repeat(np.arange(count), [len(of[2]) for of in found])
@@ -74,13 +76,13 @@ class MedialAxes:
 
 
 def _find_middles(
-    pixels: np.ndarray, at_border: np.ndarray, config: LimbConfig
+    pixels: np.ndarray, at_border: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the middles (N, 2) between facing points of a closed contour, the unit vectors across
     (N, 2) and the widths (N,)."""
     if len(pixels) < 4 * _SIDE:
         return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
-    smooth = gaussian_filter1d(pixels, config.smooth, axis=0, mode="wrap")
+    smooth = gaussian_filter1d(pixels, _SMOOTH, axis=0, mode="wrap")
     along = np.roll(smooth, -_SIDE, 0) - np.roll(smooth, _SIDE, 0)
     along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-12
     after = np.roll(smooth, -1, 0)
@@ -95,13 +97,13 @@ def _find_middles(
     facing = np.isfinite(depth[np.arange(len(first)), second]) & ~at_border[first]
     first, second = first[facing & ~at_border[second]], second[facing & ~at_border[second]]
     cosines = (inward[first] * inward[second]).sum(1)
-    opposite = cosines < -config.opposite
+    opposite = cosines < -OPPOSITE
     first, second, cosines = first[opposite], second[opposite], cosines[opposite]
     widths = ((smooth[second] - smooth[first]) * inward[second]).sum(1) / cosines
     across = inward[first] - inward[second]
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     middles = smooth[first] + 0.5 * widths[:, None] * inward[first]
-    wide = widths > config.narrowest
+    wide = widths > _NARROWEST
     return middles[wide], across[wide], widths[wide]
 
 

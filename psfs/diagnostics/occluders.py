@@ -17,7 +17,7 @@ from psfs.backend import make_evidence_function
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.numbers import pick_evenly
 from psfs.diagnostics.config import OccluderConfig
-from psfs.diagnostics.small_views import Shrink
+from psfs.diagnostics.small_views import LARGE_SIDE, Shrink
 from psfs.session import Session
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.volume import VOLUME_SAMPLES, BoxSearch
@@ -25,6 +25,17 @@ from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupied_box import finest_pixel, remove_speckle
 
+#: Examined frames, spread over the sequence.
+_SAMPLES = 64
+#: Least number of cameras that must show unexplained foreground (two find specks in clean footage),
+#: and most cameras that are hidden from the same place at once.
+_AGREEING, _DENYING = 3, 2
+#: Least number of frames in which a pixel must contradict the other cameras, and least share of
+#: those in which it shows the person or contradicts; least ratio of a camera's pixels that show the
+#: person to those that contradict, below which it has another fault.
+_LEAST_FRAMES, _LEAST_SHARE, _LEAST_CONFIRMED = 2, 0.1, 0.5
+#: Width of the holes that are filled, px.
+_GAP = 13
 #: Voxels of the fine grid along each side of one of the coarse grid.
 _FINE = 2
 #: Share of its size by which the box of the visible person is enlarged: legs may be hidden in all
@@ -39,14 +50,14 @@ def find_hidden_pixels(session: Session, config: OccluderConfig | None = None) -
     """
     config = config or OccluderConfig()
     rig, sequence = session.rig, session.sequence
-    if not config.on or len(rig) <= config.agreeing:
+    if not config.on or len(rig) <= _AGREEING:
         return None
-    shrink = Shrink(rig, rig.factor_within(config.longest_side))
+    shrink = Shrink(rig, rig.factor_within(LARGE_SIDE))
     background = shrink.background(session.background)
     evidence_of = make_evidence_function(
         session.device, shrink.small, background, SilhouetteConfig().without_memory()
     )
-    picked = pick_evenly(len(sequence), config.samples).tolist()
+    picked = pick_evenly(len(sequence), _SAMPLES).tolist()
     with sequence.reader(learning=False) as read:
         evidence = [evidence_of(shrink.frame(read(i))).copy() for i in picked]
     box = _box(session, shrink.small, evidence)
@@ -122,7 +133,7 @@ class _HiddenPixelCounter:
             square = np.ones((2 * _FINE * width + 1,) * 2, np.uint8)
             for frame, shown in enumerate(self._shown):
                 votes[frame] += _look_up(cv2.dilate(_bytes(shown[view]), square), places) > 0
-        return [np.flatnonzero(own >= self.config.agreeing) for own in votes]
+        return [np.flatnonzero(own >= _AGREEING) for own in votes]
 
     def _project_to_indices(self, camera: Camera, centres: np.ndarray) -> np.ndarray:
         """Return (N,) int32 flat pixel indices of the projected points; -1 outside the picture."""
@@ -145,12 +156,12 @@ class _HiddenPixelCounter:
         )
         self.confirmed += shown & explained
         lonely = [cv2.erode(own, np.ones((3, 3), np.uint8)) for own in _bytes(shown & ~explained)]
-        if sum(own.any() for own in lonely) < self.config.agreeing:
+        if sum(own.any() for own in lonely) < _AGREEING:
             return
         wanted = [_look_up(own, at) > 0 for own, at in zip(lonely, pixels, strict=True)]
-        config, against = self.config, counts < 0
+        against = counts < 0
         n_against, n_for = against.sum(0), (counts > 0).sum(0)
-        amiss = (np.sum(wanted, 0) >= config.agreeing) & (n_against <= config.denying)
+        amiss = (np.sum(wanted, 0) >= _AGREEING) & (n_against <= _DENYING)
         amiss &= ~occupied & (n_for > n_against)
         for view, own in enumerate(shown):
             denied = self._covered_pixels(view, pixels[view][amiss & against[view]], 0)
@@ -169,11 +180,11 @@ class _HiddenPixelCounter:
         specks removed."""
         config = self.config
         enough = self.denied >= np.maximum(
-            config.least_frames, config.least_share * (self.denied + self.confirmed)
+            _LEAST_FRAMES, _LEAST_SHARE * (self.denied + self.confirmed)
         )
         sums = self.confirmed.sum((1, 2), dtype=int), self.denied.sum((1, 2), dtype=int)
-        enough &= (sums[0] >= config.least_confirmed * sums[1])[:, None, None]
-        square = np.ones((config.gap, config.gap), np.uint8)
+        enough &= (sums[0] >= _LEAST_CONFIRMED * sums[1])[:, None, None]
+        square = np.ones((_GAP, _GAP), np.uint8)
         closed = [cv2.morphologyEx(own, cv2.MORPH_CLOSE, square) for own in _bytes(enough)]
         return np.stack([_without_specks(own, config.least_pixels) for own in closed])
 

@@ -31,6 +31,10 @@ N_PARAMETERS = 8
 _AROUND, _HELD = (0.4, 0.4, 0.8), 5e-4
 #: Widths of Geman & McClure's weights, in standard deviations of the residuals.
 _REACH = 2.5
+#: Matchings of the frontier points, and Gauss-Newton steps after each.
+_ROUNDS, _STEPS = 4, 2
+#: Greatest change of the speed, px per frame^2, of the tips by which a correction is judged.
+_JUDGED_BEND = 1.0
 #: Fewest points whose noise is estimated apart.
 _LEAST_GROUP = 10
 
@@ -105,7 +109,7 @@ class RigFit:
     def measure(self, values: np.ndarray, frames: np.ndarray | None = None) -> float:
         """Return the median residual, px, under corrections (V, 8); NaN without points."""
         cameras = self._correct(values)
-        points = self._find(values, self.config.gate, self.config.judged_bend, frames)
+        points = self._find(values, self.config.gate, _JUDGED_BEND, frames)
         if not len(points):
             return float("nan")
         return float(np.median(np.abs(epipolar_residuals(cameras, points, values[:, 7])[0])))
@@ -121,13 +125,13 @@ class RigFit:
         further: further measurements.
         """
         values = np.zeros((len(self.rig), N_PARAMETERS)) if start is None else start.copy()
-        config, rounds = self.config, rounds or self.config.n_rounds
+        config, rounds = self.config, rounds or _ROUNDS
         for number in range(rounds):
             late = rounds - 1 - number
             points = self._find(values, config.gate * 2.0 ** min(late, 2), config.bend, frames)
             if len(points) < config.least_rows * values.size:
                 return None
-            for _ in range(config.n_steps):
+            for _ in range(_STEPS):
                 step, covariance, residuals = self._step(values, points, late, further)
                 values = values + step
         sigmas = np.sqrt(np.diag(covariance)).reshape(values.shape)

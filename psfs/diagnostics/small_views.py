@@ -29,6 +29,8 @@ SILHOUETTES = SilhouetteConfig(
 #: Least and most consecutive frames that are examined, most pixels of these, and most of the frames
 #: whose pictures are kept.
 _FRAMES, _PIXELS, _KEPT = (60, 200), 1.5e9, 24
+#: Longest side, px, of the larger pictures in which corrections and furniture are found.
+LARGE_SIDE = 640
 #: Largest change of a grey level by a codec.
 _CODEC = 8
 
