@@ -90,7 +90,7 @@ def test_a_rig_that_is_off_is_corrected_and_its_times_found(
 ) -> None:
     rig = off(EXACT, 0.5)
     found = estimate_alignment(rig, rig, outlines)
-    assert found is not None and found.is_accepted(CONFIG)
+    assert found is not None and found.is_accepted()
     # What is left is a motion of the whole scene, which silhouettes cannot tell.
     assert pixels_apart(found.rig, EXACT) < 0.5 * pixels_apart(rig, EXACT)
     assert found.after < 0.4 * found.before
@@ -121,7 +121,7 @@ def test_small_pictures_tell_the_large_rig() -> None:
 
 def test_an_exact_rig_stays(outlines: list[list[Outline | None]]) -> None:
     found = estimate_alignment(EXACT, EXACT, outlines)
-    assert found is not None and not found.is_accepted(CONFIG)
+    assert found is not None and not found.is_accepted()
     assert pixels_apart(found.rig, EXACT) < 0.5
     assert estimate_alignment(EXACT, EXACT, outlines, CONFIG, sound=10.0) is None
 

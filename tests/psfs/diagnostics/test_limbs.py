@@ -64,7 +64,6 @@ def medial_axes(radius=0.06, wider=0.0):
         MedialAxes.create(
             camera,
             SilhouetteContours([outline(camera, t - lag, radius, wider) for t in range(FRAMES)]),
-            CONFIG,
         )
         for camera, lag in zip(CAMERAS, LAGS, strict=True)
     ]
