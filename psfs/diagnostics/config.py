@@ -99,7 +99,7 @@ class OccluderConfig(Config):
 class FaultConfig(Config):
     """The tests of faults, see `psfs.diagnostics.fault`."""
 
-    SOURCE: ClassVar = "by hand; docs/trust.md has the table of sound and spoilt takes"
+    SOURCE: ClassVar = "by hand"
 
     false_alarms: float = setting(
         1e-3, "Probability of each test that footage without the fault is accused.", above=0, most=1
