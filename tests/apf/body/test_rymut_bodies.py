@@ -90,7 +90,7 @@ class Film:
             height, width = parts.shape
             maps[view, :height, :width, 0] = np.where(parts > 0, 255, 0)
             maps[view, :height, :width, 1] = proximity(edges, table)
-            roi[view] = region(parts > 0, 4, 8, 16)
+            roi[view] = region(parts > 0, 4)
         on_device = (self.device.to_device(array) for array in (maps, roi))
         return SimpleNamespace(**dict(zip(("maps", "roi"), on_device, strict=True)))
 
