@@ -6,7 +6,6 @@ flags of single settings.
 
 from __future__ import annotations
 
-from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.calibration.config import CalibrationConfig
 from psfs.common.config import Config, part
 from psfs.diagnostics.config import (
@@ -18,12 +17,6 @@ from psfs.diagnostics.config import (
 from psfs.footage import settings as footage
 from psfs.self_calibration.config import PersonConfig
 from psfs.voxels.config import ReconstructionConfig
-
-
-class BackgroundSettings(Config):
-    """The estimation of the background from pictures of the empty scene."""
-
-    model: BackgroundModelConfig = part(BackgroundModelConfig)
 
 
 class DiagnosticsSettings(Config):
@@ -39,7 +32,6 @@ class Settings(Config):
     """The settings of every room of psfs."""
 
     capture: footage.SequenceSettings = part(footage.SequenceSettings)
-    background: BackgroundSettings = part(BackgroundSettings)
     reconstruction: ReconstructionConfig = part(ReconstructionConfig)
     diagnostics: DiagnosticsSettings = part(DiagnosticsSettings)
     calibration: CalibrationConfig = part(CalibrationConfig)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial, reduce
+from functools import reduce
 from itertools import chain, islice
 
 import cv2
 import numpy as np
 
-from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.cameras.camera import CameraRig
 from psfs.common.progress import map_in_threads
 from psfs.footage.media import Media
@@ -19,7 +18,17 @@ _BAND_BYTES = 2**20  # processed at a time: this fits into a cache
 VIEWS_AT_ONCE = 4  # estimated in parallel at most; more need more memory for frames
 _LOT = 255  # frames with exact sums: of squares in float32, of counts in a byte
 _HELD_BYTES = 2**26  # greatest size of a view's frames that are decoded once only
-_DEFAULT = BackgroundModelConfig()
+#: Least standard deviation of a background's estimate, grey levels: without it, the density of a
+#: noiseless background would be unbounded.
+STD_FLOOR = 2.0
+#: Prior standard deviation of a pixel, grey levels, and its weight in frames: a background of a
+#: single picture thus has a standard deviation of 4.9 grey levels.
+PRIOR_STD, PRIOR_FRAMES = 6.0, 2.0
+#: Number of frames from which the background is estimated without a film of the empty scene: enough
+#: for a median.
+SAMPLES = 25
+#: Distance from the mean, in standard deviations, beyond which a value is left out of it.
+_CLIP = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,53 +36,51 @@ class Background:
     """The empty scene as a Gaussian per pixel.
 
     mean, std: (V, H, W, 3) float32 grey levels, BGR. H and W are the rig's; smaller views are
-    padded with zeros in `mean` and with `BackgroundModelConfig.std_floor` in `std`.
+    padded with zeros in `mean` and with `STD_FLOOR` in `std`.
     """
 
     mean: np.ndarray
     std: np.ndarray
 
 
-def estimate_background(
-    rig: CameraRig, media: Sequence[Media], config: BackgroundModelConfig = _DEFAULT
-) -> Background:
+def estimate_background(rig: CameraRig, media: Sequence[Media]) -> Background:
     """Estimate the background from all frames of an empty scene, one video or list of images per
     view."""
-    moments = map_in_threads(partial(_view_moments, config=config), media, VIEWS_AT_ONCE)
-    return Background(*stack_views(rig, moments, config))
+    moments = map_in_threads(_view_moments, media, VIEWS_AT_ONCE)
+    return Background(*stack_views(rig, moments))
 
 
-def _view_moments(view: Media, config: BackgroundModelConfig) -> tuple[np.ndarray, np.ndarray]:
+def _view_moments(view: Media) -> tuple[np.ndarray, np.ndarray]:
     """Compute the `clipped_moments` of a view. If its frames fit into memory, they are decoded once
     and processed band by band, with the same result."""
     width, height = view.size
     if 3 * width * height * view.count > _HELD_BYTES:
-        return clipped_moments(view, config)
+        return clipped_moments(view)
     frames, rows = list(view), max(1, _BAND_BYTES // (16 * 3 * width))
     mean, std = np.empty((2, height, width, 3), np.float32)
     for top in range(0, height, rows):
         band = slice(top, top + rows)
-        mean[band], std[band] = clipped_moments([frame[band] for frame in frames], config)
+        mean[band], std[band] = clipped_moments([frame[band] for frame in frames])
     return mean, std
 
 
 def clipped_moments(
-    frames: Iterable[np.ndarray], config: BackgroundModelConfig = _DEFAULT
+    frames: Iterable[np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and standard deviation (h, w, 3) float32 of frames (h, w, 3) uint8; the frames
     are iterated twice.
 
-    The second pass leaves out values beyond `config.clip` standard deviations of the first, such as
+    The second pass leaves out values beyond `_CLIP` standard deviations of the first, such as
     a passing shadow or a compression artefact. Only a few pictures are in memory at a time, not the
     video.
     """
     mean, variance, count = _moments(frames, None)
-    most = config.clip * with_prior(variance, count, config)
+    most = _CLIP * with_prior(variance, count)
     # Bounds are whole grey levels: comparing bytes takes a sixth of the time of floats.
     bounds = np.ceil(mean - most).clip(0, 255), np.floor(mean + most).clip(0, 255)
     low, high = (bound.astype(np.uint8) for bound in bounds)
     clipped, variance, count = _moments(frames, (low, high))
-    return np.where(count > 0, clipped, mean), with_prior(variance, count, config)
+    return np.where(count > 0, clipped, mean), with_prior(variance, count)
 
 
 def _moments(
@@ -110,9 +117,7 @@ def _sums(
     return np.array([total, squares, number], float).reshape(3, *first.shape)
 
 
-def median_moments(
-    frames: np.ndarray, config: BackgroundModelConfig = _DEFAULT
-) -> tuple[np.ndarray, np.ndarray]:
+def median_moments(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return median and 1.4826 x median absolute deviation (h, w, 3) float32 of (n, h, w, 3) uint8.
 
     For even n the median is the upper of the two middle values.
@@ -126,7 +131,7 @@ def median_moments(
         mean[top : top + rows] = middle
         deviation = np.maximum(band, middle) - np.minimum(band, middle)
         spread[top : top + rows] = sort_stack(deviation)[count // 2]
-    std = with_prior((1.4826 * spread.astype(np.float32)) ** 2, count, config)
+    std = with_prior((1.4826 * spread.astype(np.float32)) ** 2, count)
     return mean.astype(np.float32), std.astype(np.float32)
 
 
@@ -154,25 +159,22 @@ def sort_stack(stack: np.ndarray) -> np.ndarray:
     return stack
 
 
-def with_prior(
-    variance: np.ndarray, count: np.ndarray | int, config: BackgroundModelConfig = _DEFAULT
-) -> np.ndarray:
+def with_prior(variance: np.ndarray, count: np.ndarray | int) -> np.ndarray:
     """Return the standard deviation from the variance of `count` frames and the prior, at least the
     floor."""
-    weight, prior = config.prior_frames, config.prior_frames * config.prior_std**2
-    std = np.sqrt((count * variance + prior) / (count + weight))
-    return np.maximum(std, config.std_floor)
+    prior = PRIOR_FRAMES * PRIOR_STD**2
+    std = np.sqrt((count * variance + prior) / (count + PRIOR_FRAMES))
+    return np.maximum(std, STD_FLOOR)
 
 
 def stack_views(
     rig: CameraRig,
     moments: Iterable[tuple[np.ndarray, np.ndarray]],
-    config: BackgroundModelConfig,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and standard deviation (V, H, W, 3) of a `Background` from those (h, w, 3) of
     each view."""
     shape = (len(rig), rig.height, rig.width, 3)
-    mean, std = np.zeros(shape, np.float32), np.full(shape, config.std_floor, np.float32)
+    mean, std = np.zeros(shape, np.float32), np.full(shape, STD_FLOOR, np.float32)
     for view, (middle, spread) in enumerate(moments):
         height, width = middle.shape[:2]
         mean[view, :height, :width], std[view, :height, :width] = middle, spread

@@ -8,11 +8,17 @@ from threading import Lock
 import cv2
 import numpy as np
 
-from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.footage.media import Media
 
 #: OpenCV's label of foreground; its label of shadows is 127.
 _PERSON = 255
+
+#: Number of frames that are fitted without a film of the empty scene.
+_SAMPLES = 50
+#: Learning rate of an adaptive mixture, alpha of Rymut 2016 eq. (2.5), who does not state his.
+#: OpenCV counts a component as background once it is a tenth of the mixture, so a person may stand
+#: still for 210 frames.
+_RATE = 0.0005
 
 
 class Mixture:
@@ -29,14 +35,12 @@ class Mixture:
         media: Sequence[Media],
         empty: bool,
         adaptive: bool = False,
-        config: BackgroundModelConfig | None = None,
         *,
         shadows: bool = True,
     ) -> None:
-        config = config or BackgroundModelConfig()
-        samples = None if empty else config.mixture_samples
+        samples = None if empty else _SAMPLES
         self._models = [_fit_model(view, samples, shadows) for view in media]
-        self._rate = config.mixture_rate if adaptive else 0.0
+        self._rate = _RATE if adaptive else 0.0
         self._locks = [Lock() for _ in media]  # OpenCV's models are not safe across threads
 
     def __call__(self, view: int, image: np.ndarray) -> np.ndarray:

@@ -20,8 +20,8 @@ import numpy as np
 
 from psfs.background.config import BackgroundConfig
 from psfs.background.coverage import Coverage, Rays
-from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.background.gaussian import (
+    SAMPLES,
     VIEWS_AT_ONCE,
     Background,
     median_moments,
@@ -58,27 +58,24 @@ class _View:
     small: np.ndarray
 
 
-def estimate_background_from_take(
-    rig: CameraRig, media: Sequence[Media], model: BackgroundModelConfig | None = None
-) -> Background:
+def estimate_background_from_take(rig: CameraRig, media: Sequence[Media]) -> Background:
     """Estimate the background from frames spread over the sequence itself.
 
     Each frame is relit by the light of the pixels' median. Where people are is found in small
     pictures, see `find_covered`. The background behind a person who covers it in nearly all frames
     is unknown; it is extrapolated from around, or its density is lower than the foreground's.
     """
-    model = model or BackgroundModelConfig()
     factor = rig.factor_within(_LONGEST_SIDE)
     with ThreadPoolExecutor(min(VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
-        views = list(pool.map(partial(_read_samples, factor=factor, model=model), media))
+        views = list(pool.map(partial(_read_samples, factor=factor), media))
         small = rig.scaled(factor)
-        covered, unseen = find_covered(small, _stack([v.small for v in views], small), model, pool)
-        again = partial(_estimate_view, model=model)
-        return Background(*stack_views(rig, pool.map(again, media, views, covered, unseen), model))
+        covered, unseen = find_covered(small, _stack([v.small for v in views], small), pool)
+        moments = pool.map(_estimate_view, media, views, covered, unseen)
+        return Background(*stack_views(rig, moments))
 
 
 def find_covered(
-    rig: CameraRig, frames: np.ndarray, model: BackgroundModelConfig, pool: ThreadPoolExecutor
+    rig: CameraRig, frames: np.ndarray, pool: ThreadPoolExecutor
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the pixels that people cover in each frame (V, n, h, w) bool, and the mean and
     standard deviation (V, h, w, 4) of backgrounds that are extrapolated from around, NaN where that
@@ -92,14 +89,14 @@ def find_covered(
     """
     regions = np.stack(list(pool.map(find_moving_region, frames)))
     rays = Rays(rig, regions)
-    moments = list(pool.map(partial(median_moments, config=model), frames))
+    moments = list(pool.map(median_moments, frames))
     results = []
     for from_median in (True, False):
         densities = [
             PixelDensities(own, region, *of, from_median)
             for own, region, of in zip(frames, rays.regions, moments, strict=True)
         ]
-        results.append(_maximise(rays, frames, densities, model, pool))
+        results.append(_maximise(rays, frames, densities, pool))
     best = max(results, key=lambda result: result[0])
     return best[1], best[2]
 
@@ -108,7 +105,6 @@ def _maximise(
     rays: Rays,
     frames: np.ndarray,
     densities: list[PixelDensities],
-    model: BackgroundModelConfig,
     pool: ThreadPoolExecutor,
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Alternate between who covers which pixel and what is behind, until nothing changes. Return
@@ -122,7 +118,7 @@ def _maximise(
             break
 
         def learn(view: int, covered: np.ndarray = covered) -> np.ndarray:
-            densities[view].learn(*masked_moments(frames[view], covered[view], model))
+            densities[view].learn(*masked_moments(frames[view], covered[view]))
             return densities[view].count_colours(covered[view])
 
         colours = list(pool.map(learn, range(len(densities))))
@@ -131,10 +127,10 @@ def _maximise(
     return coverage.agreement, covered, np.stack([of.extrapolate() for of in densities])
 
 
-def _read_samples(media: Media, factor: float, model: BackgroundModelConfig) -> _View:
-    numbers = media.spread(model.samples)
+def _read_samples(media: Media, factor: float) -> _View:
+    numbers = media.spread(SAMPLES)
     frames = np.stack(list(media.frames(numbers)))
-    median, _ = median_moments(frames, model)
+    median, _ = median_moments(frames)
     light = np.stack([_estimate_frame_light(frame, median) for frame in frames])
     relit = [relight_picture(frame, of) for frame, of in zip(frames, light, strict=True)]
     small = [scale_picture(picture, factor) for picture in relit]
@@ -167,7 +163,7 @@ def _stack(pictures: list[np.ndarray], rig: CameraRig) -> np.ndarray:
 
 
 def masked_moments(
-    frames: np.ndarray, covered: np.ndarray, model: BackgroundModelConfig
+    frames: np.ndarray, covered: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return median and 1.4826 x median absolute deviation (h, w, 3) float32, and known (h, w)
     bool.
@@ -184,7 +180,7 @@ def masked_moments(
     deviation = np.maximum(frames, middle) - np.minimum(frames, middle)
     deviation[left_out] = 255
     spread = _upper_median(deviation, number).astype(np.float32)
-    std = with_prior((1.4826 * spread) ** 2, number, model)
+    std = with_prior((1.4826 * spread) ** 2, number)
     return middle.astype(np.float32), std.astype(np.float32), known
 
 
@@ -201,7 +197,6 @@ def _estimate_view(
     view: _View,
     covered: np.ndarray,
     unseen: np.ndarray,
-    model: BackgroundModelConfig,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and standard deviation (h, w, 3) float32 of a view's background. Where the
     background is never visible, it is extrapolated as `unseen` (h, w, 4) says; where that is not
@@ -224,7 +219,7 @@ def _estimate_view(
     known, band = np.ones((height, width), bool), max(1, 2**21 // frames[:, 0].size)
     for top in range(0, height, band):
         part = np.s_[:, top : top + band]
-        own = masked_moments(frames[part], masks[part], model)
+        own = masked_moments(frames[part], masks[part])
         mean[top : top + band], std[top : top + band], known[top : top + band] = own
     std[~known] = _UNIFORM_STD
     large = enlarge(unseen)

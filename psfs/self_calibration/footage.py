@@ -10,8 +10,7 @@ import numpy as np
 
 from cl import Device, NumpyDevice
 from psfs.backend import make_evidence_function
-from psfs.background.estimation_config import BackgroundModelConfig
-from psfs.background.gaussian import Background, estimate_background, median_moments
+from psfs.background.gaussian import SAMPLES, Background, estimate_background, median_moments
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.scaling import scale_picture
 from psfs.diagnostics.small_views import (
@@ -80,9 +79,8 @@ def estimate_empty_scene(footage: Footage, view: int) -> Background | None:
     if footage.images is None:
         return None
     media = footage.images[view]
-    model = BackgroundModelConfig()
-    frames = np.stack(list(media.frames(media.spread(model.samples))))
-    mean, std = median_moments(frames, model)
+    frames = np.stack(list(media.frames(media.spread(SAMPLES))))
+    mean, std = median_moments(frames)
     return Background(mean[None], std[None])
 
 

@@ -17,8 +17,10 @@ from helpers.shared import shared_data
 
 from cl import InputError
 from psfs.background import gaussian
-from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.background.gaussian import (
+    PRIOR_FRAMES,
+    PRIOR_STD,
+    STD_FLOOR,
     clipped_moments,
     estimate_background,
     median_moments,
@@ -157,8 +159,7 @@ def test_native_images_masks_and_one_plate(tmp_path: Path) -> None:
     plain = Sequence.open(tmp_path, background="gaussian")
     assert plain.read(0).masks is None
     assert plain.background.mean[:, 0, 0, 0].tolist() == [50, 51]
-    config = BackgroundModelConfig()
-    single = np.sqrt(config.prior_frames * config.prior_std**2 / (1 + config.prior_frames))
+    single = np.sqrt(PRIOR_FRAMES * PRIOR_STD**2 / (1 + PRIOR_FRAMES))
     np.testing.assert_allclose(plain.background.std, single, rtol=1e-6)
 
 
@@ -184,7 +185,7 @@ def test_views_of_different_sizes_are_padded(tmp_path: Path) -> None:
     assert (images[1, :, :40] == 200).all() and (images[1, :, 40:] == 0).all()
     assert sequence.background_kind == "frames"
     assert (sequence.background.mean[0, 48:] == 0).all()
-    assert (sequence.background.std >= BackgroundModelConfig().std_floor).all()
+    assert (sequence.background.std >= STD_FLOOR).all()
 
 
 def test_unequal_counts_use_the_shortest(tmp_path: Path) -> None:
@@ -291,7 +292,7 @@ def test_background_moments() -> None:
     np.testing.assert_allclose(clipped_moments(list(many))[0], many.mean(0), rtol=1e-6)
     constant = np.full((50, 4, 4, 3), 9, np.uint8)
     mean, std = clipped_moments(list(constant))
-    assert (mean == 9).all() and (std >= BackgroundModelConfig().std_floor).all()
+    assert (mean == 9).all() and (std >= STD_FLOOR).all()
 
 
 def test_plates_are_the_same_held_in_bands_or_decoded_twice(

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from helpers import footage
 from helpers.shared import shared_data
 
-from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.background.mixture import Mixture
 from psfs.sequence import Sequence
 
@@ -22,18 +22,16 @@ def test_what_differs_from_the_plate_is_the_person(tmp_path: Path) -> None:
     assert (frame.masks[0] == 255).all() and not frame.masks[1].any()
 
 
-def test_an_adaptive_mixture_forgets_who_stands_still(tmp_path: Path) -> None:
+def test_an_adaptive_mixture_forgets_who_stands_still(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = footage.native(tmp_path)
     sequence = Sequence.open(folder, background="mog-adaptive")
     kept = Sequence.open(folder, background="mog")
     person = sequence.read(0).images
     assert person is not None
-    mixture = Mixture(
-        sequence.footage.background,
-        True,
-        adaptive=True,
-        config=BackgroundModelConfig(mixture_rate=0.02),
-    )
+    monkeypatch.setattr("psfs.background.mixture._RATE", 0.02)
+    mixture = Mixture(sequence.footage.background, True, adaptive=True)
     seen = [mixture(0, person[0]).mean() for _ in range(30)]
     assert seen[0] == 255 and seen[-1] == 0  # what stays is scene (Rymut 2016, 2.1)
     for one, other in zip(sequence.frames(), sequence.frames(), strict=True):

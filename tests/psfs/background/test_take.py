@@ -7,7 +7,6 @@ import pytest
 from helpers import scenes
 
 from psfs.background.coverage import Coverage, Rays
-from psfs.background.estimation_config import BackgroundModelConfig
 from psfs.background.gaussian import median_moments
 from psfs.background.pixel_densities import PixelDensities, find_moving_region
 from psfs.background.take import estimate_background_from_take, masked_moments
@@ -117,7 +116,7 @@ def swaying(count: int = 12) -> tuple[np.ndarray, np.ndarray]:
 
 
 def densities(frames: np.ndarray, region: np.ndarray) -> PixelDensities:
-    return PixelDensities(frames, region, *median_moments(frames, BackgroundModelConfig()), False)
+    return PixelDensities(frames, region, *median_moments(frames), False)
 
 
 def test_the_persons_colours_are_found_although_the_median_shows_them() -> None:
@@ -174,7 +173,7 @@ def test_moments_leave_out_what_is_hidden() -> None:
     hidden = random.random((20, 8, 9)) < 0.6
     hidden[:, 2, 3] = True
     frames[hidden] = 250
-    mean, std, known = masked_moments(frames, hidden, BackgroundModelConfig())
+    mean, std, known = masked_moments(frames, hidden)
     assert np.abs(mean[known] - 100).max() < 6 and std[known].max() < 11
     assert not known[2, 3] and mean[2, 3, 0] == 250
     seen = np.ma.masked_array(frames, np.repeat(hidden[..., None], 3, -1))
