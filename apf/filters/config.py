@@ -1,8 +1,7 @@
 """Settings of a filter, made of those of its parts: search, likelihood, refinement, limb search.
 
-"Tuned" says that a default was the best of those tried on the synthetic walks (4 and 8 cameras) and
-the recordings at hand, over several seeds; "by hand" that it was set once and not tried against
-others.
+"Tuned" says that a default was the best of those tried, over several seeds; "by hand" that it was
+set once and not tried against others.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ class SearchConfig(Config):
     noise: float = setting(
         0.35,
         "Standard deviation of the first layer's noise.",
-        "tuned on nine sequences, with the refinement behind it",
+        "tuned with the refinement behind it",
         "of the body's sigmas",
         above=0,
         below=100,
@@ -92,7 +91,7 @@ class SearchConfig(Config):
         3,
         "Number of first layers that move the trunk alone (partitioned sampling, MacCormick & "
         "Isard 2000).",
-        "tuned on nine sequences",
+        "tuned",
         least=0,
         most=1000,
         flag="--trunk-layers",
@@ -178,7 +177,7 @@ class LimbSearchConfig(Config):
         16.0,
         "Distance within which limbs are searched, beside a search anywhere within their "
         "limits; 0 turns the limb search off.",
-        "tuned on walks",
+        "tuned",
         "of the body's sigmas",
     )
     rounds: int = nonnegative(
@@ -192,7 +191,7 @@ class LimbSearchConfig(Config):
         2.0,
         "Least weight of the silhouette recall when the best poses are compared, because both "
         "legs may lie in the silhouette of one.",
-        "tuned on walks",
+        "tuned",
     )
 
     @property

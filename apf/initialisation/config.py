@@ -155,7 +155,7 @@ class ShapePrior(Config):
         3.0,
         "Excess of a part's radius over those of the other parts, from which on it is clothes that "
         "hang from the body.",
-        "thighs of `hard_skirt_4cam`: 3.3 to 5.5; in six other sequences at most 2.5",
+        "tuned: a hull shows thighs in a skirt with 3.3 and more, in trousers with at most 2.5",
         "standard deviations of `radius`",
     )
     clothes: float = positive(
@@ -269,14 +269,13 @@ class AcceptanceConfig(Config):
         1.15,
         "Factor of misfit below which another hypothesis is so close that the start is "
         "searched again over more frames.",
-        "`hard_skirt_4cam`: 1.0 to 1.12, one start in five turned about; laboratory sequences: "
-        "1.23 and more",
+        "tuned: a body turned about in a skirt has up to 1.12, one whose legs show 1.23 and more",
         least=1,
     )
     longer: float = setting(
         2.5,
         "Factor by which the time span of that search is longer; it uses twice as many frames.",
-        "no start out of five of `hard_skirt_4cam` has the opposite heading; with 2 one has",
+        "tuned: over a shorter walk the hull of a skirt may be turned about",
         least=1,
     )
     stout: float = nonnegative(

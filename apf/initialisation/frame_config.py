@@ -7,7 +7,7 @@ from typing import ClassVar
 from psfs.common.config import Config, fraction, natural, nonnegative, positive, setting
 
 #: The source of defaults that name no other source.
-TUNED = "tuned on the starts of synth_walk_4cam, synth_walk_8cam, synth_box_4cam and bodytrack_walk"
+TUNED = "tuned"
 
 
 class FrameChoice(Config):
@@ -56,7 +56,7 @@ class FrameChoice(Config):
         "Height of the trunk's highest joint over the body's lowest one, as a share of that of a "
         "standing person, below which a frame does not inform the shape: a visual hull fills the "
         "space between folded limbs and trunk.",
-        "by hand: strides have 0.95 and more, hard_floor_8cam's crouch 0.5",
+        "by hand: strides have 0.95 and more, a crouch 0.5",
     )
     least_unfolded: int = natural(
         3, "Least number of frames above it; with fewer, all frames inform the shape."

@@ -62,7 +62,7 @@ class ContourConfig(Config):
     weight: float = nonnegative(
         8.0,
         "Weight of 1 minus that mean in one camera's error.",
-        "tuned on six laboratory sequences: 4 to 12 differ little",
+        "tuned: 4 to 12 differ little",
     )
 
 
@@ -74,8 +74,7 @@ class PartColourConfig(Config):
     weight: float = nonnegative(
         4.0,
         "Weight of that mean, as a share of its bound, in one camera's error.",
-        "tuned on six laboratory sequences with `surface_weight`: 1 gains half as much, 8 nothing "
-        "more",
+        "tuned with `surface_weight`: 1 gains half as much, 8 nothing more",
     )
 
 

@@ -20,7 +20,7 @@ def _without_second_look() -> ReconstructionConfig:
 class LiveConfig(Config):
     """All settings of live tracking."""
 
-    SOURCE: ClassVar = "tuned on replays of walks on two CPU cores and an H200"
+    SOURCE: ClassVar = "tuned on two CPU cores and a GPU"
 
     noise: float = positive(
         0.22,

@@ -10,7 +10,7 @@ from psfs.common.config import Config, fraction, positive, setting
 class QualityConfig(Config):
     """Limits of the verdict on a track without truth, see `apf/report/quality.py`."""
 
-    SOURCE: ClassVar = "by hand, on synthetic walks and recordings"
+    SOURCE: ClassVar = "by hand"
 
     inside: float = setting(
         0.7,
@@ -49,7 +49,7 @@ class QualityConfig(Config):
 class MotionConfig(Config):
     """Limits of what people do, see `apf/report/motion_limits.py`."""
 
-    SOURCE: ClassVar = "by hand, on the true motion of walks, runs, dances, lunges and kicks"
+    SOURCE: ClassVar = "by hand: people walk, run, dance, lunge and kick within them"
 
     backward: float = fraction(0.75, "Least share backward of all that is walked; in lunges 0.3.")
     fall: float = setting(

@@ -2,8 +2,7 @@
 
 A limb has the confidence that the track states, see `apf.tracking.limb_confidence`. Trunk and head,
 and limbs of tracks without limb confidence, are judged by the share of their worst cone inside the
-silhouettes and by the uncertainty of their end joint. In synthetic walks a wrong upper arm or thigh
-lies inside by 0.2 to 0.5, a wrong forearm by 0.65, correct ones by 0.87 and more.
+silhouettes and by the uncertainty of their end joint. `QualityConfig` has the limits.
 """
 
 from __future__ import annotations

@@ -18,13 +18,13 @@ class RecoveryConfig(Config):
     ratio: float = setting(
         2.0,
         "Ratio of the limit to the median misfit of the last good frames.",
-        "tuned on walks with 4 and 8 cameras",
+        "tuned",
         above=1,
     )
     least: float = positive(
         0.4,
         "Least value of the limit; misfits of good frames differ by as much.",
-        "tuned on walks with 4 and 8 cameras",
+        "tuned",
     )
 
 

@@ -2,8 +2,8 @@
 
 The linear system of the refinement says how firmly the voxels constrain every angle; an arm in
 front of the trunk is constrained by few voxels. Its inverse and the spread of the particles are
-propagated to the joints. They are scaled so that, on synthetic sequences, the 95 % ellipsoids hold
-the truth in 95 % of the frames, as long as no limb is lost.
+propagated to the joints. They are scaled so that the 95 % ellipsoids hold a known truth in
+95 % of the frames, as long as no limb is lost.
 Without refinement (the papers' presets) nothing is stated: the particles' spread alone held 23 % of
 the true joints where it stated 95 %.
 A floor per joint covers systematic errors: the voxels' resolution, and joint centres that differ
@@ -41,10 +41,9 @@ class DeviationCalibration:
     """Least deviation, m, of joints that `floor` does not name: a middle value of `CALIBRATION`."""
     sound_misfit: float = 0.13
     """Misfit of a pose up to which the deviations hold as they are; above it they grow in
-    proportion. In the laboratory the median misfit is 0.11; with 0.13 the 95 % ellipsoids hold 96
-    to 99 % without a film of the empty room, with a rig that is off and in a skirt (60 to 93 %
-    without it), and 90 % of the joints of a recorded man on a beam, which did not serve to set it
-    (40 %)."""
+    proportion. Tuned: bodies that fit have 0.11; without a film of the empty room, with a rig that
+    is off or in a skirt the 95 % ellipsoids hold 96 to 99 % (60 to 93 % without it), and 90 % of a
+    person who did not serve to set it."""
 
     def growth(self, misfit: np.ndarray) -> np.ndarray:
         """Return the factors (F,) of the deviations for misfits (F,); 1 where these are NaN."""
@@ -55,9 +54,8 @@ class DeviationCalibration:
         return np.array([self.floor.get(sideless(name), self.other_floor) for name in names])
 
 
-#: Estimated from one track of each of the suite's sequences but
-#: the walk with eight cameras, plus a tenth. In cross-validation, leaving out one sequence, the 95
-#: % ellipsoids hold 83 to 98 % of the true joints.
+#: Estimated from tracks with known truth, plus a tenth. In cross-validation, leaving out one, the
+#: 95 % ellipsoids hold 83 to 98 % of the true joints.
 CALIBRATION = DeviationCalibration(
     scale=2.0,
     floor={

@@ -19,9 +19,7 @@ class BackgroundConfig(Config):
     et al. eq. (1) with light dimmed or brightened by a factor alpha. The floor has rules of its
     own."""
 
-    SOURCE: ClassVar = (
-        "tuned on synthetic walks with true masks and on a real person on a green carpet"
-    )
+    SOURCE: ClassVar = "tuned with true masks"
 
     sigma_floor: float = positive(
         3.0, "Least standard deviation of the background.", unit="grey levels"
@@ -41,7 +39,7 @@ class BackgroundConfig(Config):
     shadow_width_colour: float = positive(
         0.06,
         "Standard deviation of alpha around 1 for a background of full saturation, "
-        "interpolated linearly between the two: a green carpet under less light is not "
+        "interpolated linearly between the two: a coloured carpet under less light is not "
         "mistaken for clothes.",
     )
 
@@ -60,12 +58,10 @@ class LightConfig(Config):
     """Settings of the estimation of a picture's light relative to the background's, see
     `psfs.background.light`."""
 
-    SOURCE: ClassVar = (
-        "by hand, on hard_light_6cam and on drifts laid over synthetic sequences of steady light"
-    )
-
     follow: bool = setting(
-        True, "Estimate every picture's light; else it is that of the background."
+        True,
+        "Estimate every picture's light; else it is that of the background.",
+        "daylight, and the gains of cameras, change within a take",
     )
 
 
@@ -73,7 +69,7 @@ class AdaptationConfig(Config):
     """Settings of the background's adaptation to local changes, see
     `psfs.background.adaptation`."""
 
-    SOURCE: ClassVar = "by hand; the tests hold it on synthetic scenes under fading light"
+    SOURCE: ClassVar = "by hand"
 
     rate: float = setting(
         0.025,
@@ -112,9 +108,7 @@ class EvidenceConfig(Config):
     """Settings of the evidence that a pixel's log ratio of background over foreground gives for the
     voxels projected there."""
 
-    SOURCE: ClassVar = (
-        "tuned on synthetic walks with true masks and on a real person on a green carpet"
-    )
+    SOURCE: ClassVar = "tuned with true masks"
 
     foreground_prior: float = setting(
         0.5, "Prior probability P(F = 1) of a pixel.", "even odds", above=0, below=1

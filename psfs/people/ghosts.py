@@ -17,8 +17,8 @@ from psfs.people.standing import StandingPeople
 _GIRTH = 1.5
 #: Least number of cameras in which a voxel shows beside all people.
 _LEAST_FREE = 2
-#: Disagreement of the cameras on the colours of voxels below which they are a body's: nine tenths
-#: of forearms and a quarter of ghosts in four takes of two people.
+#: Disagreement of the cameras on the colours of voxels below which they are a body's: tuned,
+#: nine tenths of forearms and a quarter of ghosts are.
 _AGREED = 0.34
 #: Points of a ring around a person's axis.
 _RING = 16

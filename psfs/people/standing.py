@@ -12,8 +12,8 @@ from psfs.voxels.grid import VoxelGrid
 #: Standard deviation of the voxels of a person who stands from their axis, m.
 _AXIS_STD = 0.15
 #: Heights and radii of the inside of a person who stands, as a body of revolution, in shares of the
-#: stature: feet, knees, hips, elbows, shoulders, neck, head. By hand on Pose2Sim's
-#: `Demo_MultiPerson`: four thirds of the radii cover more of the people, but starts fit worse.
+#: stature: feet, knees, hips, elbows, shoulders, neck, head. By hand: with four thirds of
+#: the radii it covers more of the people, but starts fit worse.
 _HEIGHTS = np.array([0.0, 0.28, 0.49, 0.74, 0.80, 0.85, 0.96, 1.0])
 _RADII = np.array([0.045, 0.056, 0.074, 0.082, 0.067, 0.037, 0.041, 0.022])
 

@@ -112,8 +112,8 @@ def measure_uncertainty(
     Silhouettes are wrong alike in neighbouring frames, and two cameras may see the same shadow in
     all: the errors of the points of half a second, and those of a pair of cameras, count together
     (cluster-robust covariance: Cameron, Gelbach & Miller, J. Business & Economic Statistics 29,
-    2011). The room's edges and limbs, which are not counted, tell more: errors of five laboratory
-    takes were 0.5 to 0.8 of it. rate: frames per second.
+    2011). The room's edges and limbs, which are not counted, tell more: errors are
+    0.5 to 0.8 of it. rate: frames per second.
     """
     cameras, shifts = found.rig.cameras, np.round(found.lags).astype(int)
     touched = points.find_all(cameras, shifts, _GATE)

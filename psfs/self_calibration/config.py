@@ -14,7 +14,7 @@ _ALIKE = {"bend": 1.0, "information": 0.2, "half_speed": 1e9}
 class PointsConfig(Config):
     """Calibration of cameras by keypoints of a person who moves."""
 
-    SOURCE: ClassVar = "by hand on a laboratory take and a film of somebody who balances"
+    SOURCE: ClassVar = "by hand"
 
     confidence: float = fraction(0.5, "Least confidence of a keypoint that is used.")
     noise: float = positive(
@@ -32,7 +32,7 @@ class PointsConfig(Config):
 class PersonConfig(Config):
     """Settings of the calibration of cameras by a person who walks about."""
 
-    SOURCE: ClassVar = "by hand on laboratory takes"
+    SOURCE: ClassVar = "by hand"
 
     stature: float = setting(
         1.7,

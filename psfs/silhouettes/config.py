@@ -12,8 +12,8 @@ from psfs.background.config import (
 )
 from psfs.common.config import Config, fraction, natural, nonnegative, part, setting
 
-#: Provenance of the defaults that were tuned with true masks and with a real person.
-_TUNED = "tuned on synthetic walks with true masks and on a real person on a green carpet"
+#: Source of the defaults that name no other one.
+_TUNED = "tuned with true masks"
 
 #: Least light factor of a shadow on the floor; its standard deviation between cameras that see the
 #: same shadow, where the others see the floor lit, and around 1: shoes are darker than shadows.
@@ -49,7 +49,7 @@ class RimConfig(Config):
     model, mixed pixels, which fit no background, would widen silhouettes. Videos store chroma at
     half the resolution, so it bleeds farther than luma: any share of it may be the person's."""
 
-    SOURCE: ClassVar = "tuned on synthetic people with true masks"
+    SOURCE: ClassVar = _TUNED
 
     on: bool = setting(True, "Whether to model mixed pixels at the rim; Song et al. do not.")
 
@@ -63,7 +63,7 @@ class EvidenceSmoothingConfig(Config):
     """Contrast-sensitive smoothing: near foreground a pixel's evidence is the mean over the pixels
     around it of similar luma, so that silhouettes end at edges of the picture."""
 
-    SOURCE: ClassVar = "tuned on synthetic people with true masks"
+    SOURCE: ClassVar = _TUNED
 
     reach: int = setting(
         2,

@@ -26,7 +26,7 @@ class OccupancyConfig(Config):
     threshold: float = setting(
         0.65,
         "Smoothed probability above which a voxel is occupied.",
-        "tuned on synthetic people with true masks",
+        "tuned with true masks",
         above=0,
         below=1,
     )
