@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import atexit
 import getpass
 import logging
 import os
+import shutil
+import stat
 import tempfile
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 from platformdirs import user_cache_path
@@ -22,12 +26,12 @@ def cache_folder() -> Path:
 
 def replace_unwritable_caches() -> None:
     """Move caches that cannot be written to a temporary folder: PoCL and PyOpenCL fail without a
-    writable cache."""
+    writable cache. They run what lies there, so that nobody else may write to it."""
     usual_folders = {"XDG_CACHE_HOME": "~/.cache", "POCL_CACHE_DIR": None}
     for variable, usual in usual_folders.items():
         folder = os.environ.get(variable) or usual
         if folder is not None and not _is_writable(folder):
-            replacement = str(Path(tempfile.gettempdir()) / f"psfs-cache-{_user()}")
+            replacement = _private_folder()
             log.warning("the cache %s cannot be written; %s is used", folder, replacement)
             os.environ[variable] = replacement
 
@@ -53,8 +57,17 @@ def _is_writable(place: str) -> bool:
         return False
 
 
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError, ImportError):  # a number without a name, as in containers
-        return "user"
+def _private_folder() -> str:
+    """Return the temporary folder of this user's caches, or a new one if somebody else has made it
+    or may write to it."""
+    user = os.getuid() if hasattr(os, "getuid") else getpass.getuser()
+    folder = Path(tempfile.gettempdir()) / f"psfs-cache-{user}"
+    with suppress(OSError):
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+        private = found.st_uid == user and not found.st_mode & 0o022
+        if os.name == "nt" or (stat.S_ISDIR(found.st_mode) and private):
+            return str(folder)
+    new = tempfile.mkdtemp(prefix=f"psfs-cache-{user}-")
+    atexit.register(shutil.rmtree, new, ignore_errors=True)
+    return new

@@ -20,6 +20,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -45,6 +46,10 @@ _BYTES = 32 << 20
 _STEPS = 512
 _REPEATS = 5
 _MULTIPLIERS = 1 << 16
+_RUN_MODULE = (
+    "import sys; sys.path = [place for place in sys.path if place]; import runpy; "
+    "runpy.run_module(sys.argv.pop(1), run_name='__main__', alter_sys=True)"
+)
 #: Signals by which somebody else ends a process; SIGKILL is sent by Linux if memory is short, too.
 _STOPPING = ("SIGHUP", "SIGINT", "SIGKILL", "SIGTERM")
 
@@ -112,9 +117,9 @@ def _try(handle: Any) -> Probe:
 def try_apart(handle: Any, target: str | None) -> Probe:
     """Probe `handle` in a process of its own, with kernels compiled for `target`."""
     numbers = [str(number) for number in find_position(handle)]
-    command = [sys.executable, "-m", "cl.probe", *numbers, *([] if target is None else [target])]
-    path = os.pathsep.join(filter(None, sys.path))
-    environment = os.environ | {"PYTHONPATH": path, "PYOPENCL_NO_CACHE": "1"}
+    words = [*numbers, *([] if target is None else [target])]
+    command, environment = module_command("cl.probe", words)
+    environment["PYOPENCL_NO_CACHE"] = "1"
     try:
         ended = subprocess.run(
             command, env=environment, capture_output=True, text=True, errors="replace",
@@ -132,6 +137,17 @@ def try_apart(handle: Any, target: str | None) -> Probe:
     lines = [line.strip() for line in ended.stderr.splitlines() if line.strip()]
     last = f" ({lines[-1][:160]})" if lines else ""
     return Probe(f"its driver ended the process of a first small kernel{last}")
+
+
+def module_command(module: str, words: Sequence[str]) -> tuple[list[str], dict[str, str]]:
+    """Return the command that runs a module as `python -m MODULE WORDS`, and its environment.
+
+    It imports from the folders that this process does, and never from the current folder, which
+    Python puts first: the names of files in a take would stand for modules.
+    """
+    path = os.pathsep.join(filter(None, sys.path))
+    environment = os.environ | {"PYTHONPATH": path, "PYTHONSAFEPATH": "1"}
+    return [sys.executable, "-c", _RUN_MODULE, module, *words], environment
 
 
 def find_position(handle: Any) -> tuple[int, int]:

@@ -6,7 +6,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import threading
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -15,6 +14,7 @@ import tomli_w
 
 from apf.tracking.track import PARTS, Track
 from cl import InputError, UserError
+from cl.probe import module_command
 from psfs.common.requests import Request, list_options
 from psfs.common.scratch import temporary_folder
 from psfs.page.words import REFRESH
@@ -80,12 +80,13 @@ class Work:
         self.command = [program, *words]
         self._counts: dict[Path, int] = {}
         self._lines: list[str] = []
+        command, environment = module_command(f"{program}.cli", words)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", f"{program}.cli", *words],
+            command,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            env=environment,
             text=True,
             errors="replace",
             start_new_session=True,

@@ -300,6 +300,7 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
     words = sys.argv[1:] if argv is None else list(argv)
     if argv is None:  # a process of its own
         os.environ.pop("MPLBACKEND", None)  # plots go into files, not to a display
+        os.environ["PYTHONSAFEPATH"] = "1"  # no process that it starts imports files of a take
 
     def run() -> None:
         if any("\0" in word for word in words):

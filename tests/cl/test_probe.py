@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ import pytest
 import cl.listing
 import cl.probe
 from cl import Device, DeviceError, NumpyDevice, Probe, list_devices, select_device
+from cl.folders import replace_unwritable_caches
 from cl.listing import ranked_devices, working_devices
 from cl.probe import examine, expected_sums, probe
 
@@ -103,6 +105,33 @@ def test_a_driver_that_ends_the_process_is_a_fault(
     monkeypatch.setattr(cl.probe, "find_position", lambda handle: (99, 0))  # no such platform
     found = probe(device.handle, afresh=True)
     assert found.fault is not None and "IndexError" in found.fault and "\n" not in found.fault
+
+
+def test_files_of_the_current_folder_do_not_stand_for_modules(
+    device: Device, cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("json", "runpy", "numpy"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit(7)\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    assert probe(device.handle, afresh=True).fault is None
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no owners")
+@pytest.mark.parametrize(("mode", "used"), [(0o700, True), (0o777, False)])
+def test_a_temporary_cache_that_others_may_write_to_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int, used: bool
+) -> None:
+    usual = tmp_path / f"psfs-cache-{os.getuid()}"
+    usual.mkdir()
+    usual.chmod(mode)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", "/proc/none")
+    monkeypatch.setenv("POCL_CACHE_DIR", "/proc/none")
+    replace_unwritable_caches()
+    for variable in ("XDG_CACHE_HOME", "POCL_CACHE_DIR"):
+        place = Path(os.environ[variable])
+        assert (place == usual) == used and not place.stat().st_mode & 0o022
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no signals")
