@@ -39,10 +39,10 @@ def joint_angles(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndarray]:
     """Compute angles (N,), degrees, of poses (N, D), by clinical name; l_ and r_ mark the sides.
 
     A body has only the angles that its joints allow: without a foot joint no ankle angles (but see
-    `standing_ankles`), without forearm rotation no pronation. pelvis_rotation is counted from the
-    world's x axis to the left, without jumps by whole turns; pelvis_obliquity is positive if the
-    left side is higher. Plane of elevation and axial rotation are NaN if the arm hangs within
-    `HANGING` degrees.
+    `standing_ankles`), without forearm rotation no pronation. No angle jumps by whole turns from
+    one pose to the next. pelvis_rotation is counted from the world's x axis to the left;
+    pelvis_obliquity is positive if the left side is higher. Plane of elevation and axial rotation
+    are NaN if the arm hangs within `HANGING` degrees.
     """
     return angles_between(anatomical_frames(body, poses))
 
@@ -53,7 +53,6 @@ def angles_between(frames: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     angles: dict[str, np.ndarray] = {}
     if "pelvis" in frames:
         turned = decompose_yxz(WORLD.T @ frames["pelvis"])
-        turned[:, 0] = np.unwrap(turned[:, 0])
         names = ("rotation", "obliquity", "anterior_tilt")
         angles |= _name_angles("pelvis", names, turned, (1, 1, -1))
     names = ("flexion", "right_bending", "left_rotation")
@@ -106,9 +105,18 @@ def _side_angles(frames: Mapping[str, np.ndarray], side: str) -> dict[str, np.nd
 def _name_angles(
     joint: str, names: tuple[str, ...], turned: np.ndarray, signs: tuple[int, ...] = (1, 1, 1)
 ) -> dict[str, np.ndarray]:
-    """Name the first columns of angles (N, 3), rad; return them in degrees."""
-    degrees = np.degrees(turned) * signs + 0.0  # no -0
+    """Name the first columns of angles (N, 3), rad; return them unwrapped, in degrees."""
+    degrees = np.degrees(unwrap_known(turned)) * signs + 0.0  # no -0
     return {f"{joint}_{name}": degrees[:, column] for column, name in enumerate(names)}
+
+
+def unwrap_known(angles: np.ndarray) -> np.ndarray:
+    """Return angles (N, K), rad, without jumps by whole turns; NaN stay, and are jumped over."""
+    out = angles.copy()
+    for column in out.T:
+        known = np.isfinite(column)
+        column[known] = np.unwrap(column[known])
+    return out
 
 
 def relative_rotations(frames: Mapping[str, np.ndarray], near: str, far: str) -> np.ndarray:

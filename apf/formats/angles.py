@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.body.anatomy import anatomical_frames
-from apf.body.angles import WORLD, decompose_zxy, relative_rotations
+from apf.body.angles import WORLD, decompose_zxy, relative_rotations, unwrap_known
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_angles
 from apf.body.model import BodyModel
@@ -85,20 +85,20 @@ def opensim_coordinates(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndar
 
 def pelvis_coordinates(rotations: np.ndarray) -> dict[str, np.ndarray]:
     """Compute OpenSim's angles (N,), degrees, of the pelvis in the world (N, 3, 3), by name."""
-    turned = np.degrees(np.unwrap(decompose_zxy(WORLD.T @ rotations), axis=0))
+    turned = np.degrees(unwrap_known(decompose_zxy(WORLD.T @ rotations)))
     return dict(zip(("pelvis_tilt", "pelvis_list", "pelvis_rotation"), turned.T, strict=True))
 
 
 def coordinates_between(frames: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Compute OpenSim's angles (N,), degrees, between anatomical segments (N, 3, 3), by name."""
+    """Compute OpenSim's angles (N,), degrees, between anatomical segments (N, 3, 3), by name; they
+    do not jump by whole turns from one pose to the next."""
     table: dict[str, np.ndarray] = {}
     for near, far, names, sign in _COORDINATES:
         for side in ("",) if far in frames else ("r_", "l_"):
             start = near if near in ("pelvis", "thorax") else side + near
             if {start, side + far} <= set(frames):
-                turned = sign * np.degrees(
-                    decompose_zxy(relative_rotations(frames, start, side + far))
-                )
+                turned = decompose_zxy(relative_rotations(frames, start, side + far))
+                turned = sign * np.degrees(unwrap_known(turned))
                 ending = f"_{side[0]}" if side else ""
                 table |= {name + ending: turned[:, k] for k, name in enumerate(names)}
     return table

@@ -40,17 +40,17 @@ def match_files_to_cameras(
     """Match the `found` files to cameras; return them by camera, and a remark if the match was
     guessed.
 
-    Names are compared without case, separators and leading zeros; if they differ but the counts
+    A file belongs to the camera whose name it has, else to the one whose name its own contains
+    (case, separators and leading zeros do not matter; of nested names the longer; what all files'
+    names contain tells nothing). If such names do not settle it but the counts
     agree, files and cameras are paired in natural order, unless that gives a file to another camera
     than the one that it is named after. `wanted`: cameras that must have a file,
     default all; with it further files may be there. Raises InputError, naming both lists, if they
-    do not fit.
+    do not fit, and for a name that fits several cameras.
     """
-    by_tokens = {name_tokens(name): name for name in found}
-    pairs = {camera: by_tokens.get(name_tokens(camera)) for camera in cameras}
-    named = {camera: name for camera, name in pairs.items() if name is not None}
+    named = _match_named(cameras, found, where)
     needed = cameras if wanted is None else wanted
-    if all(camera in named for camera in needed) and len(by_tokens) == len(found):
+    if all(camera in named for camera in needed):
         if wanted is not None or len(found) == len(cameras):
             return named, None
     elif len(found) == len(cameras):
@@ -71,6 +71,39 @@ def match_files_to_cameras(
         f"({join_names(needed)}); expected one per camera, or `cameras` to choose some"
         f"{_example(cameras, found)}"
     )
+
+
+def _match_named(cameras: Sequence[str], found: Sequence[str], where: str) -> dict[str, str]:
+    """Return the files that are named after a camera, by camera. Raises InputError for a name that
+    fits several cameras, and for several that fit one."""
+    shared = set.intersection(*(set(name_tokens(name)) for name in found)) if found else set()
+    fitting: dict[str, list[str]] = {}
+    for name in found:
+        fits = [own for own in cameras if name_tokens(own) == name_tokens(name)] or [
+            own for own in cameras if contains_name(name, own)
+        ]
+        owners = [own for own in fits if not any(contains_name(o, own) for o in fits if o != own)]
+        if len(owners) > 1:
+            owners = [own for own in owners if not shared.issuperset(name_tokens(own))] or owners
+        if len(owners) > 1:
+            raise InputError(
+                f"{where}: {name} fits several cameras: {join_names(owners)}; expected a name "
+                f"that contains one of {join_names(cameras)}{_example(cameras, found)}"
+            )
+        for own in owners:
+            fitting.setdefault(own, []).append(name)
+    named = {}
+    for own, names in fitting.items():
+        if len(names) == len(found) > 1:
+            continue  # what all names contain tells nothing
+        same = [name for name in names if name_tokens(name) == name_tokens(own)] or names
+        if len(same) > 1:
+            raise InputError(
+                f"{where}: {join_names(same)} all fit camera {own}; expected one per camera"
+                f"{_example(cameras, found)}"
+            )
+        named[own] = same[0]
+    return named
 
 
 def _example(cameras: Sequence[str], found: Sequence[str]) -> str:

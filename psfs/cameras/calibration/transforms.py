@@ -2,14 +2,15 @@
 
 `transform_matrix` (4x4) takes camera to world coordinates; the camera's axes are OpenGL's (x right,
 y up, looking along -z). The lens is `camera_angle_x`, rad, or `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`,
-`k1` ..., given for the file or for a frame.
+`k1` ..., given for the file or for a frame. `camera_model` and instant-ngp's flags say which
+lens it is; only pinhole lenses, with OpenCV's distortion or none, are read.
 """
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -27,10 +28,15 @@ from psfs.cameras.calibration.common import (
     parse_rotation,
 )
 from psfs.cameras.camera import MOST_CAMERAS, Camera
-from psfs.cameras.names import natural_key
+from psfs.cameras.names import join_names, natural_key
 from psfs.cameras.units import Unit
 from psfs.common.files import read_json
 from psfs.common.schema import Number, Positive, Table, flat, parse_values
+
+#: Values of `camera_model` for OpenCV's pinhole camera and its special cases.
+_PINHOLE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL", "PERSPECTIVE")
+#: Keys of other lenses that instant-ngp reads.
+_OTHER_LENSES = ("is_fisheye", "ftheta_p0", "latlong", "equirectangular", "orthographic", "k4")
 
 
 class Lens(Table):
@@ -49,6 +55,13 @@ class Lens(Table):
     k3: Number = 0.0
     p1: Number = 0.0
     p2: Number = 0.0
+    camera_model: str | None = None
+    is_fisheye: Number | bool = False
+    ftheta_p0: Number = 0.0
+    latlong: Number | bool = False
+    equirectangular: Number | bool = False
+    orthographic: Number | bool = False
+    k4: Number = 0.0
 
 
 class FrameEntry(Lens):
@@ -86,10 +99,27 @@ def read_transforms(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         return build_rig(names, sizes, lambda n, size: _camera(n, file, views[n], size), unit, "m")
 
 
-def _lens_value(file: Transforms, view: FrameEntry, key: str) -> float | None:
+def _stated(file: Transforms, view: FrameEntry, key: str) -> Any:
     own = getattr(view, key) if key in view.model_fields_set else None
-    value = own if own is not None else getattr(file, key)
+    return own if own is not None else getattr(file, key)
+
+
+def _lens_value(file: Transforms, view: FrameEntry, key: str) -> float | None:
+    value = _stated(file, view, key)
     return None if value is None else float(value)
+
+
+def _check_model(name: str, file: Transforms, view: FrameEntry) -> None:
+    """Raise InputError for a lens that is no pinhole camera with OpenCV's distortion."""
+    model = _stated(file, view, "camera_model")
+    other = [key for key in _OTHER_LENSES if _stated(file, view, key)]
+    if model is not None and model.upper() not in _PINHOLE:
+        other.insert(0, f"camera_model {model}")
+    if other:
+        raise InputError(
+            f"camera {name}: {join_names(other)}; expected a pinhole camera, "
+            f"{join_names(_PINHOLE)}: undistort the pictures to one first"
+        )
 
 
 def _size(file: Transforms, view: FrameEntry, name: str) -> Size:
@@ -102,6 +132,7 @@ def _camera(name: str, file: Transforms, view: FrameEntry, size: Size) -> Camera
     def value(key: str) -> float | None:
         return _lens_value(file, view, key)
 
+    _check_model(name, file, view)
     width, height = size
     angle, angle_y = value("camera_angle_x"), value("camera_angle_y")
     fx = value("fl_x") or (0.5 * width / math.tan(angle / 2) if angle else None)

@@ -13,6 +13,7 @@ from apf.body.kinematics import posed_joints
 from apf.body.markers import virtual_markers
 from apf.body.model import BodyModel
 from apf.body.toml import load_body
+from apf.formats.angles import opensim_coordinates
 
 SONG = load_body("song31")
 
@@ -59,10 +60,23 @@ def test_trunk_and_pelvis() -> None:
         angles = joint_angles(SONG, pose_of(**{dof: 12}))
         assert angles[name][0] == pytest.approx(12), name
         assert sum(abs(values[0]) > 1e-6 for values in angles.values()) == 1
-    turning = np.tile(pose_of(), (50, 1))
-    turning[:, 3] = np.linspace(0, 4 * np.pi, 50)
+
+
+@pytest.mark.parametrize(
+    ("dof", "name", "of_opensim"),
+    [
+        ("pelvis_rz", "pelvis_rotation", "pelvis_rotation"),
+        ("l_upper_arm_ry", "l_shoulder_flexion", "arm_flex_l"),
+        ("r_upper_arm_rz", "r_shoulder_rotation", "arm_rot_r"),
+    ],
+)
+def test_angles_do_not_jump_by_whole_turns(dof: str, name: str, of_opensim: str) -> None:
+    turns = np.linspace(5, 720, 50)
+    poses = np.concatenate([pose_of(**{dof: turn}) for turn in turns])
+    sign = -1 if dof.endswith("arm_rz") else 1
+    np.testing.assert_allclose(joint_angles(SONG, poses)[name], sign * turns, atol=1e-6)
     np.testing.assert_allclose(
-        joint_angles(SONG, turning)["pelvis_rotation"], np.linspace(0, 720, 50)
+        opensim_coordinates(SONG, poses)[of_opensim], sign * turns, atol=1e-6
     )
 
 
@@ -96,7 +110,8 @@ def test_shoulders_as_another_library_decomposes_them() -> None:
         np.testing.assert_allclose(again.as_matrix(), turned[known], atol=1e-9)
         assert (elevation >= 0).all() and known.sum() > 55
         flexed = Rotation.from_matrix(turned).as_euler("ZXY", degrees=True)
-        np.testing.assert_allclose(angles[f"{side}_shoulder_flexion"], flexed[:, 0], atol=1e-6)
+        off = angles[f"{side}_shoulder_flexion"] - flexed[:, 0]  # whole turns
+        np.testing.assert_allclose(off, 360 * np.round(off / 360), atol=1e-6)
 
 
 def test_a_hanging_arm_has_no_plane_of_elevation() -> None:

@@ -207,6 +207,33 @@ def test_names() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("cameras", "found", "expected"),
+    [
+        ("cam01 cam02 cam03", "GoPro9_cam03 iPhone13_cam02 Pixel7_cam01", (2, 1, 0)),
+        ("1 2", "cam1_take2 cam2_take2", (0, 1)),  # what all share tells nothing
+        ("left back_left", "x_back_left y_left", (1, 0)),  # the longer of nested names
+        ("A1 B2", "session_b2_4711.trim session_a1_4712.trim", (1, 0)),
+        (
+            "cam1 cam2 cam3",
+            "cam1_cam2_a cam3_b cam3",
+            "cam1_cam2_a fits several cameras: cam1, cam2",
+        ),
+        ("cam1 cam2 cam3", "cam1_a cam1_b cam2", "cam1_a, cam1_b all fit camera cam1"),
+    ],
+)
+def test_files_are_named_after_cameras(
+    cameras: str, found: str, expected: tuple[int, ...] | str
+) -> None:
+    names, files = cameras.split(), found.split()
+    if isinstance(expected, str):
+        with pytest.raises(InputError, match=expected):
+            match_files_to_cameras(names, files, "videos")
+    else:
+        right = {name: files[row] for name, row in zip(names, expected, strict=True)}
+        assert match_files_to_cameras(names, files, "videos") == (right, None)
+
+
 def test_find_calibration(tmp_path: Path) -> None:
     assert find_calibration(tmp_path) is None
     (tmp_path / "Calib_b.toml").touch()

@@ -370,6 +370,10 @@ def test_worlds_of_both_hands_are_refused(tmp_path: Path) -> None:
         read_calibration(tmp_path / "x_par.txt", sizes=footage.SIZE)
 
 
+#: A picture of NeRF's transforms.json.
+_FRAME = b'{"file_path": "a", "transform_matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]}'
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
@@ -377,6 +381,21 @@ def test_worlds_of_both_hands_are_refused(tmp_path: Path) -> None:
         ("c.json", b'{"cameras": [{"name": "a", "distCoef": []}]}', "resolution"),
         ("transforms.json", b'{"frames": []}', "frames"),
         ("transforms.json", b'{"frames": [{"file_path": "a"}]}', "transform_matrix"),
+        (
+            "transforms.json",
+            b'{"camera_model": "OPENCV_FISHEYE", "fl_x": 9, "frames": [%s]}' % _FRAME,
+            "camera a: camera_model OPENCV_FISHEYE; expected a pinhole camera",
+        ),
+        (
+            "transforms.json",
+            b'{"fl_x": 9, "k4": 0.1, "frames": [%s]}' % _FRAME,
+            "camera a: k4; expected a pinhole camera",
+        ),
+        (
+            "transforms.json",
+            b'{"is_fisheye": true, "fl_x": 9, "frames": [%s]}' % _FRAME,
+            "camera a: is_fisheye; expected",
+        ),
         ("cameras.txt", b"1 FISHEYE 10 10 1 2 3", "camera model FISHEYE"),
         ("a.qca.txt", b"<calibration><cameras/></calibration>", "no cameras"),
         ("b.qca.txt", b"<calibration><cameras><camera></cameras>", "expected Qualisys"),
