@@ -6,6 +6,8 @@ from cl import Device
 
 #: Work-group along a row on CPUs.
 _ALONG = 64
+#: Work-items of a GPU that share a piece of work: a particle, a tile, a picture.
+GROUP = 256
 #: Neighbouring pixels that a CPU's work-item works on at once.
 _PIXELS = 8
 

@@ -40,7 +40,8 @@ from psfs.footage.timing import find_timing, synchronise
 
 #: Greatest memory and number of frames that are decoded ahead.
 _QUEUE_BYTES, _QUEUE_FRAMES = 256 * 2**20, 16
-_DEFAULT_FPS = 30.0
+#: Frame rate of a camera that states none, that of most, frames/s.
+DEFAULT_FPS = 30.0
 
 
 def frame_input(frame: Frame, background: Background | None) -> np.ndarray:
@@ -76,7 +77,7 @@ class Sequence:
             sync = {name: late for name, late in sync.items() if name in settings.cameras}
         footage, numbering = pair_by_number(pair_by_timestamps(footage))
         self.notes = [*footage.notes, *heard]
-        self.timing, rates = find_timing(footage, settings.fps, sync, _DEFAULT_FPS)
+        self.timing, rates = find_timing(footage, settings.fps, sync, DEFAULT_FPS)
         self.timing_notes = [*numbering, *rates]
         self.footage = synchronise(footage, self.timing)
         self.unit = footage.unit
@@ -85,7 +86,7 @@ class Sequence:
         if settings.fps is None and not any(
             media.fps for media in footage.images or footage.masks or ()
         ):
-            self.notes.append(f"no frame rate is known: {_DEFAULT_FPS:g} per second is assumed")
+            self.notes.append(f"no frame rate is known: {DEFAULT_FPS:g} per second is assumed")
         self.fps = self.timing.fps
         self.rig: CameraRig = rotate_rig(footage.rig, rotation_to_z_up(settings.up or "z"))
         self.background_kind = self._background_kind()

@@ -13,14 +13,13 @@ from apf.likelihood.config import EXCHANGE_COST
 from apf.likelihood.observations import ObservedPoints
 from cl import Array, Device, InputError, Launch
 from cl.signature import Argument
-from cl.workgroups import pack_defines
+from cl.workgroups import GROUP, pack_defines
 from psfs.cameras.camera import CAMERA_FLOATS
 from psfs.common.cones import CONE_FLOATS
 
 #: Weight of the voxels' mean cost against the prior's squared distance; that of each observed point
 #: is 1, as for independent errors.
 VOXEL_STRENGTH = 1350.0
-_GROUP = 256
 #: Floats that the kernel keeps of a voxel.
 _VOXEL_FLOATS = 9
 #: Voxels that a work-group adds up: no more groups than an H200 has multiprocessors, few for a CPU.
@@ -54,7 +53,7 @@ class Refinement:
         self.n_poses = n_poses
         n = body.n_dof
         block = _GPU_BLOCK if device.is_gpu else _CPU_BLOCK
-        self._defines = body_defines(body) | pack_defines(device, _GROUP) | {"BLOCK": block}
+        self._defines = body_defines(body) | pack_defines(device, GROUP) | {"BLOCK": block}
         self._defines |= {"VOXEL_FLOATS": _VOXEL_FLOATS, "CAMERA_FLOATS": CAMERA_FLOATS}
         pack = self._defines["PACK"]
         row = (n // pack + 1) * pack

@@ -12,8 +12,7 @@ from apf.filters.searches import SwarmConfig
 from apf.likelihood.base import Likelihood
 from apf.scene import Scene
 from cl import Array, Device, Kernel, Launch, Step
-
-_GROUP = 256
+from cl.workgroups import GROUP
 
 
 class Swarm(ParticleSet):
@@ -59,8 +58,8 @@ class Swarm(ParticleSet):
         """Return the launch of eq. (2.29)-(2.30), from the `errors` (N,) of the poses."""
         return self.device.launch(
             self._swarm_kernel("update_bests"),
-            (_GROUP,),
-            (_GROUP,),
+            (GROUP,),
+            (GROUP,),
             n=self.config.n_particles,
             iteration=iteration,
             last=iteration == self.config.n_layers - 1,
@@ -74,7 +73,7 @@ class Swarm(ParticleSet):
         )
 
     def _swarm_kernel(self, name: str) -> Kernel:
-        return self.device.kernel("tracking/swarm", name, GROUP=_GROUP, N_DOF=self.n_dof)
+        return self.device.kernel("tracking/swarm", name, GROUP=GROUP, N_DOF=self.n_dof)
 
 
 class ParticleSwarm(DeviceTracker):

@@ -12,9 +12,7 @@ from apf.likelihood.observations import FeatureMaps
 from apf.scene import Scene
 from cl import Array, Launch
 from cl.launch import Kernel
-from cl.workgroups import row_group, size_defines
-
-_GROUP = 256
+from cl.workgroups import GROUP, row_group, size_defines
 
 
 class ImageObjective(Likelihood):
@@ -70,7 +68,7 @@ class ImageObjective(Likelihood):
         score = self.device.launch(
             self._kernel("score_counts"),
             (n,),
-            (_GROUP,),
+            (GROUP,),
             kind=OBJECTIVE_KINDS.index(config.kind),
             n_particles=n,
             n_views=len(self.rig),
@@ -100,8 +98,8 @@ class ImageObjective(Likelihood):
             ),
             self.device.launch(
                 self._kernel("silhouette_areas"),
-                (views * _GROUP,),
-                (_GROUP,),
+                (views * GROUP,),
+                (GROUP,),
                 n_words=words * pitch,
                 silhouettes=self._silhouettes,
                 areas=self._areas,
@@ -113,5 +111,5 @@ class ImageObjective(Likelihood):
             "image/objective",
             name,
             **size_defines(self.device, self.rig.picture),
-            GROUP=_GROUP,
+            GROUP=GROUP,
         )

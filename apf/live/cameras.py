@@ -31,10 +31,8 @@ from psfs.footage.layouts.uncalibrated import make_nominal_camera
 from psfs.footage.media import VIDEO_SUFFIXES, list_media
 from psfs.footage.settings import SequenceSettings
 from psfs.output.video import Video, write_video
-from psfs.sequence import Frame
+from psfs.sequence import DEFAULT_FPS, Frame
 
-#: Frame rate of a camera that states none, that of most, frames/s.
-_FPS = 30.0
 #: Time between two attempts to read from a camera that gives no picture, s.
 _RETRY = 0.5
 #: Greatest size of the pictures of the empty scene that are held, bytes, unless these are so few.
@@ -64,7 +62,7 @@ class LiveCamera:
         # without a queue, because only the newest is wanted
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         rate = self._capture.get(cv2.CAP_PROP_FPS)
-        self.fps = float(rate) if 1 <= rate <= 1000 else _FPS
+        self.fps = float(rate) if 1 <= rate <= 1000 else DEFAULT_FPS
         self._is_file = Path(name).suffix.lower() in VIDEO_SUFFIXES and Path(name).is_file()
         self._condition = threading.Condition()
         self._image: np.ndarray | None = None

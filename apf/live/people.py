@@ -20,6 +20,7 @@ from apf.live.sources import Smaller
 from apf.scene import Scene
 from apf.tracking.recovery import Judge
 from cl import Device
+from psfs.people.following import SPEED
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame
 from psfs.voxels.device_voxels import CarvedVoxels
@@ -27,8 +28,6 @@ from psfs.voxels.division import Division
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.moving_grid import MeanPosition
 
-#: Greatest speed at which a person is expected elsewhere, m/s.
-_FASTEST = 4.0
 #: What a tracker observes, and the centre (3,) m of its voxels; None without voxels.
 Seen = tuple[Shown, "np.ndarray | None"]
 #: Returns what each person's tracker observes in a frame at a time, s.
@@ -98,7 +97,7 @@ class LivePerson:
         spheres = body_spheres(self.body, self.pose)
         if last > then:
             velocity = (here - there) / (last - then)
-            velocity /= max(1.0, float(np.linalg.norm(velocity)) / _FASTEST)
+            velocity /= max(1.0, float(np.linalg.norm(velocity)) / SPEED)
             spheres[:, :3] += velocity * np.clip(time - last, 0.0, self._config.max_gap)
         return spheres
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array, Device, Launch
-from cl.workgroups import pack_defines, size_defines
+from cl.workgroups import GROUP, pack_defines, size_defines
 from psfs.background.config import BackgroundConfig
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
@@ -29,7 +29,6 @@ _INDEPENDENT = 0.02
 _GAIN_STD, _OFFSET_STD, _FIELD_STD = 0.3, 4.0, 0.1
 #: Least and greatest gain of a channel.
 GAINS = (0.3, 3.0)
-_GROUP = 256  # work-items per view on a GPU
 
 
 def steady_light(views: int) -> np.ndarray:
@@ -137,7 +136,7 @@ def light_launch(
     corrected in the same frame. Twin: reference/light.py.
     """
     places, scene = samples
-    packs = pack_defines(device, _GROUP)
+    packs = pack_defines(device, GROUP)
     kernel = device.kernel(
         "reconstruction/light",
         "estimate_light",

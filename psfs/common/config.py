@@ -22,13 +22,10 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from cl import InputError
-from psfs.common.names import escape_unprintable
+from psfs.common.names import SHOWN, escape_unprintable
 from psfs.common.ranges import LARGEST, SMALLEST, range_text
 
 C = TypeVar("C", bound="Config")
-
-#: Characters of a found value that an error shows.
-_SHOWN = 80
 
 
 class SettingError(InputError):
@@ -277,7 +274,7 @@ def _first_error(kind: type[Config], error: ValidationError) -> SettingError:
         return SettingError(f": {cause}")
     if cause is not None:
         return SettingError(f": {cause}", name)
-    found = escape_unprintable(repr(first["input"]))[:_SHOWN]
+    found = escape_unprintable(repr(first["input"]))[:SHOWN]
     place = "".join(f"[{step}]" for step in first["loc"][1:] if isinstance(step, int))
     expected = first["msg"].removeprefix("Input should be ")
     if field is not None and not place:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from cl import Device, InputError
-from cl.workgroups import pack_defines
+from cl.workgroups import GROUP, pack_defines
 
-#: Work group size for a tile of the maps, and a tile's edge, px: the fastest on PoCL and on an
-#: H200.
-_GROUP = 256
+#: Edge, px, of a work-group's tile of the maps: the fastest on PoCL and on an H200.
 TILE = 32
 #: Rows of a tile if distances take two bytes, which need more local memory.
 _FEW_ROWS = 8
@@ -37,7 +35,7 @@ def distance_defines(device: Device, reach: int) -> dict[str, int]:
             f"distances up to {reach} px need {nbytes} bytes of local memory; expected at most "
             f"{room} on {device.name}"
         )
-    return pack_defines(device, _GROUP) | {
+    return pack_defines(device, GROUP) | {
         **known,
         "MOST_REACH": reach,
         "TILE": TILE,

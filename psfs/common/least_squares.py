@@ -33,7 +33,7 @@ Parameters = Mapping[str, np.ndarray]
 #: McClure's estimator then has 95 % of the precision of least squares if noise is normal.
 REACH = 2.5
 #: Fewest measurements whose noise is estimated apart.
-_LEAST_GROUP = 10
+LEAST_GROUP = 10
 #: A step is the last if parameters move by less than this share of their standard deviations.
 _SETTLED = 1e-2
 #: Damping of the first step, as a share of the diagonal.
@@ -108,7 +108,7 @@ def estimate_noise(
     if groups is not None:
         for number in np.unique(groups):
             mine = known & (groups == number)
-            if np.count_nonzero(mine) >= _LEAST_GROUP:
+            if np.count_nonzero(mine) >= LEAST_GROUP:
                 found[groups == number] = np.median(size[mine])
     return np.maximum(found / normal, least)
 

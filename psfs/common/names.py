@@ -9,6 +9,8 @@ from cl import InputError
 
 #: Most characters of a name: file names may have 255 bytes, and we add to the name.
 LONGEST_NAME = 100
+#: Characters of a found value that an error shows.
+SHOWN = 60
 _SEPARATORS = "/\\"
 
 

@@ -6,6 +6,8 @@ import numpy as np
 
 #: Metres per unit of length.
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+#: An inch, m.
+INCH = 0.0254
 
 
 def pick_evenly(n: int, most: int) -> np.ndarray:

@@ -19,13 +19,10 @@ from pydantic import (
 )
 
 from cl import InputError
-from psfs.common.names import check_name, escape_unprintable
+from psfs.common.names import SHOWN, check_name, escape_unprintable
 from psfs.common.ranges import LARGEST
 
 T = TypeVar("T")
-
-#: Characters of a found value that an error shows.
-_SHOWN = 60
 
 
 class Table(BaseModel):
@@ -116,7 +113,7 @@ def _key(place: tuple[int | str, ...], values: Any) -> str:
             values = None
         name = values.get("name") if isinstance(values, dict) else None
         if isinstance(step, int) and isinstance(name, str) and parts:
-            parts = [f"{' '.join(parts)} {name[:_SHOWN]},"]
+            parts = [f"{' '.join(parts)} {name[:SHOWN]},"]
         else:
             parts.append(str(step))
     return ".".join(parts).replace(",.", ", ").rstrip(",")
@@ -132,7 +129,7 @@ def describe_error(error: ValidationError, values: object) -> str:
         text = f"has the key {escape_unprintable(key)}, which is unknown"
     else:
         found = repr(first["input"])
-        found = found if len(found) <= _SHOWN else f"{found[:_SHOWN]}..."
+        found = found if len(found) <= SHOWN else f"{found[:SHOWN]}..."
         wanted = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
         if first["type"] in ("too_short", "too_long"):  # List should have ... after validation
             wanted = wanted.partition(" should have ")[2].partition(" after ")[0]

@@ -17,13 +17,13 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-#: Largest TOML file; calibrations and bodies take kilobytes.
-_MOST_BYTES = 4 * 2**20
+#: Largest file of settings, of a body or a calibration; one of 64 cameras takes less than 100 kB.
+MOST_BYTES = 4 * 2**20
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file. Raises InputError if it is malformed, MissingFileError if it is absent."""
-    return parse_toml(read_text(path, "TOML", _MOST_BYTES), path)
+    return parse_toml(read_text(path, "TOML", MOST_BYTES), path)
 
 
 def write_toml(path: Path, values: Mapping[str, object]) -> None:

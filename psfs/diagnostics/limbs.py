@@ -15,6 +15,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from psfs.cameras.camera import Camera
+from psfs.common.least_squares import REACH
 from psfs.common.progress import map_in_threads
 from psfs.diagnostics.config import LimbConfig
 from psfs.diagnostics.frontier import SilhouetteContours
@@ -24,8 +25,6 @@ from psfs.diagnostics.refinement import N_PARAMETERS, Measure
 from psfs.diagnostics.sights import PersonPlace, Sight, find_person
 from psfs.footage.camera_times import INDEPENDENT_SHARE
 
-#: Widths of Geman & McClure's weights, in standard deviations of the residuals.
-_REACH = 2.5
 #: Widths of limbs, statures, and the greatest ratio of a limb's widths in two cameras.
 _THINNEST, _WIDEST, _ALIKE = 0.018, 0.13, 1.4
 #: Depths that are searched around the person's middle, their step, and the distance of another
@@ -115,7 +114,7 @@ class LimbPoints:
         residuals, by_camera, by_point, known = self._differentiate(cameras, lags)
         typical = float(np.median(np.abs(residuals[..., 0][self._traced.known])))
         noise = max(self.config.noise, 1.4826 * typical)
-        robust = 1 + (residuals[..., :1] / (_REACH * noise)) ** 2
+        robust = 1 + (residuals[..., :1] / (REACH * noise)) ** 2
         roots = np.sqrt(INDEPENDENT_SHARE * known) / (noise * robust)
         n, views = residuals.shape[:2]
         rows = np.zeros((n, views, 2, views, N_PARAMETERS))

@@ -15,6 +15,7 @@ import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
+from psfs.common.least_squares import LEAST_GROUP, REACH
 from psfs.diagnostics.config import AlignmentConfig
 from psfs.diagnostics.frontier import (
     FrontierPoints,
@@ -29,14 +30,10 @@ from psfs.diagnostics.small_views import Outline
 N_PARAMETERS = 8
 #: Extent of the points around the scene's middle that are held, m, and how firmly, m.
 _AROUND, _HELD = (0.4, 0.4, 0.8), 5e-4
-#: Widths of Geman & McClure's weights, in standard deviations of the residuals.
-_REACH = 2.5
 #: Matchings of the frontier points, and Gauss-Newton steps after each.
 _ROUNDS, _STEPS = 4, 2
 #: Greatest change of the speed, px per frame^2, of the tips by which a correction is judged.
 _JUDGED_BEND = 1.0
-#: Fewest points whose noise is estimated apart.
-_LEAST_GROUP = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +163,7 @@ class RigFit:
         speeds = slopes[:, 0, 7] * min(0.1 + 0.15 * late, 0.4)
         widths = np.hypot(noise, speeds)
         information = self._measure_information(np.abs(slopes[:, 0, 7]))
-        weights = information / (widths * (1 + (residuals / (_REACH * widths)) ** 2)) ** 2
+        weights = information / (widths * (1 + (residuals / (REACH * widths)) ** 2)) ** 2
         turn, shift, focal, time = config.turn, config.shift, config.focal, config.time
         sigmas = np.tile([*3 * [turn], *3 * [shift], focal, time], len(values))
         normal = (jacobian * weights[:, None]).T @ jacobian + np.diag(sigmas**-2.0)
@@ -193,7 +190,7 @@ class RigFit:
             groups = self._group(points)
             for number in np.unique(groups):
                 own = groups == number
-                if np.count_nonzero(own) >= _LEAST_GROUP:
+                if np.count_nonzero(own) >= LEAST_GROUP:
                     found[own] = np.median(size[own])
         return np.maximum(self.config.noise, 1.4826 * found)
 

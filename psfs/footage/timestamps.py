@@ -17,7 +17,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.names import join_names, name_tokens
-from psfs.common.files import read_text
+from psfs.common.files import MOST_BYTES, read_text
 from psfs.common.reading import parsing
 from psfs.footage.layouts.common import Footage
 from psfs.footage.media import Media
@@ -25,8 +25,6 @@ from psfs.footage.timing import pair_frames
 
 NAME = "timestamps.csv"
 _WHAT = "times of frames"
-#: Greatest size of the file, bytes.
-_MOST_BYTES = 2**27
 #: Least ratio of times in another unit than s.
 _OTHER_UNIT = 100
 #: Names of the columns, the first that is there.
@@ -95,7 +93,7 @@ def _check_interval(path: Path, item: Media, times: np.ndarray) -> None:
 
 def _read_times(path: Path) -> dict[str, list[tuple[int, float]]]:
     """Return frame numbers and times, s, by camera."""
-    text = read_text(path, _WHAT, _MOST_BYTES)
+    text = read_text(path, _WHAT, MOST_BYTES)
     with parsing(path, _WHAT):
         reader = csv.DictReader(io.StringIO(text, newline=""))
         heads, rows = reader.fieldnames or (), list(reader)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array, Device, Kernel, Launch
-from cl.workgroups import row_group, size_defines
+from cl.workgroups import GROUP, row_group, size_defines
 from psfs.cameras.camera import CameraRig
 
 #: Edge of a cell, px: the silhouettes are marked per cell, and a cell's 64 pixels are the bits of a
@@ -16,7 +16,6 @@ MARK = 8
 SIDES, BELOW = 35, 5
 #: Least number of foreground pixels among 24 x 24 that do not count as speckle.
 LEAST_PIXELS = 40
-_GROUP = 256
 
 
 class ForegroundJoin:
@@ -37,7 +36,7 @@ class ForegroundJoin:
         self._defines = {
             **size_defines(device, rig.picture),
             "MARK": MARK,
-            "GROUP": _GROUP if device.is_gpu else 1,
+            "GROUP": GROUP if device.is_gpu else 1,
         }
         self._silhouette = silhouette.view(np.uint8)
         self._boxes = device.empty((len(rig), 4), np.int32, "the persons' boxes")

@@ -19,13 +19,9 @@ from psfs.voxels.bricks import (
     count_bricks,
     lane_defines,
 )
-from psfs.voxels.surface import SurfaceList
+from psfs.voxels.surface import ROOM, SurfaceList
 
 log = logging.getLogger(__name__)
-
-#: Number of voxels for whose probability there is always memory; in larger grids there is memory
-#: for one voxel in eight, if that is more.
-_ROOM = 2**24
 
 
 class SparseSurface:
@@ -48,7 +44,7 @@ class SparseSurface:
         self._bricks, self.n_active, self._warned = bricks, bricks.n_active, False
         along, size = count_bricks(shape), math.prod(shape)
         n_bricks, brick_voxels = math.prod(along), math.prod(BRICK)
-        self.capacity = min(n_bricks, max(_ROOM, size // 8) // brick_voxels)
+        self.capacity = min(n_bricks, max(ROOM, size // 8) // brick_voxels)
         what = f"a sparse grid of {size:,} voxels"
         self._bits = device.zeros((*shape[:2], along[2]), np.uint16, what)
         self.list = SurfaceList(device, shape, self._bits, bricks.closed_surface)

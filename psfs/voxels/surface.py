@@ -11,9 +11,9 @@ from cl.signature import Argument
 from cl.workgroups import row_group, size_defines
 from psfs.voxels.config import OccupancyConfig
 
-#: Number of voxels for which the list always has room; for larger grids it has room for one voxel
-#: in sixteen, if that is more.
-_ROOM = 2**24
+#: Number of voxels for which there is always memory; in larger grids for one in sixteen of the
+#: list, and one in eight of a sparse grid, if that is more.
+ROOM = 2**24
 
 
 class SurfaceList:
@@ -33,7 +33,7 @@ class SurfaceList:
         self._device = device
         self._gather: Launch | None = None
         self._gathered: Array
-        self.capacity = min(size, max(_ROOM, size // 16))
+        self.capacity = min(size, max(ROOM, size // 16))
         self.indices = device.empty(self.capacity, np.int32, f"the surface of {size:,} voxels")
         self.count = device.zeros(1, np.int32, "the number of surface voxels")
         self.occupied = device.zeros(1, np.int32, "the number of occupied voxels")

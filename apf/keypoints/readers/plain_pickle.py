@@ -8,10 +8,9 @@ import pickletools
 from pathlib import Path
 
 from cl import InputError
+from psfs.common.files import MOST_BYTES
 from psfs.common.reading import open_input, parsing
 
-#: Largest file. A minute of a camera with hands and face takes 20 MB.
-_MOST_BYTES = 256 * 2**20
 #: The operations that make plain values.
 _PLAIN = frozenset(
     (
@@ -34,9 +33,9 @@ def read_plain_pickle(path: Path, what: str) -> object:
     damaged, too large, or makes anything else than lists, tuples, dictionaries, numbers and texts.
     """
     with parsing(path, what), open_input(path, what) as file:
-        data = file.read(_MOST_BYTES + 1)
-        if len(data) > _MOST_BYTES:
-            raise InputError(f"{path}: more than {_MOST_BYTES // 2**20} MiB; expected {what}")
+        data = file.read(MOST_BYTES + 1)
+        if len(data) > MOST_BYTES:
+            raise InputError(f"{path}: more than {MOST_BYTES // 2**20} MiB; expected {what}")
         _check_operations(path, data, what)
         return pickle.loads(data)
 

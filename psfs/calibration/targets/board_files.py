@@ -13,13 +13,13 @@ from cl import InputError, MissingFileError
 from psfs.calibration.targets.dictionaries import DICTIONARIES
 from psfs.cameras.calibration.common import name_file_in_errors, read_text
 from psfs.cameras.calibration.filestorage import check_nesting
+from psfs.common.numbers import INCH
 from psfs.common.toml import read_toml
 
 EXPECTED = (
     "Caliscope's charuco.toml or config.toml, Pose2Sim's Config.toml, or the settings of OpenCV's "
     "calibration sample (xml, yml)"
 )
-_INCH = 0.0254
 #: Patterns of OpenCV's sample.
 _PATTERNS = {"CHESSBOARD": "chessboard", "CHARUCOBOARD": "charuco"}
 
@@ -64,7 +64,7 @@ def _read_caliscope(table: Mapping[str, Any]) -> BoardFacts:
     if override:
         square = float(override) / 100
     else:
-        unit = {"inch": _INCH, "cm": 0.01}[str(table["units"])]
+        unit = {"inch": INCH, "cm": 0.01}[str(table["units"])]
         width, height = float(table["board_width"]), float(table["board_height"])
         square = unit * min(width / columns, height / rows)
     family = _find_family(str(table["dictionary"]))

@@ -14,8 +14,8 @@ from matplotlib.path import Path as Path2D
 from cl import InputError
 from psfs.calibration.targets.boards import choose_dictionary
 from psfs.common.files import write_atomically
+from psfs.common.numbers import INCH
 
-_MM_PER_INCH = 25.4
 #: White rim around the board, and the room below it for the text and the ruler, mm.
 _RIM, _BELOW = 10.0, 12.0
 #: Greatest length of the ruler, mm, by which the printed size is checked.
@@ -60,7 +60,7 @@ def write_board_pdf(
     )
     with write_atomically(path) as temporary, temporary.open("wb") as file, PdfPages(file) as pages:
         for number in range(boards):
-            figure = Figure(figsize=(width / _MM_PER_INCH, height / _MM_PER_INCH))
+            figure = Figure(figsize=(width / 1000 / INCH, height / 1000 / INCH))
             axes = figure.add_axes((0, 0, 1, 1))
             axes.set_xlim(-_RIM, width - _RIM)
             axes.set_ylim(height - _RIM, -_RIM)  # millimetres, down, from the board's corner

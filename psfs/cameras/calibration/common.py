@@ -18,6 +18,7 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.units import Unit, metres_per_unit, scale_rig
 from psfs.common import files
 from psfs.common.files import name_file_in_errors as name_file_in_errors
+from psfs.common.toml import MOST_BYTES as MOST_BYTES
 
 #: Takes a left-handed world to a right-handed one: negates X.
 MIRROR = np.diag([-1.0, 1.0, 1.0])
@@ -63,8 +64,6 @@ Sizes = Size | Mapping[str, Size] | Callable[[Sequence[str]], Sequence[Size]] | 
 
 #: Half a turn about x: from a camera's axes with y up and z backward to OpenCV's, and back.
 TO_OPENCV = np.diag([1.0, -1.0, -1.0])
-#: Largest calibration file that is read; one of 64 cameras takes less than 100 kB.
-MOST_BYTES = 4 * 2**20
 #: Most numbers in one value; the longest value is the distortion.
 _MOST_NUMBERS = 64
 

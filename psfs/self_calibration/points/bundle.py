@@ -11,10 +11,8 @@ import numpy as np
 from psfs.cameras.camera import Camera
 from psfs.cameras.triangulation import intersect_rays
 from psfs.common.least_squares import Parameters, Residuals, Slope, prior, solve
+from psfs.diagnostics.refinement import N_PARAMETERS
 
-#: Parameters of a camera: rotation vector and shift in its axes, log of the focal length's factor,
-#: lag in frames.
-N_PARAMETERS = 8
 #: Most steps of an adjustment.
 _STEPS = 20
 

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from psfs.cameras.camera import Camera
+from psfs.diagnostics.refinement import N_PARAMETERS
 from psfs.self_calibration.points.bundle import (
-    N_PARAMETERS,
     PointObservations,
     PointScene,
     adjust_points,

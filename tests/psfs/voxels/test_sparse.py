@@ -188,7 +188,7 @@ def test_too_many_bricks_are_warned_of_once(
     device: Device, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Noise all over the pictures ends no track; what has no room is as likely as the threshold."""
-    monkeypatch.setattr(sparse, "_ROOM", 4096)
+    monkeypatch.setattr(sparse, "ROOM", 4096)
     rig, grid = scenes.ring(4), scenes.small_grid(0.04)
     evidence = device.to_device(np.full((4, rig.height, rig.width), 14, np.int8))
     config = OccupancyConfig()
