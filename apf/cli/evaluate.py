@@ -78,7 +78,7 @@ def run(request: EvaluateRequest) -> None:
     print_evaluation(evaluation)
     print_angles(evaluation.angles)
     if markers is None:
-        better = axes_that_fit(track, truth, evaluation, convention)
+        better = axes_that_fit([(track, truth)], evaluation.mean_error, convention)
         if better is not None:
             warn(better, stdout)
     if track.smoothing is not None:
@@ -95,13 +95,17 @@ def _run_people(request: EvaluateRequest) -> None:
     """Compare the tracks of several people."""
     request.refuse(["markers"], f"applies only to one person; expected {request.track / 'person1'}")
     tracks = PeopleTracks.open(request.track)
-    truth = _truth_of_people(request, tracks[0].fps)
+    truth, convention = _truth_of_people(request, tracks[0].fps)
     try:
         evaluation = evaluate_people(tracks, truth)
     except InputError as error:
         stated = " ".join(map(str, request.truth))
         raise InputError(f"{request.track} against {stated}: {error}") from None
     print_people_evaluation(evaluation)
+    pairs = [(track, series) for series in truth.values() for track in tracks]
+    better = axes_that_fit(pairs, evaluation.apart, convention)
+    if better is not None:
+        warn(better, stdout)
     folder, wanted, written = request.output or request.track, _select_files(request), []
     with output_folder(folder, request.COMMAND, addition=True, replaces=True):
         for name, number, errors in zip(
@@ -117,20 +121,21 @@ def _run_people(request: EvaluateRequest) -> None:
     stdout.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
 
 
-def _truth_of_people(request: EvaluateRequest, fps: float) -> dict[str, JointSeries]:
-    """Return the truth of each person by name, in the frames of a sequence with `fps`."""
+def _truth_of_people(request: EvaluateRequest, fps: float) -> tuple[dict[str, JointSeries], str]:
+    """Return the truth of each person by name, in the frames of a sequence with `fps`, and the
+    convention of its axes."""
     if len(request.truth) == 1 and request.truth[0].suffix.lower() == ".npz":
         truth = load_people_truth(request.truth[0])
         if request.truth_start is None:
-            return truth
-        return {name: of.resample(fps, request.truth_start) for name, of in truth.items()}
+            return truth, "z-up"
+        start = request.truth_start
+        return {name: of.resample(fps, start) for name, of in truth.items()}, "z-up"
     names = [path.stem for path in request.truth]
     if len(set(names)) < len(names):
         names = [str(path) for path in request.truth]
-    return {
-        name: _truth_of_one(request, path, fps)[0]
-        for name, path in zip(names, request.truth, strict=True)
-    }
+    read = [_truth_of_one(request, path, fps) for path in request.truth]
+    truth = {name: series for name, (series, _) in zip(names, read, strict=True)}
+    return truth, read[0][1]
 
 
 def _truth(request: EvaluateRequest, path: Path, track: Track) -> tuple[JointSeries, str]:
@@ -275,6 +280,8 @@ def print_people_evaluation(evaluation: PeopleEvaluation) -> None:
     ]
     for line in lines:
         stdout.print(line, soft_wrap=True)
+    for warning in evaluation.warnings:
+        warn(warning, stdout)
 
 
 def print_angles(errors: Sequence[AngleError]) -> None:

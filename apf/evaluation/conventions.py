@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np
 
-from apf.evaluation.evaluate import Evaluation, evaluate
+from apf.evaluation.evaluate import evaluate
 from apf.formats.trc import CONVENTIONS, JointSeries
 from apf.tracking.track import Track
 
@@ -37,25 +37,22 @@ def choose_convention(track: Track, truth: JointSeries, stated: str) -> tuple[st
 
 
 def axes_that_fit(
-    track: Track, truth: JointSeries, evaluation: Evaluation, convention: str
+    pairs: Sequence[tuple[Track, JointSeries]], error: float, convention: str
 ) -> str | None:
     """Return a message if the truth, read after `convention`, is absurdly far from the track; else
     None.
 
-    The message names the axes and the unit with which the truth is near, or says that there are
+    pairs: tracks with the truth that each may have. error: mean distance, m, of track and truth.
+    The message names the axes and the unit with which one pair is near, or says that there are
     none.
     """
-    error = evaluation.mean_error
     if error < _ABSURD:
         return None
-    read = truth.joints @ CONVENTIONS[convention]  # in the axes of the file
     best: tuple[float, str] = (np.inf, "")
-    for words, matrix in _candidates():
-        for scale in _SCALES:
-            other = replace(truth, joints=scale * read @ matrix.T)
-            found = evaluate(track, other).mean_error
-            if found < 0.95 * best[0]:  # prefer the first of several that are about equal
-                best = found, words + ("" if scale == 1 else f" and coordinates times {scale:g}")
+    for track, truth in pairs:
+        found, words = _find_axes(track, truth, convention)
+        if found < best[0]:
+            best = found, words
         if best[0] < _FITS:
             break
     if best[0] > min(_FITS, _SHARE * error):
@@ -67,6 +64,22 @@ def axes_that_fit(
         f"the truth lies {error:.2f} m from the track with --convention {convention}, but "
         f"{best[0]:.3f} m with {best[1]}"
     )
+
+
+def _find_axes(track: Track, truth: JointSeries, convention: str) -> tuple[float, str]:
+    """Return the least mean distance, m, of a track from the truth in other axes and units, and
+    these in words."""
+    read = truth.joints @ CONVENTIONS[convention]  # in the axes of the file
+    best: tuple[float, str] = (np.inf, "")
+    for words, matrix in _candidates():
+        for scale in _SCALES:
+            other = replace(truth, joints=scale * read @ matrix.T)
+            found = evaluate(track, other).mean_error
+            if found < 0.95 * best[0]:  # prefer the first of several that are about equal
+                best = found, words + ("" if scale == 1 else f" and coordinates times {scale:g}")
+        if best[0] < _FITS:
+            break
+    return best
 
 
 def _candidates() -> Iterator[tuple[str, np.ndarray]]:

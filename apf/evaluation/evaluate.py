@@ -308,7 +308,7 @@ def evaluate_points(
         unmatched_track=(),
         unmatched_truth=(),
         n_ignored=int(missing.sum()),
-        warnings=_warnings(track, truth, len(frames)),
+        warnings=list_warnings(track.fps, track.frames, truth),
         predicted_lost_fraction=compute_lost_fractions(track, rows[compared]),
         flagged=flagged_joints(track, names)[rows][compared][:, with_truth],
     )
@@ -351,15 +351,18 @@ def _is_lost(errors: np.ndarray) -> bool:
     return bool(longest > LOST_FRAMES or far[-1:].any())
 
 
-def _warnings(track: Track | JointSeries, truth: JointSeries, n_common: int) -> tuple[str, ...]:
+def list_warnings(fps: float, frames: np.ndarray, truth: JointSeries) -> tuple[str, ...]:
+    """Return what a reader of the figures should know: other rates, and tracked `frames` that the
+    truth lacks."""
     found = []
-    if abs(track.fps - truth.fps) > 0.01 * truth.fps:
+    if abs(fps - truth.fps) > 0.01 * truth.fps:
         found.append(
-            f"the track has {track.fps:g} frames/s, the truth {truth.fps:g}; "
+            f"the track has {fps:g} frames/s, the truth {truth.fps:g}; "
             "frames are matched by index all the same"
         )
-    if n_common < len(track.frames):
-        found.append(f"the truth covers {n_common} of the track's {len(track.frames)} frames")
+    n_common = int(np.isin(frames, truth.frames).sum())
+    if n_common < len(frames):
+        found.append(f"the truth covers {n_common} of the track's {len(frames)} frames")
     return tuple(found)
 
 

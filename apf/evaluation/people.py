@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from apf.evaluation.evaluate import Evaluation, evaluate, load_truth
+from apf.evaluation.evaluate import Evaluation, evaluate, list_warnings, load_truth
 from apf.evaluation.joint_names import evaluated_joints
 from apf.formats.trc import JointSeries
 from apf.tracking.people import PeopleTracks
@@ -46,7 +46,8 @@ class PeopleEvaluation:
     in each of `frames` (F,), -1 for none. present: (F, P) bool, frames in which the truth has the
     person. counts: (F,) number of people that the tracks show. tracks: (P,) number of the track
     that is a person's over all frames, -1 if none is. errors: (P,) the evaluation of each person
-    by that track, None without a track.
+    by that track, None without a track. apart: mean distance, m, from the nearest track, of the
+    person to whom it is least. warnings: for the reader of the figures.
     """
 
     names: tuple[str, ...]
@@ -56,6 +57,8 @@ class PeopleEvaluation:
     counts: np.ndarray
     tracks: np.ndarray
     errors: tuple[Evaluation | None, ...]
+    apart: float
+    warnings: tuple[str, ...]
 
     @property
     def count_right(self) -> float:
@@ -107,6 +110,7 @@ class PeopleEvaluation:
             "false_positives": self.false_positives,
             "mota": round(self.mota, 5),
             "idf1": round(self.idf1, 5),
+            "warnings": list(self.warnings),
             "persons": [
                 {
                     "name": name,
@@ -211,9 +215,11 @@ def evaluate_people(tracks: PeopleTracks, truth: dict[str, JointSeries]) -> Peop
     their joints, over all frames by the greatest number of matches.
 
     A match lasts as long as it is nearer than MATCHED; the others take the least sum
-    of distances (CLEAR MOT). Raises InputError if a track and the truth have no joint in common.
+    of distances (CLEAR MOT). Frames without truth are left out. Raises InputError if a track and
+    the truth have no joint in common.
     """
-    frames = tracks.frames
+    known = np.unique(np.concatenate([series.frames for series in truth.values()]))
+    frames = np.intersect1d(tracks.frames, known)
     true = [_points(series.joint_names, series.joints, series.frames, frames) for series in
             truth.values()]  # fmt: skip
     own = [_points(track.joint_names, track.joints, track.frames, frames) for track in tracks]
@@ -222,6 +228,7 @@ def evaluate_people(tracks: PeopleTracks, truth: dict[str, JointSeries]) -> Peop
     apart = np.stack([[_apart(person, track) for track in own] for person in true])
     if not np.isfinite(apart).any():
         raise InputError("the tracks and the truth have no joint in any frame in common")
+    nearest = apart.min(1)
     matches = _match(np.moveaxis(apart, -1, 0))
     votes = np.array([[(of == k).sum() for k in range(len(own))] for of in matches.T])
     chosen = np.full(len(true), -1)
@@ -236,9 +243,17 @@ def evaluate_people(tracks: PeopleTracks, truth: dict[str, JointSeries]) -> Peop
         frames=frames,
         matches=matches,
         present=np.stack([np.isfinite(of).all(-1).any(-1) for of in true], axis=1),
-        counts=tracks.counts,
+        counts=tracks.counts[np.isin(tracks.frames, frames)],
         tracks=chosen,
         errors=errors,
+        apart=min(of[np.isfinite(of)].mean() for of in nearest if np.isfinite(of).any()),
+        warnings=tuple(
+            dict.fromkeys(
+                text
+                for series in truth.values()
+                for text in list_warnings(tracks[0].fps, tracks.frames, series)
+            )
+        ),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import NoReturn, TextIO
+from typing import TextIO
 
 from rich.console import Console
 from rich.progress import (
@@ -22,8 +22,11 @@ _UNLIMITED = 160
 
 
 class _Terminal(Console):
-    def on_broken_pipe(self) -> NoReturn:
-        raise  # rich would exit; it calls this where it handles the error
+    def on_broken_pipe(self) -> None:
+        """Print nothing more, for nobody reads it (`apf evaluate | head -1`). rich would exit, and
+        the files of the command would not be written."""
+        self.quiet = True
+        os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())
 
 
 def make_terminal(stderr: bool) -> Console:

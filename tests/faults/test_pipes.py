@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -67,3 +69,13 @@ def test_a_pipe_as_calibration(tmp_path: Path) -> None:
 def test_devices(path: str) -> None:
     with pytest.raises(InputError, match="is no regular file"):
         open_input(Path(path))
+
+
+def test_files_are_written_for_a_reader_who_has_gone(stock: Path) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    words = [sys.executable, "-m", "apf.cli", *EVALUATE[1:]]
+    ended = subprocess.run(words, stdout=write, stderr=subprocess.PIPE, check=False)
+    os.close(write)
+    assert (ended.returncode, ended.stderr) == (0, b"")
+    assert (stock / "new" / "evaluation.csv").is_file()

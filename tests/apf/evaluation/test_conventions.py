@@ -19,7 +19,7 @@ TRACK = tracks.walker(20)
 
 
 def said(truth: JointSeries, convention: str = "z-up") -> str | None:
-    return axes_that_fit(TRACK, truth, evaluate(TRACK, truth), convention)
+    return axes_that_fit([(TRACK, truth)], evaluate(TRACK, truth).mean_error, convention)
 
 
 @pytest.mark.parametrize("written", CONVENTIONS)

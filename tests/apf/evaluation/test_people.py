@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -120,6 +121,33 @@ def test_command_compares_all_people(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["evaluate", second, "--truth", str(file), "--json"]) == 0
     assert "the nearest is person2" in (said := capsys.readouterr().out)
     assert "mean error 10.0 mm" in said
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"scale": 1000.0}, "coordinates times 0.001"),
+        ({"axes": [0, 2, 1]}, "world axes"),
+        ({"shift": 50.0}, "no other axes or unit bring it near"),
+        ({"fps": 30.0}, "the truth 30"),
+        ({"n": 5}, "covers 5 of the track's 20 frames"),
+        ({}, ""),
+    ],
+)
+def test_a_truth_that_does_not_fit_several_people_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict[str, Any], said: str
+) -> None:
+    people, truth = pair(0, 3)
+    people.save(tmp_path / "out")
+    joints = np.stack([of.joints for of in truth.values()], axis=1)[: change.get("n", N)]
+    joints = joints[..., change.get("axes", [0, 1, 2])] * change.get("scale", 1.0)
+    joints += change.get("shift", 0.0)
+    names, fps = np.array(truth["at 0"].joint_names), change.get("fps", people[0].fps)
+    np.savez(tmp_path / "t.npz", joint_names=names, joints=joints, fps=fps)
+    command = ["evaluate", str(tmp_path / "out"), "--truth", str(tmp_path / "t.npz"), "--json"]
+    assert main(command) == 0
+    printed = capsys.readouterr().out
+    assert said in printed and ("warning" in printed) == bool(said)
 
 
 def test_each_track_is_compared_with_its_own_person(tmp_path: Path) -> None:
