@@ -15,7 +15,12 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
+from cl.errors import InputError
+
 log = logging.getLogger(__name__)
+
+#: Bytes of the largest file of a compiler.
+_ROOM = 2**20
 
 
 def cache_folder() -> Path:
@@ -26,12 +31,18 @@ def cache_folder() -> Path:
 
 def replace_unwritable_caches() -> None:
     """Move caches that cannot be written to a temporary folder: PoCL and PyOpenCL fail without a
-    writable cache. They run what lies there, so that nobody else may write to it."""
+    writable cache. They run what lies there, so that nobody else may write to it. Raises InputError
+    if no place has room for a kernel: the compiler would end the process."""
     usual_folders = {"XDG_CACHE_HOME": "~/.cache", "POCL_CACHE_DIR": None}
     for variable, usual in usual_folders.items():
         folder = os.environ.get(variable) or usual
         if folder is not None and not _is_writable(folder):
             replacement = _private_folder()
+            if not _is_writable(replacement):
+                raise InputError(
+                    f"{replacement}: has no room for compiled kernels, nor has the cache {folder}; "
+                    "expected a disk with space, and files of 1 MiB to be allowed (ulimit -f)"
+                )
             log.warning("the cache %s cannot be written; %s is used", folder, replacement)
             os.environ[variable] = replacement
 
@@ -51,8 +62,8 @@ def _is_writable(place: str) -> bool:
     try:
         folder = Path(place).expanduser()
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return True
+        with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
+            return file.write(bytes(_ROOM)) == _ROOM
     except (OSError, RuntimeError):
         return False
 

@@ -134,6 +134,19 @@ def test_a_temporary_cache_that_others_may_write_to_is_not_used(
         assert (place == usual) == used and not place.stat().st_mode & 0o022
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no limit of file sizes")
+def test_a_cache_without_room_for_kernels_is_refused(tmp_path: Path) -> None:
+    code = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000));"
+        "from psfs.cli import main; sys.exit(main(['devices']))"
+    )
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
+    environment.pop("POCL_CACHE_DIR", None)
+    command = [sys.executable, "-c", code]
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2 and "no room for compiled kernels" in ended.stderr
+
+
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no signals")
 @pytest.mark.parametrize(("name", "kept"), [("SIGTERM", 0), ("SIGKILL", 0), ("SIGSEGV", 1)])
 def test_a_process_that_somebody_else_ends_is_no_fault_of_the_driver(
