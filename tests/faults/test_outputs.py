@@ -127,9 +127,11 @@ def test_results_among_footage(tmp_path: Path, by: str) -> None:
     else:
         with output_folder(tmp_path, by):
             write(video)
-    with pytest.raises(InputError, match=r"cam01\.mp4, which may be read"):
-        with output_folder(video.parent, "apf evaluate", addition=True):
-            pass
+    with (
+        pytest.raises(InputError, match=r"cam01\.mp4, which may be read"),
+        output_folder(video.parent, "apf evaluate", addition=True),
+    ):
+        pass
     run(tmp_path / "new", "picture.png")
     with output_folder(tmp_path / "new", "apf evaluate", addition=True):
         write(tmp_path / "new" / "evaluation.png")
