@@ -11,10 +11,11 @@ from psfs.common.schema import Name, Positive, Table, flat
 
 #: Most bones, cones, joints and degrees of freedom of one body, and most pairs of them.
 MOST, MOST_PAIRS = 200, 2000
-#: Largest coordinate of offsets, positions and cones, m: no part of a person is longer.
-_LONGEST = 3.0
+#: Largest extent of a body and of its parts, and coordinate of these, m: no person is taller with
+#: arms raised.
+TALLEST = 3.0
 
-Length = Annotated[float, Field(ge=-_LONGEST, le=_LONGEST)]
+Length = Annotated[float, Field(ge=-TALLEST, le=TALLEST)]
 Place = Annotated[list[Length], flat(3)]
 Radius = Annotated[float, Field(gt=0, le=1)]
 #: Numbers that may be infinite.

@@ -11,15 +11,13 @@ import tomli_w
 
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel, Bone, Cone, FreeAxis, Joint
-from apf.body.schema import MOST, AxisEntry, BodyEntry, BoneEntry, ConeEntry
+from apf.body.schema import MOST, TALLEST, AxisEntry, BodyEntry, BoneEntry, ConeEntry
 from cl import InputError, MissingFileError
 from psfs.cameras.names import join_names
 from psfs.common.files import write_text
 from psfs.common.schema import parse_values
 from psfs.common.toml import parse_toml, read_toml
 
-#: Largest extent of a body, m: no person is taller with arms raised.
-TALLEST = 3.0
 #: Folder of the bodies that are shipped.
 _BODIES = Path(str(resources.files("apf"))) / "body" / "models"
 

@@ -15,12 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from apf.body.anatomy import standing_axes
+from apf.body.angles import WORLD
 from apf.body.kinematics import bone_matrices, posed_joints
 from apf.body.markers import virtual_markers
 from apf.body.model import BodyModel, Joint, find_side, sideless
 
 #: From the tracker's world to the files': (x, y, z) -> (x, z, -y).
-TO_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+TO_Y_UP = WORLD.T
 _NAMES = {
     "pelvis": "Hips", "thorax": "Spine", "head": "Head", "head_top": "HeadTop",
     "clavicle": "Shoulder", "upper_arm": "Arm", "forearm": "ForeArm", "wrist": "Hand",

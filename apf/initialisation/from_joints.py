@@ -10,7 +10,7 @@ import numpy as np
 from apf.body.jacobian import bone_point_jacobian
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
-from apf.body.toml import TALLEST
+from apf.body.schema import TALLEST
 from apf.formats.pose import FARTHEST
 from apf.initialisation.fit_config import JointFitConfig
 from cl import InputError

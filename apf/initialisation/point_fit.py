@@ -17,11 +17,9 @@ from apf.body.kinematics import bone_matrices
 from apf.body.limbs import limb_chains
 from apf.body.model import BodyModel, sideless
 from apf.initialisation.fit_config import PointFitConfig
+from apf.initialisation.shape_fit import LOG_STEP
 from apf.initialisation.shape_model import inner_axes
 from psfs.cameras.camera import CameraRig
-
-#: Step of the differences of a log of a length.
-_STEP = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,9 +334,9 @@ class PointFitter:
         views, n = self.views, len(self.groups)
         by_length = np.zeros((*points.shape[:2], n, 3))
         if not self.keep_shape:
-            for group, step in enumerate(_STEP * np.eye(n)):
+            for group, step in enumerate(LOG_STEP * np.eye(n)):
                 moved = self.points(fit.log_lengths + step, fit.offset, fit.poses)
-                by_length[:, :, group] = (moved - points) / _STEP
+                by_length[:, :, group] = (moved - points) / LOG_STEP
         rotations, _ = bone_matrices(self.body(fit.log_lengths), fit.poses)
         by_place = np.einsum("mpij,pqj->mpqji", rotations[:, views.bone], views.by_place)
         by_place = by_place.reshape(*points.shape[:2], -1, 3)

@@ -29,7 +29,7 @@ from psfs.common.cones import cone_distances, dot
 
 #: Step of the differences of a log of a scale: small against any scale, large against float64's
 #: resolution.
-_STEP = 1e-5
+LOG_STEP = 1e-5
 
 
 def seen_heights(points: np.ndarray, config: ShapeFitConfig) -> tuple[bool, tuple[float, float]]:
@@ -247,9 +247,9 @@ class _ShapeFit:
         matrix, vector = np.diag(prior), prior * shape[self._chosen]
         if self._height is not None:
             miss = stature(body) - self._height
-            steps = _STEP * np.eye(len(shape))[self._chosen]
+            steps = LOG_STEP * np.eye(len(shape))[self._chosen]
             grown = np.array([stature(self._model.body(shape + step)) for step in steps])
-            row = (grown - self._height - miss) / _STEP
+            row = (grown - self._height - miss) / LOG_STEP
             matrix += np.outer(row, row) / self._config.prior.stature**2
             vector += row * miss / self._config.prior.stature**2
         return matrix, vector

@@ -8,11 +8,9 @@ import numpy as np
 from apf.keypoints.network import PoseNetwork
 from apf.keypoints.readers.orders import MEDIAPIPE
 from psfs.cameras.camera import Camera
-from psfs.people.standing import StandingPeople
+from psfs.people.standing import RING, StandingPeople
 
 _TRUNK = [MEDIAPIPE.index(n) for n in ("left_shoulder", "right_shoulder", "left_hip", "right_hip")]
-#: Points around a person's axis at each height.
-_RING = 16
 #: Radius and height of the region about a person's axis, and height of the trunk, as shares
 #: of the person's height.
 _RADIUS, _ABOVE, _TRUNK_HEIGHT = 0.5, 1.25, 0.67
@@ -82,8 +80,8 @@ class PersonFinder:
         height of the top, m. None if that is unknown or not in the picture."""
         if not np.isfinite(place).all():
             return None
-        angles = 2 * np.pi / _RING * np.arange(_RING)
-        ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(_RING)], axis=1)
+        angles = 2 * np.pi / RING * np.arange(RING)
+        ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(RING)], axis=1)
         heights = np.array([0, 0.5, 1]) * _ABOVE * place[2]
         points = np.array([*place[:2], 0]) + _RADIUS * place[2] * ring
         pixels, depths = self._camera.project(points + heights[:, None, None] * [0, 0, 1])

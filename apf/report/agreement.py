@@ -19,6 +19,7 @@ from apf.keypoints.landmarks import locate_points
 from apf.report.drawing import check_indices
 from apf.tracking.track import Track
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.config import TriangulationConfig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.cones import cone_distances
 from psfs.common.regions import iou
@@ -37,8 +38,6 @@ _FAR = 0.10
 #: Distance, m, at the point's depth beyond which the body does not explain a keypoint; the points
 #: of people differ by less from their prior position on the body.
 _KEYPOINT_FAR = 0.15
-#: Least confidence of keypoints that count.
-_CONFIDENCE = 0.3
 
 
 @dataclass(frozen=True)
@@ -234,7 +233,8 @@ def measure_keypoint_agreement(track: Track, keypoints: Keypoints, rig: CameraRi
             expected = (local @ camera.K.T)[..., :2] / local[..., 2:]
             off = np.linalg.norm(expected - pixels.reshape(expected.shape), axis=-1)
             apart = off * local[..., 2] / camera.K[0, 0]
-        sure = (np.nan_to_num(shown[..., 2]) >= _CONFIDENCE) & np.isfinite(off)
+        least = TriangulationConfig().min_confidence
+        sure = (np.nan_to_num(shown[..., 2]) >= least) & np.isfinite(off)
         near += (sure & (apart <= _KEYPOINT_FAR) & (local[..., 2] > 0)).sum(axis=1)
         known += sure.sum(axis=1)
     with np.errstate(invalid="ignore"):

@@ -39,7 +39,7 @@ _NEAREST = 0.3
 _BLOCKS = 10
 #: Differences of planes up to this are noise, as a share of the person's size: silhouettes of
 #: somebody who keeps still agree at any offset.
-_NOISE = 0.003
+NOISE = 0.003
 #: Signs of a picture's axes (x, y); -1 flips the axis.
 AxisSigns = tuple[int, int]
 
@@ -180,7 +180,7 @@ class Tangency:
     def measure_times(self, most: int) -> CameraTimes:
         """Estimate the cameras' offsets of up to `most` frames from the motion of their planes."""
         costs = self._compare_motions(2 * most) if most > 1 else {}
-        return estimate_times(len(self.rig), costs, noise=_NOISE)
+        return estimate_times(len(self.rig), costs, noise=NOISE)
 
     def measure_offset_costs(self, most: int) -> np.ndarray:
         """Return (V, 2 most + 1) the mean difference of each camera's planes from the others' if

@@ -10,7 +10,7 @@ import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.people.agreement import Disagreement
-from psfs.people.standing import StandingPeople
+from psfs.people.standing import RING, StandingPeople
 
 #: Factor of the radii of the inside of a person who stands, which then holds the person but for
 #: lifted arms and legs.
@@ -20,8 +20,6 @@ _LEAST_FREE = 2
 #: Disagreement of the cameras on the colours of voxels below which they are a body's: tuned,
 #: nine tenths of forearms and a quarter of ghosts are.
 _AGREED = 0.34
-#: Points of a ring around a person's axis.
-_RING = 16
 
 
 class Ghosts:
@@ -33,7 +31,7 @@ class Ghosts:
     def __init__(self, rig: CameraRig, standing: StandingPeople, frame: int) -> None:
         self._rig, self._standing, self._frame = rig, standing, frame
         shape = len(rig), rig.height, rig.width
-        rings = standing.rings(frame, _GIRTH, _RING)
+        rings = standing.rings(frame, _GIRTH, RING)
         self.covered = np.zeros((len(rings), *shape), bool)
         for covered, person in zip(self.covered, rings, strict=True):
             for camera, picture in zip(rig, covered, strict=True):

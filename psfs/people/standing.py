@@ -16,6 +16,8 @@ _AXIS_STD = 0.15
 #: the radii it covers more of the people, but starts fit worse.
 _HEIGHTS = np.array([0.0, 0.28, 0.49, 0.74, 0.80, 0.85, 0.96, 1.0])
 _RADII = np.array([0.045, 0.056, 0.074, 0.082, 0.067, 0.037, 0.041, 0.022])
+#: Points of a ring around a person's axis.
+RING = 16
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from psfs.diagnostics.hulls import HullRays
+from psfs.diagnostics.tangency import NOISE
 from psfs.self_calibration.pairing import differing_shares
 from psfs.self_calibration.upright import UprightView, measure_elevations
 
@@ -16,8 +17,6 @@ from psfs.self_calibration.upright import UprightView, measure_elevations
 _WINDOW = 1.0
 #: Deviation from the smoothed apparent height, as a share, beyond which a frame is not used.
 _OUTLIER = 0.15
-#: Noise of the head's height, statures.
-_NOISE = 0.003
 
 
 def measure_head_height(hulls: HullRays, view: UprightView, rate: float) -> np.ndarray:
@@ -42,7 +41,7 @@ def compare_head_heights(a: np.ndarray, b: np.ndarray, most: int, step: int) -> 
     lags = np.arange(-reach, reach + 1)
     one, other = a[:, None], b[:, None]
     costs = np.concatenate(
-        [differing_shares(one, other, lags[k : k + 1], _NOISE) for k in range(len(lags))]
+        [differing_shares(one, other, lags[k : k + 1], NOISE) for k in range(len(lags))]
     )
     costs = np.where(np.isfinite(costs), costs, 1.0)
     around = np.lib.stride_tricks.sliding_window_view(costs, 2 * (step // 2) + 1)
