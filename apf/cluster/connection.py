@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import socket
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -44,8 +45,10 @@ def import_distributed() -> ModuleType:
             "pip install psfs-apf[cluster]"
         ) from None
     # Dask logs every worker that joins or leaves; the tasks' outcomes report what matters.
-    for name in ("distributed", "asyncio"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+    # Loggers of its modules have levels of their own.
+    for name in ("asyncio", *logging.root.manager.loggerDict):
+        if name.split(".")[0] in ("distributed", "asyncio", "tornado"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
     return distributed
 
 
@@ -78,16 +81,30 @@ def start_cluster(shares: Sequence[Share]) -> Iterator[object]:
         scheduler = {"host": "127.0.0.1", "port": 0, **page}
         with ExitStack() as stack:
             with defer_interrupts():  # a cluster that is half started cannot be closed
-                cluster = distributed.SpecCluster(
+                make = partial(
+                    distributed.SpecCluster,
                     workers=workers,
                     scheduler={"cls": distributed.Scheduler, "options": scheduler},
                     silence_logs=logging.CRITICAL,
                 )
-                stack.enter_context(cluster)
+                cluster = stack.enter_context(_start_again_if_one_dies(make))
             client = stack.enter_context(distributed.Client(cluster))
             client.wait_for_workers(len(shares))
             client.register_plugin(make_setup_plugin(embedded=True))
             yield client
+
+
+def _start_again_if_one_dies(make: Callable[[], Any]) -> Any:
+    """Return the cluster that `make` starts. Raises InputError if a worker dies at each attempt."""
+    for _ in range(ATTEMPTS):
+        try:
+            return make()
+        except RuntimeError as error:  # the cluster has closed itself
+            reason = error.__cause__ or error
+    raise InputError(
+        f"a worker process ended while it started, {ATTEMPTS} times ({reason}); expected enough "
+        "memory for fewer --workers, or a Python that starts"
+    )
 
 
 def find_scheduler(address: str, patience: float = 10.0) -> str:

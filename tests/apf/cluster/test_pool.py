@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import logging
 import os
 import subprocess
 import sys
@@ -15,7 +16,7 @@ import pytest
 from helpers.tasks import die_until, double, interrupted, raise_until
 
 from apf.cli import main
-from apf.cluster.connection import connect_cluster, start_cluster
+from apf.cluster.connection import connect_cluster, import_distributed, start_cluster
 from apf.cluster.pool import Pool, Task, Workflow, run_workflows
 from apf.cluster.task_side import Progress
 from apf.cluster.workers import Share, share_machine
@@ -32,6 +33,27 @@ def client() -> Iterator[Any]:
     core = list_own_cores()[:1]
     with start_cluster([Share("cpu", tuple(core))] * 2) as client:
         yield client
+
+
+def test_workers_that_die_while_they_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    import distributed
+
+    started: list[object] = []
+
+    def fail(**options: object) -> None:
+        started.append(options)
+        raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr(distributed, "SpecCluster", fail)
+    share = Share("cpu", tuple(list_own_cores()[:1]))
+    with pytest.raises(InputError, match="ended while it started"), start_cluster([share]):
+        pass
+    assert len(started) == 3
+
+
+def test_libraries_print_no_tracebacks() -> None:
+    import_distributed()
+    assert not logging.getLogger("distributed.client").isEnabledFor(logging.ERROR)
 
 
 def test_every_task_has_its_outcome(client: Any, tmp_path: Path) -> None:
