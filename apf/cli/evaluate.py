@@ -72,7 +72,8 @@ def run(request: EvaluateRequest) -> None:
         )
     except InputError as error:
         raise InputError(f"{request.track} against {request.truth[0]}: {error}") from None
-    if request.truth_start is None and (true_angles := _true_angles(request.truth[0])) is not None:
+    by_index = request.truth_start is None and truth.at_rate(track.fps) is truth
+    if by_index and (true_angles := _true_angles(request.truth[0])) is not None:
         angles = tuple(evaluate_angles(track, true_angles))
         evaluation = replace(evaluation, angles=angles)
     print_evaluation(evaluation)

@@ -15,7 +15,7 @@ from apf.tracking.exports import OPENSIM
 from apf.tracking.motion_files import Export, export
 from apf.tracking.people import PeopleTracks, holds_people, person_folder
 from apf.tracking.track import spans
-from psfs.cli.commandline import stdout
+from psfs.cli.commandline import stdout, warn
 from psfs.common.outputs import output_folder
 
 
@@ -88,6 +88,8 @@ def print_export(written: Export, gait_wanted: bool, seen: np.ndarray | None = N
         )
     elif gait_wanted:
         stdout.print("gait: no walk of two steps in this track")
+    if written.left_out is not None:
+        warn(f"{written.left_out}; the other files are written", stdout)
     names = {path.name for path in written.files}
     if INVERSE_KINEMATICS in names and ANGLES not in names:
         stdout.print(

@@ -22,7 +22,7 @@ from apf.tracking.uncertainty import is_inside_ellipsoid
 from cl import InputError
 from psfs.common.files import write_json
 from psfs.common.npz import Values, get_scalar, read_npz
-from psfs.common.numbers import find_true_runs, json_number
+from psfs.common.numbers import drop_origin, find_true_runs, json_number
 
 #: A joint farther than this from the truth, m, counts as lost in that frame.
 LOST_JOINT = 0.150
@@ -209,8 +209,8 @@ def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
     """Read true joints or markers from a .trc (axes after `convention`), a .c3d or an npz.
 
     A C3D states its vertical axis, its rate and its frame numbers. The npz holds joint_names (J,),
-    joints (F, J, 3) m, Z up, fps, and may hold frames (F,), the indices in the sequence (default:
-    0, 1, ...). Raises InputError.
+    joints (F, J, 3) m, Z up, NaN or 0 0 0 where missing, fps, and may hold frames (F,), the indices
+    in the sequence (default: 0, 1, ...). Raises InputError.
     """
     path = Path(path)
     if path.suffix.lower() == ".c3d":
@@ -219,7 +219,7 @@ def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
         return read_trc(path, convention)
     what = "a .trc, .c3d or npz with joint_names, joints (frames, joints, 3) in metres and fps"
     data = read_npz(path, _TRUTH, what)
-    joints, fps = data["joints"].astype(np.float64), data["fps"]
+    joints, fps = drop_origin(data["joints"].astype(np.float64)), data["fps"]
     names = tuple(str(name) for name in data["joint_names"])
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
@@ -233,10 +233,12 @@ def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
 
 
 def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
-    """Compare a track with the truth: frames matched by index, joints by name.
+    """Compare a track with the truth: frames matched by index, or by time if the rates differ (see
+    `JointSeries.at_rate`), joints by name.
 
     Raises InputError if they have no frame or no joint in common.
     """
+    truth = truth.at_rate(track.fps)
     ours, our_names, our_unused = evaluated_joints(track.joint_names, track.joints)
     true, true_names, true_unused = evaluated_joints(truth.joint_names, truth.joints)
     names = [name for name in our_names if name in true_names]
@@ -308,7 +310,7 @@ def evaluate_points(
         unmatched_track=(),
         unmatched_truth=(),
         n_ignored=int(missing.sum()),
-        warnings=list_warnings(track.fps, track.frames, truth),
+        warnings=list_warnings(track.frames, truth),
         predicted_lost_fraction=compute_lost_fractions(track, rows[compared]),
         flagged=flagged_joints(track, names)[rows][compared][:, with_truth],
     )
@@ -351,15 +353,10 @@ def _is_lost(errors: np.ndarray) -> bool:
     return bool(longest > LOST_FRAMES or far[-1:].any())
 
 
-def list_warnings(fps: float, frames: np.ndarray, truth: JointSeries) -> tuple[str, ...]:
-    """Return what a reader of the figures should know: other rates, and tracked `frames` that the
+def list_warnings(frames: np.ndarray, truth: JointSeries) -> tuple[str, ...]:
+    """Return what a reader of the figures should know: tracked `frames` that the
     truth lacks."""
     found = []
-    if abs(fps - truth.fps) > 0.01 * truth.fps:
-        found.append(
-            f"the track has {fps:g} frames/s, the truth {truth.fps:g}; "
-            "frames are matched by index all the same"
-        )
     n_common = int(np.isin(frames, truth.frames).sum())
     if n_common < len(frames):
         found.append(f"the truth covers {n_common} of the track's {len(frames)} frames")

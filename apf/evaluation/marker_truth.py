@@ -55,7 +55,7 @@ def evaluate_markers(track: Track, markers: MarkerSet, truth: JointSeries) -> Ev
     Labels may be prefixed with the subject's name and a colon. Raises InputError if there is no
     common frame or marker.
     """
-    body = track.its_body
+    body, truth = track.its_body, truth.at_rate(track.fps)
     labels = [name.split(":")[-1] for name in truth.joint_names]
     try:
         points = locate_points(body, labels, markers.markers, markers.stature)

@@ -182,6 +182,7 @@ def find_followed(track: Track, truth: dict[str, JointSeries]) -> str:
     """Return the name of the true person who is nearest to a track, in the mean distance of joints.
     Raises InputError if no joint is known in any frame in common."""
     own = _points(track.joint_names, track.joints, track.frames, track.frames)
+    truth = {name: series.at_rate(track.fps) for name, series in truth.items()}
     near = {
         name: _mean_distance(
             _points(series.joint_names, series.joints, series.frames, track.frames), own
@@ -218,6 +219,7 @@ def evaluate_people(tracks: PeopleTracks, truth: dict[str, JointSeries]) -> Peop
     of distances (CLEAR MOT). Frames without truth are left out. Raises InputError if a track and
     the truth have no joint in common.
     """
+    truth = {name: series.at_rate(tracks[0].fps) for name, series in truth.items()}
     known = np.unique(np.concatenate([series.frames for series in truth.values()]))
     frames = np.intersect1d(tracks.frames, known)
     true = [_points(series.joint_names, series.joints, series.frames, frames) for series in
@@ -249,9 +251,7 @@ def evaluate_people(tracks: PeopleTracks, truth: dict[str, JointSeries]) -> Peop
         apart=min(of[np.isfinite(of)].mean() for of in nearest if np.isfinite(of).any()),
         warnings=tuple(
             dict.fromkeys(
-                text
-                for series in truth.values()
-                for text in list_warnings(tracks[0].fps, tracks.frames, series)
+                text for series in truth.values() for text in list_warnings(tracks.frames, series)
             )
         ),
     )

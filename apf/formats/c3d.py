@@ -28,6 +28,10 @@ _MOST_FRAMES = 65535
 _MOST_POINTS = 255
 
 
+class TooLongError(InputError):
+    """More frames or points than the format can count."""
+
+
 @dataclass(frozen=True)
 class C3dEvent:
     """An event of gait.
@@ -68,13 +72,13 @@ def _convention(path: Path, up: str | None) -> str:
 def write_c3d(path: str | Path, series: JointSeries, events: Sequence[C3dEvent] = ()) -> None:
     """Write points and events.
 
-    Raises InputError for no frame, for more frames or points than the format can count, and if the
-    file cannot be written.
+    Raises TooLongError for more frames or points than the format can count, and InputError for no
+    frame and if the file cannot be written.
     """
     import ezc3d  # slow to import
 
     if len(series.joint_names) > _MOST_POINTS:
-        raise InputError(
+        raise TooLongError(
             f"{path}: a C3D of {len(series.joint_names)} points cannot be written; expected at "
             f"most {_MOST_POINTS}"
         )
@@ -83,7 +87,7 @@ def write_c3d(path: str | Path, series: JointSeries, events: Sequence[C3dEvent] 
     rate, rows = series.to_constant_rate()
     first = int(series.frames[0])
     if first + len(rows) > _MOST_FRAMES:
-        raise InputError(
+        raise TooLongError(
             f"{path}: a C3D counts frames up to {_MOST_FRAMES}, there are {len(rows)} from frame "
             f"{first} on; expected fewer, or another format"
         )

@@ -16,7 +16,7 @@ import numpy as np
 from apf.formats.axes import AXES
 from cl import InputError
 from psfs.common.files import open_text, read_text
-from psfs.common.numbers import METRES
+from psfs.common.numbers import METRES, drop_origin
 
 #: Rotations from TRC axes to the world's (Z up): world = trc @ matrix.T
 CONVENTIONS: dict[str, np.ndarray] = dict(
@@ -73,6 +73,11 @@ class JointSeries:
         between = (1 - share) * points[low] + share * points[high]
         joints = np.where(share < 1e-9, points[low], between)
         return JointSeries(self.joint_names, joints, fps, frames, note=self.note)
+
+    def at_rate(self, fps: float) -> JointSeries:
+        """Return the points at the frames' times of a sequence with `fps`; as they are if the
+        rates differ by less than 1 %, as nominal ones do from measured ones."""
+        return self if abs(fps - self.fps) <= 0.01 * self.fps else self.resample(fps)
 
     @property
     def times(self) -> np.ndarray:
@@ -134,8 +139,9 @@ def write_trc(path: str | Path, series: JointSeries, convention: str = "y-up") -
 def read_trc(path: str | Path, convention: str = "y-up") -> JointSeries:
     """Read the markers of a TRC in metres, Z up.
 
-    convention: one of `CONVENTIONS`, since a TRC does not state its axes. Frame numbers count from
-    1, or from 0 if the first is 0. Raises InputError naming the line that is wrong.
+    convention: one of `CONVENTIONS`, since a TRC does not state its axes. Missing markers are blank
+    or 0 0 0. Frame numbers count from 1, or from 0 if the first is 0. Raises InputError naming the
+    line that is wrong.
     """
     path = Path(path)
     lines = read_text(path, "a TRC file", _MOST_BYTES).splitlines()
@@ -172,7 +178,7 @@ def read_trc(path: str | Path, convention: str = "y-up") -> JointSeries:
             f"{path}: a marker lies {np.nanmax(np.abs(points)):g} m from the origin; expected up "
             f"to {FARTHEST:g} m: are its Units right?"
         )
-    return JointSeries(names, points @ CONVENTIONS[convention].T, fps, frames)
+    return JointSeries(names, drop_origin(points) @ CONVENTIONS[convention].T, fps, frames)
 
 
 def _parse_header(path: Path, lines: list[str]) -> tuple[float, float, int | None]:

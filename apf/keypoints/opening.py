@@ -17,7 +17,7 @@ from apf.keypoints.readers.arrays import (
     read_keypoints_npz,
 )
 from apf.keypoints.readers.deeplabcut import ENDINGS, is_deeplabcut, read_deeplabcut
-from apf.keypoints.readers.people import OPENCAP, read_opencap, read_openpose
+from apf.keypoints.readers.people import OPENCAP, read_alphapose, read_opencap, read_openpose
 from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError, MissingFileError
 from psfs.cameras.camera import CameraRig
@@ -29,8 +29,8 @@ from psfs.sequence import Sequence as Footage
 Cameras = CameraRig | Footage | Sequence[str]
 _WILDCARDS = "*?["
 _EXPECTED = (
-    "keypoints.npz, OpenPose's JSON per frame, OpenCap's pickles, FreeMoCap's or other .npy "
-    "arrays, or DeepLabCut's .csv or .h5"
+    "keypoints.npz, OpenPose's JSON per frame, AlphaPose's per video, OpenCap's pickles, "
+    "FreeMoCap's or other .npy arrays, or DeepLabCut's .csv or .h5"
 )
 
 
@@ -97,7 +97,8 @@ def _read_folder(base: Path, roots: Sequence[Path]) -> RawKeypoints:
     opencap = sorted({path for pattern in OPENCAP for path in found(pattern)})
     if opencap:
         return read_opencap(base, opencap)
-    openpose = read_openpose(base, found("*.json"))
+    texts = found("*.json")
+    openpose = read_openpose(base, texts)
     if openpose is not None:
         return openpose
     here = [
@@ -111,7 +112,11 @@ def _read_folder(base: Path, roots: Sequence[Path]) -> RawKeypoints:
     tables = [path for path in sorted(here) if path.is_file() and is_deeplabcut(path)]
     if tables:
         return read_deeplabcut(base, tables)
-    raise InputError(f"{base}: holds no keypoints; expected {_EXPECTED}")
+    alphapose = read_alphapose(base, texts)
+    if alphapose is not None:
+        return alphapose
+    other = f" but JSON of another layout, {texts[0].relative_to(base)}" if texts else ""
+    raise InputError(f"{base}: holds no keypoints{other}; expected {_EXPECTED}")
 
 
 def match_keypoints(

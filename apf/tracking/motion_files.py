@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from apf.formats.angles import write_angle_csv
-from apf.formats.c3d import C3dEvent, write_c3d
+from apf.formats.c3d import C3dEvent, TooLongError, write_c3d
 from apf.formats.opensim.tools import write_opensim
 from apf.tracking.config import SmoothingConfig
 from apf.tracking.exports import EXPORTS, OF_POINTS, OPENSIM, OPENSIM_FOLDER
@@ -25,11 +25,12 @@ _LABELS = {"strike": "Foot Strike", "off": "Foot Off"}
 class Export:
     """The `files` that were written, and the `track` that they contain. gait: computed for the gait
     file and for C3D, which holds its events; None if nobody walks, and then no gait file is
-    written."""
+    written. left_out: why a C3D was not written beside the other files, None if it was."""
 
     files: tuple[Path, ...]
     track: Track
     gait: Gait | None
+    left_out: str | None = None
 
 
 def export(
@@ -47,7 +48,8 @@ def export(
 
     The track is smoothed first, unless it is smoothed already, `raw` is set, or it has no body.
     axes: of the TRC, see `Track.save`. osim_model: the OpenSim model that `osim` scales, by default
-    the one that Pose2Sim carries. Raises InputError for a format that is not in EXPORTS, if
+    the one that Pose2Sim carries. A C3D that its format cannot count is left out if others are
+    written. Raises InputError for a format that is not in EXPORTS, if
     the track does not hold a body that a file needs, and if a file cannot be written.
     """
     has_body, known = bool(track.dof_names), (*EXPORTS, OPENSIM)
@@ -64,10 +66,17 @@ def export(
         track = smooth_track(track, smoothing)
     gait = measure_gait(track) if {"gait", "c3d"} & set(chosen) else None
     plain = [kind for kind in chosen if kind != OPENSIM]
-    written = [_write(track, gait, kind, Path(folder) / EXPORTS[kind], axes) for kind in plain]
+    written, left_out = [], None
+    for kind in plain:
+        try:
+            written.append(_write(track, gait, kind, Path(folder) / EXPORTS[kind], axes))
+        except TooLongError as error:
+            if len(chosen) == 1:
+                raise
+            left_out = str(error)
     if OPENSIM in chosen:
         written += write_opensim(Path(folder) / OPENSIM_FOLDER, track.motion, osim_model)
-    return Export(tuple(path for path in written if path is not None), track, gait)
+    return Export(tuple(path for path in written if path is not None), track, gait, left_out)
 
 
 def _write(track: Track, gait: Gait | None, kind: str, path: Path, axes: str) -> Path | None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cl import InputError
-from psfs.common.numbers import METRES
+from psfs.common.numbers import METRES, drop_origin
 from psfs.common.reading import open_input, parsing
 from psfs.common.scratch import temporary_folder
 
@@ -19,8 +19,9 @@ from psfs.common.scratch import temporary_folder
 class C3dPoints:
     """Labelled points of a C3D.
 
-    positions: (F, P, 3) m in the file's axes, NaN where missing. rate: frames per second. first:
-    number of the first frame, from 0 on. up: the up axis as POINT:Y_SCREEN states it, or None.
+    positions: (F, P, 3) m in the file's axes, NaN where missing: with a residual below 0, or at
+    0 0 0. rate: frames per second. first: number of the first frame, from 0 on. up: the up axis as
+    POINT:Y_SCREEN states it, or None.
     """
 
     names: tuple[str, ...]
@@ -59,5 +60,6 @@ def read_c3d_points(path: Path) -> C3dPoints:
     positions = METRES[unit.strip().lower()] * points[:3].transpose(2, 1, 0)
     missing = (residuals[0].T < 0) | ~np.isfinite(positions).all(-1)
     positions[missing] = np.nan
+    positions = drop_origin(positions)
     up = str(stated[0]) if stated else None
     return C3dPoints(names[:n_points], positions, rate, first, up)

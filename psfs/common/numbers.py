@@ -10,6 +10,12 @@ METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 INCH = 0.0254
 
 
+def drop_origin(points: np.ndarray) -> np.ndarray:
+    """Return points (..., 3) with NaN for those at exactly 0 0 0, as which many programs of motion
+    capture write missing ones."""
+    return np.where((points == 0).all(-1, keepdims=True), np.nan, points)
+
+
 def pick_evenly(n: int, most: int) -> np.ndarray:
     """Return at most `most` of n indices, evenly spaced from the first to the last."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))

@@ -20,7 +20,8 @@ _MOST_BYTES = 2**30
 
 
 def read_picture(path: Path, flags: int = cv2.IMREAD_COLOR) -> np.ndarray:
-    """Read an image file to (h, w, 3) uint8 BGR, or as the `flags` of cv2.imdecode say.
+    """Read an image file to (h, w, 3) uint8 BGR, turned as its EXIF says (as videos are by theirs),
+    or as the `flags` of cv2.imdecode say.
 
     Raises InputError naming the file if it is not an image, too large, or truncated;
     MissingFileError if it is absent.
@@ -28,12 +29,34 @@ def read_picture(path: Path, flags: int = cv2.IMREAD_COLOR) -> np.ndarray:
     content = _read_bytes(path)
     _check_header(path, content)
     try:
-        picture = cv2.imdecode(content, flags | cv2.IMREAD_IGNORE_ORIENTATION)
+        picture = cv2.imdecode(content, flags)
     except cv2.error:
         picture = None
     if picture is None:
         raise InputError(f"{path}: cannot be decoded; expected an image")
     return picture
+
+
+def read_mask(path: Path) -> np.ndarray:
+    """Read a mask to (h, w, 3) uint8, bright where the person is.
+
+    The mask is the alpha channel where there is one that is not constant, else the brightest
+    channel. Values of 16 bits that fit into 8 are taken as they are; numbers with a point go to 1.
+    Raises InputError as `read_picture` does, and for another depth.
+    """
+    picture = read_picture(path, cv2.IMREAD_UNCHANGED)
+    channels = picture.reshape(*picture.shape[:2], -1)
+    if channels.shape[2] in (2, 4):
+        alpha = channels[..., -1:]
+        channels = alpha if np.ptp(alpha) > 0 else channels[..., :-1]
+    grey = channels.max(axis=-1, keepdims=True)
+    if grey.dtype == np.uint16:
+        grey = grey if grey.max() < 256 else grey >> 8
+    elif np.issubdtype(grey.dtype, np.floating) and grey.min() >= 0 and grey.max() <= 1:
+        grey = np.rint(255 * grey)
+    elif grey.dtype != np.uint8:
+        raise InputError(f"{path}: a mask of {grey.dtype}; expected 8 or 16 bits, or 0 to 1")
+    return np.repeat(grey.astype(np.uint8), 3, axis=-1)
 
 
 def _read_bytes(path: Path) -> np.ndarray:

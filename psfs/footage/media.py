@@ -21,7 +21,7 @@ from cl import InputError
 from psfs.cameras.names import natural_key
 from psfs.common.numbers import pick_evenly
 from psfs.common.picture_size import check_picture_size
-from psfs.common.pictures import read_picture
+from psfs.common.pictures import read_mask, read_picture
 from psfs.common.reading import open_input
 from psfs.common.system import memory_limit
 
@@ -30,7 +30,10 @@ if hasattr(cv2, "setLogLevel"):  # OpenCV 4
 else:
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
-VIDEO_SUFFIXES = {".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg"}
+VIDEO_SUFFIXES = {
+    *(".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg"),
+    *(".mts", ".m2ts", ".ts", ".wmv", ".3gp"),
+}
 IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pbm", ".pgm", ".ppm", ".tif", ".tiff"}
 
 #: Containers that store their number of frames; others' headers estimate it from the duration.
@@ -60,6 +63,7 @@ class Media:
 
     paths: one video, or the images in order. size: (width, height) px. count: frames that can be
     decoded. fps: of the video, else None. picks: the file's frames to use, None for all in order.
+    is_mask: whether they are read as masks, see `read_mask`.
     Each iteration decodes all frames again.
     """
 
@@ -69,6 +73,7 @@ class Media:
     count: int
     fps: float | None = None
     picks: tuple[int, ...] | None = None
+    is_mask: bool = False
 
     @property
     def is_video(self) -> bool:
@@ -151,15 +156,19 @@ def _read_first_size(capture: cv2.VideoCapture, path: Path) -> tuple[int, int]:
 def list_media(folder: Path) -> dict[str, list[Path]]:
     """List the pictures in a folder by camera name.
 
-    A camera has a video, an image, or a subfolder of images; its name is the file's without suffix,
-    or the subfolder's.
+    A camera has a video, an image, or a subfolder of images or with one video; its name is the
+    file's without suffix, or the subfolder's. Raises InputError for two files or videos of one.
     """
     found: dict[str, list[Path]] = {}
     for path in sorted(_list_visible(folder), key=lambda path: natural_key(path.name)):
         if path.is_dir():
-            images = list_images(path)
-            if images:
-                found[path.name] = images
+            files = list_images(path) or [
+                own for own in _list_visible(path) if own.suffix.lower() in VIDEO_SUFFIXES
+            ]
+            if len(files) > 1 and files[0].suffix.lower() in VIDEO_SUFFIXES:
+                raise InputError(f"{path}: {len(files)} videos; expected one per camera")
+            if files:
+                found[path.name] = files
         elif path.suffix.lower() in VIDEO_SUFFIXES | IMAGE_SUFFIXES:
             if path.stem in found:
                 raise InputError(f"{folder}: two files for {path.stem}; expected one per camera")
@@ -218,7 +227,7 @@ class ImagesDecoder:
     def read(self, index: int, into: np.ndarray | None = None) -> np.ndarray:
         """Decode one frame, (h, w, 3) uint8 BGR. Raises InputError naming the file."""
         path = self._media.paths[index]
-        image = read_picture(path)
+        image = read_mask(path) if self._media.is_mask else read_picture(path)
         found, expected = (image.shape[1], image.shape[0]), self._media.size
         if found != expected:
             raise InputError(

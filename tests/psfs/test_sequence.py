@@ -14,6 +14,7 @@ import pytest
 from helpers import footage, scenes
 from helpers.faults import masks_folder
 from helpers.shared import shared_data
+from PIL import Image
 
 from cl import InputError
 from psfs.background import gaussian
@@ -25,6 +26,7 @@ from psfs.background.gaussian import (
     estimate_background,
     median_moments,
 )
+from psfs.common.pictures import read_picture
 from psfs.footage import memory
 from psfs.footage.media import VideoDecoder, open_media
 from psfs.footage.prefetch import prefetch
@@ -161,6 +163,55 @@ def test_native_images_masks_and_one_plate(tmp_path: Path) -> None:
     assert plain.background.mean[:, 0, 0, 0].tolist() == [50, 51]
     single = np.sqrt(PRIOR_FRAMES * PRIOR_STD**2 / (1 + PRIOR_FRAMES))
     np.testing.assert_allclose(plain.background.std, single, rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["cut-out", "black outside", "8 of 16 bits", "16 bits", "palette"])
+def test_masks_are_read_by_their_meaning(tmp_path: Path, kind: str) -> None:
+    """The person is the left half: alpha says so whatever the colours, else the brightest one."""
+    inside = np.zeros((48, 64), np.uint8)
+    inside[:, :32] = 255
+    colours = np.random.default_rng(0).integers(0, 256, (48, 64, 3)).astype(np.uint8)
+    picture = {
+        "cut-out": np.dstack([colours, inside]),
+        "black outside": np.dstack([colours * (inside[..., None] > 0), inside]),
+        "8 of 16 bits": inside.astype(np.uint16),
+        "16 bits": inside.astype(np.uint16) * 257,
+        "palette": np.dstack([inside * 0, inside * 0, inside // 255 * 128]),
+    }[kind]
+    rig = footage.rig(1)
+    footage.write_toml(tmp_path / "calibration.toml", footage.tables(rig))
+    (tmp_path / "masks/cam01").mkdir(parents=True)
+    cv2.imwrite(str(tmp_path / "masks/cam01/0.png"), picture)
+    np.testing.assert_array_equal(Sequence.open(tmp_path).read(0).masks[0] > 127, inside > 0)
+
+
+def test_pictures_are_turned_as_their_exif_says(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = 6  # a quarter to the right
+    upper = Image.fromarray(
+        np.repeat(np.arange(48) < 24, 64).reshape(48, 64).astype(np.uint8) * 255
+    )
+    upper.save(tmp_path / "a.jpg", exif=exif)
+    picture = read_picture(tmp_path / "a.jpg")
+    assert picture.shape == (64, 48, 3) and picture[:, 30:].min() > 240 > 10 > picture[:, :18].max()
+
+
+@pytest.mark.parametrize("place", ["{}.MTS", "{}.m2ts", "{}/GX010012.MP4"])
+def test_videos_of_camcorders_and_of_cards(tmp_path: Path, place: str) -> None:
+    footage.native(tmp_path)
+    for path in sorted((tmp_path / "videos").iterdir()):
+        moved = tmp_path / "videos" / place.format(path.stem)
+        moved.parent.mkdir(exist_ok=True)
+        path.rename(moved)
+    np.testing.assert_allclose(levels(Sequence.open(tmp_path).read(4)), expected(4, 3), atol=5)
+
+
+def test_videos_that_are_not_seen_are_named(tmp_path: Path) -> None:
+    footage.native(tmp_path)
+    for path in (tmp_path / "videos").iterdir():
+        path.rename(path.with_suffix(".r3d"))
+    with pytest.raises(InputError, match=r"found .*videos/cam01\.r3d.*expected .*\.mp4"):
+        Sequence.open(tmp_path)
 
 
 def test_masks_of_a_person_in_place_of_a_folders_own(tmp_path: Path) -> None:

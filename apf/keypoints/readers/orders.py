@@ -53,13 +53,14 @@ _BY_COUNT = {
     26: HALPE_26,
     33: MEDIAPIPE,
     75: MEDIAPIPE,  # with hands
+    136: HALPE_26,  # Halpe's whole body
     133: _WHOLE_BODY,  # COCO-WholeBody
     543: MEDIAPIPE,  # MediaPipe Holistic, as FreeMoCap writes it: with hands and a face of 468
     553: MEDIAPIPE,  # ... of 478
 }
 _KNOWN = (
     "17 (COCO), 18 (OpenPose COCO), 25 (BODY_25, BODY_25B), 26 (Halpe), 33 (MediaPipe), "
-    "133 (COCO-WholeBody), 543 or 553 (MediaPipe Holistic)"
+    "133 (COCO-WholeBody), 136 (Halpe), 543 or 553 (MediaPipe Holistic)"
 )
 
 

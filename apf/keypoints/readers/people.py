@@ -1,7 +1,9 @@
 """Read keypoints of several persons per frame: OpenPose's JSON, and OpenCap's pickles.
 
 OpenPose writes a file per camera and frame, `{"people": [{"pose_keypoints_2d": [x, y, c, ...]}]}`;
-so do Pose2Sim (`pose/cam01_json/cam01_000000.json`), Sports2D and AlphaPose. OpenCap stores the
+so do Pose2Sim (`pose/cam01_json/cam01_000000.json`), Sports2D and AlphaPose with `--format open`.
+By default AlphaPose writes one list of persons a video, with the picture's name in each;
+`--format cmu` and `open` an object of pictures. OpenCap stores the
 same lists in a pickle per camera and trial
 (`Videos/Cam0/OutputPkl_default/jump/jump_rotated_pp.pkl`).
 """
@@ -37,6 +39,8 @@ _MOST_PERSONS, _MOST_NUMBERS, _MOST_BYTES = 200, 3000, 2**30
 _MOST_OF_ALL_FRAMES = 2_000_000
 #: Largest JSON file, which is of one picture.
 _MOST_JSON_BYTES = 16 * 2**20
+#: Largest JSON file of a video.
+_MOST_LIST_BYTES = 2**29
 _PICKLED = "a pickle of plain lists of frames, persons and pose_keypoints_2d"
 
 
@@ -67,6 +71,53 @@ def read_openpose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
     first = min(min(frames) for frames in views.values())  # 0, 1 or, of a cut video, any number
     people = {parts: _order_frames(folder, frames, first) for parts, frames in views.items()}
     return _build_raw(folder, people)
+
+
+def read_alphapose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
+    """Read AlphaPose's results, one file per video; None if none of `paths` is.
+
+    Pictures without a person are missing in it; the number at the end of a picture's name is the
+    frame's. Raises InputError naming the file that is wrong.
+    """
+    views, counted = {}, True
+    for path in paths:
+        content = read_json(path, "JSON of a video", _MOST_LIST_BYTES, nan=True)
+        persons = _list_alphapose(content)
+        if persons is not None:
+            frames: dict[int, list[np.ndarray]] = {}
+            for number, (picture, points) in enumerate(persons):
+                found = _STEM.fullmatch(Path(picture).stem)
+                if found is None:
+                    raise InputError(f"{path}: image_id {picture!r}; expected a frame's number")
+                counted = counted and Path(picture).stem == str(int(found["frame"]))
+                own = frames.setdefault(int(found["frame"]), [])
+                own.append(_parse_points(path, number, {_POINTS: points}))
+            if frames:
+                parts = (*path.relative_to(folder).parent.parts, path.stem)
+                views[parts] = frames
+    if not views:
+        return None
+    # Of a video it counts the pictures itself, from 0 on: 0.jpg, 1.jpg, ...
+    first = 0 if counted else min(map(min, views.values()))
+    people = {parts: _order_frames(folder, frames, first) for parts, frames in views.items()}
+    return _build_raw(folder, people)
+
+
+def _list_alphapose(content: object) -> list[tuple[str, object]] | None:
+    """Return the pictures' names and the persons' numbers; None if the content is another."""
+    if isinstance(content, list):
+        entries = [
+            of for of in content if isinstance(of, dict) and {"image_id", "keypoints"} <= set(of)
+        ]
+        whole = len(entries) == len(content) > 0
+        return [(str(of["image_id"]), of["keypoints"]) for of in entries] if whole else None
+    found: list[tuple[str, object]] = []
+    for picture, value in content.items() if isinstance(content, dict) else ():
+        persons = value.get("bodies", value.get("people")) if isinstance(value, dict) else None
+        if not isinstance(persons, list) or not all(isinstance(of, dict) for of in persons):
+            return None
+        found += [(picture, of.get("joints", of.get(_POINTS))) for of in persons]
+    return found or None
 
 
 def read_opencap(folder: Path, paths: Sequence[Path]) -> RawKeypoints:

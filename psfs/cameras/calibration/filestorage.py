@@ -43,8 +43,14 @@ _DISTORTION = (
     "D",
     "dist",
 )
-_ROTATION = ("R", "Rot", "Rotation", "rotation", "rotation_matrix", "rvec", "rotation_vector")
-_TRANSLATION = ("T", "t", "Translation", "translation", "tvec", "translation_vector")
+_ROTATION = (
+    *("R", "Rot", "Rotation", "rotation", "rotation_matrix", "rvec", "rotation_vector"),
+    *("RotationValues", "RotationVector"),
+)
+_TRANSLATION = (
+    *("T", "t", "Translation", "translation", "tvec", "translation_vector"),
+    *("TranslationValues", "TranslationVector"),
+)
 _WIDTH, _HEIGHT = (
     ("image_width", "image_Width", "width"),
     ("image_height", "image_Height", "height"),

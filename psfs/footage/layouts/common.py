@@ -40,6 +40,10 @@ class Footage:
     notes: list[str] = field(default_factory=list)
     late: Mapping[str, int] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        masks = self.masks and tuple(replace(item, is_mask=True) for item in self.masks)
+        object.__setattr__(self, "masks", masks)
+
     def select(self, frames: Callable[[Media, int], Sequence[int]]) -> Footage:
         """Return the footage whose images and masks have those frames of each medium that `frames`
         returns for it and for the number of its view."""

@@ -67,7 +67,7 @@ def _assign_all_pictures(
     found = _list_pictures(folder, cameras)
     if any(found.values()):
         return found, None
-    files = list_media(folder)
+    files = {name: own for name, own in list_media(folder).items() if own[0].parent == folder}
     if len(files) != len(cameras) or any(len(paths) > 1 for paths in files.values()):
         return found, None
     pairs, note = match_files_to_cameras(cameras, list(files), str(folder))

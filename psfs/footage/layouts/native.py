@@ -10,12 +10,14 @@ from typing import Any
 
 from cl import InputError, MissingFileError
 from psfs.cameras.calibration import find_calibration
-from psfs.cameras.names import rename_files
+from psfs.cameras.names import join_names, rename_files
 from psfs.footage.layouts.common import Footage, Layout, assign_pictures, choose_cameras, read_rig
-from psfs.footage.media import list_media
+from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_media
 from psfs.footage.settings import SequenceSettings
 
 _IMAGES = ("videos", "images")
+#: Files that a message lists.
+_SOME = 4
 
 
 def _matches(folder: Path, settings: SequenceSettings) -> bool:
@@ -48,7 +50,12 @@ def _read(folder: Path, settings: SequenceSettings) -> Footage:
     images = next((name for name in _IMAGES if found.get(name)), None)
     primary = images or "masks"
     if not found.get(primary):
-        raise InputError(f"{folder}: no pictures in videos/, images/<camera>/ or masks/<camera>/")
+        there = [path for place in folders.values() if place.is_dir() for path in place.iterdir()]
+        some = join_names(str(path.relative_to(folder)) for path in sorted(there)[:_SOME])
+        raise InputError(
+            f"{folder}: no pictures in videos/, images/<camera>/ or masks/<camera>/; found {some}; "
+            f"expected {join_names(sorted(VIDEO_SUFFIXES | IMAGE_SUFFIXES))}"
+        )
     rig = read_rig(calibration, settings, found[primary], folders[primary])
     media: dict[str, tuple[Any, ...]] = {}
     notes = list(rig.notes)

@@ -18,6 +18,7 @@ from apf.evaluation.evaluate import evaluate, load_truth
 from apf.evaluation.evaluation_plot import write_plot
 from apf.evaluation.joint_names import EVALUATED_JOINTS, match_joints
 from apf.formats.trc import JointSeries, read_trc
+from apf.formats.writers import WRITERS
 from cl import InputError
 
 
@@ -101,9 +102,29 @@ def test_frames_are_matched_by_index_and_gaps_in_the_truth_counted() -> None:
     assert evaluation.summary()["constant_mm"] is None  # no body frame without the neck
 
 
-def test_other_frame_rate_is_told() -> None:
+def test_truth_of_another_rate_is_taken_at_the_frames_times() -> None:
     track = tracks.walker()
-    assert "30" in evaluate(track, replace(tracks.truth_of(track), fps=30.0)).warnings[0]
+    truth = tracks.truth_of(track)
+    double = np.repeat(truth.joints, 2, axis=0)
+    double[1::2] += 1  # between the track's frames
+    frames = np.arange(len(double)) + 2 * truth.frames[0]
+    found = evaluate(track, replace(truth, joints=double, frames=frames, fps=2 * track.fps))
+    assert found.mean_error < 1e-6
+    np.testing.assert_array_equal(found.frames, evaluate(track, truth).frames)
+
+
+@pytest.mark.parametrize("ending", [".trc", ".c3d", ".npz"])
+def test_markers_at_0_0_0_are_missing(tmp_path: Path, ending: str) -> None:
+    truth = tracks.truth_of(tracks.walker())
+    joints = truth.joints.copy()
+    joints[3:5, 1] = 0
+    path = tmp_path / f"zeros{ending}"
+    if ending == ".npz":
+        np.savez(path, joint_names=truth.joint_names, joints=joints, fps=truth.fps)
+    else:
+        WRITERS[ending](path, replace(truth, joints=joints))
+    gone = np.isnan(load_truth(path).joints).all(-1)
+    assert gone[3:5, 1].all() and gone.sum() == np.isnan(truth.joints).all(-1).sum() + 2
 
 
 def test_names_of_other_programs() -> None:

@@ -84,6 +84,32 @@ def test_openpose_and_arrays_of_the_same_points_are_equal(
     same(Keypoints.open(tmp_path / "points.npy", RIG), written)
 
 
+@pytest.mark.parametrize("form", ["list", "cmu", "open"])
+def test_alphaposes_results_of_a_video(tmp_path: Path, form: str) -> None:
+    """The first two pictures show nobody, and are missing in the file."""
+    written = walked(names=COCO_17)
+    written.points[:, :2] = np.nan
+    for view, camera in enumerate(written.camera_names):
+        path = tmp_path / camera / "alphapose-results.json"
+        path.parent.mkdir()
+        flat = {
+            f"{frame}.jpg": person(written.points[view, frame].astype(float))["pose_keypoints_2d"]
+            for frame in range(2, FRAMES)
+        }
+        content: Any = {
+            "list": [{"image_id": k, "keypoints": v, "score": 1.0} for k, v in flat.items()],
+            "cmu": {k: {"version": "a", "bodies": [{"joints": v}]} for k, v in flat.items()},
+            "open": {k: {"people": [{"pose_keypoints_2d": v}]} for k, v in flat.items()},
+        }[form]
+        path.write_text(json.dumps(content))
+    same(Keypoints.open(tmp_path, RIG), written)
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "results.json").write_text("[1]")
+    with pytest.raises(apf.InputError, match=r"JSON of another layout, results\.json; expected"):
+        Keypoints.open(other, RIG)
+
+
 def test_names_with_brackets_are_no_patterns(tmp_path: Path) -> None:
     written = walked(names=BODY_25)
     write(tmp_path / "walk [1]" / "json", next(iter(LAYOUTS)), written)

@@ -95,6 +95,20 @@ def test_filestorage(tmp_path: Path, suffix: str, rodrigues: bool) -> None:
     same(read_calibration(tmp_path, sizes=lambda names: [SIZE] * len(names)), rig)
 
 
+@pytest.mark.parametrize("kind", ["Values", "Vector"])
+def test_tags_of_utrechts_students(tmp_path: Path, kind: str) -> None:
+    rig = footage.rig(2)
+    for camera in rig:
+        path = tmp_path / f"{camera.name}.xml"
+        write_storage(path, camera, rodrigues=True)
+        text = path.read_text()
+        for tag, other in (("rvec", "Rotation"), ("T", "Translation")):
+            text = text.replace(f"<{tag} ", f"<{other}{kind} ")
+            text = text.replace(f"</{tag}>", f"</{other}{kind}>")
+        path.write_text(text)
+    same(read_calibration(tmp_path, sizes=lambda names: [SIZE] * len(names)), rig)
+
+
 def test_easymocap(tmp_path: Path) -> None:
     rig = footage.rig(3)
     intrinsic = cv2.FileStorage(str(tmp_path / "intri.yml"), cv2.FILE_STORAGE_WRITE)
