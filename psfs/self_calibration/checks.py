@@ -113,7 +113,7 @@ def measure_uncertainty(
     all: the errors of the points of half a second, and those of a pair of cameras, count together
     (cluster-robust covariance: Cameron, Gelbach & Miller, J. Business & Economic Statistics 29,
     2011). The room's edges and limbs, which are not counted, tell more: errors are
-    0.5 to 0.8 of it. rate: frames per second.
+    0.4 to 0.7 of it. rate: frames per second.
     """
     cameras, shifts = found.rig.cameras, np.round(found.lags).astype(int)
     touched = points.find_all(cameras, shifts, _GATE)

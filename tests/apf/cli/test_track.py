@@ -174,7 +174,8 @@ def test_bad_flags(
 
 
 def test_nothing_but_the_folder(walk: Path, tmp_path: Path) -> None:
-    """Started by itself; what it found can be given again, and gives the same track."""
+    """Started by itself; what it found can be given again, and gives about the same track (a given
+    body is not fitted to the outlines once more)."""
     few = ["--frames", "0:4", "--particles", "60", "--layers", "5", "--voxel-size", "0.03"]
     plain = [*few, "--no-overlay", "--no-report", "-o"]
     assert main(["track", str(walk), *plain, str(tmp_path / "a")]) == 0
@@ -186,7 +187,7 @@ def test_nothing_but_the_folder(walk: Path, tmp_path: Path) -> None:
     again = ["--body", str(tmp_path / "a/body.toml"), "--init", str(tmp_path / "a/start.txt")]
     assert main(["track", str(walk), *plain, str(tmp_path / "b"), *again]) == 0
     first, second = (Track.open(tmp_path / name) for name in "ab")
-    np.testing.assert_allclose(second.joints, first.joints, atol=1e-4)
+    assert np.linalg.norm(second.joints - first.joints, axis=-1).mean() < 0.03
 
 
 def complains(folder: Path, out: Path, capfd: pytest.CaptureFixture[str], *more: str) -> None:

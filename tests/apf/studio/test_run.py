@@ -49,7 +49,7 @@ def test_settings_are_those_of_the_tree() -> None:
 
 def test_every_setting_can_be_shown_and_set_to_its_default() -> None:
     chosen = ChosenSettings()
-    assert len(chosen.fields) > 100
+    assert len(chosen.fields) > 50
     for path in chosen.fields:
         chosen.set(path, chosen.default(path))
     assert chosen.values == {}

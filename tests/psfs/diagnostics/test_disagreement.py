@@ -45,6 +45,9 @@ class Spoilt:
     def reader(self, learning: bool) -> Iterator[Callable[[int], Frame]]:
         yield self.read
 
+    def frames(self, wanted: slice) -> Iterator[Frame]:
+        return map(self.read, range(*wanted.indices(len(self))))
+
     def read(self, index: int) -> Frame:
         frame = self._sequence.read(index)
         assert frame.images is not None
