@@ -45,6 +45,13 @@ from psfs.cli import main
 DEVICES = {f"{number}-{d.name.strip()}": d for number, d in enumerate(working_devices())}
 
 
+@pytest.fixture(autouse=True)
+def _own_modules_again() -> Generator[None, None, None]:
+    """Take back what a program, run in this process, forbids to the processes that it starts."""
+    yield
+    os.environ.pop("PYTHONSAFEPATH", None)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _programs_are_kept() -> Generator[None, None, None]:
     """Keep what tests build: devices share programs as long as one of them lives."""

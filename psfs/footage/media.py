@@ -157,22 +157,26 @@ def list_media(folder: Path) -> dict[str, list[Path]]:
     """List the pictures in a folder by camera name.
 
     A camera has a video, an image, or a subfolder of images or with one video; its name is the
-    file's without suffix, or the subfolder's. Raises InputError for two files or videos of one.
+    file's without suffix, or the subfolder's. A subfolder with several videos, such as masks/, is
+    no camera; where there is nothing else it raises InputError, as two files of one camera do.
     """
     found: dict[str, list[Path]] = {}
+    several = list[str]()
     for path in sorted(_list_visible(folder), key=lambda path: natural_key(path.name)):
         if path.is_dir():
             files = list_images(path) or [
                 own for own in _list_visible(path) if own.suffix.lower() in VIDEO_SUFFIXES
             ]
             if len(files) > 1 and files[0].suffix.lower() in VIDEO_SUFFIXES:
-                raise InputError(f"{path}: {len(files)} videos; expected one per camera")
-            if files:
+                several.append(f"{path}: {len(files)} videos; expected one per camera")
+            elif files:
                 found[path.name] = files
         elif path.suffix.lower() in VIDEO_SUFFIXES | IMAGE_SUFFIXES:
             if path.stem in found:
                 raise InputError(f"{folder}: two files for {path.stem}; expected one per camera")
             found[path.stem] = [path]
+    if several and not found:
+        raise InputError(several[0])
     return found
 
 
