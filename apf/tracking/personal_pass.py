@@ -30,12 +30,12 @@ def fit_personal_body(
     known = [outlines[int(index)] for index in first.frames[seen]]
     measures, _ = fit.measure(known, first.poses[seen])
     body = fit.shape.body(measures)
-    found = []
+    fitted = []
     for track in tracks:
         seen = ~track.lost & np.isin(track.frames, list(outlines))
         poses = track.poses.copy()
         known = [outlines[int(index)] for index in track.frames[seen]]
         poses[seen] = fit.pose(measures, known, poses[seen])
         poses = smooth_poses(body, poses, seen, round(SMOOTHED_SECONDS * fps) | 1)
-        found.append(replace(track, body=body, poses=poses, joints=posed_joints(body, poses)))
-    return found
+        fitted.append(replace(track, body=body, poses=poses, joints=posed_joints(body, poses)))
+    return fitted
