@@ -23,10 +23,15 @@ ENDINGS = (*BODY_WRITERS, *WRITERS, ".trc", ".npz")
 
 
 class ExportPanel:
-    """The panel. say: shows an error on the page."""
+    """The panel. say: shows an error on the page; saved: called after a file was sent."""
 
-    def __init__(self, gui: viser.GuiApi, say: Callable[[object], object]) -> None:
-        self._say = say
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        say: Callable[[object], object],
+        saved: Callable[[], object] = lambda: None,
+    ) -> None:
+        self._say, self._saved = say, saved
         self._watch: TrackWatch | None = None
         self._message = gui.add_html(make_text("Open a track to export it."))
         self.person: Any = gui.add_dropdown("person", ["-"], initial_value="-", visible=False)
@@ -79,3 +84,4 @@ class ExportPanel:
             self._say(error)
             return
         client.send_file_download(name, content, save_immediately=True)
+        self._saved()

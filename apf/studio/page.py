@@ -23,7 +23,7 @@ from psfs.common.files import read_json
 from psfs.page.clouds import open_voxels
 from psfs.page.server import BrowserPage
 from psfs.page.watch import Watch
-from psfs.page.words import make_lines, make_text
+from psfs.page.words import make_lines, make_steps, make_text
 from psfs.sequence import Sequence
 
 if TYPE_CHECKING:
@@ -37,6 +37,14 @@ _KINDS = {
     "voxels": "voxels",
 }
 _NOTHING, _LIVE = "(choose)", "the cameras, live"
+#: The way from footage to a file, and what to do at each of its steps.
+_STEPS = {
+    "Open": "Choose a folder of videos or of results, or make the demo walk.",
+    "Calibrate": "Tab Watch: choose known cameras, or say what was filmed, then calibrate.",
+    "Track": "Tab Watch: does the silhouette show the person? Then tab Track: track.",
+    "Check": "Tab Watch: play; N goes to the next frame to check. Then tab Save.",
+    "Save": "The files are among the browser's downloads.",
+}
 
 
 class Page(BrowserPage):
@@ -67,15 +75,17 @@ class Page(BrowserPage):
         self._captures = captures
         gui = self.server.gui
         self.pictures = self.add_pictures(TrackWatch.beside_label)
+        self._steps: Any = gui.add_html("")
         self._add_open(gui)
         tabs = gui.add_tab_group()
-        self.watching, running = tabs.add_tab("Watch"), tabs.add_tab("Run")
+        self.watching, running = tabs.add_tab("Watch"), tabs.add_tab("Track")
         with running:
             self.run = RunPanel(gui, results, device, self._show_run, self.say)
         with tabs.add_tab("Correct"):
             self.correct = CorrectPanel(self.server, self.run.start, self.say)
-        with tabs.add_tab("Take home"):
-            self.export = ExportPanel(gui, self.say)
+        with tabs.add_tab("Save"):
+            self.export = ExportPanel(gui, self.say, lambda: self._show_step("Save"))
+        self._show_step("Open")
 
     def list_folders(self) -> list[Found]:
         """Find the folders that can be opened again, and offer them."""
@@ -103,6 +113,7 @@ class Page(BrowserPage):
                 )
                 self.watch = TrackWatch(server, opened, *panels)
                 self._offer()
+                self._show_step("Check")
             elif kind == "voxels":
                 self.watch = Watch(server, open_voxels(path), *panels)
             elif kind == "take":
@@ -113,6 +124,7 @@ class Page(BrowserPage):
                     server, path, panels, self._results, known,
                     lambda cameras: self._open_with_cameras(path, cameras),
                 )  # fmt: skip
+                self._show_step("Calibrate")
             else:
                 raise InputError(
                     f"{path}: nothing to open; expected a take, or results of apf track or psfs "
@@ -143,11 +155,13 @@ class Page(BrowserPage):
                     shown.close()
             self.watch = self.footage = self.calibrate = self.film = None
             self._offer()
+            self._show_step("Open")
 
     def _open_footage(self, sequence: Sequence) -> None:
         panels = self.watching, self.pictures
         self.footage = footage = FootageView(self.server, sequence, panels, self._make_device)
         self.run.offer(sequence, lambda: footage.volume)
+        self._show_step("Track")
 
     def _open_with_cameras(self, path: Path, cameras: Path) -> None:
         """Open footage without a calibration with the cameras of a file."""
@@ -167,6 +181,11 @@ class Page(BrowserPage):
         names = [name for name, one in self._choices.items() if one.path.resolve() == path]
         self._opened = names[0] if names else _NOTHING
         self._folder.value = self._opened
+
+    def _show_step(self, step: str) -> None:
+        """Show where on the way from footage to a file one is, and what to do next."""
+        self.step = step
+        self._steps.content = make_steps(list(_STEPS), step) + make_text(_STEPS[step])
 
     def _offer(self) -> None:
         """Have the panels offer what can be done with the run that is open, or nothing."""
@@ -222,6 +241,8 @@ class Page(BrowserPage):
         )
         self._opened = _NOTHING
         self._message: Any = gui.add_html(make_text("Choose a folder to open."))
+        again = gui.add_button("look for new folders")
+        again.on_click(lambda event: self._list_again())
         self.demo_button: Any = gui.add_button(
             "demo walk",
             hint="makes a synthetic walker before four cameras (apf synth), and opens it",
@@ -230,6 +251,9 @@ class Page(BrowserPage):
         self.list_folders()
         self._folder.on_update(lambda event: self._choose())
         self.add_dark()
+
+    def _list_again(self) -> None:
+        self.list_folders()
 
     def _choose(self) -> None:
         found, chosen = self._choices.get(self._folder.value), self._folder.value

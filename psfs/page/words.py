@@ -41,6 +41,17 @@ def make_text(text: object) -> str:
     return _block(f"<div>{escape(text)}</div>")
 
 
+def make_steps(steps: Sequence[str], current: str) -> str:
+    """Return a numbered row of steps; those before the current one are ticked, it is marked."""
+    number = steps.index(current)
+    cells = []
+    for index, step in enumerate(steps):
+        sign = _SIGNS["good"] if index < number else str(index + 1)
+        style = "font-weight:bold;border-bottom:2px solid" if index == number else "opacity:0.6"
+        cells.append(f"<span style='padding:2px 5px;{style}'>{sign} {escape(step)}</span>")
+    return _block("".join(cells))
+
+
 def make_scale(text: str, colours: Sequence[str]) -> str:
     """Return a strip of colours, as CSS has them, and what its ends mean; nothing without
     colours."""
