@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from apf.initialisation.config import FrameChoice
 from apf.likelihood.observations import AnyVoxels
@@ -210,7 +210,7 @@ def select_person_points(
     if not parts:
         return np.zeros((0, 3))
     large = [part for part in parts if len(part) >= config.min_part * len(parts[0])]
-    tree = cKDTree(grid.centres(np.concatenate(large)))
+    tree = scipy.spatial.cKDTree(grid.centres(np.concatenate(large)))
     small = [p for p in parts[len(large) :] if len(p) >= config.min_near_part * len(parts[0])]
     near = [p for p in small if tree.query(grid.centres(p))[0].min() < config.near]
     return grid.centres(np.sort(np.concatenate([*large, *near])))

@@ -8,7 +8,7 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from apf.body.cones import cone_normals
 from apf.body.jacobian import point_jacobian
@@ -61,7 +61,7 @@ class Cloud:
         share = (points[:, 2] - low) / max(high - low, 1e-9)
         points = points[(share >= part[0]) & (share <= part[1])]
         n = min(config.n_points, len(points))
-        self.tree = cKDTree(points)
+        self.tree = scipy.spatial.cKDTree(points)
         self.points = points[np.arange(n) * len(points) // n]
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from scipy.cluster.vq import kmeans2
+import scipy
 
 from apf.body.limbs import trunk_bones
 from apf.body.model import BodyModel
@@ -110,7 +110,7 @@ def fit_palette(pictures: np.ndarray, silhouettes: np.ndarray) -> np.ndarray | N
     if len(person) < _LEAST_PIXELS:
         return None
     chosen = person[np.arange(_PALETTE_PIXELS) * len(person) // _PALETTE_PIXELS]
-    centres, _ = kmeans2(
+    centres, _ = scipy.cluster.vq.kmeans2(
         _lab(chosen), _PALETTE_COLOURS, iter=20, minit="++", seed=0, missing="warn"
     )
     levels = (np.arange(1 << _BITS) << 8 - _BITS) + (1 << 7 - _BITS)

@@ -8,7 +8,7 @@ stride. Amplitudes are those of textbook gait analysis (Perry & Burnfield 2010),
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from apf.synthetic.skeleton import (
     ANKLE_HEIGHT,
@@ -45,7 +45,9 @@ class GaitModel:
         self.walk = walk
         self.skeleton = SyntheticSkeleton(walk.height)
         self.path = Path(walk)
-        self._pitch = PchipInterpolator(*np.array(_PITCH).T * [[1.0], [np.pi / 180]])
+        self._pitch = scipy.interpolate.PchipInterpolator(
+            *np.array(_PITCH).T * [[1.0], [np.pi / 180]]
+        )
         laps = np.linspace(0.0, self.path.length / walk.speed, 600)
         self._hip_height = self._highest_pelvis(laps)
 

@@ -19,8 +19,7 @@ as lost; of the wrong ones 85 % do after one pass, nine of ten if passes are com
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
-from scipy.special import expit
+import scipy
 
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_ends
@@ -98,7 +97,7 @@ def limb_confidence(
         far = np.log(np.maximum(disagreement, LEAST_DISTANCE) / _EVEN_DISTANCE)
         known = _average_over_time(far, n)
         odds = np.where(np.isfinite(known), _DISAGREEMENT * known, odds)
-    return expit(odds)
+    return scipy.special.expit(odds)
 
 
 def _measure_jitter(ends: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -116,4 +115,4 @@ def _measure_jitter(ends: np.ndarray, times: np.ndarray) -> np.ndarray:
 
 def _average_over_time(values: np.ndarray, n: int) -> np.ndarray:
     """Return the moving averages of values (F, L) over n frames (n + 1 if n is even)."""
-    return uniform_filter1d(values, n + 1 - n % 2, axis=0, mode="nearest")
+    return scipy.ndimage.uniform_filter1d(values, n + 1 - n % 2, axis=0, mode="nearest")

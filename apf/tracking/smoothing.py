@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel, FreeAxis
@@ -116,13 +116,13 @@ def _smooth_rotations(
     the given one."""
     order = "".join(axis.kind[1] for axis in axes).upper()
     signs = np.array([axis.sign for axis in axes])
-    quaternions = Rotation.from_euler(order, angles * signs).as_quat()
+    quaternions = scipy.spatial.transform.Rotation.from_euler(order, angles * signs).as_quat()
     turned_over = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0  # q and -q are the same
     quaternions[1:] *= np.where(np.cumsum(turned_over) % 2, -1.0, 1.0)[:, None]
     smooth = smooth_series(quaternions, np.tile(variance[:, None], 4), times, config)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Gimbal lock")  # any of these angles will do
-        first = Rotation.from_quat(smooth).as_euler(order)
+        first = scipy.spatial.transform.Rotation.from_quat(smooth).as_euler(order)
     other = np.pi - first
     other[:, [0, 2]] = first[:, [0, 2]] + np.pi
     both = np.stack([first, other]) * signs

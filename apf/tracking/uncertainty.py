@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.special import gammaincinv
+import scipy
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel, sideless
@@ -124,5 +124,7 @@ def is_inside_ellipsoid(
     """Return whether offsets (..., 3), m, lie in the ellipsoids that hold `share` of the
     probability."""
     solved = np.linalg.solve(covariance, offsets[..., None])[..., 0]
-    limit = 2 * gammaincinv(1.5, share)  # quantile of the chi-squared distribution, 3 degrees
+    limit = 2 * scipy.special.gammaincinv(
+        1.5, share
+    )  # quantile of the chi-squared distribution, 3 degrees
     return np.einsum("...a,...a->...", offsets, solved) <= limit

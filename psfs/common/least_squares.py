@@ -23,9 +23,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, diags, vstack
-from scipy.sparse.linalg import splu
-from scipy.stats import chi2
+import scipy
 
 #: Values by name, (items, size) each.
 Parameters = Mapping[str, np.ndarray]
@@ -102,7 +100,7 @@ def estimate_noise(
     rows = _as_rows(values)
     size = np.linalg.norm(rows, axis=1)
     known = np.isfinite(size)
-    normal = float(np.sqrt(chi2.ppf(0.5, rows.shape[1])))
+    normal = float(np.sqrt(scipy.special.chdtri(rows.shape[1], 0.5)))
     usual = np.median(size[known]) if known.any() else 0.0
     found = np.full(len(size), usual)
     if groups is not None:
@@ -263,7 +261,7 @@ class _Layout:
 
     def linearise(
         self, residuals: Sequence[Residuals], noises: Sequence[np.ndarray]
-    ) -> tuple[csc_matrix, np.ndarray]:
+    ) -> tuple[scipy.sparse.csc_matrix, np.ndarray]:
         """Return the normal matrix and the gradient of all free values."""
         rows, values = [], []
         for of, noise in zip(residuals, noises, strict=True):
@@ -273,10 +271,10 @@ class _Layout:
             roots = np.sqrt(share)[:, None]
             rows.append(self._rows(of, roots))
             values.append((roots * of.rows).ravel())
-        jacobian = vstack(rows, format="csr")
+        jacobian = scipy.sparse.vstack(rows, format="csr")
         return (jacobian.T @ jacobian).tocsc(), jacobian.T @ np.concatenate(values)
 
-    def _rows(self, of: Residuals, roots: np.ndarray) -> csr_matrix:
+    def _rows(self, of: Residuals, roots: np.ndarray) -> scipy.sparse.csr_matrix:
         """Return the weighted rows (M R, size) of the Jacobian."""
         count, width = of.rows.shape
         at = np.arange(count * width).reshape(count, width, 1)
@@ -293,23 +291,23 @@ class _Layout:
                 )
             )
         entries, rows, columns = (np.concatenate(of) for of in zip(*parts, strict=True))
-        return csr_matrix((entries, (rows, columns)), shape=(count * width, self.size))
+        return scipy.sparse.csr_matrix((entries, (rows, columns)), shape=(count * width, self.size))
 
 
 class _Factor:
     """Solves the normal equations, damped by a share of their diagonal. Values of which nothing is
     known stay."""
 
-    def __init__(self, normal: csc_matrix, layout: _Layout, damping: float) -> None:
+    def __init__(self, normal: scipy.sparse.csc_matrix, layout: _Layout, damping: float) -> None:
         diagonal = normal.diagonal()
         ridge = np.where(diagonal > 0, (damping + 1e-12) * diagonal, 1.0)
-        normal = (normal + diags(ridge)).tocsc()
+        normal = (normal + scipy.sparse.diags(ridge)).tocsc()
         self._kept = kept = layout.kept
         self._last: Any = None
         matrix = normal[:kept, :kept].toarray()
         if kept < layout.size:
             self._mixed = normal[:kept, kept:].tocsr()
-            self._last = splu(
+            self._last = scipy.sparse.linalg.splu(
                 normal[kept:, kept:].tocsc(), permc_spec="MMD_AT_PLUS_A",
                 diag_pivot_thresh=0.0, options={"SymmetricMode": True},
             )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 #: More than any cost.
 _FAR = 1e6
@@ -18,7 +18,7 @@ def match_pairs(costs: np.ndarray, limit: float = _FAR) -> list[tuple[int, int]]
     if not costs.size:
         return []
     possible = np.isfinite(costs) & (costs < limit)
-    pairs = zip(*linear_sum_assignment(np.where(possible, costs, _FAR)), strict=True)
+    pairs = zip(*scipy.optimize.linear_sum_assignment(np.where(possible, costs, _FAR)), strict=True)
     return [(int(row), int(column)) for row, column in pairs if possible[row, column]]
 
 

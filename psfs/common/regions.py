@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 
 def iou(a: np.ndarray, b: np.ndarray) -> float:
@@ -40,7 +40,7 @@ def find_largest_region_box(occupied: np.ndarray) -> np.ndarray | None:
     if not count:
         return None
     largest = int(np.bincount(labels.ravel())[1:].argmax())
-    part = ndimage.find_objects(labels)[largest]
+    part = scipy.ndimage.find_objects(labels)[largest]
     return np.array([[s.start for s in part], [s.stop for s in part]])
 
 
@@ -53,5 +53,5 @@ def bounding_box(region: np.ndarray) -> tuple[slice, slice] | None:
 
 
 def _label_regions(occupied: np.ndarray) -> tuple[np.ndarray, int]:
-    labels, count = ndimage.label(occupied, np.ones((3,) * occupied.ndim))
+    labels, count = scipy.ndimage.label(occupied, np.ones((3,) * occupied.ndim))
     return np.asarray(labels), int(count)

@@ -10,7 +10,7 @@ from itertools import combinations
 
 import cv2
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import join_names
@@ -302,7 +302,7 @@ def _explain_outlier(evidence: Evidence, view: int) -> str:
     before = tangency.turn(view, np.eye(3))
     if math.isfinite(before.cost):
         simplex = np.vstack([np.zeros(3), 0.05 * np.eye(3)])
-        found = minimize(
+        found = scipy.optimize.minimize(
             lambda vector: tangency.turn(view, cv2.Rodrigues(vector)[0]).cost,
             np.zeros(3),
             method="Nelder-Mead",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.regions import iou
@@ -52,7 +52,7 @@ def score_cloud(rig: CameraRig, cloud: VoxelCloud, truth: Items[np.ndarray | Non
     )
     in_hull = np.zeros(grid.shape, bool)
     in_hull.ravel()[hull] = True
-    near = ndimage.binary_dilation(in_hull, np.ones((3, 3, 3)))
+    near = scipy.ndimage.binary_dilation(in_hull, np.ones((3, 3, 3)))
     ghosts = float(1 - near.ravel()[cloud.indices].mean()) if len(cloud) else float("nan")
     return CloudScore(_mean(ours), _mean(best), ghosts, _volume_iou(seen, cloud, in_hull))
 
@@ -117,7 +117,7 @@ def fill_surface(cloud: VoxelCloud) -> np.ndarray:
         slice(low, high + 1) for low, high in zip(voxels.min(1), voxels.max(1), strict=True)
     )
     filled.ravel()[cloud.indices] = True
-    filled[box] = ndimage.binary_fill_holes(filled[box])
+    filled[box] = scipy.ndimage.binary_fill_holes(filled[box])
     return filled
 
 

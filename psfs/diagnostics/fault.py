@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from scipy.stats import t as student
+import scipy
 
 from psfs.cameras.camera import CameraRig
 from psfs.diagnostics.agreement import HullAgreement
@@ -130,4 +130,4 @@ def significant(samples: np.ndarray, least: float, rate: float) -> bool:
     if len(known) < 2:
         return False
     deviation = max(float(known.std(ddof=1)), 1e-9) / np.sqrt(len(known))
-    return bool(student.sf((known.mean() - least) / deviation, len(known) - 1) < rate)
+    return bool(scipy.special.stdtr(len(known) - 1, (least - known.mean()) / deviation) < rate)

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
-from scipy.spatial import cKDTree
+import scipy
 
 from psfs.cameras.camera import Camera
 from psfs.cameras.rig_geometry import look_along_baseline
@@ -59,7 +58,7 @@ class SilhouetteContours:
         if not len(positions):
             return np.zeros(0, int)
         around = positions[self.padded]
-        largest = maximum_filter1d(around, 2 * _SIDE + 1)[self.core]
+        largest = scipy.ndimage.maximum_filter1d(around, 2 * _SIDE + 1)[self.core]
         ends = np.maximum(around[self.core - _SIDE], around[self.core + _SIDE])
         tips = np.nonzero((positions == largest) & (positions > ends) & (self.at_border == 0))[0]
         new = np.diff(tips, prepend=-9) > 2  # a plateau counts once
@@ -177,7 +176,7 @@ class _Tips:
     def _measure_rates(self, pixels: np.ndarray) -> np.ndarray:
         if len(pixels) < 3:
             return np.full(len(pixels), np.nan)
-        tree, near = cKDTree(np.column_stack([pixels, self.frames * _APART])), []
+        tree, near = scipy.spatial.cKDTree(np.column_stack([pixels, self.frames * _APART])), []
         for step in (-1, 1):
             wanted = np.column_stack([pixels, (self.frames + step) * _APART])
             away, index = tree.query(wanted, distance_upper_bound=_REACH)

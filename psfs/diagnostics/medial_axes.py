@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+import scipy
 
 from psfs.cameras.camera import Camera
 from psfs.diagnostics.frontier import SilhouetteContours
@@ -82,7 +82,7 @@ def _find_middles(
     (N, 2) and the widths (N,)."""
     if len(pixels) < 4 * _SIDE:
         return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
-    smooth = gaussian_filter1d(pixels, _SMOOTH, axis=0, mode="wrap")
+    smooth = scipy.ndimage.gaussian_filter1d(pixels, _SMOOTH, axis=0, mode="wrap")
     along = np.roll(smooth, -_SIDE, 0) - np.roll(smooth, _SIDE, 0)
     along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-12
     after = np.roll(smooth, -1, 0)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import trimesh
-from scipy import ndimage, spatial
-from trimesh.visual import ColorVisuals
+import scipy
 
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import AnyReconstructor, make_reconstructor
@@ -21,6 +19,9 @@ from psfs.sequence import Sequence
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.limits import DEBRIS_SHARE
+
+if TYPE_CHECKING:
+    import trimesh
 
 #: Colour of meshes without colours, RGB 0..1.
 CLAY = (0.80, 0.70, 0.59)
@@ -56,12 +57,14 @@ def extract_surface(
         np.pad(solid, 1), threshold, gradient_direction="ascent"
     )
     vertices = grid.origin + (vertices.astype(np.float64) - 0.5) * grid.voxel_size
+    import trimesh  # takes a while to load
+
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     if smoothing:
         trimesh.smoothing.filter_taubin(mesh, _LAMBDA, _MU, smoothing)
     if cloud is not None and cloud.colour is not None and len(cloud):
-        _, nearest = spatial.cKDTree(cloud.centres).query(mesh.vertices)
-        mesh.visual = ColorVisuals(mesh, vertex_colors=cloud.colour[nearest])
+        _, nearest = scipy.spatial.cKDTree(cloud.centres).query(mesh.vertices)
+        mesh.visual.vertex_colors = cloud.colour[nearest]
     return mesh
 
 
@@ -71,7 +74,7 @@ def _clean(probability: np.ndarray, threshold: float, debris: float) -> np.ndarr
     if not occupied.any():
         raise InputError(f"no voxel has a probability above {threshold:g}; expected a body")
     kept = keep_large_regions(occupied, debris)
-    cavities = ndimage.binary_fill_holes(kept) & ~kept
+    cavities = scipy.ndimage.binary_fill_holes(kept) & ~kept
     cleaned: np.ndarray = np.where(occupied & ~kept, np.float32(0), probability)
     cleaned[cavities] = 1
     return cleaned
@@ -164,7 +167,7 @@ def fill_cloud(cloud: VoxelCloud, box: VoxelGrid) -> np.ndarray:
     i, j, k = np.unravel_index(cloud.indices, cloud.grid.shape)
     surface = np.zeros(box.shape, bool)
     surface[i - low[0], j - low[1], k - low[2]] = True
-    return ndimage.binary_fill_holes(surface)
+    return scipy.ndimage.binary_fill_holes(surface)
 
 
 def match_solid(probability: np.ndarray, solid: np.ndarray, threshold: float) -> np.ndarray:
@@ -193,13 +196,13 @@ def _endings() -> str:
 
 
 def _ply(mesh: trimesh.Trimesh) -> bytes:
-    content: bytes = trimesh.exchange.ply.export_ply(mesh, vertex_normal=True)
+    content: bytes = mesh.export(file_type="ply", vertex_normal=True)
     first, rest = content.split(b"\ncomment ", 1)
     return b"%s\ncomment %s\ncomment %s" % (first, _COMMENT.encode(), rest)
 
 
 def _obj(mesh: trimesh.Trimesh) -> bytes:
-    text = trimesh.exchange.obj.export_obj(mesh, include_normals=True, digits=6, header=_COMMENT)
+    text = mesh.export(file_type="obj", include_normals=True, digits=6, header=_COMMENT)
     return str(text).encode()
 
 
@@ -212,7 +215,7 @@ def make_glb(mesh: trimesh.Trimesh) -> bytes:
     if colours is not None:
         base = np.ones(3)
         linear = np.rint(255 * _to_linear(colours / 255)).astype(np.uint8)
-        turned.visual = ColorVisuals(turned, vertex_colors=linear)
+        turned.visual.vertex_colors = linear
 
     def matte(tree: dict[str, Any]) -> None:
         """Add a matte material: without one glTF means polished metal."""
@@ -222,19 +225,15 @@ def make_glb(mesh: trimesh.Trimesh) -> bytes:
             for primitive in part["primitives"]:
                 primitive["material"] = 0
 
-    scene = trimesh.Scene(turned)
-    content = trimesh.exchange.gltf.export_glb(
-        scene, include_normals=True, tree_postprocessor=matte
-    )
-    return bytes(content)
+    scene = turned.scene()
+    return bytes(scene.export(file_type="glb", include_normals=True, tree_postprocessor=matte))
 
 
 def vertex_colours(mesh: trimesh.Trimesh) -> np.ndarray | None:
     """Return (N, 3) uint8 RGB of the vertices, or None if the mesh has no colours."""
-    visual = mesh.visual
-    if not isinstance(visual, ColorVisuals) or visual.kind != "vertex":
+    if mesh.visual.kind != "vertex":
         return None
-    return np.asarray(visual.vertex_colors)[:, :3]
+    return np.asarray(mesh.visual.vertex_colors)[:, :3]
 
 
 def _to_linear(srgb: np.ndarray) -> np.ndarray:

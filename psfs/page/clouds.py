@@ -9,10 +9,9 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-import trimesh
 
 from cl import InputError, UserError
 from psfs.mesh.marching_cubes import make_glb
@@ -20,6 +19,9 @@ from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.page.colours import COLOURINGS, colour_vertices, colour_voxels
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+if TYPE_CHECKING:
+    import trimesh
 
 #: Greatest size of the points that are kept, bytes: about 700 frames of 30,000 voxels.
 KEPT_BYTES = 2**28
@@ -129,9 +131,7 @@ def merge_voxels(
 def make_surface(mesh: trimesh.Trimesh, cloud: VoxelCloud, colouring: str) -> Surface:
     """Return a cloud's mesh in the colours of the nearest voxels."""
     coloured = mesh.copy()
-    coloured.visual = trimesh.visual.ColorVisuals(
-        coloured, vertex_colors=colour_vertices(mesh.vertices, cloud, colouring)
-    )
+    coloured.visual.vertex_colors = colour_vertices(mesh.vertices, cloud, colouring)
     return Surface(make_glb(coloured))
 
 

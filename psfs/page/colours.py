@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from scipy import spatial
+import scipy
 
 from psfs.mesh.marching_cubes import CLAY
 from psfs.voxels.config import OccupancyConfig
@@ -36,7 +36,7 @@ def colour_voxels(cloud: VoxelCloud, colouring: str = COLOURINGS[0]) -> np.ndarr
 
 def colour_vertices(vertices: np.ndarray, cloud: VoxelCloud, colouring: str) -> np.ndarray:
     """Return (N, 3) uint8 RGB of a mesh's vertices (N, 3) m: those of the nearest voxels."""
-    _, nearest = spatial.cKDTree(cloud.centres).query(vertices)
+    _, nearest = scipy.spatial.cKDTree(cloud.centres).query(vertices)
     return colour_voxels(cloud, colouring)[nearest]
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
+import scipy
 
 from psfs.cameras.camera import CameraRig
 from psfs.mesh.marching_cubes import Y_UP
@@ -153,6 +153,4 @@ class BoxNode:
 
 def to_quaternion(rotation: np.ndarray) -> np.ndarray:
     """Return the unit quaternion (4,) w, x, y, z of a rotation (3, 3)."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation
-    return trimesh.transformations.quaternion_from_matrix(matrix)
+    return np.roll(scipy.spatial.transform.Rotation.from_matrix(rotation).as_quat(), 1)

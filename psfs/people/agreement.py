@@ -10,8 +10,7 @@ from itertools import combinations
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
+import scipy
 
 from psfs.cameras.camera import CameraRig
 
@@ -39,7 +38,7 @@ class Disagreement:
 
     def find(self, points: np.ndarray) -> np.ndarray:
         """Return the disagreement (N,) at points (N, 3) m, NaN where it is not known."""
-        places = cKDTree(_find_middles(self._blocks))
+        places = scipy.spatial.cKDTree(_find_middles(self._blocks))
         _, nearest = places.query(points, distance_upper_bound=_REACH)
         return np.append(self._values, np.float16(np.nan))[nearest]
 
@@ -72,7 +71,7 @@ def measure_disagreement(
     )
     places = _find_middles(blocks)
     sums = np.bincount(of.ravel(), apart, len(blocks))
-    around = cdist(places, places) < _REACH
+    around = scipy.spatial.distance.cdist(places, places) < _REACH
     return Disagreement(blocks, around @ sums / np.maximum(1, around @ counts))
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from psfs.cameras.camera import CameraRig
 from psfs.common.colours import colour_bins
@@ -95,7 +95,7 @@ class CoarseVoxels:
             votes += np.where(at >= 0, flat[at], 0)
         occupied = np.zeros(self.grid.size, bool)
         occupied[self.used[votes > 0]] = True
-        labels, _ = ndimage.label(occupied.reshape(self.grid.shape), np.ones((3, 3, 3)))
+        labels, _ = scipy.ndimage.label(occupied.reshape(self.grid.shape), np.ones((3, 3, 3)))
         voxels = np.flatnonzero(occupied)
         regions = labels.ravel()[voxels] - 1
         return CoarseFrame(index, voxels, regions, self._find_ghosts(evidence, voxels, regions))

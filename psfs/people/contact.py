@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from psfs.people.following import find_middle
 from psfs.people.people import People
@@ -72,10 +72,10 @@ def split_cloud(
     points = cloud.centres
     nearest = np.full((len(people) + 1, len(points)), np.inf)
     nearest[-1] = _NEAR
-    trees: dict[int, cKDTree] = {}
+    trees: dict[int, scipy.spatial.cKDTree] = {}
     for number, person in enumerate(people):
         if index in person.voxels:
-            trees[number] = cKDTree(people.grid.centres(person.voxels[index]))
+            trees[number] = scipy.spatial.cKDTree(people.grid.centres(person.voxels[index]))
             bound = max(2 * _NEAR, ARM_REACH)
             nearest[number] = trees[number].query(points, distance_upper_bound=bound)[0]
     owned = nearest.argmin(0) == np.arange(len(nearest))[:, None]
@@ -101,7 +101,7 @@ def _find_pairs(people: People, index: int, apart: float) -> list[Pair]:
     at least `apart` m from each other."""
     touch = _TOUCH * people.grid.voxel_size
     trees = {
-        number: cKDTree(people.grid.centres(person.voxels[index]))
+        number: scipy.spatial.cKDTree(people.grid.centres(person.voxels[index]))
         for number, person in enumerate(people)
         if index in person.voxels
     }

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import ndimage
-from scipy.spatial import cKDTree
+import scipy
 
 from psfs.common.matching import match_pairs
 from psfs.people.coarse_voxels import DEBRIS, CoarseFrame, count_least_voxels
@@ -162,7 +161,9 @@ class PeopleFollower:
         for k in sorted(range(len(free)), key=lambda k: (standing[k], len(free[k])), reverse=True):
             own = free[k]
             apart = [
-                cKDTree(points[own]).query(points[part])[0].min() if len(part) else np.inf
+                scipy.spatial.cKDTree(points[own]).query(points[part])[0].min()
+                if len(part)
+                else np.inf
                 for part in parts
             ]
             nearest = int(np.argmin(apart)) if apart else -1
@@ -180,7 +181,7 @@ class PeopleFollower:
         """Return for each trajectory the region that it takes, -1 for none."""
         if not len(points):
             return [-1] * len(moved)
-        tree = cKDTree(points)
+        tree = scipy.spatial.cKDTree(points)
         reach = 1.5 * self.grid.voxel_size
         votes = np.zeros((len(moved), len(sizes)), int)
         for were, own in zip(moved, votes, strict=True):
@@ -213,7 +214,7 @@ class PeopleFollower:
         gain = len(points) - sum(len(were) for were in known)
         if gain < _CHANGE * min(len(were) for were in known):
             return None
-        far = cKDTree(np.concatenate(known)).query(points)[0] > _NEWCOMER
+        far = scipy.spatial.cKDTree(np.concatenate(known)).query(points)[0] > _NEWCOMER
         enough = far.sum() >= count_least_voxels(self.grid)
         return points[far] if enough and stands(points[far], self.grid.voxel_size) else None
 
@@ -246,7 +247,7 @@ def _split(points: np.ndarray, moved: list[np.ndarray], axis_weight: float) -> l
         return [np.arange(len(points))]
     costs = []
     for were in moved:
-        distance = cKDTree(were).query(points)[0]
+        distance = scipy.spatial.cKDTree(were).query(points)[0]
         costs.append(
             distance + axis_weight * np.linalg.norm(points[:, :2] - find_middle(were), axis=1)
         )
@@ -375,7 +376,7 @@ def _find_rising(points: np.ndarray, share: float, size: float) -> list[np.ndarr
     columns = np.round((above[:, :2] - above[:, :2].min(0)) / size).astype(int)
     floor = np.zeros(columns.max(0) + 1, bool)
     floor[tuple(columns.T)] = True
-    labels, n_parts = ndimage.label(floor, np.ones((3, 3)))
+    labels, n_parts = scipy.ndimage.label(floor, np.ones((3, 3)))
     found: list[np.ndarray] = []
     for part in range(1, n_parts + 1):
         middle = find_middle(above[labels[tuple(columns.T)] == part])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
@@ -53,4 +53,4 @@ def _person(marks: np.ndarray, evidence: np.ndarray, reach: int) -> np.ndarray:
     shown[: evidence.shape[0], : evidence.shape[1]] = evidence > 0
     foreground = shown.reshape(rows, CELL, columns, CELL).any((1, 3))
     size = 2 * reach + 1
-    return foreground | ndimage.binary_dilation(marks, np.ones((size, size)))
+    return foreground | scipy.ndimage.binary_dilation(marks, np.ones((size, size)))

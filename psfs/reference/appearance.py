@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
@@ -40,7 +40,9 @@ class NumpyForeground:
         if len(surface) >= self.appearance.min_surface:
             size = 2 * self.appearance.reach + 1
             near = [
-                ndimage.convolve(view.astype(int), np.ones((size, size), int), mode="constant")
+                scipy.ndimage.convolve(
+                    view.astype(int), np.ones((size, size), int), mode="constant"
+                )
                 for view in marked
             ]
             self.location = location_odds(self.config)[np.stack(near)]
@@ -84,7 +86,7 @@ class NumpyForeground:
                 self._totals[table] += len(own)
         blurred = self._memory
         for axis in (1, 2, 3):
-            blurred = ndimage.convolve1d(blurred, [0.25, 0.5, 0.25], axis, mode="constant")
+            blurred = scipy.ndimage.convolve1d(blurred, [0.25, 0.5, 0.25], axis, mode="constant")
         prior, uniform = self.appearance.prior_samples, self.appearance.uniform
         density = (prior + blurred * BINS**3) / (prior + self._totals[:, None, None, None])
         nats = np.log(uniform + (1 - uniform) * density)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 
 def proximity(edges: np.ndarray, table: np.ndarray, metric: str = "euclidean") -> np.ndarray:
@@ -13,7 +13,7 @@ def proximity(edges: np.ndarray, table: np.ndarray, metric: str = "euclidean") -
     if not edges.any():
         return np.full(edges.shape, table[-1])
     if metric == "chessboard":
-        squared = ndimage.distance_transform_cdt(~edges, "chessboard").astype(int) ** 2
+        squared = scipy.ndimage.distance_transform_cdt(~edges, "chessboard").astype(int) ** 2
     else:
-        squared = np.rint(ndimage.distance_transform_edt(~edges) ** 2).astype(int)
+        squared = np.rint(scipy.ndimage.distance_transform_edt(~edges) ** 2).astype(int)
     return table[np.minimum(squared, len(table) - 1)]

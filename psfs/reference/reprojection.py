@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
@@ -32,7 +32,7 @@ def boundary(silhouette: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Return the pixels inside with a 4-neighbour outside; the picture's border is no boundary."""
     width, height = size
     picture = silhouette[:height, :width]
-    inside = ndimage.binary_erosion(picture, border_value=1)
+    inside = scipy.ndimage.binary_erosion(picture, border_value=1)
     edge = np.zeros_like(silhouette)
     edge[:height, :width] = picture & ~inside
     return edge
@@ -65,7 +65,7 @@ def join_foreground(silhouette: np.ndarray, evidence: np.ndarray) -> np.ndarray:
     box[above : y.max() + 1 + below, left : x.max() + 1 + sides] = True
     shown = evidence > 0
     counts = np.where(box, cells(shown), 0)
-    near = ndimage.convolve(counts, np.ones((3, 3), int), mode="constant")
+    near = scipy.ndimage.convolve(counts, np.ones((3, 3), int), mode="constant")
     taken = box & (near >= LEAST_PIXELS)
     pixels = taken.repeat(MARK, 0).repeat(MARK, 1)[:height, :width]
     return silhouette | (shown & pixels)

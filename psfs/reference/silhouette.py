@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from psfs.background.chroma_key import ChromaKey
 from psfs.cameras.camera import CameraRig
@@ -111,7 +111,7 @@ def find_near_foreground(evidence: np.ndarray) -> np.ndarray:
     shown = np.zeros((rows * CELL, columns * SPAN), bool)
     shown[2 : height - 2, 2 : width - 2] = evidence[2:-2, 2:-2] > 0
     spans = shown.reshape(rows, CELL, columns, SPAN).any((1, 3))
-    near = ndimage.binary_dilation(spans, np.ones((3, 3)))
+    near = scipy.ndimage.binary_dilation(spans, np.ones((3, 3)))
     inside = np.zeros(evidence.shape, bool)
     inside[2:-2, 2:-2] = True
     return near.repeat(CELL, 0).repeat(SPAN, 1)[:height, :width] & inside
@@ -277,7 +277,7 @@ def _sample_cells(pixels: np.ndarray) -> np.ndarray:
 def _interpolate_cells(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Return the values (H, W) interpolated linearly between the middles of the cells."""
     y, x = np.indices(shape[:2]) / CELL - (CELL - 1) / (2 * CELL)
-    return ndimage.map_coordinates(cells, [y, x], order=1, mode="nearest")
+    return scipy.ndimage.map_coordinates(cells, [y, x], order=1, mode="nearest")
 
 
 def _weight(std: np.ndarray, config: SilhouetteConfig) -> np.ndarray:

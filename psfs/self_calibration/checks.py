@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.stats import f as fisher
+import scipy
 
 from cl import InputError
 from psfs.cameras.camera import Camera
@@ -51,7 +51,7 @@ def fits_as_well(
     """
     own, other = (summarise_pairs(measure_pairs(of, points)) / _MEDIAN for of in (best, rival))
     count = 2 * (len(best.rig) - 1) * points.shortest / (rate * _INDEPENDENT)
-    limit = np.sqrt(fisher.ppf(1 - config.false_positive_rate, count, count))
+    limit = np.sqrt(scipy.special.fdtri(count, count, 1 - config.false_positive_rate))
     return not (other > limit * np.maximum(own, config.narrow.noise)).any()
 
 

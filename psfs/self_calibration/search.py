@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.ndimage import minimum_filter
+import scipy
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.self_calibration.upright import UprightView
@@ -92,7 +92,7 @@ class ArrangementSearch:
         costs = self._costs(view, places)
         best = costs.min(axis=0)
         wide = np.pad(best, ((2, 2), (0, 0)), mode="wrap")
-        low = minimum_filter(wide, (5, 5), mode="nearest")[2:-2]
+        low = scipy.ndimage.minimum_filter(wide, (5, 5), mode="nearest")[2:-2]
         angles, lags = np.nonzero(best <= low)
         order = np.argsort(best[angles, lags])[:_BEST_PLACES]
         found = []

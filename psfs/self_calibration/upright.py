@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from psfs.cameras.camera import Camera
 from psfs.diagnostics.hulls import HullRays
@@ -68,7 +68,7 @@ def fit_upright(camera: Camera, outlines: Sequence[Outline | None]) -> list[Upri
         seen = _measure(hulls, ends, floor_axes(values[0], values[1]))
         if np.isfinite(seen).all(axis=1).sum() < FEWEST:
             return None
-        found = minimize(
+        found = scipy.optimize.minimize(
             lambda x: _cost(hulls, ends, x),
             values,
             method="Nelder-Mead",

@@ -7,7 +7,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from cl import InputError
 from psfs.common.files import write_atomically
@@ -74,8 +74,8 @@ def label_connected_parts(cloud: VoxelCloud) -> np.ndarray:
         voxels = np.flatnonzero(flat[found] == flat + step)
         pairs.append((voxels, found[voxels]))
     rows, columns = np.concatenate(pairs, axis=1)
-    links = sparse.coo_array((np.ones(len(rows), bool), (rows, columns)), (len(flat),) * 2)
-    _, label = sparse.csgraph.connected_components(links, directed=False)
+    links = scipy.sparse.coo_array((np.ones(len(rows), bool), (rows, columns)), (len(flat),) * 2)
+    _, label = scipy.sparse.csgraph.connected_components(links, directed=False)
     return np.asarray(label)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from psfs.voxels.grid import VoxelCloud
 
@@ -24,9 +24,9 @@ def estimate_normals(cloud: VoxelCloud) -> np.ndarray:
     i, j, k = ijk - ijk.min(1, keepdims=True) + 2  # in the cloud's box with a border of 2 voxels
     solid = np.zeros((i.max() + 3, j.max() + 3, k.max() + 3), bool)
     solid[i, j, k] = True
-    outside, _ = ndimage.label(~solid)
+    outside, _ = scipy.ndimage.label(~solid)
     solid = outside != outside[0, 0, 0]  # cavities filled
-    smooth = ndimage.gaussian_filter(solid.astype(np.float32), _SMOOTHING, mode="constant")
+    smooth = scipy.ndimage.gaussian_filter(solid.astype(np.float32), _SMOOTHING, mode="constant")
     slope = np.stack(
         [
             smooth[i + 1, j, k] - smooth[i - 1, j, k],

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from apf.image_objective.config import FeatureConfig
 from apf.image_objective.features import CELL, CELL_PIXELS, canny_edges, edge_pictures
@@ -41,8 +41,8 @@ def region(silhouette: np.ndarray, margin: int, blobs: int = 0) -> np.ndarray:
     np.add.at(counts, (rows // CELL, columns // CELL), 1)
     filled = counts >= CELL_PIXELS
     if blobs:
-        parts, n_parts = ndimage.label(filled, np.ones((3, 3)))
-        pixels = ndimage.sum_labels(counts, parts, range(1, n_parts + 1))
+        parts, n_parts = scipy.ndimage.label(filled, np.ones((3, 3)))
+        pixels = scipy.ndimage.sum_labels(counts, parts, range(1, n_parts + 1))
         largest = 1 + np.argsort(-np.asarray(pixels), kind="stable")[:blobs]
         filled = np.isin(parts, largest)
     y, x = np.nonzero(filled)
@@ -123,4 +123,4 @@ class NumpyFeatures:
                 edges[view, :height, :width] = sobel_edges(picture, self.config)
         radius = self.config.pixels(self.config.dilation, self.rig)
         square = np.ones((1, 2 * radius + 1, 2 * radius + 1), bool)
-        return edges & ndimage.binary_dilation(silhouettes, square)
+        return edges & scipy.ndimage.binary_dilation(silhouettes, square)

@@ -4,7 +4,7 @@ likelihood.cl."""
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from apf.body.cones import project_outlines
 from apf.body.model import BodyModel
@@ -39,8 +39,8 @@ def compute_gradients(pictures: np.ndarray, maps: np.ndarray) -> np.ndarray:
     along = []
     for axis in (2, 1):
         other = 3 - axis
-        smooth = ndimage.correlate1d(grey, _SMOOTH, other, mode="nearest")
-        along.append(ndimage.correlate1d(smooth, _DERIVE, axis, mode="nearest"))
+        smooth = scipy.ndimage.correlate1d(grey, _SMOOTH, other, mode="nearest")
+        along.append(scipy.ndimage.correlate1d(smooth, _DERIVE, axis, mode="nearest"))
     return np.where(_visible_pixels(maps, MARGIN), np.stack(along, 1), 0).astype(np.int16)
 
 

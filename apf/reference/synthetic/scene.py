@@ -7,7 +7,7 @@ kernel's tiles and lists must not change.
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from psfs.cameras.camera import Camera
 
@@ -135,7 +135,7 @@ def shadowed_room(
     last = len(shadow) - 1
     x, y = np.moveaxis((floor_point.astype(np.float64) - centre) / step + 0.5 * last, -1, 0)
     inside = (x >= 0) & (y >= 0) & (x < last) & (y < last)
-    factor = ndimage.map_coordinates(shadow, [y, x], order=1, mode="nearest")
+    factor = scipy.ndimage.map_coordinates(shadow, [y, x], order=1, mode="nearest")
     return room * np.where(inside, factor, 1.0)[..., None]
 
 

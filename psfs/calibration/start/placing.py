@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+import scipy
 
 from cl import InputError
 from psfs.calibration.targets.target import Sighting, group_by_frame
@@ -28,7 +27,9 @@ def count_shared_frames(sightings: Sequence[Sighting], views: int) -> np.ndarray
 def check_linked(counts: np.ndarray, fewest: int, names: Sequence[str], what: str) -> None:
     """Raise InputError unless pairs that share `fewest` frames with the target link all cameras."""
     shared = counts - np.diag(np.diag(counts))
-    groups, group = connected_components(csr_matrix(shared >= fewest), directed=False)
+    groups, group = scipy.sparse.csgraph.connected_components(
+        scipy.sparse.csr_matrix(shared >= fewest), directed=False
+    )
     if groups == 1:
         return
     members = [[names[int(v)] for v in np.flatnonzero(group == g)] for g in range(groups)]
@@ -63,9 +64,9 @@ def find_spanning_pairs(counts: np.ndarray, fewest: int) -> list[Pair]:
     shared = np.where(counts >= fewest, counts, 0)
     np.fill_diagonal(shared, 0)
     weights = np.divide(1.0, shared, out=np.zeros(shared.shape), where=shared > 0)
-    tree = minimum_spanning_tree(csr_matrix(weights))
+    tree = scipy.sparse.csgraph.minimum_spanning_tree(scipy.sparse.csr_matrix(weights))
     root = int(shared.sum(axis=1).argmax())
-    order, before = breadth_first_order(tree, root, directed=False)
+    order, before = scipy.sparse.csgraph.breadth_first_order(tree, root, directed=False)
     return [(int(before[view]), int(view)) for view in order[1:]]
 
 

@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
@@ -66,7 +66,7 @@ def read_colmap(folder: Path, unit: Unit | None) -> Calibration:
             length = float(np.linalg.norm(pose[:4]))
             if not abs(length - 1) < _UNIT:
                 raise InputError(f"image {name}: a quaternion of length {length:.3g}; expected 1")
-            R = Rotation.from_quat(pose[[1, 2, 3, 0]]).as_matrix()
+            R = scipy.spatial.transform.Rotation.from_quat(pose[[1, 2, 3, 0]]).as_matrix()
             cameras.append(Camera(name, K, distortion, R, pose[4:], size))
         cameras.sort(key=lambda camera: natural_key(camera.name))
         return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")

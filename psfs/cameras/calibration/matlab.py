@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from scipy.io import loadmat
+import scipy
 
 from cl import InputError, UserError
 from psfs.cameras.calibration.common import (
@@ -63,7 +63,7 @@ def _camera(name: str, values: np.ndarray, size: Size) -> Camera:
 def _read_variables(path: Path) -> dict[str, object]:
     try:
         with open_input(path, "a MATLAB .mat file") as file:
-            found = loadmat(file, struct_as_record=True)
+            found = scipy.io.loadmat(file, struct_as_record=True)
     except NotImplementedError:
         raise InputError("a MATLAB 7.3 file; expected one saved with `save -v7`") from None
     except UserError:

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.linalg import rq
+import scipy
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
@@ -94,7 +94,7 @@ def _is_possible_camera(P: np.ndarray) -> bool:
     """Return whether a camera could have this matrix: pixels nearly square, little skew."""
     if not np.isfinite(P).all() or abs(np.linalg.det(P[:, :3])) < 1e-12 * np.abs(P).max() ** 3:
         return False
-    K = rq(P[:, :3])[0]
+    K = scipy.linalg.rq(P[:, :3])[0]
     fx, fy = abs(K[0, 0]), abs(K[1, 1])
     return bool(0.3 * fy < fx < 3 * fy and abs(K[0, 1]) < 0.1 * fx)
 
@@ -111,7 +111,7 @@ def decompose_projection(name: str, P: np.ndarray, size: Size) -> Camera:
     if abs(determinant) < 1e-12 * np.linalg.norm(P[:, :3]) ** 3:
         raise InputError(f"camera {name}: the matrix is singular; expected a finite camera")
     P = P * np.sign(determinant)
-    K, R = rq(P[:, :3])
+    K, R = scipy.linalg.rq(P[:, :3])
     signs = np.sign(np.diag(K))
     K, R = K * signs, signs[:, None] * R
     t = np.linalg.solve(K, P[:, 3])

@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
@@ -98,7 +98,9 @@ def _read_camera(path: Path, size: Size) -> Camera:
         name=name,
         K=np.array([[sx * f / dpx, 0, values["cx"]], [0, f / dpy, values["cy"]], [0, 0, 1]]),
         distortion=np.zeros(5),
-        R=Rotation.from_euler("xyz", [values[key] for key in ("rx", "ry", "rz")]).as_matrix(),
+        R=scipy.spatial.transform.Rotation.from_euler(
+            "xyz", [values[key] for key in ("rx", "ry", "rz")]
+        ).as_matrix(),
         t=np.array([values["tx"], values["ty"], values["tz"]]),
         size=size,
         kappa=values["kappa1"] * f**2,

@@ -10,7 +10,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import cv2
-from scipy.spatial.transform import Rotation
+import scipy
 
 from cl import InputError
 from psfs.cameras.calibration.common import TO_OPENCV
@@ -104,7 +104,7 @@ def write_colmap(folder: Path, rig: CameraRig) -> Path:
         if k3:
             model, lens = "FULL_OPENCV", [*lens, k3, 0, 0, 0]
         cameras.append(f"{number} {model} {camera.size[0]} {camera.size[1]} {_words(lens)}")
-        x, y, z, w = Rotation.from_matrix(camera.R).as_quat()
+        x, y, z, w = scipy.spatial.transform.Rotation.from_matrix(camera.R).as_quat()
         pose = _words([w, x, y, z, *camera.t])
         images += [f"{number} {pose} {number} {camera.name}.png", ""]
     sparse = folder / "sparse" / "0"

@@ -28,7 +28,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
@@ -198,7 +198,7 @@ def _camera_vicon(element: ElementTree.Element, index: int) -> Camera:
     quaternion = _numbers_vicon(frame, "ORIENTATION", 4, name)
     if not abs(np.linalg.norm(quaternion) - 1) < 0.01:
         raise InputError(f"camera {name}: ORIENTATION has no length of 1; expected a quaternion")
-    R = Rotation.from_quat(quaternion).as_matrix()
+    R = scipy.spatial.transform.Rotation.from_quat(quaternion).as_matrix()
     (aspect,) = _numbers_vicon(element, "PIXEL_ASPECT_RATIO", 1, name, "1")
     if not 0.1 < aspect < 10:
         raise InputError(f"camera {name}: PIXEL_ASPECT_RATIO is {aspect:g}; expected about 1")
