@@ -64,7 +64,7 @@ def extract_surface(
         trimesh.smoothing.filter_taubin(mesh, _LAMBDA, _MU, smoothing)
     if cloud is not None and cloud.colour is not None and len(cloud):
         _, nearest = scipy.spatial.cKDTree(cloud.centres).query(mesh.vertices)
-        mesh.visual.vertex_colors = cloud.colour[nearest]
+        _paint(mesh, cloud.colour[nearest])
     return mesh
 
 
@@ -196,7 +196,7 @@ def _endings() -> str:
 
 
 def _ply(mesh: trimesh.Trimesh) -> bytes:
-    content: bytes = mesh.export(file_type="ply", vertex_normal=True)
+    content: Any = mesh.export(file_type="ply", vertex_normal=True)
     first, rest = content.split(b"\ncomment ", 1)
     return b"%s\ncomment %s\ncomment %s" % (first, _COMMENT.encode(), rest)
 
@@ -215,7 +215,7 @@ def make_glb(mesh: trimesh.Trimesh) -> bytes:
     if colours is not None:
         base = np.ones(3)
         linear = np.rint(255 * _to_linear(colours / 255)).astype(np.uint8)
-        turned.visual.vertex_colors = linear
+        _paint(turned, linear)
 
     def matte(tree: dict[str, Any]) -> None:
         """Add a matte material: without one glTF means polished metal."""
@@ -225,15 +225,19 @@ def make_glb(mesh: trimesh.Trimesh) -> bytes:
             for primitive in part["primitives"]:
                 primitive["material"] = 0
 
-    scene = turned.scene()
+    scene: Any = turned.scene()
     return bytes(scene.export(file_type="glb", include_normals=True, tree_postprocessor=matte))
 
 
 def vertex_colours(mesh: trimesh.Trimesh) -> np.ndarray | None:
     """Return (N, 3) uint8 RGB of the vertices, or None if the mesh has no colours."""
-    if mesh.visual.kind != "vertex":
-        return None
-    return np.asarray(mesh.visual.vertex_colors)[:, :3]
+    visual: Any = mesh.visual
+    return np.asarray(visual.vertex_colors)[:, :3] if visual.kind == "vertex" else None
+
+
+def _paint(mesh: trimesh.Trimesh, colours: np.ndarray) -> None:
+    visual: Any = mesh.visual
+    visual.vertex_colors = colours
 
 
 def _to_linear(srgb: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -130,7 +130,7 @@ def merge_voxels(
 
 def make_surface(mesh: trimesh.Trimesh, cloud: VoxelCloud, colouring: str) -> Surface:
     """Return a cloud's mesh in the colours of the nearest voxels."""
-    coloured = mesh.copy()
+    coloured: Any = mesh.copy()
     coloured.visual.vertex_colors = colour_vertices(mesh.vertices, cloud, colouring)
     return Surface(make_glb(coloured))
 
