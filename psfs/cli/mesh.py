@@ -34,18 +34,17 @@ def run(request: MeshRequest) -> None:
     check_number("--smooth, steps,", request.smooth, 0, MOST_SMOOTHING)
     run = ReconstructionFolder.open(request.out)
     run.warn_if_unfinished(warn)
-    expected = (_REPORT,) if request.check else ()
+    expected, targets = (_REPORT,) if request.check else (), _targets(request, run)
     with ExitStack() as stack:
         stack.enter_context(
             output_folder(request.out, request.COMMAND, expected=expected, addition=True)
         )
         if request.frame == "all" and request.output is not None:
             stack.enter_context(output_folder(request.output, request.COMMAND, run.inputs))
-        _mesh(request, run)
+        _mesh(request, run, targets)
 
 
-def _mesh(request: MeshRequest, run: ReconstructionFolder) -> None:
-    targets = _targets(request, run)
+def _mesh(request: MeshRequest, run: ReconstructionFolder, targets: dict[int, Path]) -> None:
     device, sequence = select_device(request.device), run.sequence()
     mesher = Mesher(device, run, sequence, request.smooth)
     session = Session(sequence, device, SessionSettings(run.config))

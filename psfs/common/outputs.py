@@ -1,8 +1,9 @@
 """Folders that commands write: only their own files are replaced, and complete runs are marked.
 
-The folder's `manifest.txt` names every file before it is written. When a run has its first result
-to write, it removes the files that the manifest names; at its end it marks itself complete. Files
-that the manifest does not name belong to the user and stay.
+A command owns its folder from its first moment to its end by a lock; another one is refused. The
+folder's `manifest.txt` names every file before it is written. When a run has its first result to
+write, it removes the files that the manifest names; at its end it marks itself complete. Files that
+the manifest does not name belong to the user and stay.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import mimetypes
 import os
+import platform
 import re
 import shutil
 import threading
@@ -27,6 +29,8 @@ _HEAD = "psfs-apf manifest: these files were written by commands, which may repl
 #: Prefix of the names of incomplete files; the process id follows.
 _TEMPORARY = ".psfs-"
 _LEFTOVER = re.compile(r"\.psfs-(\d+)-.+", re.DOTALL)
+#: The file that is locked; it says who owns the folder.
+_OWNER = ".psfs-owner"
 #: Who makes footage: no command, or one of these.
 _FILMED = ("nobody", "apf synth", "psfs convert")
 #: Folders that are being written, by their full paths; `claim` looks them up.
@@ -128,6 +132,8 @@ class OutputFolder:
         self._addition, self._replaces, self._part = addition, replaces, part
         self._real = Path(os.path.realpath(folder))
         self._file: IO[bytes] | None = None
+        self._owner: IO[bytes] | None = None
+        self._new_folders: list[Path] = []
         self._names: set[str] = set()
 
     @property
@@ -162,9 +168,42 @@ class OutputFolder:
         if self._file is not None and not self._addition:
             self._append(f"whole {self.command}")
 
+    def own(self) -> None:
+        """Lock the folder, which is made if it is absent. Raises InputError that names the command
+        that owns it."""
+        self._new_folders = [p for p in (self._real, *self._real.parents) if not p.exists()]
+        path = self._real / _OWNER
+        try:
+            self._real.mkdir(parents=True, exist_ok=True)
+            while True:
+                self._owner = path.open("a+b")
+                self._lock_or_fail(self._owner)
+                with contextlib.suppress(FileNotFoundError):  # its owner has just ended
+                    if os.path.samestat(os.fstat(self._owner.fileno()), path.stat()):
+                        break
+                self._owner.close()
+            owner = f"`{self.command}` (process {os.getpid()} on {platform.node()})"
+            self._owner.truncate(0)
+            self._owner.write(os.fsencode(owner))
+            self._owner.flush()
+        except OSError as error:
+            self.close()
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"{self.folder}: cannot be written: {error.strerror}") from None
+
     def close(self) -> None:
+        """Unlock the folder; remove it if it is new and nothing was written."""
         if self._file is not None:
             self._file.close()
+        if self._owner is not None:
+            with contextlib.suppress(OSError):  # Windows removes no open file
+                (self._real / _OWNER).unlink()
+            self._owner.close()
+            self._owner = None
+        for folder in self._new_folders:
+            with contextlib.suppress(OSError):  # it holds results
+                folder.rmdir()
 
     def begin(self) -> None:
         """Remove the files of the earlier run and mark the run as incomplete, unless that is
@@ -186,11 +225,9 @@ class OutputFolder:
         """Raise InputError if results cannot be written here.
 
         A file that matches one of the `expected` patterns (of Path.glob) may exist that the
-        manifest does not name, another process may be writing here, or the folder may hold footage:
-        results among its pictures would be taken for cameras.
+        manifest does not name, or the folder may hold footage: results among its pictures would be
+        taken for cameras.
         """
-        with contextlib.suppress(MissingFileError), open_input(self._real / MANIFEST) as file:
-            self._lock_or_fail(file)
         manifest = Manifest.read(self.folder)
         ours = manifest.files if manifest is not None else {}
         self._check_footage(ours)
@@ -221,14 +258,12 @@ class OutputFolder:
                 )
 
     def _begin(self) -> None:
-        Manifest.read(self.folder)  # raises an error for another program's
+        manifest = Manifest.read(self.folder)  # raises an error for another program's
+        before = manifest.files if manifest is not None else {}
         try:
-            self._real.mkdir(parents=True, exist_ok=True)
-            self._file = self._open_locked()
-            manifest = Manifest.read(self.folder)
-            before = manifest.files if manifest is not None else {}
             clear_leftovers(self._real)
             if self._addition:
+                self._file = (self._real / MANIFEST).open("ab")
                 if manifest is None:
                     # left by a process that was killed while writing the head
                     self._file.truncate(0)
@@ -249,26 +284,11 @@ class OutputFolder:
         except OSError as error:
             raise InputError(f"{self.folder}: cannot be written: {error.strerror}") from None
 
-    def _open_locked(self) -> IO[bytes]:
-        """Open the manifest for appending, locked; create it if there is none."""
-        path = self._real / MANIFEST
-        while True:
-            file = path.open("ab")
-            try:
-                self._lock_or_fail(file)
-                if os.path.samestat(os.fstat(file.fileno()), path.stat()):
-                    return file
-            except BaseException:
-                file.close()
-                raise
-            file.close()  # another process has replaced it in the meantime
-
     def _replace_manifest(self, names: Iterable[str]) -> IO[bytes]:
         """Replace the manifest by that of a run with these files, and return it."""
         temporary = temporary_name(self._real / MANIFEST)
-        file = temporary.open("wb")
-        self._lock_or_fail(file)
         lines = [_HEAD, f"run {self.command}", *(f"file {name}" for name in sorted(names))]
+        file = temporary.open("wb")
         file.write(b"".join(os.fsencode(line) + b"\n" for line in lines))
         file.flush()
         temporary.replace(self._real / MANIFEST)
@@ -305,8 +325,10 @@ class OutputFolder:
         try:
             lock_file(file)
         except BlockingIOError:
+            file.seek(0)
+            owner = os.fsdecode(file.read(200)) or "another process"
             raise InputError(
-                f"{self.folder}: another process is writing to it; expected another folder"
+                f"{self.folder}: {owner} is writing to it; expected another folder"
             ) from None
         except OSError:  # a file system without locks
             return
@@ -351,15 +373,16 @@ def output_folder(
         return
     output = OutputFolder(folder, command, addition, replaces, part)
     output.check_inputs(inputs)
-    output.check(expected)
-    with _lock:
-        _OPEN[real] = output
+    output.own()
     try:
+        output.check(expected)
+        with _lock:
+            _OPEN[real] = output
         yield output
         output.finish()
     finally:
         with _lock:
-            del _OPEN[real]
+            _OPEN.pop(real, None)
             output.close()
 
 

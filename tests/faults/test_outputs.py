@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import shutil
 from pathlib import Path
 
@@ -13,7 +14,6 @@ from psfs.common.files import write_atomically
 from psfs.common.outputs import (
     MANIFEST,
     Manifest,
-    OutputFolder,
     find_unfinished_command,
     output_folder,
     temporary_name,
@@ -190,15 +190,20 @@ def test_a_manifest_that_is_none_or_was_cut(tmp_path: Path) -> None:
     assert (tmp_path / MANIFEST).read_text() == "my own list\n"
 
 
-def test_two_runs_into_one_folder(tmp_path: Path) -> None:
-    with output_folder(tmp_path, "a run") as out:
-        out.begin()
+@pytest.mark.parametrize("begun", [False, True])
+def test_two_runs_into_one_folder(tmp_path: Path, begun: bool) -> None:
+    """The second is refused from the first moment of the first one."""
+    with output_folder(tmp_path / "new", "a first run") as out:
+        if begun:
+            out.begin()
         context = multiprocessing.get_context("spawn")
         queue = context.Queue()
-        process = context.Process(target=_second, args=(str(tmp_path), queue))
+        process = context.Process(target=_second, args=(str(tmp_path / "new"), queue))
         process.start()
-        assert "another process is writing" in queue.get(timeout=60)
+        said = queue.get(timeout=60)
+        assert f"`a first run` (process {os.getpid()} on " in said and "is writing to it" in said
         process.join()
+    assert (tmp_path / "new").exists() == begun
 
 
 def _second(out: str, queue: multiprocessing.Queue) -> None:
@@ -215,21 +220,3 @@ def test_places_that_cannot_be_written(tmp_path: Path, place: str) -> None:
     with pytest.raises(InputError, match=place[:20]), output_folder(tmp_path / place, "a run"):
         pass
     assert (tmp_path / "file").read_text() == "mine"
-
-
-def test_two_runs_that_begin_at_once(tmp_path: Path) -> None:
-    """Both have looked before either writes: the second does not take the first one's files."""
-    first, second = (OutputFolder(tmp_path / "new", f"run {n}", False, False) for n in (1, 2))
-    for run_of in (first, second):
-        run_of.check(["*.txt"])
-    first.claim(tmp_path / "new/a.txt")
-    (tmp_path / "new/a.txt").write_text("a result")
-    for attempt in (second.begin, lambda: second.check(["*.txt"])):
-        with pytest.raises(InputError, match="another process is writing"):
-            attempt()
-    assert (tmp_path / "new/a.txt").read_text() == "a result"
-    first.finish()
-    first.close()
-    second.begin()
-    second.close()
-    assert not (tmp_path / "new/a.txt").exists()
