@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -17,6 +18,7 @@ from apf.body.markers import virtual_markers
 from apf.body.model import BodyModel
 from apf.body.toml import format_body, load_body, parse_body
 from apf.formats.motion import BodyMotion, interpolate_gaps
+from apf.formats.svg import animate_skeleton
 from apf.formats.trc import CONVENTIONS, JointSeries, write_trc
 from apf.formats.writers import BODY_WRITERS, WRITERS
 from apf.tracking.foot_contact import detect_flat_feet, find_ankles
@@ -61,7 +63,7 @@ _DIAGNOSTICS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Track:
     """A tracked person, one row per frame F.
 
@@ -144,6 +146,17 @@ class Track:
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    def __repr__(self) -> str:
+        counts = f"{len(self)} frames at {self.fps:g}/s, {int(self.lost.sum())} without the person"
+        sure = self.confidence[~self.lost]
+        words = f", confidence {np.median(sure):.2f}" if np.isfinite(sure).any() else ""
+        return f"<Track of {self.body_name}: {counts}{words}>"
+
+    def _repr_html_(self) -> str:
+        """Return the motion as a notebook shows it."""
+        moving = animate_skeleton(self.joints[~self.lost], self.edges, self.fps)
+        return f"{moving}<div>{html.escape(repr(self))}</div>"
 
     @property
     def times(self) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -175,3 +176,13 @@ def test_unwritable_place_is_a_user_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         tracks.walker().save(tmp_path / "file" / "track.npz")
+
+
+def test_a_notebook_shows_the_motion_in_few_words() -> None:
+    track = replace(tracks.walker(300), body_name="<b>", body=None)
+    shown = track._repr_html_()
+    assert "<b>" not in shown and "300 frames at 60/s" in shown and len(repr(track)) < 100
+    picture = ElementTree.fromstring(shown[: shown.index("<div>")])
+    moves = [move.get("values", "").split(";") for move in picture.iter() if move.get("values")]
+    assert len(moves) == 4 * len(track.edges) and {len(move) for move in moves} == {60}
+    assert len({tuple(move) for move in moves}) > len(track.joint_names)
