@@ -168,7 +168,8 @@ def test_the_parts_fit_together(walk: Path) -> None:
 @pytest.mark.usefixtures("quick_start")
 def test_readme_example_runs(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From the folder alone: the start is found, too."""
-    (tmp_path / "walk").symlink_to(walk)
+    (tmp_path / "demo").mkdir()
+    (tmp_path / "demo" / "sequence").symlink_to(walk)
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert blocks
