@@ -230,10 +230,9 @@ class _CarvedFrames:
         self._frames: dict[int, tuple[bytes, bytes, VoxelCloud]] = {}
 
     def add(self, index: int, voxels: Voxels | HostVoxels, colour: bool) -> None:
-        if index not in self._wanted or voxels.evidence is None:
+        counts = voxels.download_evidence() if index in self._wanted else None
+        if counts is None:
             return
-        evidence = voxels.evidence
-        counts = evidence if isinstance(evidence, np.ndarray) else evidence.get()
         shown, known = _compress(counts > 0), _compress(counts != UNKNOWN)
         cloud = voxels.cloud(colour=colour)
         self._shape = counts.shape

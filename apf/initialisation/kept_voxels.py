@@ -13,7 +13,6 @@ from apf.likelihood.observations import AnyVoxels
 from cl import Array, Device, Launch, NumpyDevice
 from cl.staging import Upload
 from psfs.common.regions import bounding_box, find_connected_regions
-from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
 
@@ -93,15 +92,10 @@ class CroppedVoxels:
 
 
 def crop_voxels(
-    device: Device | NumpyDevice, voxels: Voxels | HostVoxels
-) -> CroppedVoxels | StoredVoxels | HostVoxels:
-    """Return a cropped copy of `voxels` that stays valid when their reconstructor goes on to the
-    next frame. Voxels in NumPy, and those carved without maps, are copied by `store_voxels`
-    instead."""
-    if isinstance(voxels, HostVoxels) or voxels.evidence is None:
-        return store_voxels(device, voxels)
-    evidence = voxels.evidence.get()
-    pictures = None if voxels.frame is None else voxels.frame.images
+    cloud: VoxelCloud, evidence: np.ndarray, pictures: np.ndarray | None
+) -> CroppedVoxels:
+    """Return a frame's surface voxels with its evidence maps (V, H, W) int8 and images (V, H, W, 3)
+    uint8 cropped to the foreground."""
     height, width = evidence.shape[1:]
     margin = round(_MARGIN * max(height, width))
     parts, kept, place = [], list[np.ndarray](), 0
@@ -116,7 +110,7 @@ def crop_voxels(
             kept.append(pictures[view][part])
         place += of[part].size * (1 if pictures is None else 4)
     table, pixels = np.array(parts, np.int32), np.concatenate(kept, axis=None)
-    return CroppedVoxels(voxels.cloud(), (height, width), table, pixels, pictures is not None)
+    return CroppedVoxels(cloud, (height, width), table, pixels, pictures is not None)
 
 
 class RestoredVoxels:

@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from collections.abc import Sequence as Items
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -182,13 +183,22 @@ def _keep_in_session(
 def _record_outlines(
     session: Session, seen: Iterable[tuple[int, Observation]], outlines: dict[int, Outlines]
 ) -> Iterator[tuple[int, Observation]]:
-    """Yield the items of `seen`, after their outlines are added to `outlines`."""
-    for index, shown in seen:
-        evidence = cast("Voxels | HostVoxels", split_observation(shown)[0]).evidence
-        if evidence is not None:
-            counts = evidence if isinstance(evidence, np.ndarray) else evidence.get()
-            outlines[index] = find_outlines(session.rig, counts > 0, counts != UNKNOWN)
-        yield index, shown
+    """Yield the items of `seen`; find their outlines in other threads and add them to `outlines`
+    at the end."""
+
+    def find(counts: np.ndarray) -> Outlines:
+        return find_outlines(session.rig, counts > 0, counts != UNKNOWN)
+
+    begun: dict[int, Future[Outlines]] = {}
+    with ThreadPoolExecutor() as pool:
+        try:
+            for index, shown in seen:
+                voxels = cast("Voxels | HostVoxels", split_observation(shown)[0])
+                if (counts := voxels.download_evidence()) is not None:
+                    begun[index] = pool.submit(find, counts)
+                yield index, shown
+        finally:
+            outlines.update((index, found.result()) for index, found in begun.items())
 
 
 def _provenance(

@@ -15,9 +15,10 @@ memory. Live tracking has no backward pass.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +26,12 @@ from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_ends, limb_joints, limb_masks, solve_inverse_kinematics
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
-from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, crop_voxels
+from apf.initialisation.kept_voxels import (
+    CroppedVoxels,
+    RestoredVoxels,
+    crop_voxels,
+    store_voxels,
+)
 from apf.likelihood.observations import (
     Observation,
     PointObservations,
@@ -38,7 +44,7 @@ from apf.tracking.recovery import RecoveringRuns, SeparateRuns
 from apf.tracking.smoothing import unwrap_angles
 from cl import Device, NumpyDevice, UserError
 from psfs.common.matching import find_best_path
-from psfs.common.numbers import find_true_runs
+from psfs.common.numbers import find_true_runs, smooth_locally
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.host_voxels import HostVoxels
 
@@ -76,17 +82,18 @@ def track_both_ways(
     in the backward pass, the window keeps the forward estimates of each track's first run.
     """
     window, frames = list[_WindowFrame](), iter(seen)
+    pool = ThreadPoolExecutor()  # crops observations while the device searches
     ended: BaseException | None = None
     whole = False
     while True:
-        n_bytes = sum(kept.nbytes for _, kept, _ in window)
+        n_bytes = sum(kept.nbytes for _, kept, _ in window[:-1])
         try:
             for index, shown in frames:
                 runs = forward.step(shown)
                 n_runs = len(runs) // len(back)
                 by_track = [runs[n_runs * of : n_runs * (of + 1)] for of in range(len(back))]
-                window.append((index, _keep(device, shown), by_track))
-                n_bytes += window[-1][1].nbytes
+                window.append((index, _keep(device, shown, pool), by_track))
+                n_bytes += window[-2][1].nbytes if len(window) > 1 else 0
                 progress("tracking")
                 if is_full(len(window), n_bytes):
                     break
@@ -116,20 +123,26 @@ def is_full(n_frames: int, n_bytes: int) -> bool:
 
 
 class _Kept(NamedTuple):
-    """An observation whose voxels stay valid when the next one is made."""
+    """An observation whose voxels stay valid when the next one is made; cropped ones come from
+    another thread."""
 
-    shown: CroppedVoxels | Shown
+    shown: Future[CroppedVoxels] | Shown
     points: PointObservations | None
 
     @property
     def nbytes(self) -> int:
-        return self.shown.nbytes if isinstance(self.shown, CroppedVoxels) else 0
+        return self.shown.result().nbytes if isinstance(self.shown, Future) else 0
 
 
-def _keep(device: Device | NumpyDevice, observation: Observation) -> _Kept:
+def _keep(device: Device | NumpyDevice, observation: Observation, pool: Executor) -> _Kept:
+    """Voxels in NumPy, and those carved without maps, are copied, others cropped."""
     shown, points = split_observation(observation)
-    own = cast("Voxels | HostVoxels | None", shown)  # image features are tracked one way
-    return _Kept(None if own is None else crop_voxels(device, own), points)
+    if isinstance(shown, Voxels) and (evidence := shown.download_evidence()) is not None:
+        pictures = None if shown.frame is None else shown.frame.images
+        return _Kept(pool.submit(crop_voxels, shown.cloud(), evidence, pictures), points)
+    if isinstance(shown, (Voxels, HostVoxels)):
+        return _Kept(store_voxels(device, shown), points)
+    return _Kept(shown, points)  # nothing: image features are tracked one way
 
 
 def _reverse_observations(
@@ -137,12 +150,12 @@ def _reverse_observations(
 ) -> Iterator[Observation]:
     """Yield the observations of a window in reverse order; each overwrites the one before."""
     parts = [kept for _, kept, _ in reversed(window)]
-    crops = [shown for shown, _ in parts if isinstance(shown, CroppedVoxels)]
+    crops = [shown.result() for shown, _ in parts if isinstance(shown, Future)]
     restored = RestoredVoxels(device, crops) if crops and isinstance(device, Device) else None
     for shown, points in parts:
-        if isinstance(shown, CroppedVoxels):
+        if isinstance(shown, Future):
             assert restored is not None
-            yield with_points(restored.show(shown), points)
+            yield with_points(restored.show(shown.result()), points)
         else:
             yield with_points(shown, points)
 
@@ -282,11 +295,9 @@ def smooth_poses(
     for part in find_true_runs(known):
         if n < 5 or part.stop - part.start < n:  # a parabola passes through any three points
             continue
-        from scipy.signal import savgol_filter  # takes a while to load
-
         tracked = posed_joints(body, poses[part])
-        places = savgol_filter(tracked, n, 2, axis=0)
-        smooth = np.clip(savgol_filter(poses[part], n, 2, axis=0), body.lower, body.upper)
+        places = smooth_locally(tracked, n)
+        smooth = np.clip(smooth_locally(poses[part], n), body.lower, body.upper)
         off = np.linalg.norm(posed_joints(body, smooth) - tracked, axis=-1).max(1)
         poses[part] = np.where(off[:, None] < most, smooth, poses[part])
         moved = np.linalg.norm(places - tracked, axis=-1)

@@ -34,6 +34,20 @@ def find_true_runs(mask: np.ndarray) -> list[slice]:
     return [slice(begin, end) for begin, end in edges.reshape(-1, 2)]
 
 
+def smooth_locally(values: np.ndarray, window: int, degree: int = 2) -> np.ndarray:
+    """Return values (F, ...) smoothed by polynomials of `degree` over an odd `window` of frames
+    (Savitzky & Golay 1964); those of the first and last windows reach to the ends.
+
+    As `scipy.signal.savgol_filter`, which takes a second to import."""
+    powers = np.vander(np.arange(window) - window // 2, degree + 1)
+    weights = powers @ np.linalg.pinv(powers)  # of the window's values in the polynomial's
+    half = window // 2
+    windows = np.lib.stride_tricks.sliding_window_view(values, window, axis=0)
+    begin = np.tensordot(weights[:half], values[:window], 1)
+    end = np.tensordot(weights[half + 1 :], values[-window:], 1)
+    return np.concatenate([begin, windows @ weights[half], end])
+
+
 def json_number(value: float, digits: int = 5) -> float | None:
     """Round a number for JSON; None for NaN, infinity and masked values, which JSON lacks."""
     return round(float(value), digits) if np.isfinite(value) else None

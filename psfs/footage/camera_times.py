@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 #: Independent measurements per frame: in neighbouring frames silhouettes and keypoints err alike.
 INDEPENDENT_SHARE = 0.1
@@ -225,8 +226,6 @@ def _test_offset(
     view: int, whole: np.ndarray, costs: PairCosts, tables: Mapping[tuple[int, int], np.ndarray]
 ) -> float:
     """Return the probability of `CameraTimes.chances` of one camera's offset."""
-    from scipy.stats import binom  # takes a while to load
-
     own = {pair: costs[pair] for pair in tables if view in pair}
     most = max(len(table) for table in own.values()) // 4
     span = np.arange(-most, most + 1)
@@ -236,4 +235,4 @@ def _test_offset(
         curve = _sum_curves(view, whole, span, part, ())
         agreeing += bool(np.ptp(curve) > 0) and abs(span[int(curve.argmin())] - whole[view]) <= 1
     # One of them agrees because the offset was estimated from it, too.
-    return float(binom.sf(agreeing - 2, _FOLDS - 1, 3 / len(span)))
+    return float(scipy.special.bdtrc(agreeing - 2, _FOLDS - 1, 3 / len(span)))

@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from psfs.common.numbers import smooth_locally
 from psfs.diagnostics.hulls import HullRays
 from psfs.diagnostics.tangency import NOISE
 from psfs.self_calibration.pairing import differing_shares
@@ -69,11 +70,9 @@ def refine_lags(heights: Sequence[np.ndarray], lags: np.ndarray, reach: int) -> 
 
 def _smooth(values: np.ndarray, window: int, degree: int) -> np.ndarray:
     """Return values (F,) smoothed by a Savitzky-Golay filter, with gaps filled linearly."""
-    from scipy.signal import savgol_filter  # takes a while to load
-
     known, times = np.isfinite(values), np.arange(len(values))
     if known.sum() < 5:
         return values
     filled = np.interp(times, times[known], values[known])
     window = min(window, 2 * ((len(values) - 1) // 2) + 1)
-    return savgol_filter(filled, window, min(degree, window - 1))
+    return smooth_locally(filled, window, min(degree, window - 1))

@@ -57,7 +57,8 @@ class Voxels:
         surface: Surface | SparseSurface,
     ) -> None:
         self.grid = grid
-        self.frame: Frame | None = None
+        self._counts: np.ndarray | None = None
+        self.frame = None
         self.surface: Array = surface.list.indices
         self.count: Array = surface.list.count
         self.occupied: Array = surface.list.occupied
@@ -65,6 +66,21 @@ class Voxels:
         self.evidence: Array | None = silhouette.evidence
         self._colour: SurfaceColour | None = None
         self._images: Array | None = None
+
+    @property
+    def frame(self) -> Frame | None:
+        """The frame that is reconstructed; None before the first one."""
+        return self._frame
+
+    @frame.setter
+    def frame(self, frame: Frame | None) -> None:
+        self._frame, self._counts = frame, None
+
+    def download_evidence(self) -> np.ndarray | None:
+        """Return the frame's evidence (V, H, W) int8, which is downloaded once."""
+        if self._counts is None and self.evidence is not None:
+            self._counts = self.evidence.get()
+        return self._counts
 
     @property
     def probability(self) -> Array:

@@ -29,6 +29,10 @@ class HostVoxels:
     evidence: np.ndarray | None = None
     pictures: np.ndarray | None = None
 
+    def download_evidence(self) -> np.ndarray | None:
+        """Return the evidence maps, as `Voxels.download_evidence` does."""
+        return self.evidence
+
     def cloud(self, colour: bool = False) -> VoxelCloud:
         """Return the surface voxels, in RGB if `colour` is true. Raises InputError if that lacks a
         picture."""

@@ -19,7 +19,7 @@ from apf.body.model import BodyModel
 from apf.body.toml import load_body
 from apf.filters.base import Estimate
 from apf.filters.method import Method
-from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, crop_voxels
+from apf.initialisation.kept_voxels import RestoredVoxels, crop_voxels
 from apf.reference.kept_voxels import uncrop
 from apf.scene import Scene
 from apf.tracking import two_way
@@ -34,7 +34,6 @@ from apf.tracking.two_way import (
     track_both_ways,
 )
 from cl import Device, DeviceError, InputError, NumpyDevice
-from psfs.sequence import Frame
 
 BODY = load_body("song31")
 N_LIMBS = len(limb_masks(BODY))
@@ -252,7 +251,6 @@ def frames(n: int, ending: BaseException | None = None) -> Iterator[tuple[int, f
 
 @pytest.fixture
 def short_windows(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("apf.tracking.two_way.crop_voxels", lambda device, shown: shown)
     monkeypatch.setattr("apf.tracking.two_way.OVERLAP", 3)
     monkeypatch.setattr("apf.tracking.two_way.MOST_FRAMES", 12)
 
@@ -294,15 +292,10 @@ def test_kept_frames_are_restored_about_the_foreground(device: Device) -> None:
     evidence[1, : rig.height // 2, -5:] = 50  # and nobody before the last camera
     pictures = random.integers(0, 255, (*shape, 3)).astype(np.uint8)
     before = surface_voxels(device, walker(0))
-    before.evidence = device.to_device(evidence)
-    before.frame = Frame(0, pictures, None)
-    kept = crop_voxels(device, before)
-    assert isinstance(kept, CroppedVoxels) and kept.nbytes < 0.5 * 4 * evidence.size
+    kept = crop_voxels(before.cloud(), evidence, pictures)
+    assert kept.nbytes < 0.5 * 4 * evidence.size
     later = surface_voxels(device, walker(5))
-    later.evidence = device.to_device(-evidence)  # foreground all over
-    later.frame = Frame(1, pictures[::-1], None)
-    other = crop_voxels(device, later)
-    assert isinstance(other, CroppedVoxels)
+    other = crop_voxels(later.cloud(), -evidence, pictures[::-1])
     restored = RestoredVoxels(device, [kept, other])
     restored.show(other)  # of which nothing remains
     after = restored.show(kept)
