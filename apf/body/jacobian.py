@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from apf.body.cones import cone_normals
-from apf.body.kinematics import axis_rotations, bone_matrices, posed_cones
+from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import AXES, BodyModel
 from psfs.common.cones import cone_distances
 
@@ -41,36 +41,25 @@ def world_axes(body: BodyModel, pose: np.ndarray) -> tuple[np.ndarray, np.ndarra
     Also returns a point (..., D, 3) m on each axis.
     """
     poses = np.asarray(pose, np.float64).reshape(-1, body.n_dof)
-    directions, anchors = np.zeros((2, len(poses), body.n_dof, 3))
-    rotations, origins = bone_matrices(body, poses)
-    turns = axis_rotations(body, poses)
-    for bone in body.bones:
-        rotation, origin = np.broadcast_to(np.eye(3), (len(poses), 3, 3)), bone.offset
-        if bone.parent >= 0:
-            rotation = rotations[:, bone.parent]
-            origin = origins[:, bone.parent] + rotation @ bone.offset
-        rotation = rotation @ bone.rest
-        for axis in bone.axes:
-            kind = AXES.index(axis.kind)
-            directions[:, axis.dof] = axis.sign * rotation[:, :, kind % 3]
-            anchors[:, axis.dof] = origin
-            if kind < 3:
-                value = axis.sign * poses[:, axis.dof]
-                origin = origin + rotation[:, :, kind] * value[:, None]
-            else:
-                rotation = rotation @ turns[axis.dof]
-    shape = (*np.shape(pose), 3)
-    return directions.reshape(shape), anchors.reshape(shape)
+    axes = np.zeros((2, *poses.shape, 3))
+    bone_matrices(body, poses, axes)
+    directions, anchors = axes.reshape(2, *np.shape(pose), 3)
+    return directions, anchors
 
 
 def bone_point_jacobian(
-    body: BodyModel, poses: np.ndarray, bone: np.ndarray, points: np.ndarray
+    body: BodyModel,
+    poses: np.ndarray,
+    bone: np.ndarray,
+    points: np.ndarray,
+    axes: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the derivatives (M, P, D, 3) of points with respect to poses (M, D).
 
-    points: (M, P, 3) m, fixed to the bones with indices `bone` (P,).
+    points: (M, P, 3) m, fixed to the bones with indices `bone` (P,). axes: (2, M, D, 3) from
+    `bone_matrices`, if they are known.
     """
-    directions, anchors = world_axes(body, poses)
+    directions, anchors = world_axes(body, poses) if axes is None else axes
     moves = bone_moves(body)[bone][:, :, None]
     turns = np.cross(directions[:, None], points[:, :, None] - anchors[:, None])
     return np.where(moves == _SLIDES, directions[:, None], np.where(moves == _TURNS, turns, 0.0))

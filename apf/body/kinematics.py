@@ -46,8 +46,14 @@ def axis_rotations(body: BodyModel, poses: np.ndarray) -> np.ndarray:
     return turns
 
 
-def bone_matrices(body: BodyModel, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return world rotations (N, B, 3, 3) and origins (N, B, 3) m of the bones in poses (N, D)."""
+def bone_matrices(
+    body: BodyModel, poses: np.ndarray, axes: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return world rotations (N, B, 3, 3) and origins (N, B, 3) m of the bones in poses (N, D).
+
+    axes: (2, N, D, 3), receives the world axes of the degrees of freedom, with their signs, and a
+    point, m, on each.
+    """
     poses = np.asarray(poses, np.float64)
     turns = axis_rotations(body, poses)
     rotations = np.empty((len(poses), len(body.bones), 3, 3))
@@ -62,6 +68,9 @@ def bone_matrices(body: BodyModel, poses: np.ndarray) -> tuple[np.ndarray, np.nd
         rotation = rotation @ bone.rest
         for axis in bone.axes:
             kind = AXES.index(axis.kind)
+            if axes is not None:
+                axes[0, :, axis.dof] = axis.sign * rotation[:, :, kind % 3]
+                axes[1, :, axis.dof] = origin
             if kind < 3:
                 value = axis.sign * poses[:, axis.dof]
                 origin = origin + rotation[:, :, kind] * value[:, None]
@@ -76,9 +85,12 @@ def posed_joints(body: BodyModel, poses: np.ndarray) -> np.ndarray:
     return posed_points(body, poses, body.joints)
 
 
-def posed_points(body: BodyModel, poses: np.ndarray, points: Sequence[Joint]) -> np.ndarray:
-    """Return positions (N, P, 3) m of `points` on the bones of `body` in poses (N, D)."""
-    rotations, origins = bone_matrices(body, poses)
+def posed_points(
+    body: BodyModel, poses: np.ndarray, points: Sequence[Joint], axes: np.ndarray | None = None
+) -> np.ndarray:
+    """Return positions (N, P, 3) m of `points` on the bones of `body` in poses (N, D). axes: see
+    `bone_matrices`."""
+    rotations, origins = bone_matrices(body, poses, axes)
     bones = [point.bone for point in points]
     positions = np.stack([point.position for point in points])
     return origins[:, bones] + np.einsum("njab,jb->nja", rotations[:, bones], positions)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from apf.body.jacobian import bone_point_jacobian
-from apf.body.kinematics import posed_joints
+from apf.body.kinematics import posed_joints, posed_points
 from apf.body.model import BodyModel
 
 #: The joints at the ends of a person's limbs and head.
@@ -130,15 +130,19 @@ def solve_inverse_kinematics(
     some = np.any(joints[far], axis=0)
     wanted, goals = joints[far][:, some, None, None], places[far][:, some]
     bones = np.array([joint.bone for joint in body.joints])[some]
+    n_free = free.sum(1).max()
+    each = np.argsort(~free, axis=1, kind="stable")[:, :n_free]  # the free ones of each pose
+    axes = np.zeros((2, *moved.shape, 3))
     for _ in range(_N_STEPS):
-        now = posed_joints(body, moved)[:, some]
-        slopes = bone_point_jacobian(body, moved, bones, now)
-        slopes *= wanted * free[:, None, :, None]
-        rows = slopes.swapaxes(1, 2).reshape(*moved.shape, -1)
-        matrix = rows @ rows.swapaxes(1, 2) + _DAMPING * np.eye(body.n_dof)
+        now = posed_points(body, moved, body.joints, axes)[:, some]
+        slopes = bone_point_jacobian(body, moved, bones, now, axes) * free[:, None, :, None]
+        slopes = wanted * np.take_along_axis(slopes, each[:, None, :, None], 2)
+        rows = slopes.swapaxes(1, 2).reshape(len(moved), n_free, -1)
+        matrix = rows @ rows.swapaxes(1, 2) + _DAMPING * np.eye(n_free)
         gap = rows @ (now - goals).reshape(len(moved), -1, 1)
-        moved = np.where(free, moved - np.linalg.solve(matrix, gap)[..., 0], moved)
-        moved = np.where(free, np.clip(moved, body.lower, body.upper), moved)
+        steps = np.zeros_like(moved)
+        np.put_along_axis(steps, each, np.linalg.solve(matrix, gap)[..., 0], 1)
+        moved = np.where(free, np.clip(moved - steps, body.lower, body.upper), moved)
     moved_off = np.linalg.norm(posed_joints(body, moved) - places[far], axis=-1)
     nearer = np.sum(joints[far] * moved_off, 1) < np.sum(joints[far] * off[far], 1)
     poses[far] = np.where(nearer[:, None], moved, poses[far])

@@ -22,11 +22,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
-from apf.body.kinematics import posed_joints
+from apf.body.jacobian import bone_point_jacobian
+from apf.body.kinematics import posed_points
 from apf.body.model import BodyModel, sideless
-
-#: Step of the central differences, m or rad.
-_STEP = 1e-4
 
 
 @dataclass(frozen=True)
@@ -100,22 +98,15 @@ def raw_covariance(
     body: BodyModel, poses: np.ndarray, information: np.ndarray, deviation: np.ndarray
 ) -> np.ndarray:
     """Return the covariance (F, J, 3, 3) m^2 before any calibration."""
-    n_joints = len(body.joints)
     spread = deviation[:, :, None] ** 2 * np.eye(body.n_dof)
     known = np.einsum("fdd->f", information) > 0
     spread[known] += np.linalg.inv(information[known])
-    out = np.empty((len(poses), n_joints, 3, 3))
-    steps = _STEP * np.eye(body.n_dof)
-    # one by one, so that a frame's result does not depend on the others, to the bit
-    for frame in range(len(poses)):
-        block = slice(frame, frame + 1)
-        moved = poses[block, None, None] + np.stack([steps, -steps])
-        n = len(moved)
-        joints = posed_joints(body, moved.reshape(-1, body.n_dof))
-        ahead, behind = np.moveaxis(joints.reshape(n, 2, body.n_dof, n_joints, 3), 1, 0)
-        slopes = (ahead - behind) / (2 * _STEP)
-        out[block] = np.einsum("fdja,fde,fejb->fjab", slopes, spread[block], slopes, optimize=True)
-    return out
+    axes = np.zeros((2, *poses.shape, 3))
+    joints = posed_points(body, poses, body.joints, axes)
+    bones = np.array([joint.bone for joint in body.joints])
+    slopes = bone_point_jacobian(body, poses, bones, joints, axes)
+    # products of matrices, frame by frame: no frame's result depends on the others, to the bit
+    return slopes.swapaxes(2, 3) @ spread[:, None] @ slopes
 
 
 def is_inside_ellipsoid(
