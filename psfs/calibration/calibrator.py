@@ -117,8 +117,9 @@ def _check_lenses(cameras: Sequence[Camera]) -> None:
     ignores."""
     for camera in cameras:
         skew = camera.K[0, 1]
-        if camera.kappa or abs(skew) > _MOST_SKEW:
+        if camera.kappa or camera.fisheye or abs(skew) > _MOST_SKEW:
             found = "Tsai's distortion" if camera.kappa else f"a skew of {skew:g} px"
+            found = "a fisheye lens" if camera.fisheye else found
             raise InputError(
                 f"the intrinsics of {camera.name} have {found}; expected k1, k2, p1, p2, k3 and no "
                 "skew, or no --intrinsics"

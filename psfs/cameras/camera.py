@@ -1,4 +1,4 @@
-"""Calibrated cameras and their projection (Brown-Conrady as in OpenCV, or Tsai).
+"""Calibrated cameras and their projection (Brown-Conrady and fisheye as in OpenCV, or Tsai).
 
 World: right-handed, metres, Z up. `x_cam = R x_world + t`; the camera looks along +z, x right, y
 down; pixel centres at integer coordinates. OpenCL's counterpart: `cl/kernels/common/camera.h`.
@@ -36,7 +36,8 @@ class Camera:
 
     K: (3, 3) intrinsic matrix, px. distortion: (5,) = k1 k2 p1 p2 k3. R: (3, 3) and t: (3,) m take
     world to camera. size: (width, height) px. kappa: Tsai's radial distortion of normalised
-    coordinates, used instead of `distortion` (see `distortion.py`). hidden: (height, width) bool,
+    coordinates, used instead of `distortion` (see `distortion.py`). fisheye: whether
+    `distortion` begins with k1 k2 k3 k4 of OpenCV's fisheye lens. hidden: (height, width) bool,
     the pixels where furniture hides what is behind it, or None. Raises InputError if R is not a
     rotation, a number is not finite, a shape is wrong, or both distortions are given.
     """
@@ -49,6 +50,7 @@ class Camera:
     size: tuple[int, int]
     kappa: float = 0.0
     hidden: np.ndarray | None = None
+    fisheye: bool = False
 
     def __post_init__(self) -> None:
         check_name(self.name, "a camera")
@@ -73,7 +75,7 @@ class Camera:
         self._check()
 
     def _check(self) -> None:
-        if self.kappa and self.distortion.any():
+        if self.kappa and (self.distortion.any() or self.fisheye):
             raise InputError(f"camera {self.name}: distortion beside Tsai's kappa; expected one")
         for field in ("K", "distortion", "kappa", "R", "t"):
             values = np.asarray(getattr(self, field))
@@ -113,8 +115,8 @@ class Camera:
 
     @property
     def lens(self) -> np.ndarray:
-        """Lens distortion (6,): k1 k2 p1 p2 k3 kappa."""
-        return np.append(self.distortion, self.kappa)
+        """Lens distortion (7,): k1 k2 p1 p2 k3, kappa, and whether it is a fisheye lens."""
+        return np.append(self.distortion, [self.kappa, self.fisheye])
 
     @cached_property
     def max_radius2(self) -> float:
@@ -185,8 +187,8 @@ class Camera:
 
     def normalise(self, pixels: np.ndarray) -> np.ndarray:
         """Return the undistorted intersections (N, 2) of the rays through pixels (N, 2) with the
-        plane at depth 1. Pixels that the lens does not show get NaN with Tsai's distortion, else
-        the approximation of cv2.undistortPoints."""
+        plane at depth 1. Pixels that the lens does not show get NaN; with Brown's distortion the
+        approximation of cv2.undistortPoints."""
         K, focal = self.K, self.K[[0, 1], [0, 1]]
         pinhole = np.array(pixels, np.float64).reshape(-1, 2)
         pinhole[:, 0] -= K[0, 1] * (pinhole[:, 1] - K[1, 2]) / K[1, 1]
@@ -194,7 +196,7 @@ class Camera:
         if not self.lens.any():
             return pinhole
         plane = np.stack(undistort(self.lens, *pinhole.T), -1)
-        lost = np.isnan(plane[:, 0]) & (self.kappa == 0)
+        lost = np.isnan(plane[:, 0]) & (self.kappa == 0 and not self.fisheye)
         if lost.any():
             import cv2  # takes a while to load
 
@@ -234,7 +236,7 @@ class Camera:
         out[22] = min(self.max_radius2, 1e30)
         out[23:25] = self.size
         out[25:28] = self.centre
-        out[28] = self.kappa
+        out[28:30] = self.kappa, self.fisheye
         return out
 
 
@@ -332,8 +334,8 @@ class CameraRig:
     @property
     def defines(self) -> dict[str, int]:
         """The compile-time definitions that `camera.h` needs."""
-        tsai = any(camera.kappa for camera in self)
-        return {"CAMERA_FLOATS": CAMERA_FLOATS, "TSAI": int(tsai)}
+        tsai, fisheye = any(c.kappa for c in self), any(c.fisheye for c in self)
+        return {"CAMERA_FLOATS": CAMERA_FLOATS, "TSAI": int(tsai), "FISHEYE": int(fisheye)}
 
     def packed(self) -> np.ndarray:
         """Return (V, CAMERA_FLOATS) float32 for the kernels."""

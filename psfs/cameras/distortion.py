@@ -1,9 +1,11 @@
-"""Lens distortion after Brown-Conrady, or after Tsai.
+"""Lens distortion after Brown-Conrady, after Tsai, or of OpenCV's fisheye lens.
 
 Coefficients k1 k2 p1 p2 k3 as in OpenCV. A sixth one, kappa, if not 0, selects Tsai's model (1987;
 Rymut 2016 eq. 2.24), which is defined in the opposite direction: undistorted = distorted (1 + kappa
-r^2), r the radius of the distorted coordinates. `cl/kernels/common/camera.h` is the OpenCL
-counterpart.
+r^2), r the radius of the distorted coordinates. A seventh, if not 0, selects the fisheye lens, of
+which the first four are k1 k2 k3 k4: a point at the angle a from the axis appears at the radius
+a (1 + k1 a^2 + k2 a^4 + k3 a^6 + k4 a^8) (Kannala & Brandt, PAMI 28, 2006).
+`cl/kernels/common/camera.h` is the OpenCL counterpart.
 """
 
 from __future__ import annotations
@@ -40,17 +42,40 @@ def _tsai_radius_ratio(stretch: np.ndarray) -> np.ndarray:
     return share - (stretch * share**3 + share - 1) / np.where(slope > 1e-6, slope, 1)
 
 
+def _is_fisheye(coefficients: np.ndarray) -> bool:
+    return len(coefficients) > 6 and bool(coefficients[6])
+
+
+def _fisheye_shares(coefficients: np.ndarray, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ratio (...) of distorted to undistorted radius, and twice its derivative by the
+    squared undistorted radius r2 (...)."""
+    r = np.sqrt(r2)
+    angle = np.arctan(r)
+    powers = [1.0, *coefficients[:4]]
+    image = angle * np.polyval(powers[::-1], angle**2)
+    rates = [(2 * k + 1) * value for k, value in enumerate(powers)]
+    rate = np.polyval(rates[::-1], angle**2) / (1 + r2)
+    near = r2 < 1e-8
+    share = np.where(near, 1.0, image / np.where(near, 1.0, r))
+    slope = (rate - share) / np.where(near, 1.0, r2)
+    return share, np.where(near, 2 * (coefficients[0] - 1 / 3), slope)
+
+
 def distort(
     coefficients: np.ndarray, x: np.ndarray, y: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Distort normalised coordinates (...).
 
-    x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), and y' likewise; or Tsai's.
+    x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), and y' likewise; or
+    as the other lenses do.
     """
     k1, k2, p1, p2, k3, *kappa = coefficients
     r2 = x * x + y * y
     if any(kappa):
-        share = _tsai_radius_ratio(kappa[0] * r2)
+        fisheye = _is_fisheye(coefficients)
+        share = (
+            _fisheye_shares(coefficients, r2)[0] if fisheye else _tsai_radius_ratio(kappa[0] * r2)
+        )
         return x * share, y * share
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
     xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
@@ -62,6 +87,10 @@ def distortion_jacobian(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) 
     coordinates."""
     k1, k2, p1, p2, k3, *kappa = coefficients
     r2 = x * x + y * y
+    if _is_fisheye(coefficients):
+        share, slope = _fisheye_shares(coefficients, r2)
+        mixed = x * y * slope
+        return np.array([[share + x * x * slope, mixed], [mixed, share + y * y * slope]])
     if any(kappa):
         share = _tsai_radius_ratio(kappa[0] * r2)
         slope = -2 * kappa[0] * share**3 / (1 + 3 * kappa[0] * r2 * share**2)
@@ -112,6 +141,12 @@ def largest_radius2(coefficients: np.ndarray) -> float:
     picture. Infinite if it increases up to a radius of 10, which is 84 degrees.
     """
     k1, k2, _, _, k3, *kappa = coefficients
+    if _is_fisheye(coefficients):
+        rates = [(2 * k + 1) * value for k, value in enumerate([1.0, *coefficients[:4]])]
+        roots = np.roots(rates[::-1])
+        turning = np.sqrt(roots.real[(np.abs(roots.imag) <= _IMAGINARY) & (roots.real > 0)])
+        end = float(turning.min(initial=np.pi))
+        return float(np.tan(end)) ** 2 if end < np.arctan(_LARGEST_RADIUS) else float("inf")
     if any(kappa):
         return float(_TSAI_END / -kappa[0]) if kappa[0] < 0 else float("inf")
     if not np.isfinite(coefficients).all():

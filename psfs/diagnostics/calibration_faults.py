@@ -79,7 +79,7 @@ def _check_lenses(rig: CameraRig) -> list[Fault]:
     for camera in rig:
         side = min(camera.size) / 2
         radius = side / float(camera.K[[0, 1], [0, 1]].mean())
-        x, y = undistort(camera.distortion, np.array([radius, 0.0]), np.array([0.0, radius]))
+        x, y = undistort(camera.lens, np.array([radius, 0.0]), np.array([0.0, radius]))
         moved = np.hypot(x, y) / radius
         if not (moved < _DISTORTED).all() or not (moved > 1 / _DISTORTED).all():
             coefficients = ", ".join(f"{value:.3g}" for value in camera.distortion)

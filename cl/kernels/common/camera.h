@@ -2,7 +2,7 @@
 // CAMERA_FLOATS floats:
 //   0-8 R (row-major)  9-11 t  12-16 fx fy cx cy skew  17-21 k1 k2 p1 p2 k3
 //   22 largest squared normalised radius  23-24 width height  25-27 centre in the world
-//   28 Tsai's kappa, in the place of 17-21
+//   28 Tsai's kappa, in the place of 17-21  29 whether 17-20 are k1 k2 k3 k4 of a fisheye lens
 #include "common/pack.h"
 
 // Distorted over undistorted radius of Tsai's lens: the root of stretch s^3 + s - 1, by Newton's
@@ -41,6 +41,15 @@ static inline vfloat camera_project_pack(__global const float *camera, vfloat x,
 #if TSAI // set by callers with such cameras: other occupancies would take three times as long
     if (camera[28] != 0.0f) {
         const vfloat share = tsai_share(camera[28] * r2);
+        xd = u * share;
+        yd = v * share;
+    }
+#endif
+#if FISHEYE // the same
+    if (camera[29] != 0.0f) {
+        const vfloat r = sqrt(r2), angle = atan(r), a2 = angle * angle;
+        const vfloat bent = 1.0f + a2 * (k1 + a2 * (k2 + a2 * (p1 + a2 * p2)));
+        const vfloat share = angle * bent / (r + 1e-12f);
         xd = u * share;
         yd = v * share;
     }

@@ -18,6 +18,7 @@ from psfs.cameras.calibration.common import (
     record_handedness,
 )
 from psfs.cameras.calibration.filestorage import read_easymocap, read_filestorage
+from psfs.cameras.calibration.layouts import read_layout
 from psfs.cameras.calibration.matlab import read_matlab
 from psfs.cameras.calibration.number_lists import (
     looks_like_surrey,
@@ -25,7 +26,6 @@ from psfs.cameras.calibration.number_lists import (
     read_middlebury,
     read_surrey,
 )
-from psfs.cameras.calibration.panoptic import looks_like_panoptic, read_panoptic
 from psfs.cameras.calibration.projections import read_projections
 from psfs.cameras.calibration.toml_tables import read_toml_tables
 from psfs.cameras.calibration.transforms import read_transforms
@@ -47,6 +47,8 @@ from psfs.common.reading import open_input
 #: Endings of COLMAP's files.
 _MODELS = (".txt", ".bin")
 _STORAGE = (".xml", ".yml", ".yaml", ".json")
+#: Endings of files of `LAYOUTS`.
+_TABLES = (".json", ".yml", ".yaml", ".mat", ".calib", ".calibration", ".txt")
 #: Text files whose names begin like this hold no cameras.
 _NO_CAMERAS = ("readme", "license", "sequence", "settings", "original_readme")
 #: Usual names of a calibration inside a folder, the most specific pattern first.
@@ -59,6 +61,8 @@ _PATTERNS = (
     "[Cc]alib*.xml",
     "[Cc]alib*.y*ml",
     "[Cc]alib*.json",
+    "camchain*.y*ml",
+    "*.calibration",
     "*.xcp",
     "*.mcal",
     "*_par.txt",
@@ -128,8 +132,8 @@ def _read(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         return read_toml_tables(path, unit, sizes)
     if suffix == ".json" and name.startswith("transforms"):
         return read_transforms(path, unit, sizes)
-    if suffix == ".json" and looks_like_panoptic(path):
-        return read_panoptic(path, unit)
+    if suffix in _TABLES and (known := read_layout([path], unit, sizes)) is not None:
+        return known
     if suffix == VICON:
         return read_vicon(path, unit)
     if suffix == OPTITRACK:
@@ -163,7 +167,7 @@ def _read_text_file(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
 
 
 def _holds_cameras(folder: Path) -> bool:
-    return _holds_model(folder) or bool(_camera_files(folder))
+    return _holds_model(folder) or bool(_camera_files(folder)) or any(folder.glob("*_params.mat"))
 
 
 def _holds_model(folder: Path) -> bool:
@@ -172,7 +176,7 @@ def _holds_model(folder: Path) -> bool:
 
 def _camera_files(folder: Path) -> list[Path]:
     """List the files in a folder that hold one camera each, in natural order of their names."""
-    suffixes = (".cal", *TSAI, *_STORAGE, *SUFFIXES)
+    suffixes = (".cal", *TSAI, *_STORAGE, *SUFFIXES, ".calib")
     files = [path for path in folder.iterdir() if path.suffix.lower() in suffixes]
     files = [path for path in files if not path.stem.lower().startswith(_NO_CAMERAS)]
     if any(path.suffix.lower() == ".pa" for path in files):  # beside pictures and other files
@@ -188,6 +192,9 @@ def _read_folder(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     files = _camera_files(folder)
     if len(files) == 1 and files[0].name.endswith(QUALISYS):
         return read_qualisys(files[0], unit)
+    tables = files or sorted(folder.glob("*_params.mat"), key=lambda path: natural_key(path.name))
+    if tables and (known := read_layout(tables, unit, sizes)) is not None:
+        return known
     suffixes = {path.suffix.lower() for path in files}
     if len(suffixes) == 1 and _is_tsai(files[0]):
         return read_tsai(files, unit, sizes)

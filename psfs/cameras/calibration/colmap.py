@@ -32,7 +32,8 @@ from psfs.common.reading import open_input, parsing
 
 #: Largest error of a quaternion's length, which programs round.
 _UNIT = 0.01
-#: Index of fx, fy, cx, cy, k1, k2, p1, p2, k3 among a model's parameters; -1 means zero.
+#: Index of fx, fy, cx, cy, k1, k2, p1, p2, k3 among a model's parameters; -1 means zero. Of the
+#: fisheye lens k1 to k4.
 _MODELS = {
     "SIMPLE_PINHOLE": (0, 0, 1, 2, -1, -1, -1, -1, -1),
     "PINHOLE": (0, 1, 2, 3, -1, -1, -1, -1, -1),
@@ -40,6 +41,7 @@ _MODELS = {
     "RADIAL": (0, 0, 1, 2, 3, 4, -1, -1, -1),
     "OPENCV": (0, 1, 2, 3, 4, 5, 6, 7, -1),
     "FULL_OPENCV": (0, 1, 2, 3, 4, 5, 6, 7, 8),
+    "OPENCV_FISHEYE": (0, 1, 2, 3, 4, 5, 6, 7),
 }
 
 
@@ -61,13 +63,13 @@ def read_colmap(folder: Path, unit: Unit | None) -> Calibration:
             if words[8] not in intrinsics:
                 raise InputError(f"image {name}: no camera {words[8]}; there are "
                                  f"{join_names(intrinsics)}")  # fmt: skip
-            size, K, distortion = intrinsics[words[8]]
+            size, K, distortion, fisheye = intrinsics[words[8]]
             pose = parse_numbers(words[1:8], f"image {name}")
             length = float(np.linalg.norm(pose[:4]))
             if not abs(length - 1) < _UNIT:
                 raise InputError(f"image {name}: a quaternion of length {length:.3g}; expected 1")
             R = scipy.spatial.transform.Rotation.from_quat(pose[[1, 2, 3, 0]]).as_matrix()
-            cameras.append(Camera(name, K, distortion, R, pose[4:], size))
+            cameras.append(Camera(name, K, distortion, R, pose[4:], size, fisheye=fisheye))
         cameras.sort(key=lambda camera: natural_key(camera.name))
         return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")
 
@@ -98,7 +100,7 @@ def _lines(path: Path) -> list[str]:
     return [line for line in read_text(path).splitlines() if not line.startswith("#")]
 
 
-def _intrinsics(words: list[str]) -> tuple[tuple[int, int], np.ndarray, np.ndarray]:
+def _intrinsics(words: list[str]) -> tuple[tuple[int, int], np.ndarray, np.ndarray, bool]:
     if len(words) < 4 or words[1] not in _MODELS:
         model = words[1] if len(words) > 1 else "nothing"
         raise InputError(f"camera model {model}; expected one of {join_names(_MODELS)}")
@@ -111,7 +113,7 @@ def _intrinsics(words: list[str]) -> tuple[tuple[int, int], np.ndarray, np.ndarr
     fx, fy, cx, cy, *distortion = (parameters[place] if place >= 0 else 0.0 for place in places)
     K = np.array([[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]])
     size = check_whole_size(values[0], values[1], f"camera {words[0]}")
-    return size, K, np.array(distortion)
+    return size, K, np.array(distortion), words[1] == "OPENCV_FISHEYE"
 
 
 #: Names and numbers of parameters of the models, by their ids.

@@ -114,6 +114,11 @@ class Storage:
             )
         return values.reshape(int(rows[0]), int(columns[0]))
 
+    def read_all(self) -> dict[str, Any]:
+        """Return everything in the file as tables, lists, numbers and texts; matrices as arrays."""
+        root = self._storage.root()
+        return {key: _read_node(root.getNode(key)) for key in self.keys}
+
     def strings(self, name: str) -> list[str]:
         node = self._node([name])
         items = [] if node is None else [node.at(i) for i in range(node.size())]
@@ -128,6 +133,17 @@ class Storage:
         if not (node.isReal() or node.isInt()):
             raise InputError(f"{names[0]} is not a number; expected pixels")
         return float(parse_array(node.real(), 1, names[0])[0])
+
+
+def _read_node(node: Any) -> Any:
+    if node.isMap():
+        keys = node.keys()
+        if {"dt", "data"} <= set(keys):
+            return _read_numbers(node.getNode("data"), "a matrix")
+        return {key: _read_node(node.getNode(key)) for key in keys}
+    if node.isSeq():
+        return [_read_node(node.at(i)) for i in range(min(node.size(), _MOST_ITEMS))]
+    return node.string() if node.isString() else int(node.real()) if node.isInt() else node.real()
 
 
 def _read_numbers(node: Any, what: str) -> np.ndarray:

@@ -34,7 +34,7 @@ def read_matlab(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     The cells of a variable `names` name them; without it they are cam01, cam02, ... in order.
     """
     with name_file_in_errors(path):
-        found = _read_variables(path)
+        found = read_variables(path)
         names = _read_names(found)
         parts = [
             _find_stack(found, keys, (3, width)) for keys, width in ((_K, 3), (_R, 3), (_T, 1))
@@ -60,7 +60,8 @@ def _camera(name: str, values: np.ndarray, size: Size) -> Camera:
     return Camera(name, K / K[2, 2], np.zeros(5), R, values[:, 6], size)
 
 
-def _read_variables(path: Path) -> dict[str, object]:
+def read_variables(path: Path) -> dict[str, object]:
+    """Return the variables of a MATLAB file by name. Raises InputError."""
     try:
         with open_input(path, "a MATLAB .mat file") as file:
             found = scipy.io.loadmat(file, struct_as_record=True)

@@ -101,7 +101,7 @@ def write_toml_tables(path: Path, rig: CameraRig) -> None:
             "distortions": camera.distortion[:used].tolist(),
             "rotation": cv2.Rodrigues(camera.R)[0].ravel().tolist(),
             "translation": camera.t.tolist(),
-            "fisheye": False,
+            "fisheye": camera.fisheye,
             **({"tsai_kappa": camera.kappa} if camera.kappa else {}),
         }
     tables["metadata"] = {"adjusted": False, "error": 0.0}
@@ -109,8 +109,6 @@ def write_toml_tables(path: Path, rig: CameraRig) -> None:
 
 
 def _camera(name: str, table: CameraTable, measured: Size | None) -> Camera:
-    if table.fisheye:
-        raise InputError(f"camera {name}: fisheye = true; expected a pinhole camera")
     size = measured
     if table.size is not None:
         width, height = table.size
@@ -124,4 +122,5 @@ def _camera(name: str, table: CameraTable, measured: Size | None) -> Camera:
         t=np.array(table.translation),
         size=size,
         kappa=table.tsai_kappa,
+        fisheye=table.fisheye,
     )

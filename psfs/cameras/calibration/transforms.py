@@ -3,7 +3,7 @@
 `transform_matrix` (4x4) takes camera to world coordinates; the camera's axes are OpenGL's (x right,
 y up, looking along -z). The lens is `camera_angle_x`, rad, or `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`,
 `k1` ..., given for the file or for a frame. `camera_model` and instant-ngp's flags say which
-lens it is; only pinhole lenses, with OpenCV's distortion or none, are read.
+lens it is: a pinhole lens, with OpenCV's distortion or none, or OpenCV's fisheye lens.
 """
 
 from __future__ import annotations
@@ -35,8 +35,9 @@ from psfs.common.schema import Number, Positive, Table, flat, parse_values
 
 #: Values of `camera_model` for OpenCV's pinhole camera and its special cases.
 _PINHOLE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL", "PERSPECTIVE")
+_FISHEYE = "OPENCV_FISHEYE"
 #: Keys of other lenses that instant-ngp reads.
-_OTHER_LENSES = ("is_fisheye", "ftheta_p0", "latlong", "equirectangular", "orthographic", "k4")
+_OTHER_LENSES = ("ftheta_p0", "latlong", "equirectangular", "orthographic")
 
 
 class Lens(Table):
@@ -109,17 +110,21 @@ def _lens_value(file: Transforms, view: FrameEntry, key: str) -> float | None:
     return None if value is None else float(value)
 
 
-def _check_model(name: str, file: Transforms, view: FrameEntry) -> None:
-    """Raise InputError for a lens that is no pinhole camera with OpenCV's distortion."""
-    model = _stated(file, view, "camera_model")
+def _is_fisheye(name: str, file: Transforms, view: FrameEntry) -> bool:
+    """Return whether the lens is OpenCV's fisheye lens. Raises InputError for any but that and a
+    pinhole lens with OpenCV's distortion."""
+    model = (_stated(file, view, "camera_model") or "").upper()
+    fisheye = model == _FISHEYE or bool(not model and _stated(file, view, "is_fisheye"))
     other = [key for key in _OTHER_LENSES if _stated(file, view, key)]
-    if model is not None and model.upper() not in _PINHOLE:
+    other += ["k4"] if not fisheye and _stated(file, view, "k4") else []
+    if model and model not in (*_PINHOLE, _FISHEYE):
         other.insert(0, f"camera_model {model}")
     if other:
         raise InputError(
-            f"camera {name}: {join_names(other)}; expected a pinhole camera, "
-            f"{join_names(_PINHOLE)}: undistort the pictures to one first"
+            f"camera {name}: {join_names(other)}; expected a pinhole or fisheye camera, "
+            f"{join_names((*_PINHOLE, _FISHEYE))}: undistort the pictures to one first"
         )
+    return fisheye
 
 
 def _size(file: Transforms, view: FrameEntry, name: str) -> Size:
@@ -132,7 +137,7 @@ def _camera(name: str, file: Transforms, view: FrameEntry, size: Size) -> Camera
     def value(key: str) -> float | None:
         return _lens_value(file, view, key)
 
-    _check_model(name, file, view)
+    fisheye = _is_fisheye(name, file, view)
     width, height = size
     angle, angle_y = value("camera_angle_x"), value("camera_angle_y")
     fx = value("fl_x") or (0.5 * width / math.tan(angle / 2) if angle else None)
@@ -146,6 +151,7 @@ def _camera(name: str, file: Transforms, view: FrameEntry, size: Size) -> Camera
     R = parse_rotation(TO_OPENCV @ to_world[:, :3].T, f"camera {name}: transform_matrix")
     left_handed = np.linalg.det(to_world[:, :3]) < 0
     centre = to_world[:, 3] * ([-1, 1, 1] if left_handed else [1, 1, 1])
-    distortion = np.array([value(key) for key in ("k1", "k2", "p1", "p2", "k3")])
+    keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+    distortion = np.array([value(key) for key in keys])
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    return Camera(name, K, distortion, R, -R @ centre, size)
+    return Camera(name, K, distortion, R, -R @ centre, size, fisheye=fisheye)

@@ -167,10 +167,11 @@ def write_calibration(folder: Path, rig: CameraRig, kind: str) -> Path:
 
     Raises InputError for lenses that the format cannot say.
     """
-    tsai: list[Camera] = [camera for camera in rig if camera.kappa]
-    if tsai:
+    other: list[Camera] = [camera for camera in rig if camera.kappa or camera.fisheye]
+    if other:
+        lens = "Tsai's distortion" if other[0].kappa else "a fisheye lens"
         raise InputError(
-            f"camera {tsai[0].name} has Tsai's distortion; expected OpenCV's, for {kind} has no "
-            "other"
+            f"camera {other[0].name} has {lens}; expected OpenCV's k1 k2 p1 p2 k3, for {kind} has "
+            "no other"
         )
     return WRITERS[kind](folder, rig)

@@ -94,7 +94,8 @@ def calibrate_by_points(
 def _without_distortion(camera: Camera) -> Camera:
     K = camera.K.copy()
     K[0, 1] = 0
-    return replace(camera, K=K, distortion=np.zeros(5), kappa=0.0, R=np.eye(3), t=np.zeros(3))
+    straight = {"distortion": np.zeros(5), "kappa": 0.0, "fisheye": False}
+    return replace(camera, K=K, R=np.eye(3), t=np.zeros(3), **straight)
 
 
 def _undistort(camera: Camera, points: np.ndarray, config: PointsConfig) -> np.ndarray:

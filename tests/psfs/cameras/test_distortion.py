@@ -14,14 +14,18 @@ from psfs.cameras.distortion import (
 )
 
 BROWN = [np.zeros(5), np.array([-0.3, 0.1, 1e-3, -2e-3, 0.0]), np.array([0.1, 0, 0, 0.01, -0.02])]
-LENSES = [*BROWN, np.array([0, 0, 0, 0, 0, 0.7]), np.array([0, 0, 0, 0, 0, -0.1])]
+FISHEYE = [np.array([*k, 0, 0, 1.0]) for k in ((-0.02, 0.01, -5e-3, 1e-3), (0.05, 0.0, 0.0, 0.0))]
+LENSES = [*BROWN, *FISHEYE, np.array([0, 0, 0, 0, 0, 0.7]), np.array([0, 0, 0, 0, 0, -0.1])]
 
 
-@pytest.mark.parametrize("lens", BROWN)
+@pytest.mark.parametrize("lens", [*BROWN, *FISHEYE])
 def test_it_is_opencvs(lens: np.ndarray) -> None:
-    x, y = np.random.default_rng(0).uniform(-0.6, 0.6, (2, 50))
-    points = np.column_stack([x, y, np.ones(50)])
-    expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), np.eye(3), lens)[0][:, 0]
+    x, y = np.random.default_rng(0).uniform(-2, 2, (2, 50)) * (1 if len(lens) > 5 else 0.3)
+    points, pose = np.column_stack([x, y, np.ones(50)])[:, None], (np.zeros(3), np.zeros(3))
+    if len(lens) > 5:
+        expected = cv2.fisheye.projectPoints(points, *pose, np.eye(3), lens[:4])[0][:, 0]
+    else:
+        expected = cv2.projectPoints(points, *pose, np.eye(3), lens)[0][:, 0]
     np.testing.assert_allclose(np.column_stack(distort(lens, x, y)), expected, atol=1e-12)
 
 
@@ -49,6 +53,9 @@ def test_it_is_undone_but_beyond_what_the_lens_shows(lens: np.ndarray) -> None:
 
 
 def test_where_it_turns_back() -> None:
+    # a (1 - a^2 / 3) of a fisheye lens turns at an angle of 1 rad.
+    edge = largest_radius2(np.array([-1 / 3, 0, 0, 0, 0, 0, 1]))
+    assert edge == pytest.approx(np.tan(1) ** 2)
     assert largest_radius2(np.zeros(5)) == np.inf
     # r (1 - 0.3 r^2) turns where 1 = 0.9 r^2.
     assert largest_radius2(np.array([-0.3, 0, 0, 0, 0])) == pytest.approx(1 / 0.9, rel=1e-3)

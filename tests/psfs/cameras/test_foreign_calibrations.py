@@ -8,7 +8,9 @@ import struct
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from helpers import footage
@@ -294,6 +296,148 @@ FORMATS: list[Write] = [
 ]
 
 
+def poses(rig: CameraRig) -> list[np.ndarray]:
+    return [np.vstack([np.column_stack([c.R, c.t]), [0, 0, 0, 1]]) for c in rig]
+
+
+def opencv_files(folder: Path, values: dict[str, dict[str, Any]]) -> None:
+    for name, content in values.items():
+        storage = cv2.FileStorage("x.yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+        for key, value in content.items():
+            if isinstance(value, dict):
+                storage.startWriteStruct(key, cv2.FILE_NODE_MAP)
+                for inner, number in value.items():
+                    storage.write(inner, number)
+                storage.endWriteStruct()
+            else:
+                storage.write(key, value)
+        (folder / name).write_text(storage.releaseAndGetString())
+
+
+def of_programs(folder: Path, rig: CameraRig) -> dict[str, Path]:
+    """Write the rig as other programs do, in the layouts that they document."""
+    for name in ("jarvis", "dannce", "biocv"):
+        (folder / name).mkdir(parents=True)
+    mm = [(1000 * c.t, np.vstack([np.column_stack([c.R, 1000 * c.t]), [0, 0, 0, 1]])) for c in rig]
+    bend = [0.1, -0.02, 1e-3, 2e-3, 0.0]
+    aist = [
+        {"name": c.name, "size": c.size, "matrix": c.K.tolist(), "distortions": bend,
+         "rotation": cv2.Rodrigues(c.R)[0].ravel().tolist(), "translation": (100 * c.t).tolist()}
+        for c in rig
+    ]  # fmt: skip
+    (folder / "aist.json").write_text(json.dumps(aist))
+    lenses = {
+        c.name: {"model": "standard", "image_size": c.size, "K": c.K.tolist(), "dist": [bend]}
+        for c in rig
+    }
+    first = rig[0].name
+    steps = {
+        c.name if k == 0 else f"{c.name}_to_{first}": {"R": c.R.tolist(), "T": c.t.tolist()}
+        for k, c in enumerate(rig)
+    }
+    (folder / "multical.json").write_text(json.dumps({"cameras": lenses, "camera_poses": steps}))
+    tables = {
+        f"camera_{k}": {
+            "camera_matrix": c.K, "distortion_vector": np.array([bend]), "distortion_type": 0,
+            "img_width": c.size[0], "img_height": c.size[1],
+            "camera_pose_matrix": np.linalg.inv(poses(rig)[k]),
+        }
+        for k, c in enumerate(rig)
+    }  # fmt: skip
+    opencv_files(folder, {"mccalib.yml": {"nb_camera": len(rig), **tables}})
+    chain, before = [], np.eye(4)
+    for k, (c, pose) in enumerate(zip(rig, poses(rig), strict=True)):
+        lens = c.K[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
+        matrix = "".join(f"  - {row}\n" for row in (pose @ np.linalg.inv(before)).tolist())
+        chain.append(
+            f"cam{k}:\n  T_cn_cnm1:\n{matrix}  camera_model: pinhole\n  distortion_coeffs: {bend}\n"
+            f"  distortion_model: radtan\n  intrinsics: {lens}\n  resolution: {list(c.size)}\n"
+            f"  rostopic: /{c.name}/image_raw\n"
+        )
+        before = pose
+    (folder / "camchain.yaml").write_text("".join(chain))
+    skeletool, numbered = "Skeletool Camera Calibration File V1.0\n", ""
+    for k, (c, (t, pose)) in enumerate(zip(rig, mm, strict=True)):
+        opencv_files(folder / "jarvis", {f"Calib_{c.name}.yaml": {
+            "intrinsicMatrix": c.K.T.copy(), "R": c.R.T.copy(), "T": t,
+            "distortionCoefficients": np.array([bend]),
+        }})  # fmt: skip
+        savemat(folder / "dannce" / f"hires_{c.name}_params.mat", {
+            "K": c.K.T, "r": c.R.T, "t": t[None], "RDistort": bend[:2], "TDistort": bend[2:4]
+        })  # fmt: skip
+        text = f"{c.size[0]}\n{c.size[1]}\n{rows(c.K)}\n\n{rows(pose)}\n\n{words(np.array(bend))}\n"
+        (folder / "biocv" / f"{c.name}.mp4.calib").write_text(text)
+        K = np.eye(4)
+        K[:3, :3] = c.K
+        skeletool += (
+            f"name {k}\n  size {c.size[0]} {c.size[1]}\n  intrinsic {words(K)}\n"
+            f"  extrinsic {words(pose)}\n  radial 0\n"
+        )
+        numbered += f"{k}\n{rows(c.K)}\n0.1 -0.02\n{rows(poses(rig)[k][:3])}\n\n"
+    (folder / "skeletool.calibration").write_text(skeletool)
+    (folder / "numbered.txt").write_text(numbered)
+    return {path.stem: path for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "aist",
+        "multical",
+        "mccalib",
+        "camchain",
+        "jarvis",
+        "dannce",
+        "biocv",
+        "skeletool",
+        "numbered",
+    ],
+)
+def test_layouts_of_other_programs(tmp_path: Path, program: str) -> None:
+    rig = plain_rig()
+    found = read_calibration(of_programs(tmp_path / "a", rig)[program], sizes=footage.SIZE)
+    named = program in ("mccalib", "skeletool", "numbered")
+    assert found.names == [f"camera_{k}" if named else c.name for k, c in enumerate(rig)]
+    bends = {"skeletool": [0.0] * 5, "numbered": [0.1, -0.02, 0, 0, 0]}
+    bend = bends.get(program, [0.1, -0.02, 1e-3, 2e-3, 0])
+    for a, b in zip(found, rig, strict=True):
+        assert a.size == b.size
+        for field in ("K", "R", "t"):
+            np.testing.assert_allclose(getattr(a, field), getattr(b, field), atol=1e-6)
+        np.testing.assert_allclose(a.distortion, bend)
+
+
+@pytest.mark.parametrize("program", ["toml", "nerf", "colmap", "kalibr"])
+def test_fisheye_lenses_are_read(tmp_path: Path, program: str) -> None:
+    """All say the same lens of OpenCV's."""
+    bend, K = [-0.02, 0.01, -5e-3, 1e-3], plain_rig()[0].K
+    frame = {"file_path": "a", "transform_matrix": np.diag([1.0, -1, -1, 1]).tolist()}
+    lens = {"fl_x": K[0, 0], "fl_y": K[1, 1], "cx": K[0, 2] + 0.5, "cy": K[1, 2] + 0.5}
+    stated = {"camera_model": "OPENCV_FISHEYE", "w": footage.SIZE[0], "h": footage.SIZE[1]}
+    bends = dict(zip(("k1", "k2", "k3", "k4"), bend, strict=True))
+    whole = K[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
+    texts = {
+        "toml": f"[a]\nsize = {list(footage.SIZE)}\nmatrix = {K.tolist()}\nfisheye = true\n"
+        f"distortions = {bend}\nrotation = [0, 0, 0]\ntranslation = [0, 0, 0]\n",
+        "nerf": json.dumps({**stated, **lens, **bends, "frames": [frame]}),
+        "colmap": f"1 OPENCV_FISHEYE {words(np.array(footage.SIZE)).replace('.0', '')} "
+        f"{words(np.array([*lens.values(), *bend]))}",
+        "kalibr": f"a:\n  camera_model: pinhole\n  distortion_model: equidistant\n"
+        f"  distortion_coeffs: {bend}\n  intrinsics: {whole}\n  resolution: {list(footage.SIZE)}\n",
+    }
+    names = {"toml": "c.toml", "nerf": "transforms.json", "colmap": "cameras.txt"}
+    path = tmp_path / names.get(program, "camchain.yaml")
+    path.write_text(texts[program])
+    (tmp_path / "images.txt").write_text("1 1 0 0 0 0 0 0 1 a.png\n\n")
+    (camera,) = read_calibration(path)
+    assert camera.fisheye and camera.size == footage.SIZE
+    points = np.array([[1.5, 0.5, 1.0], [-0.4, 1.0, 2.0]])
+    expected = cv2.fisheye.projectPoints(
+        points[:, None], np.zeros(3), np.zeros(3), K, np.array(bend)
+    )[0][:, 0]
+    np.testing.assert_allclose(camera.project(points)[0], expected, atol=1e-9)
+
+
 def sequence_in(folder: Path, write: Write, rig: CameraRig) -> Path:
     folder.mkdir()
     for camera in rig:
@@ -378,23 +522,33 @@ _FRAME = b'{"file_path": "a", "transform_matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0,
     ("name", "content", "message"),
     [
         ("a.mat", b"nothing", "expected a MATLAB"),
-        ("c.json", b'{"cameras": [{"name": "a", "distCoef": []}]}', "resolution"),
+        (
+            "c.json",
+            b'{"cameras": [{"name": "a", "distCoef": []}]}',
+            "cameras a with distCoef, name",
+        ),
+        (
+            "camchain.yaml",
+            b"cam0:\n  camera_model: omni\n  distortion_model: radtan\n  intrinsics: [9, 9, 1, 1]\n"
+            b"  distortion_coeffs: [0, 0, 0, 0]\n  resolution: [64, 48]\n",
+            "camera cam0: the lens is omni-radtan; expected pinhole-radtan",
+        ),
         ("transforms.json", b'{"frames": []}', "frames"),
         ("transforms.json", b'{"frames": [{"file_path": "a"}]}', "transform_matrix"),
         (
             "transforms.json",
-            b'{"camera_model": "OPENCV_FISHEYE", "fl_x": 9, "frames": [%s]}' % _FRAME,
-            "camera a: camera_model OPENCV_FISHEYE; expected a pinhole camera",
+            b'{"camera_model": "FISHEYE624", "fl_x": 9, "frames": [%s]}' % _FRAME,
+            "camera a: camera_model FISHEYE624; expected a pinhole or fisheye camera",
         ),
         (
             "transforms.json",
             b'{"fl_x": 9, "k4": 0.1, "frames": [%s]}' % _FRAME,
-            "camera a: k4; expected a pinhole camera",
+            "camera a: k4; expected a pinhole or fisheye camera",
         ),
         (
             "transforms.json",
-            b'{"is_fisheye": true, "fl_x": 9, "frames": [%s]}' % _FRAME,
-            "camera a: is_fisheye; expected",
+            b'{"latlong": true, "fl_x": 9, "frames": [%s]}' % _FRAME,
+            "camera a: latlong; expected",
         ),
         ("cameras.txt", b"1 FISHEYE 10 10 1 2 3", "camera model FISHEYE"),
         ("a.qca.txt", b"<calibration><cameras/></calibration>", "no cameras"),

@@ -145,10 +145,14 @@ def test_bad_files(tmp_path: Path) -> None:
         replace(scenes.ring(1)[0], kappa=0.1)
 
 
-@pytest.mark.parametrize("kappa", [0.6, -0.15])
-def test_kernels_project_by_the_cubic(device: Device, kappa: float) -> None:
+@pytest.mark.parametrize(
+    "lens",
+    [{"kappa": 0.6}, {"kappa": -0.15}, {"fisheye": True, "distortion": [0.1, 0.02, -0.01, 5e-3]}],
+    ids=str,
+)
+def test_kernels_project_by_these_lenses(device: Device, lens: dict) -> None:
     straight = scenes.without_distortion(scenes.ring(3))
-    rig = CameraRig(tuple(replace(camera, kappa=kappa) for camera in straight))
+    rig = CameraRig(tuple(replace(camera, **lens) for camera in straight))
     grid, config = scenes.small_grid(), OccupancyConfig()
     evidence = scenes.patches_of_evidence(rig, len(rig), 8)
     maps = device.to_device(evidence)

@@ -36,6 +36,14 @@ bool project(int view, vec3 p, out vec2 pixel)
         x = u * share;
         y = v * share;
     }
+    if (cameras[c + 29] != 0.0) {
+        const float r = sqrt(r2), angle = atan(r), a2 = angle * angle;
+        const float share = angle / (r + 1e-12) *
+            (1.0 + a2 * (cameras[c + 17] +
+                         a2 * (cameras[c + 18] + a2 * (p1 + a2 * p2))));
+        x = u * share;
+        y = v * share;
+    }
     pixel = vec2(cameras[c + 12] * x + cameras[c + 16] * y + cameras[c + 14],
                  cameras[c + 13] * y + cameras[c + 15]);
     return q.z > 1e-6 && r2 < cameras[c + 22] && all(lessThan(abs(pixel), vec2(FAR_OUT)));
