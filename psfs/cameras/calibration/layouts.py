@@ -211,7 +211,7 @@ def _read_size(layout: Layout, record: Record, name: str) -> Size:
     values = np.concatenate([parse_array(record[key], None, what) for key in layout.size])
     if len(values) != 2:
         raise InputError(f"{what} has {len(values)} numbers; expected width and height")
-    return check_whole_size(*values.tolist(), what)
+    return check_whole_size(float(values[0]), float(values[1]), what)
 
 
 def _find_records(content: Any) -> dict[str, Record]:

@@ -94,8 +94,7 @@ def calibrate_by_points(
 def _without_distortion(camera: Camera) -> Camera:
     K = camera.K.copy()
     K[0, 1] = 0
-    straight = {"distortion": np.zeros(5), "kappa": 0.0, "fisheye": False}
-    return replace(camera, K=K, R=np.eye(3), t=np.zeros(3), **straight)
+    return Camera(camera.name, K, np.zeros(5), np.eye(3), np.zeros(3), camera.size)
 
 
 def _undistort(camera: Camera, points: np.ndarray, config: PointsConfig) -> np.ndarray:
