@@ -94,7 +94,7 @@ class Sequence:
         self._masks_of: Callable[[int], np.ndarray] | None = None
         self._space_of: Callable[[int], Space | None] | None = None
         self._kept: np.ndarray | None = None
-        self._n_kept = 0
+        self._is_kept = np.zeros(0, bool)
 
     @classmethod
     def open(cls, folder: str | Path, **overrides: object) -> Sequence:
@@ -202,15 +202,14 @@ class Sequence:
 
     def keep_frames(self) -> None:
         """Keep the decoded frames of a short sequence in memory for the lifetime of this object, so
-        that they are decoded once.
-
-        Frames are kept as far as they are decoded in order from the first one on. None are kept if
-        frames have masks, or if all together would exceed `frame_memory_limit`.
+        that each is decoded once. None are kept if frames have masks, or if all together would
+        exceed `frame_memory_limit`.
         """
         shape = (len(self), len(self.rig), self.rig.height, self.rig.width, 3)
         without_masks = self.background_kind in ("gaussian", "frames", "chroma")
         if without_masks and 0 < math.prod(shape) <= frame_memory_limit():
             self._kept = FRAME_MEMORY.array(shape)
+            self._is_kept = np.zeros(len(self), bool)
 
     @property
     def inputs(self) -> list[Path]:
@@ -340,12 +339,12 @@ class Sequence:
     ) -> Frame:
         given = None if self._masks_of is None else self._masks_of(index)
         space = None if self._space_of is None else self._space_of(index)
-        if self._kept is not None and index < self._n_kept:
+        if self._kept is not None and self._is_kept[index]:
             return Frame(index, self._kept[index], given, space)
         shape = (len(self.rig), self.rig.height, self.rig.width)
-        keeps, images, masks = self._kept is not None and index == self._n_kept, None, None
+        images, masks = None, None
         if self.has_images:
-            kept = self._kept if keeps else None
+            kept = self._kept
             images = np.empty((*shape, 3), np.uint8) if kept is None else kept[index]
         pictures = self._pictures(index, decoders, pool, images)
         seen = pictures[: len(self.rig)]
@@ -361,8 +360,8 @@ class Sequence:
             pad_pictures(seen, images)
         padded = None if masks is None else pad_pictures(masks, np.empty(shape, np.uint8))
         frame = Frame(index, images, padded, space)
-        if keeps:
-            self._n_kept = index + 1
+        if self._kept is not None:
+            self._is_kept[index] = True
         return frame
 
     def _pictures(

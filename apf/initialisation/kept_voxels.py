@@ -12,7 +12,7 @@ from apf.initialisation.config import FrameChoice
 from apf.likelihood.observations import AnyVoxels
 from cl import Array, Device, Launch, NumpyDevice
 from cl.staging import Upload
-from psfs.common.regions import bounding_box, find_connected_regions
+from psfs.common.regions import bounding_box, split_regions
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
 
@@ -198,13 +198,12 @@ def select_person_points(
     components too large to be debris, and smaller ones close to these, such as a head whose neck is
     missing in the silhouettes."""
     config = config or FrameChoice()
-    filled = np.zeros(grid.shape, bool)
-    filled.ravel()[indices] = True
-    parts = find_connected_regions(filled)
+    parts = split_regions(np.sort(indices), grid.shape)
     if not parts:
         return np.zeros((0, 3))
     large = [part for part in parts if len(part) >= config.min_part * len(parts[0])]
-    tree = scipy.spatial.cKDTree(grid.centres(np.concatenate(large)))
     small = [p for p in parts[len(large) :] if len(p) >= config.min_near_part * len(parts[0])]
-    near = [p for p in small if tree.query(grid.centres(p))[0].min() < config.near]
-    return grid.centres(np.sort(np.concatenate([*large, *near])))
+    if small:
+        tree = scipy.spatial.cKDTree(grid.centres(np.concatenate(large)))
+        large += [p for p in small if tree.query(grid.centres(p))[0].min() < config.near]
+    return grid.centres(np.sort(np.concatenate(large)))

@@ -18,30 +18,41 @@ def keep_large_regions(occupied: np.ndarray, share: float) -> np.ndarray:
     Regions are connected by edges and corners. One is kept if it has at least `share` of the
     largest region's elements.
     """
-    labels, _ = _label_regions(occupied)
-    sizes = np.bincount(labels.ravel(), minlength=1)
-    sizes[0] = 0  # the background
-    kept = sizes >= np.maximum(1, share * sizes.max())
-    return kept[labels]
+    parts, kept = find_connected_regions(occupied), np.zeros(occupied.shape, bool)
+    for part in parts:
+        if len(part) >= share * len(parts[0]):
+            kept.ravel()[part] = True
+    return kept
 
 
 def find_connected_regions(occupied: np.ndarray) -> list[np.ndarray]:
     """Return the flat indices, ascending, of each connected region, the largest first."""
-    labels = _label_regions(occupied)[0].ravel()
-    within = np.flatnonzero(labels)
-    within = within[np.argsort(labels[within], kind="stable")]
-    parts = np.split(within, np.flatnonzero(np.diff(labels[within])) + 1)
-    return sorted((part for part in parts if len(part)), key=len, reverse=True)
+    return split_regions(np.flatnonzero(occupied), occupied.shape)
+
+
+def split_regions(indices: np.ndarray, shape: tuple[int, ...]) -> list[np.ndarray]:
+    """Return flat indices (N,), ascending, of an array of `shape` by connected regions, as
+    `find_connected_regions` does."""
+    if not len(indices):
+        return []
+    places = np.stack(np.unravel_index(indices, shape))
+    low = places.min(1, keepdims=True)
+    box = np.zeros((places - low).max(1) + 1, bool)  # labels of the whole array take much longer
+    within = tuple(places - low)
+    box[within] = True
+    labels = np.asarray(scipy.ndimage.label(box, np.ones((3,) * len(shape)))[0])[within]
+    order = np.argsort(labels, kind="stable")
+    parts = np.split(indices[order], np.flatnonzero(np.diff(labels[order])) + 1)
+    return sorted(parts, key=len, reverse=True)
 
 
 def find_largest_region_box(occupied: np.ndarray) -> np.ndarray | None:
     """Return the first and last + 1 index (2, n) of the largest region; None if all is empty."""
-    labels, count = _label_regions(occupied)
-    if not count:
+    parts = find_connected_regions(occupied)
+    if not parts:
         return None
-    largest = int(np.bincount(labels.ravel())[1:].argmax())
-    part = scipy.ndimage.find_objects(labels)[largest]
-    return np.array([[s.start for s in part], [s.stop for s in part]])
+    places = np.stack(np.unravel_index(parts[0], occupied.shape))
+    return np.array([places.min(1), places.max(1) + 1])
 
 
 def bounding_box(region: np.ndarray) -> tuple[slice, slice] | None:
@@ -50,8 +61,3 @@ def bounding_box(region: np.ndarray) -> tuple[slice, slice] | None:
     if not rows.size:
         return None
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
-
-
-def _label_regions(occupied: np.ndarray) -> tuple[np.ndarray, int]:
-    labels, count = scipy.ndimage.label(occupied, np.ones((3,) * occupied.ndim))
-    return np.asarray(labels), int(count)

@@ -16,6 +16,7 @@ from psfs.background.light import light_launch, sampled_scene, steady_light
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
 from psfs.common.picture_size import check_stack
+from psfs.common.progress import map_in_threads
 from psfs.silhouettes.appearance import BINS, Foreground, ForegroundPrior
 from psfs.silhouettes.config import (
     FLOOR_ENOUGH,
@@ -285,9 +286,13 @@ def background_planes(background: Background, config: BackgroundConfig) -> np.nd
     mean, std = (np.moveaxis(array, -1, 1) for array in (background.mean, background.std))
     planes = np.empty((len(mean), 8, *mean.shape[2:]), np.float32)
     planes[:, :3] = mean
-    for view, own in enumerate(planes):  # one view at a time keeps temporaries small
+
+    def fill(view: int) -> None:
+        own = planes[view]
         sigma = np.maximum(std[view], np.float32(config.sigma_floor), order="C")
         own[3:6] = sigma**-2
         own[6] = np.log(256 / (np.sqrt(2 * np.pi) * sigma)).sum(0)
         own[7] = config.shadow_width(np.moveaxis(own[:3], 0, -1)) ** -2
+
+    list(map_in_threads(fill, range(len(planes))))
     return planes
