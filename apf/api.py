@@ -15,7 +15,7 @@ from apf.request import TrackRequest
 from apf.takes.start import STATURES, load_template
 from apf.takes.track import run_track
 from apf.tracking.people import MOST_PEOPLE, PeopleTracks
-from apf.tracking.progress import StageCalls
+from apf.tracking.progress import open_progress
 from apf.tracking.track import Track
 from cl import Device as Device
 from cl import DeviceError as DeviceError
@@ -41,7 +41,7 @@ def track(
     height: float | None = None,
     voxel_size: float | None = None,
     all_cameras: bool = False,
-    progress: Callable[[str], object] | None = None,
+    progress: Callable[[str], object] | bool = True,
     keypoints: Keypoints | str | Path | None = None,
     reconstruction: ReconstructionConfig | None = None,
 ) -> Track:
@@ -56,11 +56,12 @@ def track(
     first pose, if it is known: (D,) rad and m, a text file of them, or joints (npz, TRC) to which
     body and pose are fitted. method: the search and its settings, see `Method.create`. frames: all
     by default. height: stature of the person, m, if it is known. voxel_size: edge of a voxel, m.
-    all_cameras: keep cameras that disagree with the others, see `psfs.reconstruct`. progress:
-    called with the name of each stage, and with "tracking" after each frame. keypoints: of a pose
-    network, or their path (see `Keypoints.open`). They are used together with the voxels, or alone
-    with `Method.create(objective="keypoints")`, which needs no background. reconstruction: settings
-    of silhouettes and voxels.
+    all_cameras: keep cameras that disagree with the others, see `psfs.reconstruct`. progress: by
+    default a line with the stages and the time left, on a terminal and in a notebook; false for
+    none; or a function, called with the name of each stage, and with "tracking" after each frame.
+    keypoints: of a pose network, or their path (see `Keypoints.open`). They are used together with
+    the voxels, or alone with `Method.create(objective="keypoints")`, which needs no background.
+    reconstruction: settings of silhouettes and voxels.
 
     Of several people one is tracked, with a warning in the log: `track_people` tracks all. A
     KeyboardInterrupt ends the track after the last complete frame. Doubts about the start are
@@ -82,10 +83,11 @@ def track(
         keypoints=keypoints,
         reconstruction=reconstruction or ReconstructionConfig(),
     )
-    done = run_track(
-        request, resolve_device(device), StageCalls(progress), sequence=sequence,
-        why_one="apf.track follows one person, apf.track_people all",
-    )  # fmt: skip
+    with open_progress(progress) as line:
+        done = run_track(
+            request, resolve_device(device), line, sequence=sequence,
+            why_one="apf.track follows one person, apf.track_people all",
+        )  # fmt: skip
     done[0].raise_error()
     return done[0].take.tracks[0]
 
@@ -100,7 +102,7 @@ def track_people(
     frames: slice | None = None,
     voxel_size: float | None = None,
     all_cameras: bool = False,
-    progress: Callable[[str], object] | None = None,
+    progress: Callable[[str], object] | bool = True,
     keypoints: Items[Keypoints] | str | Path | None = None,
     reconstruction: ReconstructionConfig | None = None,
 ) -> PeopleTracks:
@@ -132,7 +134,8 @@ def track_people(
         people="auto" if number is None else number,
         reconstruction=reconstruction or ReconstructionConfig(),
     )
-    done = run_track(request, resolve_device(device), StageCalls(progress), sequence=sequence)
+    with open_progress(progress) as line:
+        done = run_track(request, resolve_device(device), line, sequence=sequence)
     for one in done:
         one.raise_error()
     if done[0].everybody is not None:

@@ -12,11 +12,11 @@ from typing import Any
 from rich.progress import TaskID
 
 from apf.cli.batch_take import TakeDone
-from apf.cli.take_report import count_reports
 from apf.cluster.page import LOGS, write_index
 from apf.cluster.take_row import TakeRow
 from apf.cluster.task_side import Progress
 from apf.cluster.whole_folder import replace_temporary_names
+from apf.tracking.progress import BY_FRAMES
 from cl import InputError
 from psfs.cli.commandline import progress_bar, stderr, stdout
 from psfs.cli.program import describe
@@ -60,7 +60,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             return
         if report.task not in self._lines:
             self._lines[report.task] = self._bar.add_task(report.task, total=None)
-        total = count_reports(report.stage, report.total)
+        total = report.total if report.stage in BY_FRAMES else None
         self._bar.update(
             self._lines[report.task],
             description=f"{report.task}: {report.whose}{report.stage}",

@@ -3,75 +3,24 @@ end."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
-from rich.progress import Progress
 from rich.table import Table
 
 from apf.evaluation.evaluate import evaluate
 from apf.evaluation.people import load_followed_truth
-from apf.report.agreement import choose_rows
 from apf.takes.results import Judgement, was_interrupted
-from apf.tracking.progress import StageProgress
+from apf.tracking.progress import ProgressLine
 from apf.tracking.take import Take
 from apf.tracking.track import spans
 from cl import InputError
 from psfs.cli.commandline import remark, stderr, stdout, warn
 
-#: Stages that report after every frame; the others report once.
-_BY_FRAMES = ("tracking", "tracking back", "overlay", "judging")
 
-
-def count_reports(stage: str, n_frames: int) -> int | None:
-    """Return how many times a stage reports for `n_frames` frames; None if it does not report per
-    frame."""
-    if stage == "judging":
-        return len(choose_rows(n_frames))
-    return n_frames if stage in _BY_FRAMES else None
-
-
-class TakeLine(StageProgress):
-    """The line of one take in `bar`, called with the name of the current stage: see `track_take`.
-
-    name: precedes the stage. It is empty for a single take, for which nothing is shown before its
-    first frame, because an error must stay a single line. check: called first.
-    """
-
-    def __init__(
-        self, bar: Progress, name: str = "", check: Callable[[], None] = lambda: None
-    ) -> None:
-        super().__init__()
-        self._bar, self._check = bar, check
-        self._prefix = f"{name}: " if name else ""
-        self._task = bar.add_task(f"{self._prefix}opening", total=None)
-
-    def __call__(self, stage: str) -> None:
-        self._check()
-        if stage != self._stage:
-            self._enter(stage)
-        if stage in _BY_FRAMES:
-            self._bar.start()
-            self._bar.advance(self._task)
-            self._done[stage] += 1
-
-    def _enter(self, stage: str) -> None:
-        """Show a stage where it left off: forward and backward passes alternate."""
-        total, done = count_reports(stage, self.n_frames), self._done[stage]
-        described = f"{self._prefix}{self._whose}{stage}"
-        self._bar.reset(self._task, total=total, completed=done, description=described)
-        self._stage = stage
-
-    def close(self) -> None:
-        """Remove the line from the bar."""
-        self._bar.remove_task(self._task)
-
-    def stop(self) -> None:
-        """Stop the bar, if a frame has started it: stopping prints a line."""
-        if self._bar.live.is_started:
-            self._bar.stop()
+class TakeLine(ProgressLine):
+    """The line of one take in the bar of a command, which prints what there is to tell."""
 
     def warn(self, text: str) -> None:
         warn(text)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import ExitStack, closing
 
 from apf.backend import check_renderer
 from apf.cli.take_report import TakeLine, TakeReport, describe_spread, print_outcome
@@ -14,10 +14,10 @@ from apf.takes.job import list_inputs, take_names
 from apf.takes.results import RESULTS, FinishedTake
 from apf.takes.track import check_request, run_track
 from apf.tracking.batch import run_at_once
-from apf.tracking.progress import StageProgress
+from apf.tracking.progress import StageProgress, make_stage_bar, show_bar
 from apf.tracking.track import PEOPLE
 from cl import Device, InputError, NumpyDevice, UserError, select_device
-from psfs.cli.commandline import progress_bar, stderr, stdout
+from psfs.cli.commandline import is_quiet, stderr, stdout
 from psfs.common.outputs import output_folder
 
 
@@ -35,10 +35,13 @@ def run(request: TrackRequest) -> None:
         _run_many(request)
         return
     request.refuse(["at_once"], "applies only to several takes; expected more than one")
-    device = select_device(request.device)
-    check_renderer(device, request.method)
-    line = TakeLine(progress_bar())  # started by the first frame
-    track_one(request, device, line, line.stop)
+    bar = make_stage_bar(stderr.console, is_quiet())
+    line = TakeLine(bar)
+    with ExitStack() as stack:
+        stack.enter_context(show_bar(bar))
+        device = select_device(request.device)
+        check_renderer(device, request.method)
+        track_one(request, device, line, stack.close)
 
 
 def track_one(
@@ -54,10 +57,8 @@ def track_one(
     """
     assert request.output is not None
     with output_folder(request.output, request.COMMAND, list_inputs(request), RESULTS) as out:
-        try:
-            everybody = run_track(request, device, line, out=out)
-        finally:
-            stop()
+        everybody = run_track(request, device, line, out=out)
+        stop()
         for done in everybody:
             done.raise_error()
             for judgement in done.judgements:
@@ -79,7 +80,7 @@ def _run_many(request: TrackRequest) -> None:
     assert output is not None
     device = select_device(request.device)
     check_renderer(device, request.method)
-    report, bar = TakeReport(names), progress_bar()
+    report, bar = TakeReport(names), make_stage_bar(stderr.console, is_quiet())
     overall = bar.add_task("takes", total=len(names))
 
     def work(place: Device | NumpyDevice, number: int, check: Callable[[], None]) -> None:
@@ -107,7 +108,8 @@ def _run_many(request: TrackRequest) -> None:
                 if isinstance(outcome, UserError):
                     report.add_failure(names[number], outcome)
                 stderr.print(report.line(names[number]), soft_wrap=True)
-                bar.advance(overall)
+                done = len(report.rows)
+                bar.update(overall, completed=done, description=f"takes {done}/{len(names)}")
     finally:
         report.show()
     if report.errors:

@@ -76,6 +76,14 @@ def run_track(
     UserError; an error after the first frame becomes the `error` of the take.
     """
     method = request.method
+    writes, back = request.output is not None, method.goes_back
+    left_out = {
+        "overlay": not (writes and request.video), "judging": not (writes and request.report),
+        "tracking back": not back, "fitting": not back,
+    }  # fmt: skip
+    is_gpu = isinstance(device, Device) and device.is_gpu
+    progress.expect([stage for stage, out in left_out.items() if out], is_gpu)
+    progress("opening")
     if method.uses_images:
         method.image.mesh(load_template(request.body)[0])  # check the mesh files early
     if sequence is None:
@@ -92,6 +100,7 @@ def run_track(
     session, remarks = open_session(request, sequence, device), list[str]()
     del sequence  # free its frames: the examined sequence may have other cameras
     examination = Examination(session)
+    progress("examining")
     if method.objective != "keypoints":
         examination, request, remarks = examine_footage(
             request, session, progress.warn, person=True

@@ -118,6 +118,7 @@ def track_take(
     tracked = track_frames(session, task, report, store, outlines if personal else None)
     tracks = tracked.tracks
     if outlines:
+        report("fitting")
         tracks = fit_personal_body(tracks, outlines, session.rate)
         body, pose = tracks[0].body or body, tracks[0].poses[list(tracks[0].frames).index(frame)]
     seconds = time.perf_counter() - began

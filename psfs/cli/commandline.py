@@ -192,6 +192,11 @@ def add_device_flag(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -
     )
 
 
+def is_quiet() -> bool:
+    """Return whether --quiet is set."""
+    return _state.quiet
+
+
 def progress_bar() -> Progress:
     """Return a progress bar for long work, on standard error."""
     from psfs.cli.console import make_progress_bar
