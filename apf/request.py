@@ -459,6 +459,21 @@ class DemoRequest(Request):
     device: Annotated[str, DEVICE] = "auto"
 
 
+class TimingsRequest(Request):
+    """The request of `apf timings`."""
+
+    COMMAND: ClassVar = "apf timings"
+    DETAILS: ClassVar = (
+        ": milliseconds per frame of reconstruction, colour and tracking (Song et al. 2012: eight "
+        "cameras of 640 x 480, 150 x 150 x 100 voxels, 200 particles, 10 layers) in NumPy, in "
+        "OpenCL on one core and on all cores, and on every GPU. OUT gets timings.json and "
+        "timings.png."
+    )
+
+    output: Annotated[Path, output_flag("folder (default: timings)", "OUT")] = Path("timings")
+    seconds: Annotated[float, Flag("measure for about so long, s", "S")] = 60.0
+
+
 class CalibrateRequest(of_psfs.PersonRequest):
     """The request of `apf calibrate`."""
 

@@ -22,5 +22,6 @@ COMMANDS = list_commands(
     render="Draw a track's silhouettes and edges in every camera, as PNG.",
     studio="Open a page in the browser: look at footage, track it, watch, correct and export.",
     view="Play a track on a page in the browser, in its own voxels or those of psfs reconstruct.",
+    timings="Time a frame on this computer: NumPy, one core, all cores, every OpenCL device",
     demo="Generate a small sequence, reconstruct, track and evaluate it, by the commands shown.",
 )

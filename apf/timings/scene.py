@@ -4,11 +4,11 @@ one device, from images to pose and coloured voxels."""
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import count, islice
-from typing import Any, TypeAlias
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,11 +20,11 @@ from apf.body.toml import load_body
 from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
 from apf.initialisation.from_joints import fit_to_joints
-from apf.likelihood.observations import Observed, PointObservations
 from apf.presets import preset
 from apf.scene import Scene as TrackedScene
+from apf.synthetic.config import SceneConfig
 from apf.synthetic.render import SyntheticScene
-from apf.synthetic.scene import SceneConfig
+from apf.timings.measure import Place, Timing, cpu_place
 from cl import Device, NumpyDevice
 from cl.staging import allocate_pinned
 from psfs.backend import make_reconstructor
@@ -33,14 +33,14 @@ from psfs.cameras.camera import CameraRig
 from psfs.sequence import Frame
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
-from timings.measure import Timing
-from timings.stages import STAGES, find_stage
 
 #: Song et al.: 8 cameras of 640 x 480 pixels, 150 x 150 x 100 voxels.
 VIEWS, SHAPE = 8, (150, 150, 100)
 #: The room around the walk, m.
 _LOW, _SIZE = np.array([-1.5, -1.5, 0.0]), np.array([3.0, 3.0, 2.0])
 _N_BACKGROUND = 12
+#: Environment that limits the libraries below NumPy to one thread.
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 #: Frames per second; index of the frame in the middle of the room.
 FPS, _MIDDLE = 30.0, 30
 
@@ -62,17 +62,6 @@ class Scene:
         """(F, J, 3) m, the first person's."""
         return self.people_joints[0]
 
-    def part(self, views: int) -> Scene:
-        """Return the scene with `views` of the cameras, spread around the room."""
-        picked = np.linspace(0, len(self.rig), views, endpoint=False).astype(int)
-        rig = CameraRig(tuple(self.rig[k] for k in picked))
-        background = Background(self.background.mean[picked], self.background.std[picked])
-        frames = [
-            Frame(f.index, _pick_views(f.images, picked), _pick_views(f.masks, picked))
-            for f in self.frames
-        ]
-        return replace(self, rig=rig, background=background, frames=frames)
-
     def pin(self, device: Device) -> list[Frame]:
         """Return the frames with their images in pinned memory, from which uploads to `device` are
         fast."""
@@ -93,11 +82,6 @@ def there_and_back(index: int, n: int) -> int:
     return n - 1 - abs(n - 1 - index % max(1, 2 * (n - 1)))
 
 
-def _pick_views(pictures: np.ndarray | None, picked: np.ndarray) -> np.ndarray:
-    assert pictures is not None
-    return np.ascontiguousarray(pictures[picked])
-
-
 def _pin_pictures(device: Device, pictures: np.ndarray | None) -> np.ndarray:
     assert pictures is not None
     copy = allocate_pinned(device, pictures.shape)
@@ -106,14 +90,14 @@ def _pin_pictures(device: Device, pictures: np.ndarray | None) -> np.ndarray:
 
 
 @lru_cache(maxsize=1)
-def shared_scene(frames: int) -> Scene:
-    """Return `make_scene` on the best device, cached for the next call with the same number."""
-    return make_scene(Device.best(), frames)
+def shared_scene(frames: int, views: int) -> Scene:
+    """Return `make_scene` on the best device, cached for the next call with the same numbers."""
+    return make_scene(Device.best(), frames, views=views)
 
 
-def make_scene(device: Device, frames: int, people: int = 1) -> Scene:
+def make_scene(device: Device, frames: int, people: int = 1, views: int = VIEWS) -> Scene:
     """Generate `frames` (up to 60) consecutive frames of walks, around their middle."""
-    config = SceneConfig(cameras=VIEWS, frames=60, fps=FPS, people=people)
+    config = SceneConfig(cameras=views, frames=60, fps=FPS, people=people)
     scene = SyntheticScene(config, device)
     lenses = scene.rig
     rig = CameraRig(tuple(replace(camera, distortion=np.zeros(5)) for camera in lenses))
@@ -142,10 +126,6 @@ def make_grid(shape: tuple[int, int, int] = SHAPE) -> VoxelGrid:
     return VoxelGrid(middle - voxel_size * np.array(shape) / 2, voxel_size, shape)
 
 
-#: Returns the observed keypoints of the frame played at a place.
-Sightings: TypeAlias = Callable[[int], PointObservations]
-
-
 @dataclass(frozen=True, eq=False)
 class Problem:
     """The benchmark problem: a scene's frames, the body and its pose (D,) in the first,
@@ -172,18 +152,12 @@ class Problem:
         """Return the scene for a tracker on that device."""
         return TrackedScene(device, self.scene.rig, make_grid(self.shape), self.body)
 
-    def smaller(self, **changes: Any) -> Problem:
-        """Return the problem with other settings of the filter, `shape` or `cameras`."""
-        scene = self.scene.part(changes.pop("cameras", len(self.scene.rig)))
-        shape = changes.pop("shape", self.shape)
-        return replace(self, scene=scene, shape=shape, config=self.config.with_changes(**changes))
-
 
 @lru_cache(maxsize=2)
-def make_problem(frames: int, body_name: str = "song31") -> Problem:
+def make_problem(frames: int, body_name: str = "song31", views: int = VIEWS) -> Problem:
     """Return Song et al.'s setting, on `frames` frames of the synthetic walk, from its true
     joints."""
-    scene = shared_scene(frames)
+    scene = shared_scene(frames, views)
     first = dict(zip(scene.joint_names, scene.joints[0], strict=True))
     body, pose, _ = fit_to_joints(load_body(body_name), first)
     return Problem(scene, body, pose, FilterConfig().scale_to_rate(FPS))
@@ -268,18 +242,16 @@ def stream_run(
     frames: int,
     seconds: float = np.inf,
     coloured: bool = False,
-    sightings: Sightings | None = None,
 ) -> dict[str, Any]:
     """Run once through the images in `shown` as a stream; return ms from one pose to the next, and
     the mean error.
 
     Each frame is uploaded and reconstructed during the search of the one before; no cloud is
     downloaded. `coloured`: measure from one coloured cloud on the host to the next, each frame
-    uploaded while the one before is computed. `sightings`: additional keypoints. Ends early when
-    `seconds` have passed.
+    uploaded while the one before is computed. Ends early when `seconds` have passed.
     """
     whole.tracker.start(whole.problem.pose)
-    stream = _stream(whole, islice(playing(shown), frames + 1), coloured, sightings)
+    stream = _stream(whole, islice(playing(shown), frames + 1), coloured)
     poses, clock = [next(stream).pose], [time.perf_counter()]
     for estimate in stream:
         poses.append(estimate.pose)
@@ -290,14 +262,9 @@ def stream_run(
     return {"frames": Timing(tuple(1e3 * np.diff(clock))), "error_mm": float(np.mean(errors))}
 
 
-def _stream(
-    whole: WholeFrame, frames: Iterable[Frame], coloured: bool, sightings: Sightings | None
-) -> Iterator[Estimate]:
+def _stream(whole: WholeFrame, frames: Iterable[Frame], coloured: bool) -> Iterator[Estimate]:
     if not coloured:
-        shown: Iterable[Any] = whole.reconstruct.stream(frames)
-        if sightings is not None:
-            shown = (Observed(voxels, sightings(place)) for place, voxels in enumerate(shown))
-        yield from whole.tracker.stream(shown)
+        yield from whole.tracker.stream(whole.reconstruct.stream(frames))
         return
     for voxels in whole.reconstruct.stream(frames):
         estimate = whole.tracker.step(voxels)
@@ -305,19 +272,40 @@ def _stream(
         yield estimate
 
 
-def stage_times(whole: WholeFrame, frames: int, warm_up: int = 2) -> dict[str, Timing]:
-    """Return the time, ms per frame, of every stage from the events of a profiled device."""
-    assert isinstance(whole.device, Device)
-    profiler = whole.device.profiler
-    assert profiler is not None
-    sums: dict[str, list[float]] = {}
-    for run, frame in enumerate(islice(playing(whole.problem.scene.frames), frames + warm_up)):
-        whole(frame)
-        totals = dict.fromkeys(STAGES, 0.0)
-        for name, values in profiler.collect().items():
-            totals[find_stage(name)] += sum(values)
-        profiler.clear()
-        if run >= warm_up:
-            for stage, total in totals.items():
-                sums.setdefault(stage, []).append(total)
-    return {stage: Timing(tuple(ms)) for stage, ms in sums.items() if max(ms) > 0}
+def column(
+    place: Place, problem: Problem, frames: int, repetitions: int, seconds: float
+) -> dict[str, Any]:
+    """Measure `repetitions` runs through `frames` frames, each of at most `seconds`, after a
+    warm-up."""
+    device = place.device()
+    whole = WholeFrame(device, problem)
+    first = sequence_run(whole, 3)["frames"].samples[0]
+    runs = [sequence_run(whole, frames, seconds) for _ in range(repetitions)]
+    held = problem.scene.pin(device)
+    per_run = len(runs[-1]["frames"].samples)
+    return {
+        "label": place.label,
+        "kind": device.info.kind,
+        "cores": place.cores,
+        "setup_ms": whole.setup_ms,
+        "first_frame_ms": first,
+        "runs": runs,
+        "to_cloud": stream_run(whole, held, per_run, seconds, coloured=True),
+        "to_pose": stream_run(whole, held, per_run, seconds),
+    }
+
+
+def on_cpu(problem: Problem, frames: int, repetitions: int, seconds: float) -> dict[str, Any]:
+    """Measure `column` on this process's CPU."""
+    return column(cpu_place(), problem, frames, repetitions, seconds)
+
+
+def on_numpy(
+    problem: Problem, frames: int, repetitions: int, seconds: float, begin: int
+) -> dict[str, Any]:
+    """Measure `column` for the NumPy twins, without a warm-up, because there is nothing to
+    compile."""
+    cv2.setNumThreads(1)
+    whole = WholeFrame(NumpyDevice(), problem)
+    runs = [sequence_run(whole, frames, seconds, begin) for _ in range(repetitions)]
+    return {"label": "NumPy, 1 thread", "kind": "numpy", "cores": 1, "runs": runs}

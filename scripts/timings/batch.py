@@ -30,12 +30,12 @@ from apf.cluster.workers import Share, list_own_cores, share_machine
 from apf.request import TrackRequest
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
+from apf.timings.measure import places
 from cl import Device, InputError
 from psfs.cli.commandline import add_command
 from psfs.cli.program import parse_request
 from psfs.sequence import Sequence as Footage
 from timings.grid import Grid, number
-from timings.measure import places
 from timings.results import Results, add_timing_flags
 
 #: Takes at once on a GPU; with two GPUs the last two numbers, on each.

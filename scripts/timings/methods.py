@@ -18,12 +18,12 @@ import numpy as np
 from apf.backend import check_renderer, make_feature_extractor, make_tracker
 from apf.filters.method import Method
 from apf.image_objective.config import ObjectiveConfig
+from apf.timings.measure import Place, Timing, places
+from apf.timings.scene import FPS, Problem, make_problem
 from psfs.cli.commandline import add_command
 from psfs.sequence import Frame
 from timings.grid import Grid, number
-from timings.measure import Place, Timing, places
 from timings.results import Results, add_timing_flags
-from timings.scene import FPS, Problem, make_problem
 
 #: Their names in the thesis.
 SEARCHES = {"pso": "PSO", "sir": "PF"}
@@ -56,7 +56,7 @@ def _run(args: argparse.Namespace) -> None:
     settings = {"views": VIEWS, "iterations": ITERATIONS, "objective": OBJECTIVE,
                 "frames": n_frames, "fps": FPS, "body": "rymut31"}  # fmt: skip
     results = Results.begin("methods", args, settings)
-    problem = make_problem(n_frames, "rymut31").smaller(cameras=VIEWS)
+    problem = make_problem(n_frames, "rymut31", VIEWS)
     efforts = [("pso", n) for n in swarm] + [("sir", n) for n in filters]
     accuracy = [("pso", n // ITERATIONS) for n in _EVALUATIONS]
     accuracy += [("sir", n) for n in _EVALUATIONS]

@@ -27,11 +27,12 @@ from typing import Any
 
 import numpy as np
 
+from apf.timings.measure import Timing
 from cl import InputError
 from psfs.cli.commandline import stderr
 from psfs.common.config import Config
 from psfs.common.files import write_text
-from timings.measure import Limits, Timing, environment
+from timings.measure import Limits, environment
 
 #: Version of the format, raised when a reader of older files would misunderstand newer ones.
 SCHEMA = 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from functools import cache
 from importlib import resources
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,9 @@ import numpy as np
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.likelihood.voxel import choose_cone_sampling
+from apf.timings.measure import Timing
+from apf.timings.scene import WholeFrame, playing
+from cl import Device
 from psfs.cameras.camera import CameraRig
 from psfs.voxels.grid import VoxelGrid
 
@@ -113,3 +117,21 @@ def tracking_work(rig: CameraRig, body: BodyModel, config: FilterConfig, surface
 
 def _pixels(rig: CameraRig) -> int:
     return len(rig) * rig.width * rig.height
+
+
+def stage_times(whole: WholeFrame, frames: int, warm_up: int = 2) -> dict[str, Timing]:
+    """Return the time, ms per frame, of every stage from the events of a profiled device."""
+    assert isinstance(whole.device, Device)
+    profiler = whole.device.profiler
+    assert profiler is not None
+    sums: dict[str, list[float]] = {}
+    for run, frame in enumerate(islice(playing(whole.problem.scene.frames), frames + warm_up)):
+        whole(frame)
+        totals = dict.fromkeys(STAGES, 0.0)
+        for name, values in profiler.collect().items():
+            totals[find_stage(name)] += sum(values)
+        profiler.clear()
+        if run >= warm_up:
+            for stage, total in totals.items():
+                sums.setdefault(stage, []).append(total)
+    return {stage: Timing(tuple(ms)) for stage, ms in sums.items() if max(ms) > 0}

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from apf.timings.measure import Timing
 from timings.grid import NONE, Grid, number, quote, ratio
-from timings.measure import Timing
 from timings.results import Results
 from timings.stages import PARTS, STAGES
 
@@ -169,32 +169,6 @@ def stream_table(results: Results) -> Grid:
     )  # fmt: skip
 
 
-def cues_table(results: Results) -> Grid | None:
-    """Return streamed frames with a cue and without; None if there are none."""
-    rows = []
-    for section in results.starting("cues "):
-        first = _median_of_runs(section["rows"][0])
-        for row in section["rows"]:
-            ms = _median_of_runs(row)
-            rows.append([
-                section["label"], row["variant"], number(ms), f"{ms - first:+.3f}",
-                f"{len(row['runs'])} x {min(len(run.samples) for run in row['runs'])}",
-                number(row["error_mm"]),
-            ])  # fmt: skip
-    if not rows:
-        return None
-    return Grid(
-        "Streamed frames with a cue and without",
-        ["device", "variant", "ms", "more, ms", "frames", "error, mm"], rows,
-        "From pose to pose, streamed, without colour and download of voxels; the median of the "
-        "runs' medians.",
-    )  # fmt: skip
-
-
-def _median_of_runs(row: Any) -> float:
-    return float(np.median([run.median for run in row["runs"]]))
-
-
 def table_3(results: Results) -> Grid:
     """Return the speed-up of each program over each other."""
     found = columns(results)
@@ -259,6 +233,6 @@ def stage_table(section: Any) -> Grid:
 
 def tables(results: Results) -> list[Grid]:
     """Return all tables of `compare_timings.py whole`."""
-    found = [table_2(results), stream_table(results), cues_table(results), song_table(results)]
+    found = [table_2(results), stream_table(results), song_table(results)]
     found += [table_3(results), *map(stage_table, results.starting("stages "))]
     return [grid for grid in found if grid is not None]

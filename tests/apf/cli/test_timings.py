@@ -1,0 +1,43 @@
+"""`apf timings`: a table and a picture of what each device takes for a frame."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from apf.cli import main, timings
+from apf.timings.measure import Timing
+
+
+def made(kind: str, cores: int | None, ms: float) -> dict[str, Any]:
+    run = {"frames": Timing((3 * ms, ms, ms)), "error_mm": 25.0}
+    column: dict[str, Any] = {"kind": kind, "cores": cores, "runs": [run]}
+    if kind != "numpy":
+        column["to_pose"] = {"frames": Timing((ms / 2,))}
+    return column
+
+
+def test_devices_are_compared_with_one_core(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of every device in turn; the first frame, which is worked on twice, does not count."""
+    monkeypatch.setattr(timings, "make_problem", lambda frames: None)
+    monkeypatch.setattr(timings, "column", lambda place, *_: made("gpu", None, 2.0))
+    times = {"on_cpu": made("cpu", 1, 100.0), "on_numpy": made("numpy", 1, 8000.0)}
+    monkeypatch.setattr(timings, "apart", lambda environ, work, *_: times[work.__name__])
+    monkeypatch.setattr(
+        timings, "places", lambda: [type("Place", (), {"label": "GPU", "cores": 2})()]
+    )
+    monkeypatch.setattr(timings, "cpu_place", lambda: type("Place", (), {"label": "CPU"})())
+    out = tmp_path / "out"
+    assert main(["timings", "-o", str(out)]) == 0
+    rows = json.loads((out / "timings.json").read_text())["rows"]
+    assert [row["ms"] for row in rows] == [8000, 100, 2]
+    assert rows[-1]["times_one_core"] == 50 and rows[-1]["streamed_ms"] == 1
+    assert (out / "timings.png").read_bytes().startswith(b"\x89PNG")
+    said = capsys.readouterr().out
+    assert "NumPy" in said and "50.00" in said
+    assert main(["timings", "--seconds", "0", "-o", str(tmp_path / "no")]) == 2
